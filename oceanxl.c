@@ -1,0 +1,34 @@
+/* oceanxl.c - the front door: the whole library as one translation unit. This is also its table of contents, in reading order.
+ *
+ *     cc -O3 -fopenmp main.c tools/ *.c oceanxl.c -lm        is a whole build
+ */
+#include "src/internal.h" /* what the modules share: errors, memory, one section for each module's door */
+#include "src/simd.h"     /* run-time choice of the instruction set */
+
+#include "src/os.c"     /* what C99 lacks: files that appear whole or not at all, clock, memory use */
+#include "src/base.c"   /* context, errors, memory, text, random numbers */
+#include "src/number.c" /* fast, exact, locale-independent number parsing */
+
+/* the survey comes in */
+#include "src/colmap.c" /* cameras.txt, images.txt, points3D.txt, as they are */
+#include "src/camera.c" /* camera models, undistortion */
+#include "src/image.c"  /* photographs: decode, reduce, undistort, mask */
+#include "src/scene.c"  /* from the files to views, points and photographs */
+
+/* the model */
+#include "src/ply.c"   /* a small PLY reader and writer */
+#include "src/model.c" /* planes of Gaussians: create, grow, start from points, read, write */
+
+/* one photograph's error walks back into the Gaussians */
+#include "src/kernels.h" /* the types that the kernels speak in */
+#include "src/project.c" /* Gaussians onto the image plane, and back */
+#include "src/bin.c"     /* which tile sees which splat, in depth order */
+#include "src/raster.c"  /* splats to pixels, and back */
+#include "src/loss.c"    /* L1 + SSIM, and back */
+#include "src/adam.c"    /* the step that follows the gradient */
+#include "src/render.c"  /* the chain of the five above behind one door */
+
+/* the run */
+#include "src/density.c" /* clone, split, prune, reset */
+#include "src/train.c"   /* the loop: it reads like the paper's algorithm */
+#include "src/metrics.c" /* PSNR, SSIM, evaluation */

@@ -1,0 +1,287 @@
+/* oceanxl.h - from a COLMAP text export of an underwater survey to one compact 3D Gaussian Splatting model.
+ *
+ * This header is the manual. The shortest useful program:
+ *
+ *     #include "oceanxl.h"
+ *     int main(void)
+ *     {
+ *         oxl_context *ctx = NULL;
+ *         oxl_scene   *scene = NULL;
+ *         oxl_model    model = {0};
+ *         oxl_train_options train = oxl_train_options_default(OXL_PRESET_DRAFT);
+ *         oxl_result rc = oxl_context_create(NULL, &ctx);
+ *         if (rc == OXL_OK) rc = oxl_scene_load(ctx, "survey", NULL, &scene);
+ *         if (rc == OXL_OK) rc = oxl_train(ctx, scene, &train, NULL, &model);
+ *         if (rc == OXL_OK) rc = oxl_model_write(ctx, "scene.ply", &model);
+ *         if (rc != OXL_OK) fprintf(stderr, "%s\n", oxl_error_text(ctx));
+ *         oxl_model_free(ctx, &model);
+ *         oxl_scene_free(ctx, scene);
+ *         oxl_context_free(ctx);
+ *         return rc;
+ *     }
+ *
+ * Conventions
+ *   frames      COLMAP's: +x right, +y down, +z forward; world to camera is  x_c = R x_w + t;
+ *               quaternions are Hamilton, (w, x, y, z); the centre of the top-left pixel is (0.5, 0.5).
+ *   origin      input is read in double, moved to a robust centre of its own, and only then stored as float.
+ *               Everything in a scene or model is relative to `origin`:  world = local + origin.
+ *   images      float, planar (3,H,W): all of red, then green, then blue; 0 black, 1 white.
+ *   errors      every function that can fail returns oxl_result; oxl_error_text(ctx) then says what was seen,
+ *               what was wanted and how to mend it. The library never exits and never prints.
+ *   ownership   who fills `out` allocates it; the _free of the same name releases it (NULL and zeroed are fine).
+ *               On error `*out` is zeroed.
+ *   threads     one context may be used by one thread at a time; inside, OpenMP uses `threads` of them.
+ *               The result does not depend on how many.
+ *
+ * Licence: MIT, see LICENSE.
+ */
+#ifndef OCEANXL_H
+#define OCEANXL_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define OXL_VERSION "0.1.0"
+
+#ifndef OXL_API
+#define OXL_API extern
+#endif
+
+/* ---------------------------------------------------------------- results */
+
+typedef enum oxl_result {
+    OXL_OK = 0,
+    OXL_ERR_FAILED,     /* something went wrong that no other word fits */
+    OXL_ERR_USAGE,      /* the caller's arguments make no sense together */
+    OXL_ERR_INPUT,      /* a file is missing, broken or of an unknown kind */
+    OXL_ERR_IO,         /* reading or writing failed: disk full, permission */
+    OXL_ERR_MEMORY,     /* the allocator said no */
+    OXL_ERR_BUDGET,     /* would not fit the memory budget; the text names the option that makes it fit */
+    OXL_ERR_INTERRUPTED /* a progress callback asked to stop; the output holds a usable state */
+} oxl_result;
+
+/* ---------------------------------------------------------------- context */
+
+typedef struct oxl_context oxl_context;
+
+typedef enum oxl_log_level { OXL_LOG_ERROR = 0, OXL_LOG_WARNING, OXL_LOG_INFO, OXL_LOG_DEBUG } oxl_log_level;
+
+typedef struct oxl_context_options {
+    int      threads; /* 0: as many as OpenMP offers */
+    uint64_t seed;    /* of every random choice: view order, split samples (default 1) */
+    /* realloc-like: size 0 frees and returns NULL; old may be NULL. Must return 16-byte aligned memory. */
+    void *(*reallocate)(void *user, void *old, size_t size);
+    void (*log)(void *user, oxl_log_level level, const char *text); /* one line without the newline; NULL: silent */
+    void *user;                                                     /* handed to both */
+} oxl_context_options;
+
+OXL_API oxl_context_options oxl_context_options_default(void);
+
+/* options may be NULL for the defaults. */
+OXL_API oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out);
+OXL_API void       oxl_context_free(oxl_context *ctx);
+
+/* Text of the last failure, "" when there was none; lives as long as the context. ctx may be NULL. */
+OXL_API const char *oxl_error_text(const oxl_context *ctx);
+
+/* The instruction set that the kernels run on: "avx512", "avx2" or "base". OXL_ISA=... in the environment forces one. */
+OXL_API const char *oxl_isa_name(const oxl_context *ctx);
+
+/* ---------------------------------------------------------------- images */
+
+typedef struct oxl_image {
+    int    width, height;
+    float *rgb;    /* (3,H,W) planar, 0..1 */
+    float *weight; /* (H,W) 1: counts, 0: masked out; NULL when every pixel counts */
+} oxl_image;
+
+OXL_API oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out);
+OXL_API void       oxl_image_free(oxl_context *ctx, oxl_image *image);
+/* JPG or PNG in, 8-bit PNG out (atomically). Values are clamped to 0..1; not-a-number is written as black. */
+OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
+OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
+
+/* ---------------------------------------------------------------- cameras and scenes */
+
+/* An undistorted pinhole camera and where it stood: x_c = R x + t in the scene's local coordinates. */
+typedef struct oxl_camera {
+    int    width, height;  /* px */
+    double fx, fy, cx, cy; /* px; the top-left pixel's centre is (0.5, 0.5) */
+    double rotation[9];    /* R, row-major, world to camera */
+    double translation[3]; /* t, in the scene's unit */
+} oxl_camera;
+
+typedef struct oxl_view {
+    const char *name;    /* as in images.txt, e.g. "dive1/IMG 0001.JPG" */
+    oxl_camera  camera;  /* of the undistorted image at the size it is trained at */
+    int         is_test; /* held out: every 8th by name */
+} oxl_view;
+
+typedef struct oxl_point {
+    double  position[3]; /* local coordinates */
+    float   error;       /* reprojection error, px */
+    uint8_t rgb[3];
+} oxl_point;
+
+typedef struct oxl_scene oxl_scene;
+
+typedef struct oxl_scene_options {
+    const char *images;            /* folder of the photographs; NULL: SCENE/images */
+    const char *sparse;            /* folder of the three text files; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
+    const char *masks;             /* folder of masks; NULL: SCENE/masks when it is there */
+    int         max_side;          /* photographs are reduced until their longer side is at most this, px (1600) */
+    int         test_every;        /* every n-th view by name is held out; 0: none (8) */
+    size_t      image_cache_bytes; /* decoded photographs kept in memory; the others are decoded again (1 GiB) */
+    double      missing_share;     /* fail when more than this share of the photographs is not on disk (0.25) */
+    int         read_images;       /* 0: text files alone, for check and partition (1) */
+} oxl_scene_options;
+
+OXL_API oxl_scene_options oxl_scene_options_default(void);
+
+/* Reads a COLMAP text export. OXL_ERR_INPUT names file:line, what was seen, what was wanted and one fix. */
+OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options, oxl_scene **out);
+
+/* A scene from arrays: views (name, camera, is_test; images in the same order, copied) and starting points (copied).
+ * Points may be none: then training starts from random points in front of the cameras. */
+OXL_API oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images, int view_count,
+                                         const oxl_point *points, size_t point_count, oxl_scene **out);
+OXL_API void       oxl_scene_free(oxl_context *ctx, oxl_scene *scene);
+
+OXL_API int              oxl_scene_view_count(const oxl_scene *scene);
+OXL_API const oxl_view  *oxl_scene_view(const oxl_scene *scene, int index); /* ordered by name */
+OXL_API size_t           oxl_scene_point_count(const oxl_scene *scene);
+OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
+OXL_API const double    *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
+OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robust radius of the training cameras [3DGS] */
+
+/* The photograph of a view as training sees it: undistorted, reduced, masked. Free it with oxl_image_free. */
+OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
+
+/* ---------------------------------------------------------------- models */
+
+/* A model is a set of planes, one float array of `count` for each number that a Gaussian has: plane[OXL_MEAN + 1][i]
+ * is the y of Gaussian i. Values are raw, as the standard PLY holds them: log scale, logit opacity, unnormalised
+ * quaternion. Spherical harmonics are coefficient-major: plane[OXL_SH + 3 * k + c] is coefficient k of channel c.
+ * Gradients and Adam's moments have the same shape, and so the same type. */
+enum {
+    OXL_MEAN      = 0,  /* x y z, local coordinates */
+    OXL_LOG_SCALE = 3,  /* natural log of the standard deviation along each own axis */
+    OXL_ROTATION  = 6,  /* w x y z */
+    OXL_OPACITY   = 10, /* logit */
+    OXL_SH        = 11, /* 3 (degree + 1)^2 planes; colour = max(0, 0.5 + sum of basis x coefficient) */
+    OXL_PLANES    = 59  /* at degree 3 */
+};
+
+typedef struct oxl_model {
+    size_t count, capacity;
+    int    sh_degree;         /* 0..3: bands carried; planes past them are NULL */
+    double origin[3];         /* world = local + origin */
+    float *plane[OXL_PLANES]; /* (count) each, 64-byte aligned */
+    void  *memory;            /* what the planes lie in */
+} oxl_model;
+
+/* All zero but the identity rotation. */
+OXL_API oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_model *out);
+OXL_API void       oxl_model_free(oxl_context *ctx, oxl_model *model);
+OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2 */
+
+/* One isotropic Gaussian a point, as wide as the mean distance to its 3 nearest neighbours [Kerbl 2023]. */
+OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);
+
+/* PLY: any property order and type, ascii and both endians in; the standard 62 float columns, little endian, out.
+ * .splat (32 bytes a Gaussian) by its file extension, both ways; it has no SH bands past 0. */
+OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
+OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
+
+/* ---------------------------------------------------------------- rendering */
+
+typedef struct oxl_render_options {
+    float background[3]; /* (0,0,0) */
+    int   sh_degree;     /* bands evaluated; -1: all that the model carries */
+    float near_plane; /* in the scene's unit; Gaussians at or before it are culled (0.2 of 3DGS, made relative: see PAPER.md) */
+} oxl_render_options;
+
+OXL_API oxl_render_options oxl_render_options_default(void);
+
+/* Draws the model as the camera sees it. out is created; depth, when not NULL, gets (H,W) expected camera z:
+ * sum of alpha T z over sum of alpha T, 0 where nothing was met; it must hold H x W floats. */
+OXL_API oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                              const oxl_render_options *options, oxl_image *out, float *depth);
+
+/* The gradient of a scalar loss in every parameter, given drgb = dL/d(image), (3,H,W): exact for the image that
+ * oxl_render draws. gradient is created in the shape of model. */
+OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                                       const oxl_render_options *options, const float *drgb, oxl_model *gradient);
+
+/* ---------------------------------------------------------------- metrics */
+
+/* Both over the pixels that count (weight of b) after clamping to 0..1. PSNR in dB, peak 1; identical images give 100.
+ * SSIM: 11 x 11 Gaussian window of sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over the channels (Wang 2004). */
+OXL_API oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
+OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
+
+typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } oxl_split;
+
+typedef struct oxl_view_metrics {
+    int    view; /* index in the scene */
+    double psnr, ssim;
+} oxl_view_metrics;
+
+typedef struct oxl_metrics {
+    double            psnr, ssim; /* means over the views; 0 when there are none */
+    int               count;
+    oxl_view_metrics *views; /* (count) */
+} oxl_metrics;
+
+OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out);
+OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
+
+/* ---------------------------------------------------------------- training */
+
+typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
+
+typedef struct oxl_train_options {
+    int    iterations;    /* one photograph each */
+    int    sh_degree;     /* 0..3: bands at the end of the run */
+    int    max_gaussians; /* a cap on their number; 0: none */
+    double max_seconds;   /* stop in good order after this long; 0: no limit */
+    float  background[3];
+    float  ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
+    /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
+    float  rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
+    /* density control, as fractions of the run and steps */
+    float  densify_from, densify_until; /* 0.025, 0.5 */
+    int    densify_every;               /* 100 */
+    float  densify_gradient;            /* 2e-4, of dL/d(mean) in units of half an image */
+    float  reset_opacity_every;         /* 0.1 of the run */
+} oxl_train_options;
+
+OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
+
+typedef struct oxl_progress {
+    int              iteration, iterations;
+    size_t           gaussians;
+    double           loss, psnr;   /* smoothed over the last views, on training photographs */
+    double           seconds;      /* since the start */
+    double           seconds_left; /* predicted */
+    const oxl_model *model;        /* as it stands; valid during the call */
+} oxl_progress;
+
+/* Called after every iteration; nonzero stops the run, which then returns OXL_ERR_INTERRUPTED and a usable model. */
+typedef struct oxl_callback {
+    int (*progress)(void *user, const oxl_progress *progress);
+    void *user;
+} oxl_callback;
+
+/* Trains a model on the scene's training views. The same scene, options and seed give the same bytes. */
+OXL_API oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
+                             oxl_model *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,285 @@
+/* internal.h - what the modules share: the context, errors, memory, and one section for each module's door.
+ *
+ * Names: oxl_* is public (oceanxl.h); OXL_INTERNAL functions carry their module's name and may be called by other modules;
+ * what is plain static stays in its file. In the single translation unit OXL_INTERNAL is static; built module by module
+ * (OXL_MODULES) it is extern, which shows that every dependency is declared here.
+ */
+#ifndef OXL_INTERNAL_H
+#define OXL_INTERNAL_H
+
+#include "../oceanxl.h"
+
+#include <float.h>
+#include <limits.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#ifdef OXL_MODULES
+#define OXL_INTERNAL
+#else
+#define OXL_INTERNAL static
+#endif
+
+#define OXL_COUNT(array)     (sizeof(array) / sizeof *(array))
+#define OXL_MIN(a, b)        ((a) < (b) ? (a) : (b))
+#define OXL_MAX(a, b)        ((a) > (b) ? (a) : (b))
+#define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
+
+/* ---------------------------------------------------------------- base.c: context, errors, memory, text, random numbers */
+
+struct oxl_context {
+    oxl_context_options options;
+    int                 threads; /* resolved: at least 1 */
+    int                 isa;     /* enum isa of simd.h */
+    char                error[1024];
+};
+
+/* All memory goes through these; NULL when the allocator refuses or count x size overflows. Aligned to 64 bytes. */
+OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);
+OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
+/* Keeps min(old, new) elements; on failure `old` stays valid. */
+OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size);
+OXL_INTERNAL void  oxl_free(oxl_context *ctx, void *memory);
+
+/* Grows *array so that it holds at least `needed` elements; *capacity is doubled. */
+OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t needed, size_t size);
+
+#ifdef __GNUC__
+#define OXL_PRINTF(at, first) __attribute__((format(printf, at, first)))
+#else
+#define OXL_PRINTF(at, first)
+#endif
+
+/* Stores the text and returns rc: `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`
+ * A second line that starts with "fix: " says what to do. */
+OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
+OXL_INTERNAL void       oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
+
+/* Text that grows. Failure to grow is remembered in `failed` and tested once, at the end. */
+struct text {
+    oxl_context *ctx;
+    char        *data; /* always terminated once something was added; NULL before */
+    size_t       size, capacity;
+    int          failed;
+};
+OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
+OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
+OXL_INTERNAL void text_add_number(struct text *t, double value);       /* shortest that reads back; null when not finite */
+OXL_INTERNAL void text_free(struct text *t);
+
+/* The text of a copy, or NULL. */
+OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
+/* "a/b" in fresh memory; a may be "" or end in a slash. */
+OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+
+/* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
+
+/* One decimal number at *cursor, independent of the locale, correct to the last bit as strtod in the C locale; 0 when there is
+ * none. Takes signs, exponents, nan and inf in the usual spellings ("-nan(ind)" too). *cursor moves past it. */
+OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out);
+OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out);
+
+/* ---------------------------------------------------------------- base.c again: random numbers */
+
+/* A stateless random number: the same (seed, a, b) gives the same value on every machine (splitmix64's finaliser). */
+OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);
+OXL_INTERNAL double   random_unit(uint64_t bits); /* [0,1), 53 bits */
+
+/* ---------------------------------------------------------------- os.c: what C99 lacks; the one file to port */
+
+struct os_file_map { /* a whole file in memory, read-only; one zero byte follows */
+    const char *data;
+    size_t      size;
+    void       *handle;
+};
+OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
+OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
+
+/* Whole or not at all: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
+OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
+
+/* The same for a file that is produced piece by piece. */
+struct os_writer {
+    FILE *file;
+    char *path, *temporary;
+};
+OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
+OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc); /* rc != OXL_OK: discard */
+
+OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
+OXL_INTERNAL int        os_is_file(const char *path);
+OXL_INTERNAL int        os_is_folder(const char *path);
+OXL_INTERNAL double     os_seconds(void);     /* monotonic clock */
+OXL_INTERNAL size_t     os_peak_rss(void);    /* bytes; 0 when unknown */
+OXL_INTERNAL size_t     os_memory_free(void); /* bytes that can be taken without swapping; 0 when unknown */
+/* Calls `visit` with the name of each entry of a folder, in no order. */
+OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
+                                       void *user);
+
+/* ---------------------------------------------------------------- colmap.c: the three text files, as they are */
+
+struct colmap_camera {
+    int64_t id;
+    int     model; /* index in camera.c's table */
+    int     width, height;
+    int     parameter_count;
+    double  parameter[12];
+    int     line; /* in cameras.txt, for messages */
+};
+
+struct colmap_observation {
+    double  x, y;  /* px */
+    int64_t point; /* POINT3D_ID, -1: none */
+};
+
+struct colmap_image {
+    int64_t id;
+    double  rotation[4]; /* w x y z as read */
+    double  translation[3];
+    int64_t camera_id;
+    size_t  name;              /* offset in colmap.names */
+    size_t  first_observation; /* in colmap.observation */
+    size_t  observation_count;
+    int     line;
+};
+
+struct colmap_track { /* one (IMAGE_ID, POINT2D_IDX) */
+    int64_t image;
+    int64_t observation;
+};
+
+struct colmap_point {
+    int64_t  id;
+    double   position[3]; /* world */
+    double   error;
+    uint8_t  rgb[3];
+    uint32_t track_count;
+    size_t   first_track; /* in colmap.track */
+};
+
+struct colmap {
+    struct colmap_camera      *camera;
+    size_t                     camera_count;
+    struct colmap_image       *image; /* in the file's order */
+    size_t                     image_count;
+    struct colmap_observation *observation;
+    size_t                     observation_count;
+    struct colmap_point       *point; /* in the file's order */
+    size_t                     point_count;
+    struct colmap_track       *track;
+    size_t                     track_count;
+    char                      *names; /* zero-terminated, one after the other */
+    size_t                     names_size;
+    size_t                     warnings; /* oddities that were mended and logged */
+};
+
+/* Reads cameras.txt, images.txt and points3D.txt of a folder. keep_observations = 0 skips the 2D points. */
+OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
+OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c); /* %.17g */
+OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
+
+/* ---------------------------------------------------------------- camera.c: camera models, undistortion */
+
+struct camera_model {
+    const char *name;
+    int         parameter_count;
+    int         fisheye; /* parameters after the intrinsics act on the angle */
+};
+OXL_INTERNAL int                        camera_model_find(const char *name, size_t length); /* -1: unknown */
+OXL_INTERNAL const struct camera_model *camera_model_at(int index);
+OXL_INTERNAL const char                *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
+
+/* Forward model: a direction (x/z, y/z) of the ideal camera to a pixel of the real one. */
+OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2], double pixel[2]);
+OXL_INTERNAL int  camera_is_distorted(const struct colmap_camera *camera);
+
+/* The ideal pinhole camera whose every pixel the real one saw (no blank pixels), same focal length, before --max-side. */
+OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera, oxl_camera *out);
+
+OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
+OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
+
+/* ---------------------------------------------------------------- image.c: decode, reduce, undistort, mask, cache */
+
+struct pixels { /* 8 bits, interleaved as stb gives them */
+    int      width, height, channels;
+    uint8_t *data;
+};
+OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
+OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height); /* header alone */
+OXL_INTERNAL void       image_pixels_free(oxl_context *ctx, struct pixels *p);
+
+/* A training photograph: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 counts, 0 masked). */
+struct photo {
+    int      width, height;
+    uint8_t *rgb;
+    uint8_t *mask;
+};
+/* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike. mask_path may be NULL. */
+OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, const char *mask_path,
+                                         const struct colmap_camera *from, const oxl_camera *to, struct photo *out);
+OXL_INTERNAL void       image_photo_free(oxl_context *ctx, struct photo *photo);
+OXL_INTERNAL void       image_from_photo(const struct photo *photo, float *rgb, float *weight); /* weight may be NULL */
+
+/* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
+OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
+
+/* ---------------------------------------------------------------- scene.c: from the files to views, points and photographs */
+
+struct scene_stats { /* what check and the first message say */
+    int    images_listed, images_missing, views, test_views, distorted_cameras, masks;
+    size_t points, observations;
+    double mean_track, mean_error;
+    double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
+};
+OXL_INTERNAL const struct scene_stats *scene_stats_of(const oxl_scene *scene);
+OXL_INTERNAL const struct colmap      *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
+/* Borrowed from the cache until the next call for another view, or NULL with the error set. */
+OXL_INTERNAL const struct photo       *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
+/* Depth (camera z) of the scene's points over the training views: the given quantile. */
+OXL_INTERNAL double                    scene_depth_quantile(const oxl_scene *scene, double quantile);
+
+/* ---------------------------------------------------------------- ply.c: a small PLY reader and writer */
+
+enum ply_type { PLY_INT8, PLY_UINT8, PLY_INT16, PLY_UINT16, PLY_INT32, PLY_UINT32, PLY_FLOAT32, PLY_FLOAT64 };
+
+struct ply_column {
+    char          name[64];
+    enum ply_type type;
+    double       *values; /* (rows), converted; NULL for list properties, which are skipped */
+};
+struct ply_element {
+    char               name[64];
+    size_t             rows;
+    struct ply_column *column;
+    int                columns;
+};
+struct ply {
+    struct ply_element *element;
+    int                 elements;
+    char              **comment;
+    int                 comments;
+};
+OXL_INTERNAL oxl_result    ply_read(oxl_context *ctx, const char *path, struct ply *out);
+OXL_INTERNAL void          ply_free(oxl_context *ctx, struct ply *ply);
+OXL_INTERNAL const double *ply_column_of(const struct ply_element *element, const char *name); /* NULL: not there */
+
+/* ---------------------------------------------------------------- model.c: planes of Gaussians */
+
+OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity);
+/* Grows or shrinks the SH bands; new planes are zero. */
+OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
+OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
+
+/* ---------------------------------------------------------------- metrics.c */
+
+OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
+
+#endif

@@ -1,0 +1,121 @@
+/* test.c - runs the tests: all, or those whose names hold one of the words given. One line a test, then a sum.
+ *
+ * The library is included whole, so tests see its internals. Each test gets a context that counts memory.
+ */
+#include "../oceanxl.c"
+#include "test.h"
+
+oxl_context *test_ctx;
+int          test_failed;
+const char  *test_skip;
+
+static char folder[256];
+static long blocks_held; /* given by the counting allocator and not yet freed */
+
+static void *counting_reallocate(void *user, void *old, size_t size)
+{
+    (void)user;
+    if (size == 0) {
+        blocks_held -= old != NULL;
+        free(old);
+        return NULL;
+    }
+    blocks_held += old == NULL;
+    return realloc(old, size);
+}
+
+const char *test_path(const char *name)
+{
+    static char ring[16][512];
+    static int  next;
+    char       *path = ring[next++ % 16];
+    snprintf(path, sizeof ring[0], "%s/%s", test_folder(), name);
+    return path;
+}
+
+const char *test_folder(void)
+{
+    if (!folder[0]) {
+        const char *base = getenv("TMPDIR");
+        snprintf(folder, sizeof folder, "%s/oceanxl-test-%ld", base ? base : "/tmp", (long)(os_seconds() * 1e6));
+    }
+    os_make_folder(test_ctx, folder);
+    return folder;
+}
+
+const char *test_write(const char *name, const char *text)
+{
+    const char *path = test_path(name);
+    char        parent[512];
+    char       *slash;
+    snprintf(parent, sizeof parent, "%s", path);
+    slash = strrchr(parent, '/');
+    if (slash) *slash = 0;
+    CHECK_OK(os_make_folder(test_ctx, parent));
+    CHECK_OK(os_write_file(test_ctx, path, text, strlen(text)));
+    return path;
+}
+
+const char *test_shared(const char *name)
+{
+    static char path[512];
+    const char *base = getenv("OXL_SHARED");
+    snprintf(path, sizeof path, "%s/%s", base ? base : "../shared", name);
+    return os_is_file(path) || os_is_folder(path) ? path : NULL;
+}
+
+static void remove_folder(void)
+{
+    char command[300];
+    if (!folder[0]) return;
+    snprintf(command, sizeof command, "rm -rf '%s'", folder);
+    if (system(command) != 0) printf("could not remove %s\n", folder);
+    folder[0] = 0;
+}
+
+#include "test_files.h" /* generated: #include "../tests/test_<module>.c" for each */
+
+static const struct {
+    const char *name;
+    void (*run)(void);
+} tests[] = {
+#define ENTRY(name) {#name, test_##name},
+#include "test_list.h" /* generated: ENTRY(name) for each TEST(name) */
+};
+
+static int wanted(const char *name, int argc, char **argv)
+{
+    for (int i = 1; i < argc; i++)
+        if (strstr(name, argv[i])) return 1;
+    return argc == 1;
+}
+
+static void run(const char *name, void (*body)(void))
+{
+    oxl_context_options options = oxl_context_options_default();
+    options.reallocate          = counting_reallocate;
+    test_failed                 = 0;
+    test_skip                   = NULL;
+    blocks_held                 = 0;
+    if (oxl_context_create(&options, &test_ctx) != OXL_OK) exit(1);
+    body();
+    oxl_context_free(test_ctx);
+    remove_folder();
+    if (blocks_held != 0 && !test_failed++) printf("  %ld blocks of memory were not given back\n", blocks_held);
+    printf("%s %s%s%s\n", test_failed ? "FAIL" : test_skip ? "skip" : "ok  ", name, test_skip ? ": " : "", test_skip ? test_skip : "");
+}
+
+int main(int argc, char **argv)
+{
+    int passed = 0, failed = 0, skipped = 0;
+    setvbuf(stdout, NULL, _IOLBF, 0);
+    for (size_t i = 0; i < OXL_COUNT(tests); i++) {
+        if (!wanted(tests[i].name, argc, argv)) continue;
+        run(tests[i].name, tests[i].run);
+        if (test_failed) failed++;
+        else if (test_skip) skipped++;
+        else passed++;
+    }
+    printf("%d passed, %d failed, %d skipped\n", passed, failed, skipped);
+    return failed != 0;
+}
