@@ -273,6 +273,10 @@ OXL_INTERNAL const double *ply_column_of(const struct ply_element *element, cons
 
 /* ---------------------------------------------------------------- model.c: planes of Gaussians */
 
+/* One allocation; each plane starts on a 64-byte line. Capacity is a multiple of 16 and at least 16, so kernels may read and
+ * write whole packs of 16 rows up to it; rows from count to capacity are finite (fresh ones: zero, identity rotation).
+ * model_reserve keeps rows and never shrinks; planes move. `to` of model_copy is overwritten, not freed. */
+OXL_INTERNAL void       model_clear_rows(oxl_model *model, size_t first, size_t end); /* all zero but rotation w = 1 */
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity);
 /* Grows or shrinks the SH bands; new planes are zero. */
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
