@@ -33,7 +33,8 @@ static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capac
     const int planes = oxl_model_planes(&m);
     float    *memory = NULL;
     if (capacity <= SIZE_MAX - MODEL_PACK) {
-        m.capacity = OXL_MAX((capacity + MODEL_PACK - 1) / MODEL_PACK, (size_t)1) * MODEL_PACK;
+        /* an odd number of lines: else planes of 2^n rows would all fall into the same set of the cache */
+        m.capacity = (((capacity + MODEL_PACK - 1) / MODEL_PACK) | 1) * MODEL_PACK;
         memory     = oxl_alloc(ctx, m.capacity, (size_t)planes * sizeof *memory);
     }
     if (!memory) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians of %d numbers", capacity, planes);
