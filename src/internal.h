@@ -30,6 +30,12 @@
 #define OXL_COUNT(array)     (sizeof(array) / sizeof *(array))
 #define OXL_MIN(a, b)        ((a) < (b) ? (a) : (b))
 #define OXL_MAX(a, b)        ((a) > (b) ? (a) : (b))
+#define OXL_SWAP(type, a, b) \
+    do { \
+        const type swapped = (a); \
+        (a) = (b); \
+        (b) = swapped; \
+    } while (0)
 #define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
 
 /* ---------------------------------------------------------------- base.c: context, errors, memory, text, random numbers */
@@ -187,14 +193,20 @@ OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
 
 /* ---------------------------------------------------------------- camera.c: camera models, undistortion */
 
+enum camera_kind { CAMERA_IDEAL, CAMERA_RADIAL, CAMERA_OPENCV, CAMERA_FULL_OPENCV, CAMERA_FISHEYE };
+
 struct camera_model {
-    const char *name;
-    int         parameter_count;
-    int         fisheye; /* parameters after the intrinsics act on the angle */
+    const char      *name;
+    int              parameter_count; /* focal lengths, cx, cy, then the distortion */
+    int              focal_count;     /* 1: f; 2: fx, fy */
+    enum camera_kind kind;
 };
 OXL_INTERNAL int                        camera_model_find(const char *name, size_t length); /* -1: unknown */
 OXL_INTERNAL const struct camera_model *camera_model_at(int index);
 OXL_INTERNAL const char                *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
+
+/* fx, fy, cx, cy in px, whatever the model. */
+OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4]);
 
 /* Forward model: a direction (x/z, y/z) of the ideal camera to a pixel of the real one. */
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2], double pixel[2]);
@@ -246,30 +258,50 @@ OXL_INTERNAL const struct photo       *scene_photo(oxl_context *ctx, oxl_scene *
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
 OXL_INTERNAL double                    scene_depth_quantile(const oxl_scene *scene, double quantile);
 
-/* ---------------------------------------------------------------- ply.c: a small PLY reader and writer */
+/* ---------------------------------------------------------------- ply.c: a small PLY reader */
 
+enum { PLY_NAME = 64 };
 enum ply_type { PLY_INT8, PLY_UINT8, PLY_INT16, PLY_UINT16, PLY_INT32, PLY_UINT32, PLY_FLOAT32, PLY_FLOAT64 };
+enum ply_format { PLY_NO_FORMAT, PLY_ASCII, PLY_LITTLE, PLY_BIG };
 
-struct ply_column {
-    char          name[64];
+struct ply_property {
+    char          name[PLY_NAME];
     enum ply_type type;
-    double       *values; /* (rows), converted; NULL for list properties, which are skipped */
+    enum ply_type count_type; /* of a list */
+    int           is_list;
 };
 struct ply_element {
-    char               name[64];
-    size_t             rows;
-    struct ply_column *column;
-    int                columns;
+    char                 name[PLY_NAME];
+    uint64_t             rows; /* the file holds at least the bytes that so many rows need */
+    struct ply_property *property;
+    int                  properties, has_list;
+    size_t               capacity;
+    size_t               row_bytes; /* in binary files; with lists: the least */
 };
 struct ply {
+    char               *path;
+    struct os_file_map  file;
+    enum ply_format     format;
+    size_t              data; /* offset of the first byte after the header */
+    int                 data_line;
     struct ply_element *element;
     int                 elements;
-    char              **comment;
+    size_t              element_capacity;
+    char              **comment; /* without the word "comment" */
     int                 comments;
+    size_t              comment_capacity;
 };
-OXL_INTERNAL oxl_result    ply_read(oxl_context *ctx, const char *path, struct ply *out);
-OXL_INTERNAL void          ply_free(oxl_context *ctx, struct ply *ply);
-OXL_INTERNAL const double *ply_column_of(const struct ply_element *element, const char *name); /* NULL: not there */
+/* Where a property's values (rows) go, converted; both NULL: nowhere. Lists are always skipped. */
+struct ply_target {
+    float  *as_float;
+    double *as_double;
+};
+OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out); /* reads and checks the header */
+/* target: one for each of the element's properties. */
+OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target);
+OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);
+OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);             /* -1: not there */
+OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: not there, or a list */
 
 /* ---------------------------------------------------------------- model.c: planes of Gaussians */
 
@@ -281,6 +313,11 @@ OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t
 /* Grows or shrinks the SH bands; new planes are zero. */
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
+
+/* ---------------------------------------------------------------- modelfile.c: models as PLY and .splat */
+
+/* What oxl_model_write does with file_degree 3; with the model's own degree only the bands carried are written. */
+OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
 
 /* ---------------------------------------------------------------- metrics.c */
 
