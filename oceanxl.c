@@ -16,8 +16,9 @@
 #include "src/scene.c"  /* from the files to views, points and photographs */
 
 /* the model */
-#include "src/ply.c"   /* a small PLY reader and writer */
-#include "src/model.c" /* planes of Gaussians: create, grow, start from points, read, write */
+#include "src/ply.c"       /* a small PLY reader */
+#include "src/model.c"     /* planes of Gaussians: create, grow, start from points */
+#include "src/modelfile.c" /* models as PLY and .splat */
 
 /* one photograph's error walks back into the Gaussians */
 #include "src/kernels.h" /* the types that the kernels speak in */

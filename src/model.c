@@ -1,12 +1,13 @@
-/* model.c - planes of Gaussians: create, grow, start from points, read, write.
+/* model.c - planes of Gaussians: create, grow, copy, start from points.
  *
- * Sources: Kerbl 2023 (the start from points, the PLY layout); the .splat layout is antimatter15's.
+ * Sources: Kerbl 2023 (the start from points); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
  * Invariant: one allocation holds all planes, one after the other, each `capacity` floats long. Capacity is a multiple of
  * MODEL_PACK, so each plane starts on a 64-byte line and kernels may read and write whole packs of rows up to capacity.
  * Rows from count to capacity are finite: model_clear_rows fills them when they are made, and who lowers count leaves rows
  * that were Gaussians once.
  */
 #include "internal.h"
+#include "vecmath.h"
 
 /* ---------------------------------------------------------------- memory */
 
@@ -95,4 +96,262 @@ OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_
     for (int p = 0; p < oxl_model_planes(from) && from->count; p++)
         memcpy(to->plane[p], from->plane[p], from->count * sizeof(float));
     return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- start from points: rows in Z-order
+ *
+ * Kernels work on packs of neighbouring rows and skip those out of sight: rows near in memory should be near in space.
+ */
+
+struct model_key {
+    uint64_t code; /* Morton code: 21 bits an axis, interleaved */
+    size_t   index;
+};
+
+static int model_by_code(const void *a, const void *b)
+{
+    const struct model_key *x = a, *y = b;
+    if (x->code != y->code) return x->code < y->code ? -1 : 1;
+    return x->index < y->index ? -1 : x->index > y->index;
+}
+
+static uint64_t model_spread_bits(uint64_t x) /* bit i to bit 3 i, for 21 bits */
+{
+    x = (x | x << 32) & UINT64_C(0x001F00000000FFFF);
+    x = (x | x << 16) & UINT64_C(0x001F0000FF0000FF);
+    x = (x | x << 8) & UINT64_C(0x100F00F00F00F00F);
+    x = (x | x << 4) & UINT64_C(0x10C30C30C30C30C3);
+    x = (x | x << 2) & UINT64_C(0x1249249249249249);
+    return x;
+}
+
+/* Cubic cells: the longest side of the bounding box is cut into 2^21. */
+static void model_sort_by_code(const oxl_point *points, size_t count, struct model_key *key)
+{
+    double low[3], side = 0;
+    for (int a = 0; a < 3; a++) {
+        double high = low[a] = points[0].position[a];
+        for (size_t i = 1; i < count; i++) {
+            low[a] = OXL_MIN(low[a], points[i].position[a]);
+            high   = OXL_MAX(high, points[i].position[a]);
+        }
+        side = OXL_MAX(side, high - low[a]);
+    }
+    for (size_t i = 0; i < count; i++) {
+        key[i] = (struct model_key){0, i};
+        for (int a = 0; a < 3 && side > 0; a++) {
+            const double cell = (points[i].position[a] - low[a]) / side * 2097151.0; /* 2^21 - 1 */
+            key[i].code |= model_spread_bits((uint64_t)cell) << a;
+        }
+    }
+    qsort(key, count, sizeof *key, model_by_code);
+}
+
+/* ---------------------------------------------------------------- start from points: the 3 nearest neighbours
+ *
+ * A balanced k-d tree without pointers: the median of [first, end) stands in its middle, and divides along split[middle].
+ */
+
+enum { MODEL_LEAF = 8, MODEL_NEIGHBOURS = 3 };
+
+struct model_site {
+    double x[3];
+    size_t row;
+};
+
+struct model_tree {
+    struct model_site *site;
+    uint8_t           *split; /* axis, for each median */
+    size_t             count;
+};
+
+static int model_longest_axis(const struct model_site *site, size_t first, size_t end)
+{
+    double longest = -1;
+    int    axis    = 0;
+    for (int a = 0; a < 3; a++) {
+        double low = site[first].x[a], high = low;
+        for (size_t i = first + 1; i < end; i++) {
+            low  = OXL_MIN(low, site[i].x[a]);
+            high = OXL_MAX(high, site[i].x[a]);
+        }
+        if (high - low > longest) {
+            longest = high - low;
+            axis    = a;
+        }
+    }
+    return axis;
+}
+
+/* Hoare's selection: afterwards nothing in [first, nth) is greater and nothing in (nth, end) less than site[nth] along axis.
+ * Equal values stop both scans, so that coincident points cost no more than others. */
+static void model_select(struct model_site *site, size_t first, size_t end, size_t nth, int axis)
+{
+    while (end - first > 1) {
+        const double pivot = site[first + (end - first - 1) / 2].x[axis]; /* never the last: so both parts are smaller */
+        size_t       i = first, j = end - 1;
+        for (;;) {
+            struct model_site swap;
+            while (site[i].x[axis] < pivot) i++;
+            while (site[j].x[axis] > pivot) j--;
+            if (i >= j) break;
+            swap      = site[i];
+            site[i++] = site[j];
+            site[j--] = swap;
+        }
+        if (nth <= j) end = j + 1;
+        else first = j + 1;
+    }
+}
+
+static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
+{
+    while (end - first > MODEL_LEAF) {
+        const size_t middle = first + (end - first) / 2;
+        tree->split[middle] = (uint8_t)model_longest_axis(tree->site, first, end);
+        model_select(tree->site, first, end, middle, tree->split[middle]);
+        model_build_tree(tree, first, middle);
+        first = middle + 1;
+    }
+}
+
+/* Squared distances in ascending order; the sum of the three is the same in whichever order they were met. */
+struct model_nearest {
+    const double *x;
+    size_t        self;
+    double        distance[MODEL_NEIGHBOURS];
+};
+
+static void model_meet(struct model_nearest *n, const struct model_site *site, size_t index)
+{
+    const double dx = site->x[0] - n->x[0], dy = site->x[1] - n->x[1], dz = site->x[2] - n->x[2];
+    double       d = dx * dx + dy * dy + dz * dz;
+    if (index == n->self) return;
+    for (int k = 0; k < MODEL_NEIGHBOURS; k++)
+        if (d < n->distance[k]) {
+            const double further = n->distance[k];
+            n->distance[k]       = d;
+            d                    = further;
+        }
+}
+
+static void model_search(const struct model_tree *tree, size_t first, size_t end, struct model_nearest *n)
+{
+    while (end - first > MODEL_LEAF) {
+        const size_t middle = first + (end - first) / 2;
+        const int    axis   = tree->split[middle];
+        const double beyond = n->x[axis] - tree->site[middle].x[axis];
+        if (beyond < 0) model_search(tree, first, middle, n);
+        else model_search(tree, middle + 1, end, n);
+        if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return; /* the other side is further than all three */
+        model_meet(n, &tree->site[middle], middle);
+        if (beyond < 0) first = middle + 1;
+        else end = middle;
+    }
+    for (size_t i = first; i < end; i++) model_meet(n, &tree->site[i], i);
+}
+
+/* square[row] = mean squared distance to the nearest three, or to as many as there are; 0 when alone. */
+static void model_measure(oxl_context *ctx, const struct model_tree *tree, double *square)
+{
+    const int     neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
+    const int64_t count      = (int64_t)tree->count;
+#pragma omp parallel for num_threads(ctx->threads) schedule(dynamic, 1024)
+    for (int64_t i = 0; i < count; i++) {
+        struct model_nearest n   = {.x = tree->site[i].x, .self = (size_t)i, .distance = {INFINITY, INFINITY, INFINITY}};
+        double               sum = 0;
+        model_search(tree, 0, tree->count, &n);
+        for (int k = 0; k < neighbours; k++) sum += n.distance[k];
+        square[tree->site[i].row] = neighbours ? sum / neighbours : 0;
+    }
+    (void)ctx;
+}
+
+/* ---------------------------------------------------------------- start from points: the rows */
+
+#define MODEL_SH0          0.28209479177387814 /* Y_0^0: colour = 0.5 + SH0 f_dc */
+#define MODEL_OPACITY      0.1                 /* of a fresh Gaussian; Kerbl 2023 */
+#define MODEL_LEAST_SQUARE 1e-4                /* of the median's; see model_widths */
+
+static int model_by_value(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* From mean squared distances to log widths. Coincident points would have none: 3DGS floors the square at 1e-7 of its unit; our
+ * unit is the survey's own, so the floor is 1 % of the median width (of those above 0). All alone or all in one place: 1. */
+static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
+{
+    double *sorted = oxl_alloc(ctx, count, sizeof *sorted), least = 1;
+    size_t  n = 0;
+    if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
+    for (size_t i = 0; i < count; i++)
+        if (square[i] > 0) sorted[n++] = square[i];
+    qsort(sorted, n, sizeof *sorted, model_by_value);
+    if (n) least = OXL_MAX(MODEL_LEAST_SQUARE * sorted[n / 2], DBL_MIN);
+    oxl_free(ctx, sorted);
+    for (size_t i = 0; i < count; i++) square[i] = 0.5 * vecmath_log(OXL_MAX(square[i], least));
+    return OXL_OK;
+}
+
+static oxl_result model_check_points(oxl_context *ctx, const oxl_point *points, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++)
+            if (!(fabs(points[i].position[a]) <= FLT_MAX))
+                return oxl_fail(ctx, OXL_ERR_INPUT,
+                                "point %zu of %zu: coordinate %d is %g, wanted a finite number\nfix: remove it", i, count, a,
+                                points[i].position[a]);
+    return OXL_OK;
+}
+
+/* Row i is the point key[i].index, `width` its log width. */
+static void model_fill(oxl_model *model, const oxl_point *points, const struct model_key *key, const double *width)
+{
+    const float opacity = (float)vecmath_logit(MODEL_OPACITY);
+    for (size_t i = 0; i < model->count; i++) {
+        const oxl_point *p = &points[key[i].index];
+        for (int a = 0; a < 3; a++) {
+            model->plane[OXL_MEAN + a][i]      = (float)p->position[a];
+            model->plane[OXL_LOG_SCALE + a][i] = (float)width[i];
+            model->plane[OXL_SH + a][i]        = (float)((p->rgb[a] / 255.0 - 0.5) / MODEL_SH0);
+        }
+        model->plane[OXL_OPACITY][i] = opacity;
+    }
+}
+
+oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out)
+{
+    struct model_key *key   = NULL;
+    struct model_tree tree  = {.count = count};
+    double           *width = NULL; /* (count) mean squared distance, then log width */
+    oxl_result        rc    = oxl_model_create(ctx, count, sh_degree, out);
+    if (rc != OXL_OK || count == 0) return rc;
+    rc = model_check_points(ctx, points, count);
+    if (rc != OXL_OK) goto done;
+    key        = oxl_alloc(ctx, count, sizeof *key);
+    tree.site  = oxl_alloc(ctx, count, sizeof *tree.site);
+    tree.split = oxl_alloc(ctx, count, 1);
+    width      = oxl_alloc(ctx, count, sizeof *width);
+    if (!key || !tree.site || !tree.split || !width) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
+        goto done;
+    }
+    model_sort_by_code(points, count, key);
+    for (size_t i = 0; i < count; i++) {
+        memcpy(tree.site[i].x, points[key[i].index].position, sizeof tree.site[i].x);
+        tree.site[i].row = i;
+    }
+    model_build_tree(&tree, 0, count);
+    model_measure(ctx, &tree, width);
+    rc = model_widths(ctx, width, count);
+    if (rc == OXL_OK) model_fill(out, points, key, width);
+done:
+    oxl_free(ctx, width);
+    oxl_free(ctx, tree.split);
+    oxl_free(ctx, tree.site);
+    oxl_free(ctx, key);
+    if (rc != OXL_OK) oxl_model_free(ctx, out);
+    return rc;
 }

@@ -4,7 +4,7 @@
  * moves of bits alone, which IEEE 754 fixes to the last bit as long as nothing is contracted (-ffp-contract=off).
  *
  * Sources: range reduction after Cody & Waite 1980; series in the form that keeps the rounding of the leading term.
- * Errors were measured against libm in tests/test_model.c; "ulp" is 2.2e-16 of the value.
+ * Errors were measured against libm in tests/test_vecmath.c; "ulp" is 2.2e-16 of the value.
  */
 #ifndef OXL_VECMATH_H
 #define OXL_VECMATH_H
@@ -36,7 +36,7 @@ static inline double vecmath_power_of_two(int k) /* -1022 <= k <= 1023 */
 }
 
 /* e^x within 1 ulp; 2^k e^r with |r| <= ln 2 / 2. Subnormal results are rounded once, as they should be. */
-static inline double oxl_exp(double x)
+static inline double vecmath_exp(double x)
 {
     double r, p;
     int    k;
@@ -62,7 +62,7 @@ static inline double oxl_exp(double x)
 
 /* Natural logarithm within 1 ulp; -inf at 0, not-a-number below. x = 2^k (1 + f) with 1 + f between sqrt(1/2) and sqrt(2);
  * log(1 + f) = 2 atanh(s) with s = f / (2 + f), written as f - f^2/2 + s (f^2/2 + R) so that f itself is not rounded. */
-static inline double oxl_log(double x)
+static inline double vecmath_log(double x)
 {
     uint64_t bits;
     int      k = 0;
@@ -143,7 +143,7 @@ static inline double vecmath_cos_rest(double x)
 }
 
 /* Absolute error below 3e-16 for |x| < 1e6; past that it grows as 4e-17 |x|. */
-static inline double oxl_sin(double x)
+static inline double vecmath_sin(double x)
 {
     double       r;
     const int    quarter = vecmath_quarters(x, &r);
@@ -151,7 +151,7 @@ static inline double oxl_sin(double x)
     return quarter & 2 ? -y : y;
 }
 
-static inline double oxl_cos(double x)
+static inline double vecmath_cos(double x)
 {
     double       r;
     const int    quarter = vecmath_quarters(x, &r);
@@ -160,16 +160,16 @@ static inline double oxl_cos(double x)
 }
 
 /* 1 / (1 + e^-x), accurate at both ends: no overflow, no loss where it is close to 0. */
-static inline double oxl_sigmoid(double x)
+static inline double vecmath_sigmoid(double x)
 {
-    const double e = oxl_exp(x < 0 ? x : -x);
+    const double e = vecmath_exp(x < 0 ? x : -x);
     return (x < 0 ? e : 1) / (1 + e);
 }
 
 /* The inverse of sigmoid; -inf at 0, inf at 1, not-a-number outside. */
-static inline double oxl_logit(double p)
+static inline double vecmath_logit(double p)
 {
-    return oxl_log(p / (1 - p));
+    return vecmath_log(p / (1 - p));
 }
 
 #endif
