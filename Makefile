@@ -1,1 +1,146 @@
-all:
+# OceanXL - `make help` lists the targets. GNU make; a C99 compiler; stb (Debian: libstb-dev).
+
+CFLAGS ?= -O3 -g
+WERROR ?=
+BUILD  ?= build
+PREFIX ?= /usr/local
+STB    ?=
+
+# Part of the result: a fused or reordered operation changes bytes, and a lying isnan() hides divergence. So neither
+# -ffast-math nor -march=native, ever; the kernels choose AVX2 or AVX-512 at run time by themselves (src/simd.h).
+FLOATS := -ffp-contract=off -fno-math-errno -fno-trapping-math
+WARN   := -Wall -Wextra -pedantic $(if $(WERROR),-Werror)
+SYSTEM := libstb-dev gcc make libc6-dev
+
+# OPENMP=0 builds the serial program; without a word, OpenMP is used when the compiler has it.
+OPENMP ?= $(shell mkdir -p $(BUILD); echo 'int main(void) { return omp_get_max_threads() < 1; }' | \
+            $(CC) -fopenmp -include omp.h -x c - -o $(BUILD)/probe 2>/dev/null && echo 1 || echo 0)
+OPENMP := $(OPENMP)
+THREADS := $(if $(filter 0,$(OPENMP)),-fopenmp-simd,-fopenmp)
+
+# STB=path: a folder that holds stb_image.h, or a folder stb/ that does.
+STB_FLAGS := $(if $(STB),-I$(STB) -I$(BUILD)/include)
+
+BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS)
+FLAGS = $(CFLAGS) $(BASE)
+LIBS  = $(LDFLAGS) -lm
+
+TOOLS   := $(wildcard tools/*.c)
+MODULES := $(filter-out src/reference.c,$(wildcard src/*.c))
+TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
+OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] examples/*.c)
+EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
+
+.PHONY: all help test demo setup bench oracle modules dist sanitize examples format format-check install clean FORCE
+.DELETE_ON_ERROR:
+
+all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
+
+help: ## this list
+	@echo 'make TARGET [CC=clang] [CFLAGS="-O3 -g"] [OPENMP=0] [STB=folder] [WERROR=1] [BUILD=build]'
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile | expand -t 16
+
+# ------------------------------------------------------------------------------------------------ program, library
+
+$(BUILD)/oceanxl: $(BUILD)/main.o $(patsubst tools/%.c,$(BUILD)/tools/%.o,$(TOOLS)) $(BUILD)/oceanxl.o
+	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
+
+$(BUILD)/liboceanxl.a: $(BUILD)/oceanxl.o
+	$(AR) rcs $@ $^
+
+$(BUILD)/%.o: %.c $(BUILD)/flags
+	@mkdir -p $(@D)
+	$(CC) $(FLAGS) -MMD -MP -c $< -o $@
+
+# Objects depend on this: it changes with the compiler and its flags. A missing stb is said in one line, before the compiler
+# says it in twenty; STB=folder is linked to a name that #include <stb/stb_image.h> finds.
+$(BUILD)/flags: FORCE
+	@mkdir -p $(BUILD)/include
+	@$(if $(STB),ln -sfn $(abspath $(STB)) $(BUILD)/include/stb)
+	@echo '#include <stb/stb_image.h>' | $(CC) $(BASE) -E -x c - >/dev/null 2>&1 || { \
+	  echo 'oceanxl: $(CC) found no stb/stb_image.h. fix: make setup (as root), apt-get install libstb-dev, or make STB=folder' >&2; \
+	  exit 1; }
+	@echo '$(CC) $(FLAGS)' | cmp -s - $@ || echo '$(CC) $(FLAGS)' > $@
+
+# ------------------------------------------------------------------------------------------------ tests
+
+test: $(BUILD)/test $(BUILD)/oceanxl ## all tests: the library's, then the command line's (under 3 minutes on 2 cores)
+	$(BUILD)/test
+	tests/cli.sh $(BUILD)/oceanxl
+
+# The lists are made from the lines that begin with TEST( and replaced only when they change.
+$(BUILD)/test_list.h: FORCE
+	@mkdir -p $(BUILD)
+	@for f in $(TESTS); do echo "#include \"$$f\""; done > $(BUILD)/test_files.new
+	@cat $(TESTS) /dev/null | sed -n 's/^TEST(\([A-Za-z0-9_]*\)).*/ENTRY(\1)/p' > $(BUILD)/test_list.new
+	@cmp -s $(BUILD)/test_files.new $(BUILD)/test_files.h || mv $(BUILD)/test_files.new $(BUILD)/test_files.h
+	@cmp -s $(BUILD)/test_list.new $@ || mv $(BUILD)/test_list.new $@
+
+TEST_FLAGS = $(if $(filter -O3,$(CFLAGS)),-O2 -g,$(CFLAGS))
+$(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(BUILD)/flags
+	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c -o $@ $(LIBS)
+
+SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+sanitize: ## the library's tests under the address and undefined-behaviour sanitizers
+	$(MAKE) BUILD=$(BUILD)/sanitize CFLAGS='-O1 -g $(SANITIZE)' $(BUILD)/sanitize/test
+	ASAN_OPTIONS=detect_leaks=1 $(BUILD)/sanitize/test $(T)
+
+oracle: $(BUILD)/oracle ## build/oracle SCENE.txt OUT.txt: our kernels in the format of an independent implementation
+bench: $(BUILD)/bench ## time per stage of a training step, and pairs per second against the machine's ceiling
+	$(BUILD)/bench $(BENCH)
+
+$(BUILD)/oracle: tests/oracle.c
+$(BUILD)/bench: bench/bench.c
+$(BUILD)/oracle $(BUILD)/bench: $(BUILD)/flags
+	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $< -o $@ $(LIBS)
+
+examples: $(EXAMPLES) ## build/examples/*
+$(BUILD)/examples/%: examples/%.c $(BUILD)/liboceanxl.a
+	@mkdir -p $(@D)
+	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $< $(BUILD)/liboceanxl.a -o $@ $(LIBS)
+
+# ------------------------------------------------------------------------------------------------ other ways to build
+
+modules: $(BUILD)/modules/oceanxl ## every module compiled alone: finds dependencies that are not declared
+$(BUILD)/modules/oceanxl: $(patsubst %.c,$(BUILD)/modules/%.o,main.c $(TOOLS) $(MODULES))
+	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
+$(BUILD)/modules/%.o: %.c $(BUILD)/flags
+	@mkdir -p $(@D)
+	$(CC) $(FLAGS) -Werror -DOXL_MODULES -MMD -MP -c $< -o $@
+
+dist: $(BUILD)/flags ## dist/oceanxl.[hc], the library in two files, and dist/single/oceanxl.h, in one; both are tried
+	tools/dist.sh dist
+	@mkdir -p $(BUILD)/dist
+	$(CC) $(FLAGS) -Werror -Idist examples/one_gaussian.c dist/oceanxl.c -o $(BUILD)/dist/pair $(LIBS)
+	$(CC) $(FLAGS) -Werror -Idist/single -DOCEANXL_IMPLEMENTATION examples/one_gaussian.c -o $(BUILD)/dist/single $(LIBS)
+	$(BUILD)/dist/pair
+	$(BUILD)/dist/single
+
+format: ## clang-format on our sources
+	clang-format -i $(OURS)
+format-check: ## fails when clang-format would change a file
+	clang-format --dry-run -Werror $(OURS)
+
+# ------------------------------------------------------------------------------------------------ for users
+
+setup: ## installs what the build needs (Debian, as root), or says what that is
+	@if echo '#include <stb/stb_image.h>' | $(CC) $(BASE) -E -x c - >/dev/null 2>&1; then echo 'setup: nothing is missing'; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(SYSTEM); \
+	else echo 'setup: as root: apt-get install $(SYSTEM)' >&2; exit 1; fi
+
+demo: ## a synthetic survey, made, trained and judged: pictures in demo/out (a few minutes)
+	@$(MAKE) --no-print-directory setup
+	@$(MAKE) --no-print-directory all
+	@tools/demo.sh $(BUILD)/oceanxl demo
+
+install: all $(BUILD)/liboceanxl.a ## program, header and static library under DESTDIR/PREFIX
+	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib
+	install -m 755 $(BUILD)/oceanxl $(DESTDIR)$(PREFIX)/bin/
+	install -m 644 oceanxl.h $(DESTDIR)$(PREFIX)/include/
+	install -m 644 $(BUILD)/liboceanxl.a $(DESTDIR)$(PREFIX)/lib/
+
+clean: ## removes build/ and dist/
+	rm -rf $(BUILD) dist
+
+-include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
