@@ -33,3 +33,7 @@
 #include "src/density.c" /* clone, split, prune, reset */
 #include "src/train.c"   /* the loop: it reads like the paper's algorithm */
 #include "src/metrics.c" /* PSNR, SSIM, evaluation */
+
+/* the whole job */
+#include "src/survey.c" /* what a survey holds, and what training it would take */
+#include "src/job.c"    /* a survey in, a folder with the model, its metrics and pictures out */

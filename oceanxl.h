@@ -268,6 +268,7 @@ typedef struct oxl_progress {
     double           loss, psnr;   /* smoothed over the last views, on training photographs */
     double           seconds;      /* since the start */
     double           seconds_left; /* predicted */
+    size_t           memory;       /* bytes at the peak so far; only in a job, else 0 */
     const oxl_model *model;        /* as it stands; valid during the call */
 } oxl_progress;
 
@@ -280,6 +281,56 @@ typedef struct oxl_callback {
 /* Trains a model on the scene's training views. The same scene, options and seed give the same bytes. */
 OXL_API oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
                              oxl_model *out);
+
+/* ---------------------------------------------------------------- the whole job */
+
+typedef struct oxl_job_options {
+    oxl_scene_options scene;
+    oxl_train_options train;
+    const char       *preset;  /* where they came from; run.json repeats it */
+    int               renders; /* 1: pictures of the held-out views go to OUT/renders (1) */
+} oxl_job_options;
+
+OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
+
+/* What a survey holds and what training it would take: a lint report. */
+typedef struct oxl_survey {
+    int    images, images_missing; /* listed in images.txt; of them not on disk */
+    int    train_views, test_views, masks;
+    int    cameras, cameras_distorted;
+    int    width, height; /* of the largest view as trained, px */
+    size_t points, observations;
+    double mean_track, mean_error;         /* images a point, reprojection error in px */
+    double bounds_min[3], bounds_max[3];   /* 1st to 99th percentile of the points, world coordinates */
+    double extent;                         /* see oxl_scene_extent */
+    double gaussians;                      /* predicted at the end of the run */
+    double memory, seconds;                /* predicted: peak in bytes, duration on ctx's threads */
+    double memory_free;                    /* now; 0: unknown */
+    char   cameras_text[160], text[2048]; /* "1 x OPENCV 1920 x 1080, distorted"; the report in lines for people */
+} oxl_survey;
+
+/* OXL_ERR_INPUT when the survey cannot be trained; the error says why. out->text ends in a newline. */
+OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
+
+/* Trains the survey in folder `scene` and leaves in folder `out`: scene.ply, metrics.json, run.json, log.csv and renders/.
+ * A folder that holds the finished result of the same survey, options and seed is left as it is. When the callback stops
+ * the run, scene.ply holds the model so far and OXL_ERR_INTERRUPTED is returned. options may be NULL: the draft preset. */
+OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
+                               const oxl_callback *callback);
+
+/* Pictures of a split into a folder: NAME.png for each view; with photographs NAME.photo.png; with depth NAME.depth.png
+ * (near is bright) and NAME.depth.pfm (float camera z, 0: nothing there). */
+typedef struct oxl_pictures {
+    oxl_split split;
+    int       photographs, depth;
+} oxl_pictures;
+OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+                                    const char *folder, int *count);
+
+/* JSON as metrics.json holds it; free it with oxl_text_free. */
+OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out);
+OXL_API oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out);
+OXL_API void       oxl_text_free(oxl_context *ctx, char *text);
 
 #ifdef __cplusplus
 }

@@ -198,6 +198,21 @@ OXL_INTERNAL void text_free(struct text *t)
     *t = (struct text){.ctx = t->ctx};
 }
 
+OXL_INTERNAL oxl_result text_take(struct text *t, char **out)
+{
+    const int failed = t->failed;
+    *out             = NULL;
+    if (failed) text_free(t);
+    else *out = t->data;
+    *t = (struct text){.ctx = t->ctx};
+    return failed ? OXL_ERR_MEMORY : OXL_OK;
+}
+
+void oxl_text_free(oxl_context *ctx, char *text)
+{
+    oxl_free(ctx, text);
+}
+
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s)
 {
     const size_t size = strlen(s) + 1;

@@ -79,6 +79,8 @@ OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
 OXL_INTERNAL void text_add_number(struct text *t, double value);       /* shortest that reads back; null when not finite */
 OXL_INTERNAL void text_free(struct text *t);
+/* Hands the text over as fresh memory and empties t; OXL_ERR_MEMORY when it had failed to grow. */
+OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
 /* The text of a copy, or NULL. */
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
@@ -239,6 +241,8 @@ OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, con
                                          const struct colmap_camera *from, const oxl_camera *to, struct photo *out);
 OXL_INTERNAL void       image_photo_free(oxl_context *ctx, struct photo *photo);
 OXL_INTERNAL void       image_from_photo(const struct photo *photo, float *rgb, float *weight); /* weight may be NULL */
+/* The other way, into memory that photo has already; weight of 0.5 and less is masked. */
+OXL_INTERNAL void image_to_photo(const oxl_image *image, struct photo *photo);
 
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
@@ -319,8 +323,51 @@ OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_
 /* What oxl_model_write does with file_degree 3; with the model's own degree only the bands carried are written. */
 OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
 
+/* ---------------------------------------------------------------- render.c: the kernels behind one door */
+
+struct renderer; /* scratch of one view at a time, kept between views: the steady state allocates nothing */
+
+OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out);
+OXL_INTERNAL void       renderer_free(oxl_context *ctx, struct renderer *r);
+
+/* Draws; the image stays in the renderer until the next call. sh_degree as in oxl_render_options. */
+OXL_INTERNAL oxl_result   renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                           const oxl_render_options *options);
+OXL_INTERNAL const float *renderer_image(const struct renderer *r); /* (3,H,W) */
+
+/* Loss of the drawn image against rgb (3,H,W) with weight (H,W) or NULL; keeps its gradient for renderer_backward. */
+struct renderer_loss {
+    double total, l1, ssim, mse;
+};
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight, float ssim_weight,
+                                      struct renderer_loss *out);
+
+/* The gradient of the model that was drawn last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
+ * rows of packs out of sight are left alone. */
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const float *drgb,
+                                          oxl_model *gradient);
+
+/* Adam on the rows seen by the last view. rates (planes) as they apply at this step; step counts from 1. */
+OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient, oxl_model *first,
+                                oxl_model *second, const float *rates, int step);
+
+/* What the last view saw of row i. */
+OXL_INTERNAL int   renderer_saw(const struct renderer *r, size_t row);
+OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
+OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row);        /* px: of the contour alpha = 1/255, the longer side */
+
+struct renderer_counts { /* of the last view */
+    size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image that the footprints ask for */
+};
+OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
+
 /* ---------------------------------------------------------------- metrics.c */
 
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
+
+/* ---------------------------------------------------------------- survey.c: what a survey holds, what training it would take */
+
+OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out);
+OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey);
 
 #endif

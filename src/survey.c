@@ -1,0 +1,212 @@
+/* survey.c - what a survey holds, and what training it would take: the first message of `train`, the whole of `check`.
+ *
+ * The predictions are arithmetic on counts, with the measured constants below; they are to be right within a factor of two.
+ * Invariant: nothing here changes what is trained.
+ */
+#include "internal.h"
+#include "simd.h"
+
+/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/SPEED.md. */
+#define SURVEY_GROWTH          3.0   /* Gaussians at the end for one point at the start: 1.2 to 5 were seen */
+#define SURVEY_LEAST_GAUSSIANS 2e4   /* what sparse starts grow to at least */
+#define SURVEY_PAIRS_PER_PIXEL 40.0  /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
+#define SURVEY_PAIR_RATE       1.0e9 /* pairs a second and thread, AVX2 or better */
+#define SURVEY_PAIR_RATE_BASE  0.2e9 /* the same without */
+#define SURVEY_PIXEL_COST      1.0e-7 /* s: SSIM there and back, photograph to float */
+#define SURVEY_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
+#define SURVEY_PIXEL_BYTES     160.0 /* of working memory: images, SSIM's maps */
+#define SURVEY_SPLAT_BYTES     300.0 /* a Gaussian beside its parameters: projection, tile lists, gradient slots */
+#define SURVEY_PROGRAM_BYTES   4e7
+
+static int survey_is_distorted(const struct colmap *c)
+{
+    int count = 0;
+    for (size_t i = 0; i < c->camera_count; i++) count += camera_is_distorted(&c->camera[i]);
+    return count;
+}
+
+/* "3 cameras, the first OPENCV 1920 x 1080, 2 distorted (mended on load)" */
+static void survey_cameras(const struct colmap *c, oxl_survey *s)
+{
+    const struct colmap_camera *first = c && c->camera_count ? c->camera : NULL;
+    if (!first) return;
+    s->cameras           = (int)c->camera_count;
+    s->cameras_distorted = survey_is_distorted(c);
+    snprintf(s->cameras_text, sizeof s->cameras_text, "%d%s %s %d x %d, %s", s->cameras,
+             s->cameras == 1 ? " camera," : " cameras, the first", camera_model_at(first->model)->name, first->width, first->height,
+             s->cameras_distorted ? "distorted (mended on load)" : "free of distortion");
+}
+
+static double survey_pixels(const oxl_scene *scene, oxl_survey *s)
+{
+    double    pixels = 0;
+    const int count  = oxl_scene_view_count(scene);
+    for (int i = 0; i < count; i++) {
+        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+        pixels += (double)c->width * c->height;
+        if ((double)c->width * c->height > (double)s->width * s->height) s->width = c->width, s->height = c->height;
+    }
+    return pixels;
+}
+
+static void survey_predict(const oxl_context *ctx, const oxl_job_options *o, double pixels, oxl_survey *s)
+{
+    const int    views   = OXL_MAX(1, s->train_views + s->test_views), degree = o->train.sh_degree;
+    const double planes  = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
+    const double a_view  = pixels / views; /* px */
+    const double photos  = OXL_MIN(3.0 * pixels, (double)o->scene.image_cache_bytes);
+    const double rate    = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
+    const double largest = (double)s->width * s->height;
+    double       step;
+    s->gaussians = OXL_MAX(SURVEY_GROWTH * (double)s->points, SURVEY_LEAST_GAUSSIANS);
+    if (o->train.max_gaussians > 0) s->gaussians = OXL_MIN(s->gaussians, (double)o->train.max_gaussians);
+    step = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
+           (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * s->gaussians) / ctx->threads;
+    s->seconds = o->train.iterations * step;
+    if (o->train.max_seconds > 0) s->seconds = OXL_MIN(s->seconds, o->train.max_seconds);
+    /* parameters, gradient and two moments are planes of 4 bytes */
+    s->memory      = SURVEY_PROGRAM_BYTES + photos + largest * SURVEY_PIXEL_BYTES + s->gaussians * (16 * planes + SURVEY_SPLAT_BYTES) +
+                     (double)s->observations * sizeof(struct colmap_observation);
+    s->memory_free = (double)os_memory_free();
+}
+
+/* ---------------------------------------------------------------- words */
+
+static void survey_say(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
+static void survey_say(oxl_survey *s, const char *format, ...)
+{
+    const size_t used = strlen(s->text);
+    va_list      args;
+    va_start(args, format);
+    vsnprintf(s->text + used, sizeof s->text - used, format, args);
+    va_end(args);
+}
+
+static void survey_say_duration(oxl_survey *s, double seconds)
+{
+    if (seconds < 90) survey_say(s, "%.0f s", seconds);
+    else if (seconds < 5400) survey_say(s, "%.0f min", seconds / 60);
+    else survey_say(s, "%.1f h", seconds / 3600);
+}
+
+static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
+{
+    survey_say(s, "photographs  %d listed, %d missing; %d to train with, %d held out for the test; masks: %d\n", s->images,
+               s->images_missing, s->train_views, s->test_views, s->masks);
+    survey_say(s, "cameras      %s; trained at %d x %d\n", s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width,
+               s->height);
+    survey_say(s, "points       %zu, each in %.1f photographs on average, reprojection error %.2f px\n", s->points, s->mean_track,
+               s->mean_error);
+    survey_say(s, "place        %.4g x %.4g x %.4g units (1st to 99th percentile of the points); extent of the cameras %.4g\n",
+               s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1], s->bounds_max[2] - s->bounds_min[2],
+               s->extent);
+    survey_say(s, "prediction   %.0f thousand Gaussians, %.2f GB of memory", s->gaussians / 1e3, s->memory / 1e9);
+    if (s->memory_free > 0) survey_say(s, " (%.1f GB are free)", s->memory_free / 1e9);
+    survey_say(s, ", ");
+    survey_say_duration(s, s->seconds);
+    survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
+}
+
+static void survey_write_warnings(oxl_survey *s)
+{
+    if (s->images_missing > 0)
+        survey_say(s, "warning: %d of %d photographs are not on disk and are left out\n", s->images_missing, s->images);
+    if (s->points == 0) survey_say(s, "warning: no points: training starts from random ones and may fail; export points3D.txt too\n");
+    else if (s->points < 500) survey_say(s, "warning: only %zu points; was this the right sub-model?\n", s->points);
+    if (s->mean_error > 2)
+        survey_say(s, "warning: a reprojection error of %.1f px blurs everything (good: under 1); run bundle_adjuster\n", s->mean_error);
+    if (s->train_views < 10) survey_say(s, "warning: %d photographs to train with are few; expect holes\n", s->train_views);
+    if (s->test_views == 0) survey_say(s, "warning: nothing is held out, so the metrics are of training photographs\n");
+    if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
+        survey_say(s, "warning: memory may not suffice; try --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
+}
+
+/* ---------------------------------------------------------------- doors */
+
+OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out)
+{
+    const struct scene_stats *stats = scene_stats_of(scene);
+    const double             *origin = oxl_scene_origin(scene);
+    double                    pixels;
+    *out = (oxl_survey){.images         = stats->images_listed,
+                        .images_missing = stats->images_missing,
+                        .train_views    = stats->views - stats->test_views,
+                        .test_views     = stats->test_views,
+                        .masks          = stats->masks,
+                        .points         = stats->points,
+                        .observations   = stats->observations,
+                        .mean_track     = stats->mean_track,
+                        .mean_error     = stats->mean_error,
+                        .extent         = oxl_scene_extent(scene)};
+    for (int k = 0; k < 3; k++) {
+        out->bounds_min[k] = stats->bounds_min[k] + origin[k];
+        out->bounds_max[k] = stats->bounds_max[k] + origin[k];
+    }
+    survey_cameras(scene_colmap(scene), out);
+    pixels = survey_pixels(scene, out);
+    survey_predict(ctx, options, pixels, out);
+    survey_write_facts(ctx, out);
+    survey_write_warnings(out);
+}
+
+oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *options, oxl_survey *out)
+{
+    const oxl_job_options o     = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_scene            *scene = NULL;
+    const oxl_result      rc    = oxl_scene_load(ctx, path, &o.scene, &scene);
+    *out                        = (oxl_survey){0};
+    if (rc == OXL_OK) survey_describe(ctx, scene, &o, out);
+    oxl_scene_free(ctx, scene);
+    return rc;
+}
+
+static void survey_add_triple(struct text *t, const char *name, const double v[3])
+{
+    text_add(t, ",\n  \"%s\": [", name);
+    for (int k = 0; k < 3; k++) {
+        if (k > 0) text_add(t, ", ");
+        text_add_number(t, v[k]);
+    }
+    text_add(t, "]");
+}
+
+OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s)
+{
+    const struct {
+        const char *name;
+        double      value;
+    } numbers[] = {{"images", s->images},
+                   {"images_missing", s->images_missing},
+                   {"train_views", s->train_views},
+                   {"test_views", s->test_views},
+                   {"masks", s->masks},
+                   {"cameras", s->cameras},
+                   {"cameras_distorted", s->cameras_distorted},
+                   {"width", s->width},
+                   {"height", s->height},
+                   {"points", (double)s->points},
+                   {"observations", (double)s->observations},
+                   {"mean_track", s->mean_track},
+                   {"mean_error", s->mean_error},
+                   {"extent", s->extent},
+                   {"predicted_gaussians", s->gaussians},
+                   {"predicted_memory_bytes", s->memory},
+                   {"predicted_seconds", s->seconds}};
+    text_add(t, "{\n  \"cameras_text\": ");
+    text_add_json_string(t, s->cameras_text);
+    for (size_t i = 0; i < OXL_COUNT(numbers); i++) {
+        text_add(t, ",\n  \"%s\": ", numbers[i].name);
+        text_add_number(t, numbers[i].value);
+    }
+    survey_add_triple(t, "bounds_min", s->bounds_min);
+    survey_add_triple(t, "bounds_max", s->bounds_max);
+    text_add(t, "\n}");
+}
+
+oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out)
+{
+    struct text t = {.ctx = ctx};
+    survey_add_json(&t, survey);
+    text_add(&t, "\n");
+    return text_take(&t, out);
+}
