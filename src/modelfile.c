@@ -61,10 +61,10 @@ static int modelfile_finite(float x)
     return fabsf(x) <= FLT_MAX;
 }
 
-static oxl_result modelfile_check_finite(oxl_context *ctx, const char *path, const oxl_model *model)
+static oxl_result modelfile_check_finite(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
 {
     struct modelfile_column column[MODELFILE_COLUMNS];
-    const int               columns = modelfile_columns(model->sh_degree, model->sh_degree, column);
+    const int               columns = modelfile_columns(file_degree, model->sh_degree, column);
     for (int i = 0; i < 3; i++)
         if (!(fabs(model->origin[i]) <= DBL_MAX))
             return oxl_fail(ctx, OXL_ERR_FAILED, "%s: not written: the model's origin is not finite", path);
@@ -164,7 +164,7 @@ OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, 
     struct modelfile_column column[MODELFILE_COLUMNS];
     const int               columns = modelfile_columns(file_degree, model->sh_degree, column);
     struct os_writer        w       = {0};
-    oxl_result              rc      = modelfile_check_finite(ctx, path, model);
+    oxl_result              rc      = modelfile_check_finite(ctx, path, model, file_degree);
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc != OXL_OK) return rc;
     rc = modelfile_write_header(ctx, &w, model, column, columns);
@@ -325,7 +325,7 @@ static oxl_result modelfile_write_splat(oxl_context *ctx, const char *path, cons
 {
     struct modelfile_rank *rank = NULL;
     struct os_writer       w    = {0};
-    oxl_result             rc   = modelfile_check_finite(ctx, path, model);
+    oxl_result             rc   = modelfile_check_finite(ctx, path, model, 0);
     if (rc != OXL_OK) return rc;
     rank = oxl_alloc(ctx, model->count, sizeof *rank);
     if (!rank) return modelfile_no_memory(ctx, path);

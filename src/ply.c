@@ -299,7 +299,7 @@ static oxl_result ply_walk_fixed(struct ply_walk *w)
             const unsigned char    *value  = tile;
             tile += ply_size(type);
             if (!target.as_float && !target.as_double) continue;
-            if (type == PLY_FLOAT32 && !big_endian && target.as_float) { /* nearly all files; several times as fast */
+            if (type == PLY_FLOAT32 && !big_endian && !target.as_double) { /* nearly all files; several times as fast */
                 for (size_t i = first; i < last; i++, value += element->row_bytes) target.as_float[i] = ply_float(value, 0);
                 continue;
             }

@@ -1,0 +1,568 @@
+/* test_model.c - planes of Gaussians: their memory, their start from points, their files. */
+
+/* ---------------------------------------------------------------- helpers */
+
+static char model_test_warning[1024]; /* the last line logged */
+
+static void model_test_log(void *user, oxl_log_level level, const char *text)
+{
+    (void)user;
+    (void)level;
+    snprintf(model_test_warning, sizeof model_test_warning, "%s", text);
+}
+
+static void model_test_listen(void)
+{
+    model_test_warning[0] = 0;
+    test_ctx->options.log = model_test_log;
+}
+
+static double model_test_unit(uint64_t i, uint64_t a)
+{
+    return random_unit(random_bits(11, i, a));
+}
+
+/* All rows different, as raw as a trained model's. */
+static oxl_model model_test_random(size_t count, int degree)
+{
+    oxl_model m;
+    CHECK_OK(oxl_model_create(test_ctx, count, degree, &m));
+    for (int p = 0; p < oxl_model_planes(&m); p++)
+        for (size_t i = 0; i < count; i++) m.plane[p][i] = (float)(8 * model_test_unit(i, (uint64_t)p) - 4);
+    return m;
+}
+
+/* Bit for bit; planes past b's degree must be zero in a. */
+static int model_test_same(const oxl_model *a, const oxl_model *b)
+{
+    int same = a->count == b->count && !memcmp(a->origin, b->origin, sizeof a->origin);
+    for (int p = 0; same && p < oxl_model_planes(a); p++)
+        for (size_t i = 0; i < a->count; i++) {
+            const float zero = 0;
+            same &= !memcmp(&a->plane[p][i], b->plane[p] ? &b->plane[p][i] : &zero, sizeof zero);
+        }
+    return same;
+}
+
+static struct os_file_map model_test_file(const char *path)
+{
+    struct os_file_map map = {0};
+    CHECK_OK(os_read_file(test_ctx, path, &map));
+    return map;
+}
+
+static oxl_point *model_test_points(size_t count)
+{
+    oxl_point *p = oxl_calloc(test_ctx, count, sizeof *p);
+    for (size_t i = 0; i < count; i++) {
+        for (uint64_t a = 0; a < 3; a++) {
+            p[i].position[a] = (float)(10 * model_test_unit(i, a) * (a == 2 ? 0.1 : 1)); /* a seabed */
+            p[i].rgb[a]      = (uint8_t)(random_bits(3, i, a) >> 56);
+        }
+        if (i % 97 == 0) p[i].position[0] = (float)(p[i].position[0] + 5000); /* outliers */
+    }
+    return p;
+}
+
+/* ---------------------------------------------------------------- memory */
+
+TEST(model_planes_are_aligned_and_padded_with_identity_rows_to_whole_packs)
+{
+    for (size_t count = 0; count < 70; count += 23) {
+        oxl_model m;
+        CHECK_OK(oxl_model_create(test_ctx, count, 2, &m));
+        CHECK(m.count == count && m.capacity >= OXL_MAX(count, (size_t)16) && m.capacity % 16 == 0);
+        CHECK(oxl_model_planes(&m) == 38 && m.plane[37] && !m.plane[38]);
+        for (int p = 0; p < 38; p++) {
+            CHECK((uintptr_t)m.plane[p] % 64 == 0);
+            for (size_t i = 0; i < m.capacity; i++) CHECK(m.plane[p][i] == (p == OXL_ROTATION));
+        }
+        oxl_model_free(test_ctx, &m);
+        CHECK(!m.memory && !m.plane[0]);
+    }
+}
+
+TEST(model_reserve_and_set_degree_keep_rows_and_clear_the_rest)
+{
+    oxl_model m = model_test_random(50, 1), old;
+    CHECK_OK(model_copy(test_ctx, &m, &old));
+    CHECK(model_test_same(&m, &old));
+    CHECK_OK(model_reserve(test_ctx, &m, 1000));
+    CHECK(m.capacity >= 1000 && model_test_same(&m, &old));
+    for (size_t i = 50; i < m.capacity; i++) CHECK(m.plane[OXL_ROTATION][i] == 1 && m.plane[OXL_MEAN][i] == 0);
+    CHECK_OK(model_set_degree(test_ctx, &m, 3));
+    CHECK(m.capacity >= 1000 && oxl_model_planes(&m) == 59 && model_test_same(&m, &old));
+    CHECK_OK(model_set_degree(test_ctx, &m, 0));
+    CHECK(!m.plane[14] && !memcmp(m.plane[13], old.plane[13], 50 * sizeof(float)));
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &old);
+}
+
+TEST(model_sizes_and_degrees_that_cannot_be_are_errors)
+{
+    oxl_model m;
+    CHECK(oxl_model_create(test_ctx, SIZE_MAX - 3, 0, &m) == OXL_ERR_MEMORY && !m.memory && m.count == 0);
+    CHECK(oxl_model_create(test_ctx, SIZE_MAX / 100, 3, &m) == OXL_ERR_MEMORY && !m.memory);
+    CHECK(oxl_model_create(test_ctx, 1, 4, &m) == OXL_ERR_USAGE && !m.memory);
+    CHECK(oxl_model_create(test_ctx, 1, -1, &m) == OXL_ERR_USAGE && !m.memory);
+}
+
+/* ---------------------------------------------------------------- start from points */
+
+/* Exact, by trying all pairs, in the model's own rows: positions are floats, so nothing was rounded. */
+static double model_test_log_width(const oxl_model *m, size_t row)
+{
+    double nearest[3] = {INFINITY, INFINITY, INFINITY};
+    for (size_t j = 0; j < m->count; j++) {
+        double d = 0;
+        for (int a = 0; a < 3; a++) {
+            const double e = (double)m->plane[OXL_MEAN + a][row] - m->plane[OXL_MEAN + a][j];
+            d += e * e;
+        }
+        for (int k = 0; k < 3 && j != row; k++)
+            if (d < nearest[k]) {
+                const double further = nearest[k];
+                nearest[k]           = d;
+                d                    = further;
+            }
+    }
+    return 0.5 * log((nearest[0] + nearest[1] + nearest[2]) / 3);
+}
+
+TEST(model_from_points_is_as_wide_as_the_mean_distance_to_the_three_nearest)
+{
+    oxl_point *points = model_test_points(3000);
+    oxl_model  m;
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 3000, 1, &m));
+    CHECK(m.count == 3000 && m.sh_degree == 1);
+    for (size_t i = 0; i < m.count; i++) {
+        CHECK_CLOSE(m.plane[OXL_LOG_SCALE][i], model_test_log_width(&m, i), 1e-6);
+        CHECK(m.plane[OXL_LOG_SCALE][i] == m.plane[OXL_LOG_SCALE + 1][i] &&
+              m.plane[OXL_LOG_SCALE][i] == m.plane[OXL_LOG_SCALE + 2][i]);
+        CHECK(m.plane[OXL_ROTATION][i] == 1 && m.plane[OXL_ROTATION + 3][i] == 0 && m.plane[OXL_SH + 3][i] == 0);
+        CHECK_CLOSE(m.plane[OXL_OPACITY][i], log(0.1 / 0.9), 1e-6);
+    }
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, points);
+}
+
+/* Each point is found once, with its own colour. */
+TEST(model_from_points_keeps_every_point_and_its_colour)
+{
+    oxl_point *points    = model_test_points(500);
+    uint8_t    seen[500] = {0};
+    oxl_model  m;
+    for (size_t i = 0; i < 500; i++) points[i].position[0] = (float)((i * 7919) % 500); /* x names the point */
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 500, 0, &m));
+    for (size_t row = 0; row < m.count; row++) {
+        size_t i = 0;
+        while (i < 500 && points[i].position[0] != (double)m.plane[OXL_MEAN][row]) i++;
+        CHECK(i < 500 && !seen[i]);
+        if (i == 500) continue;
+        seen[i] = 1;
+        CHECK(m.plane[OXL_MEAN + 1][row] == (float)points[i].position[1] &&
+              m.plane[OXL_MEAN + 2][row] == (float)points[i].position[2]);
+        for (int c = 0; c < 3; c++)
+            CHECK_CLOSE(0.5 + 0.28209479177387814 * m.plane[OXL_SH + c][row], points[i].rgb[c] / 255.0, 1e-6);
+    }
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, points);
+}
+
+TEST(model_from_points_gives_the_same_bytes_with_any_number_of_threads)
+{
+    oxl_point *points = model_test_points(20000);
+    oxl_model  one, seven;
+    test_ctx->threads = 1;
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 20000, 0, &one));
+    test_ctx->threads = 7;
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 20000, 0, &seven));
+    CHECK(model_test_same(&one, &seven));
+    oxl_model_free(test_ctx, &one);
+    oxl_model_free(test_ctx, &seven);
+    oxl_free(test_ctx, points);
+}
+
+/* The eight corners of a cube in any order come out in Z-order, x fastest; equal positions in the order they came in. */
+TEST(model_from_points_orders_rows_along_the_z_curve)
+{
+    static const int corner[10] = {5, 2, 7, 0, 3, 6, 1, 4, 6, 6}, wanted[10] = {0, 1, 2, 3, 4, 5, 6, 6, 6, 7};
+    oxl_point        points[10] = {{.error = 0}};
+    oxl_model        m;
+    for (int i = 0; i < 10; i++) {
+        for (int a = 0; a < 3; a++) points[i].position[a] = corner[i] >> a & 1;
+        points[i].rgb[0] = (uint8_t)i;
+    }
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 10, 0, &m));
+    for (int i = 0; i < 10; i++) {
+        const int found = (int)(m.plane[0][i] + 2 * m.plane[1][i] + 4 * m.plane[2][i]);
+        CHECK(found == wanted[i]);
+    }
+    CHECK(m.plane[OXL_SH][6] < m.plane[OXL_SH][7] && m.plane[OXL_SH][7] < m.plane[OXL_SH][8]);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(model_from_coincident_points_has_a_floor_of_one_percent_of_the_median_width)
+{
+    enum { N = 4000 };
+    oxl_point *points = model_test_points(N);
+    oxl_model  m;
+    double     least = 1e9, median;
+    float      sorted[N];
+    for (int i = 0; i < 1500; i++) memcpy(points[i].position, points[0].position, sizeof points[i].position);
+    CHECK_OK(oxl_model_from_points(test_ctx, points, N, 0, &m));
+    for (int i = 0; i < N; i++) least = OXL_MIN(least, (double)m.plane[OXL_LOG_SCALE][i]);
+    for (int i = 0; i < N; i++) { /* insertion sort of the widths above the floor */
+        int j = i;
+        for (; j > 0 && sorted[j - 1] > m.plane[OXL_LOG_SCALE][i]; j--) sorted[j] = sorted[j - 1];
+        sorted[j] = m.plane[OXL_LOG_SCALE][i];
+    }
+    CHECK(sorted[1499] == (float)least && sorted[1500] > (float)least);
+    median = sorted[1500 + (N - 1500) / 2];
+    CHECK_CLOSE(least, median + log(0.01), 1e-5);
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, points);
+}
+
+TEST(model_from_one_two_three_and_coincident_points_is_finite)
+{
+    oxl_point points[3] = {{.error = 0}, {.position = {3, 0, 0}}, {.position = {0, 4, 0}}}, heap[100] = {{.error = 0}};
+    oxl_model m;
+    for (size_t i = 0; i < 100; i++) heap[i].position[1] = -7;
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 0, 0, &m));
+    CHECK(m.count == 0);
+    oxl_model_free(test_ctx, &m);
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 1, 0, &m));
+    CHECK(m.plane[OXL_LOG_SCALE][0] == 0);
+    oxl_model_free(test_ctx, &m);
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 2, 0, &m));
+    CHECK_CLOSE(m.plane[OXL_LOG_SCALE][1], log(3), 1e-6);
+    oxl_model_free(test_ctx, &m);
+    CHECK_OK(oxl_model_from_points(test_ctx, points, 3, 0, &m));
+    CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], 0.5 * log((9 + 16) / 2.0), 1e-6);
+    oxl_model_free(test_ctx, &m);
+    CHECK_OK(oxl_model_from_points(test_ctx, heap, 100, 0, &m));
+    CHECK(m.plane[OXL_LOG_SCALE][99] == 0 && m.plane[OXL_MEAN + 1][99] == -7);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(model_from_points_that_are_not_finite_names_the_point)
+{
+    oxl_point points[2] = {{.error = 0}, {.position = {0, NAN, 0}}};
+    oxl_model m;
+    CHECK(oxl_model_from_points(test_ctx, points, 2, 0, &m) == OXL_ERR_INPUT && !m.memory);
+    CHECK_TEXT(oxl_error_text(test_ctx), "point 1 of 2: coordinate 1 is");
+}
+
+/* ---------------------------------------------------------------- PLY */
+
+/* "property float " and each of the 62 names, written out by rule. */
+static void model_test_header(struct text *t, size_t rows, const char *origin)
+{
+    static const char *const first[] = {"x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"};
+    static const char *const last[]  = {"opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"};
+    text_add(t, "ply\nformat binary_little_endian 1.0\ncomment origin %s\nelement vertex %zu\n", origin, rows);
+    for (size_t i = 0; i < OXL_COUNT(first); i++) text_add(t, "property float %s\n", first[i]);
+    for (int i = 0; i < 45; i++) text_add(t, "property float f_rest_%d\n", i);
+    for (size_t i = 0; i < OXL_COUNT(last); i++) text_add(t, "property float %s\n", last[i]);
+    text_add(t, "end_header\n");
+}
+
+TEST(model_write_gives_exactly_the_standard_header_and_248_bytes_a_gaussian)
+{
+    const char        *path = test_path("m.ply");
+    oxl_model          m;
+    struct os_file_map file;
+    struct text        header = {.ctx = test_ctx};
+    CHECK_OK(oxl_model_create(test_ctx, 3, 1, &m));
+    m.origin[0] = 500000.25;
+    m.origin[1] = -4200000.1;
+    /* row 1 holds: planes numbered p as the value p + 100 */
+    for (int p = 0; p < oxl_model_planes(&m); p++) m.plane[p][1] = (float)(p + 100);
+    CHECK_OK(oxl_model_write(test_ctx, path, &m));
+    file = model_test_file(path);
+    model_test_header(&header, 3, "500000.25 -4200000.1 0");
+    CHECK(header.size < 10240 && file.size == header.size + 3 * 248);
+    if (file.size == header.size + 3 * 248) {
+        const unsigned char *row = (const unsigned char *)file.data + header.size + 248;
+        CHECK(!memcmp(file.data, header.data, header.size));
+        for (int c = 0; c < 62; c++) {
+            int      plane = -1;
+            uint32_t bits, wanted = 0;
+            if (c < 3) plane = OXL_MEAN + c;
+            else if (c >= 6 && c < 9) plane = OXL_SH + c - 6;
+            else if (c >= 9 && c < 12) plane = OXL_SH + 3 * (c - 8) + 0;   /* red of coefficients 1, 2, 3 */
+            else if (c >= 24 && c < 27) plane = OXL_SH + 3 * (c - 23) + 1; /* green, 15 columns on */
+            else if (c >= 39 && c < 42) plane = OXL_SH + 3 * (c - 38) + 2;
+            else if (c == 54) plane = OXL_OPACITY;
+            else if (c >= 55 && c < 58) plane = OXL_LOG_SCALE + c - 55;
+            else if (c >= 58) plane = OXL_ROTATION + c - 58;
+            if (plane >= 0) memcpy(&wanted, &m.plane[plane][1], sizeof wanted);
+            bits = row[4 * c] | (uint32_t)row[4 * c + 1] << 8 | (uint32_t)row[4 * c + 2] << 16 | (uint32_t)row[4 * c + 3] << 24;
+            CHECK(bits == wanted);
+        }
+    }
+    os_release_file(test_ctx, &file);
+    text_free(&header);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(model_read_gives_back_every_bit_that_was_written)
+{
+    const char *path = test_path("m.ply");
+    for (int degree = 0; degree <= 3; degree++) {
+        oxl_model m   = model_test_random(1000, degree), standard, compact;
+        m.plane[0][0] = -0.0f;
+        m.plane[1][0] = FLT_MAX;
+        m.plane[2][0] = 1e-45f;
+        m.origin[0]   = 0.1;
+        m.origin[1]   = 1.0 / 3;
+        m.origin[2]   = -123456789.123456789;
+        CHECK_OK(oxl_model_write(test_ctx, path, &m));
+        CHECK_OK(oxl_model_read(test_ctx, path, &standard));
+        CHECK(standard.sh_degree == 3 && model_test_same(&standard, &m));
+        CHECK_OK(modelfile_write_ply(test_ctx, path, &m, degree));
+        CHECK_OK(oxl_model_read(test_ctx, path, &compact));
+        CHECK(compact.sh_degree == degree && model_test_same(&compact, &m));
+        oxl_model_free(test_ctx, &m);
+        oxl_model_free(test_ctx, &standard);
+        oxl_model_free(test_ctx, &compact);
+    }
+}
+
+TEST(model_write_refuses_values_that_are_not_finite_and_leaves_the_old_file)
+{
+    const char        *path = test_path("m.ply");
+    oxl_model          m    = model_test_random(20, 1);
+    struct os_file_map file;
+    CHECK_OK(os_write_file(test_ctx, path, "old", 3));
+    m.plane[OXL_SH + 3 * 2 + 1][7] = NAN; /* coefficient 2 of green: f_rest_4 of a file of degree 1 */
+    CHECK(oxl_model_write(test_ctx, path, &m) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(test_ctx), "of row 7 is");
+    CHECK_TEXT(oxl_error_text(test_ctx), "column f_rest_16");
+    m.plane[OXL_SH + 3 * 2 + 1][7] = 0;
+    m.plane[OXL_OPACITY][19]       = -INFINITY;
+    CHECK(oxl_model_write(test_ctx, path, &m) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(test_ctx), "column opacity of row 19");
+    CHECK(oxl_model_write(test_ctx, test_path("m.splat"), &m) == OXL_ERR_FAILED);
+    CHECK(!os_is_file(test_path("m.splat")));
+    m.plane[OXL_OPACITY][19] = 0;
+    m.origin[1]              = NAN;
+    CHECK(oxl_model_write(test_ctx, path, &m) == OXL_ERR_FAILED);
+    file = model_test_file(path);
+    CHECK(file.size == 3);
+    os_release_file(test_ctx, &file);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(model_write_wants_a_known_extension)
+{
+    oxl_model m = model_test_random(1, 0);
+    CHECK(oxl_model_write(test_ctx, test_path("m.obj"), &m) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), ".ply or .splat");
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(model_read_takes_properties_of_any_order_and_type_and_others_beside_them)
+{
+    oxl_model m;
+    CHECK_OK(oxl_model_read(test_ctx,
+                            test_write("m.ply",
+                                       "ply\r\nformat ascii 1.0\r\nelement camera 1\r\nproperty list uchar float view\r\n"
+                                       "element vertex 2\r\nproperty float rot_3\r\nproperty double x\r\nproperty int opacity\r\n"
+                                       "property float z\r\nproperty float y\r\nproperty uchar red\r\nproperty float scale_2\r\n"
+                                       "property float scale_1\r\nproperty float scale_0\r\nproperty float f_dc_2\r\n"
+                                       "property float f_dc_0\r\nproperty float f_dc_1\r\nproperty float rot_0\r\n"
+                                       "property float rot_1\r\nproperty float rot_2\r\nend_header\r\n2 0.5 0.5\r\n"
+                                       "9 1.5 -3 2.5 3.5 255 6 5 4 12 10 11 6.5 7 8\r\n1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\r\n"),
+                            &m));
+    CHECK(m.count == 2 && m.sh_degree == 0 && m.origin[0] == 0);
+    if (m.count == 2) {
+        static const float wanted[14] = {1.5f, 3.5f, 2.5f, 4, 5, 6, 6.5f, 7, 8, 9, -3, 10, 11, 12};
+        for (int p = 0; p < 14; p++) CHECK(m.plane[p][0] == wanted[p]);
+    }
+    oxl_model_free(test_ctx, &m);
+}
+
+#define MODEL_TEST_REQUIRED                                                                                                       \
+    "property float x\nproperty float y\nproperty float z\nproperty float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\n" \
+    "property float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float rot_0\nproperty float rot_1\n"        \
+    "property float rot_2\nproperty float rot_3\n"
+
+TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
+{
+    oxl_model m;
+    model_test_listen();
+    CHECK_OK(oxl_model_read(
+        test_ctx,
+        test_write("m.ply", "ply\nformat ascii 1.0\nelement vertex 4\n" MODEL_TEST_REQUIRED "property float opacity\nend_header\n"
+                            "nan 0 0 0 0 0 0 0 0 1 0 0 0 0\n1 0 0 0 0 0 0 0 0 1 0 0 0 0\n2 0 0 0 0 0 0 0 0 1 0 0 0 inf\n"
+                            "3 0 0 0 0 0 0 0 0 1 0 0 0 0\n"),
+        &m));
+    CHECK(m.count == 2 && m.plane[0][0] == 1 && m.plane[0][1] == 3);
+    CHECK_TEXT(model_test_warning, "dropped 2 of 4 Gaussians");
+    for (size_t i = 2; i < m.capacity; i++) CHECK(m.plane[0][i] == 0 && m.plane[OXL_ROTATION][i] == 1);
+    oxl_model_free(test_ctx, &m);
+}
+
+static void model_test_refused(const char *header, const char *words, const char *more)
+{
+    oxl_model m;
+    char      text[2048];
+    snprintf(text, sizeof text, "ply\nformat ascii 1.0\n%send_header\n", header);
+    CHECK(oxl_model_read(test_ctx, test_write("m.ply", text), &m) == OXL_ERR_INPUT && !m.memory && m.count == 0);
+    CHECK_TEXT(oxl_error_text(test_ctx), words);
+    CHECK_TEXT(oxl_error_text(test_ctx), more);
+}
+
+TEST(model_read_explains_files_that_are_no_models)
+{
+    oxl_model m;
+    model_test_refused("element face 0\n", "no element 'vertex'", "3DGS PLY");
+    model_test_refused("element vertex 0\n" MODEL_TEST_REQUIRED, "no property 'opacity'; it has: x y z f_dc_0", "fix: convert");
+    model_test_refused("element vertex 0\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n",
+                       "no property 'f_dc_0'; it has: x y z red", "this is a point cloud");
+    model_test_refused("element vertex 0\n" MODEL_TEST_REQUIRED "property float opacity\nproperty float f_rest_0\n",
+                       "1 properties f_rest_*, wanted 0, 9, 24 or 45", "fix:");
+    CHECK(oxl_model_read(test_ctx, test_path("missing.ply"), &m) != OXL_OK && !m.memory);
+    CHECK_TEXT(oxl_error_text(test_ctx), "missing.ply");
+}
+
+TEST(model_read_ignores_an_origin_that_is_no_origin)
+{
+    oxl_model m;
+    model_test_listen();
+    CHECK_OK(oxl_model_read(test_ctx,
+                            test_write("m.ply",
+                                       "ply\nformat ascii 1.0\ncomment origin of species\nelement vertex 0\n" MODEL_TEST_REQUIRED
+                                       "property float opacity\nend_header\n"),
+                            &m));
+    CHECK(m.count == 0 && m.origin[0] == 0 && m.origin[1] == 0 && m.origin[2] == 0);
+    CHECK_TEXT(model_test_warning, "origin of species");
+    oxl_model_free(test_ctx, &m);
+}
+
+/* ---------------------------------------------------------------- .splat */
+
+TEST(model_splat_file_has_the_32_byte_layout_and_the_most_visible_first)
+{
+    static const unsigned char wanted[32] = {0,   0,   0x80, 0x3f, 0, 0, 0,    0xc0, 0, 0, 0x40, 0x40, /* 1 -2 3 */
+                                             0,   0,   0,    0x3f, 0, 0, 0x80, 0x3f, 0, 0, 0,    0x40, /* 0.5 1 2 */
+                                             255, 0,   128,  128,                                      /* rgba */
+                                             128, 205, 128,  26};                                      /* 0 .6 0 -.8 */
+    const char                *path       = test_path("m.splat");
+    struct os_file_map         file;
+    oxl_model                  m;
+    CHECK_OK(oxl_model_create(test_ctx, 3, 1, &m));
+    for (int i = 0; i < 3; i++) {
+        const float mean[3] = {1, -2, 3}, rotation[4] = {0, 3, 0, -4}, sh[3] = {9, -9, 0.01f};
+        m.plane[OXL_MEAN + i][1]      = mean[i];
+        m.plane[OXL_LOG_SCALE + i][1] = (float)((i - 1) * log(2));
+        m.plane[OXL_SH + i][1]        = sh[i];
+        m.plane[OXL_OPACITY][i]       = 0;
+        for (int q = 0; q < 4; q++) m.plane[OXL_ROTATION + q][1] = rotation[q];
+    }
+    m.plane[OXL_LOG_SCALE][0] = -1; /* the least volume */
+    m.plane[OXL_OPACITY][2]   = 1;
+    CHECK_OK(oxl_model_write(test_ctx, path, &m));
+    file = model_test_file(path);
+    CHECK(file.size == 96);
+    if (file.size == 96) {
+        const unsigned char *splat = (const unsigned char *)file.data + 32; /* row 1 is second: 2, 1, 0 */
+        for (int i = 0; i < 32; i++) CHECK_CLOSE(splat[i], wanted[i], 0);
+        CHECK((unsigned char)file.data[27] == 186 && (unsigned char)file.data[64 + 27] == 128);
+        CHECK((unsigned char)file.data[28] == 255); /* w = 1 */
+    }
+    os_release_file(test_ctx, &file);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
+{
+    const char        *path = test_path("m.splat");
+    unsigned char      bytes[256 * 32];
+    struct os_file_map file;
+    oxl_model          m;
+    memset(bytes, 0, sizeof bytes);
+    for (int i = 0; i < 256; i++) {
+        unsigned char *p = bytes + 32 * i;
+        p[2]             = (unsigned char)i; /* a position */
+        p[15] = p[19] = p[23] = 0x3f;        /* scales of 0.5, */
+        p[24]                 = (unsigned char)i;
+        p[25]                 = (unsigned char)(255 - i);
+        p[27]                 = (unsigned char)(255 - i); /* falling, so that the order is kept */
+        p[28]                 = 255;
+        p[29] = p[30] = p[31] = 128;
+    }
+    CHECK_OK(os_write_file(test_ctx, path, bytes, sizeof bytes));
+    CHECK_OK(oxl_model_read(test_ctx, path, &m));
+    CHECK(m.count == 256 && m.sh_degree == 0);
+    CHECK_OK(oxl_model_write(test_ctx, path, &m));
+    file = model_test_file(path);
+    CHECK(file.size == sizeof bytes && !memcmp(file.data, bytes, sizeof bytes));
+    os_release_file(test_ctx, &file);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(model_splat_of_nothing_a_flat_scale_and_no_rotation_is_mended_and_a_cut_file_refused)
+{
+    unsigned char bytes[64] = {0};
+    const char   *path      = test_path("m.splat");
+    oxl_model     m;
+    model_test_listen();
+    memset(bytes + 28, 128, 4);
+    bytes[32 + 15] = 0xbf; /* a scale of -0.5 */
+    CHECK_OK(os_write_file(test_ctx, path, bytes, 64));
+    CHECK_OK(oxl_model_read(test_ctx, path, &m));
+    CHECK(m.count == 1);
+    CHECK_TEXT(model_test_warning, "dropped 1 of 2");
+    CHECK_CLOSE(m.plane[OXL_LOG_SCALE][0], log(FLT_MIN), 1e-5);
+    CHECK(m.plane[OXL_ROTATION][0] == 1 && m.plane[OXL_OPACITY][0] < -5);
+    oxl_model_free(test_ctx, &m);
+    CHECK_OK(os_write_file(test_ctx, path, bytes, 33));
+    CHECK(oxl_model_read(test_ctx, path, &m) == OXL_ERR_INPUT && !m.memory);
+    CHECK_TEXT(oxl_error_text(test_ctx), "33 bytes, wanted a multiple of 32");
+}
+
+/* ---------------------------------------------------------------- memory that runs out */
+
+static long model_test_left; /* allocations until the allocator says no */
+static void *(*model_test_reallocate)(void *user, void *old, size_t size);
+
+static void *model_test_failing(void *user, void *old, size_t size)
+{
+    if (size != 0 && model_test_left-- <= 0) return NULL;
+    return model_test_reallocate(user, old, size);
+}
+
+/* One of four jobs, with the n-th allocation and all after it refused. */
+static oxl_result model_test_job(int job, long n, const oxl_point *points, const oxl_model *model)
+{
+    oxl_model  out               = {0};
+    oxl_result rc                = OXL_OK;
+    test_ctx->options.reallocate = model_test_failing;
+    model_test_left              = n;
+    if (job == 0) rc = oxl_model_from_points(test_ctx, points, 100, 1, &out);
+    if (job == 1) rc = oxl_model_write(test_ctx, test_path("n.ply"), model);
+    if (job == 2) rc = oxl_model_read(test_ctx, test_path("m.ply"), &out);
+    if (job == 3) rc = oxl_model_write(test_ctx, test_path("n.splat"), model);
+    test_ctx->options.reallocate = model_test_reallocate;
+    CHECK(rc == OXL_OK || (rc == OXL_ERR_MEMORY && !out.memory));
+    oxl_model_free(test_ctx, &out);
+    return rc;
+}
+
+TEST(model_jobs_survive_any_allocation_that_is_refused)
+{
+    oxl_point *points     = model_test_points(100);
+    oxl_model  m          = model_test_random(300, 2);
+    model_test_reallocate = test_ctx->options.reallocate;
+    CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
+    for (int job = 0; job < 4; job++) {
+        long n = 0;
+        while (n < 1000 && model_test_job(job, n, points, &m) != OXL_OK) n++;
+        CHECK(n > 0 && n < 1000);
+    }
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, points);
+}
