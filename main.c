@@ -1,0 +1,276 @@
+/* main.c - the command line: parse, call, print; no algorithm.
+ *
+ * Results go to standard output, everything else to standard error. The words and the help are in tools/arguments.c.
+ */
+#include "tools/tools.h"
+
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---------------------------------------------------------------- standard error: log lines and the progress */
+
+#define LIVE_SECONDS  0.2  /* between two states of the live line */
+#define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
+
+struct console {
+    int    quiet, live; /* live: standard error is a terminal, one line is rewritten */
+    int    shown;       /* the live line stands there and has no newline yet */
+    int    twentieth;   /* of the run, last shown */
+    int    iteration;   /* at the last line */
+    double seconds;
+    double rate; /* iterations a second, smoothed */
+};
+
+static volatile sig_atomic_t stop_asked;
+
+static void on_signal(int number)
+{
+    stop_asked = 1;
+    signal(number, SIG_DFL); /* a second Ctrl-C is meant */
+}
+
+static void console_clear(struct console *c)
+{
+    if (c->shown) fputs("\r\033[K", stderr);
+    c->shown = 0;
+}
+
+static void on_log(void *user, oxl_log_level level, const char *text)
+{
+    struct console *c = user;
+    if (level == OXL_LOG_DEBUG || (c->quiet && level == OXL_LOG_INFO)) return;
+    console_clear(c);
+    fprintf(stderr, "oxl: %s%s\n", level == OXL_LOG_INFO ? "" : level == OXL_LOG_WARNING ? "warning: " : "error: ", text);
+}
+
+static void print_duration(double seconds)
+{
+    if (seconds < 100) fprintf(stderr, "%.0f s", seconds);
+    else if (seconds < 6000) fprintf(stderr, "%.0f min", seconds / 60);
+    else fprintf(stderr, "%.1f h", seconds / 3600);
+}
+
+static void print_progress(struct console *c, const oxl_progress *p)
+{
+    const double rate = (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
+    c->rate           = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate;
+    c->iteration      = p->iteration;
+    c->seconds        = p->seconds;
+    console_clear(c);
+    fprintf(stderr, "%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->iteration, p->iterations, p->loss,
+            p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
+    print_duration(p->seconds_left);
+    if (!c->live) fputc('\n', stderr);
+    c->shown = c->live;
+    fflush(stderr);
+}
+
+static int on_progress(void *user, const oxl_progress *p)
+{
+    struct console *c         = user;
+    const int       twentieth = (int)(20.0 * p->iteration / (p->iterations > 0 ? p->iterations : 1));
+    const double    since     = p->seconds - c->seconds;
+    const int       due       = c->live ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
+    if (!c->quiet && (due || p->iteration == p->iterations)) {
+        c->twentieth = twentieth;
+        print_progress(c, p);
+    }
+    return stop_asked;
+}
+
+/* ---------------------------------------------------------------- from arguments to options */
+
+static void job_options(const struct arguments *a, oxl_job_options *o)
+{
+    *o = oxl_job_options_default(a->preset >= 0 ? (oxl_preset)a->preset : OXL_PRESET_DRAFT);
+    if (a->images) o->scene.images = a->images;
+    if (a->sparse) o->scene.sparse = a->sparse;
+    if (a->masks) o->scene.masks = a->masks;
+    if (a->max_side >= 0) o->scene.max_side = a->max_side;
+    if (a->test_every >= 0) o->scene.test_every = a->test_every;
+    if (a->image_cache >= 0) o->scene.image_cache_bytes = (size_t)a->image_cache;
+    if (a->iterations >= 0) o->train.iterations = a->iterations;
+    if (a->max_gaussians >= 0) o->train.max_gaussians = a->max_gaussians;
+    if (a->sh_degree >= 0) o->train.sh_degree = a->sh_degree;
+    if (a->max_time >= 0) o->train.max_seconds = a->max_time;
+}
+
+static oxl_split split_of(const struct arguments *a)
+{
+    return a->split >= 0 ? (oxl_split)a->split : OXL_SPLIT_TEST;
+}
+
+/* ---------------------------------------------------------------- commands */
+
+static void print_file(const char *folder, const char *name)
+{
+    char  path[4096], buffer[4096];
+    FILE *file;
+    size_t n;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    file = fopen(path, "rb");
+    if (!file) return;
+    while ((n = fread(buffer, 1, sizeof buffer, file)) > 0) fwrite(buffer, 1, n, stdout);
+    fclose(file);
+}
+
+static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    const oxl_callback callback = {on_progress, console};
+    oxl_job_options    options;
+    oxl_result         rc;
+    job_options(a, &options);
+    signal(SIGINT, on_signal);
+    signal(SIGTERM, on_signal);
+    rc = oxl_job_run(ctx, a->path[0], a->out, &options, &callback);
+    console_clear(console);
+    if (rc == OXL_ERR_INTERRUPTED) fprintf(stderr, "oxl: interrupted; %s/scene.ply holds the model so far\n", a->out);
+    if (rc != OXL_OK) return rc;
+    if (a->json) print_file(a->out, "metrics.json");
+    else printf("model     %s/scene.ply\nmetrics   %s/metrics.json\npictures  %s/renders\n", a->out, a->out, a->out);
+    return rc;
+}
+
+static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
+{
+    oxl_job_options options;
+    oxl_survey      survey;
+    char           *json = NULL;
+    oxl_result      rc;
+    job_options(a, &options);
+    rc = oxl_check(ctx, a->path[0], &options, &survey);
+    if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
+    if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
+    oxl_text_free(ctx, json);
+    return rc;
+}
+
+static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene)
+{
+    oxl_job_options options;
+    oxl_result      rc = oxl_model_read(ctx, a->path[0], model);
+    job_options(a, &options);
+    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options.scene, scene);
+    return rc;
+}
+
+static oxl_result run_render(oxl_context *ctx, const struct arguments *a)
+{
+    const oxl_pictures what  = {split_of(a), 0, a->depth};
+    oxl_model          model = {0};
+    oxl_scene         *scene = NULL;
+    int                count = 0;
+    oxl_result         rc    = load(ctx, a, &model, &scene);
+    if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, &what, a->out, &count);
+    if (rc == OXL_OK) printf("%d pictures in %s\n", count, a->out);
+    oxl_scene_free(ctx, scene);
+    oxl_model_free(ctx, &model);
+    return rc;
+}
+
+static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
+{
+    printf("%8s %8s  view\n", "PSNR dB", "SSIM");
+    for (int i = 0; i < m->count; i++)
+        printf("%8.3f %8.5f  %s\n", m->views[i].psnr, m->views[i].ssim, oxl_scene_view(scene, m->views[i].view)->name);
+    printf("%8.3f %8.5f  mean of %d\n", m->psnr, m->ssim, m->count);
+}
+
+static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
+{
+    oxl_model   model   = {0};
+    oxl_scene  *scene   = NULL;
+    oxl_metrics metrics = {0};
+    char       *json    = NULL;
+    oxl_result  rc      = load(ctx, a, &model, &scene);
+    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, split_of(a), &metrics);
+    if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
+    if (rc == OXL_OK && json) fputs(json, stdout);
+    if (rc == OXL_OK && !json) print_metrics(scene, &metrics);
+    oxl_text_free(ctx, json);
+    oxl_metrics_free(ctx, &metrics);
+    oxl_scene_free(ctx, scene);
+    oxl_model_free(ctx, &model);
+    return rc;
+}
+
+static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
+{
+    oxl_model  model = {0};
+    oxl_result rc    = oxl_model_read(ctx, a->path[0], &model);
+    if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
+    if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
+    oxl_model_free(ctx, &model);
+    return rc;
+}
+
+static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    switch (a->command) {
+    case COMMAND_TRAIN: return run_train(ctx, a, console);
+    case COMMAND_CHECK: return run_check(ctx, a);
+    case COMMAND_RENDER: return run_render(ctx, a);
+    case COMMAND_EVAL: return run_eval(ctx, a);
+    case COMMAND_INFO: return info_print(ctx, stdout, a->path[0], a->json);
+    case COMMAND_CONVERT: return run_convert(ctx, a);
+    default: return OXL_ERR_USAGE;
+    }
+}
+
+/* ---------------------------------------------------------------- in and out */
+
+/* "oxl: what happened", its further lines indented below. */
+static void print_error(const char *text)
+{
+    fputs("oxl: ", stderr);
+    for (; *text; text++) {
+        fputc(*text, stderr);
+        if (*text == '\n') fputs("     ", stderr);
+    }
+    fputc('\n', stderr);
+}
+
+static int exit_code_of(oxl_result rc)
+{
+    switch (rc) {
+    case OXL_OK: return EXIT_DONE;
+    case OXL_ERR_USAGE: return EXIT_USAGE;
+    case OXL_ERR_INPUT: return EXIT_INPUT;
+    case OXL_ERR_BUDGET: return EXIT_BUDGET;
+    case OXL_ERR_INTERRUPTED: return EXIT_STOPPED;
+    default: return EXIT_FAILED;
+    }
+}
+
+int main(int argc, char **argv)
+{
+    struct arguments    a;
+    struct console      console = {0};
+    oxl_context_options options = oxl_context_options_default();
+    oxl_context        *ctx     = NULL;
+    oxl_result          rc;
+    char                error[512];
+    if (arguments_parse(argc, argv, &a, error, sizeof error)) {
+        print_error(error);
+        return EXIT_USAGE;
+    }
+    if (a.help) arguments_help(stdout, a.command);
+    if (a.version) puts("oceanxl " OXL_VERSION);
+    if (a.help || a.version) return EXIT_DONE;
+    console.quiet = a.quiet;
+    console.live  = oxl_is_terminal(2);
+    options.log   = on_log;
+    options.user  = &console;
+    if (a.threads > 0) options.threads = a.threads;
+    if (a.seed >= 0) options.seed = (uint64_t)a.seed;
+    rc = oxl_context_create(&options, &ctx);
+    if (rc == OXL_OK) rc = run(ctx, &a, &console);
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) print_error(oxl_error_text(ctx)[0] ? oxl_error_text(ctx) : "out of memory");
+    oxl_context_free(ctx);
+    if (fflush(stdout) != 0 && rc == OXL_OK) {
+        print_error("standard output could not be written");
+        rc = OXL_ERR_IO;
+    }
+    return exit_code_of(rc);
+}

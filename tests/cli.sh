@@ -1,0 +1,76 @@
+#!/bin/sh
+# cli.sh PROGRAM - the command line's promises: exit codes, messages, files. Prints one line a promise, then a sum.
+set -u
+program=$(realpath "${1:-build/oceanxl}")
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+trap 'exit 130' INT TERM
+cd "$folder" || exit 1
+passed=0 failed=0
+
+# promise NAME CODE WORDS COMMAND...: the command ends with the code, and what it prints holds the words.
+promise() {
+    name=$1 code=$2 words=$3
+    shift 3
+    "$@" >out.txt 2>err.txt </dev/null
+    seen=$?
+    if [ "$seen" = "$code" ] && cat out.txt err.txt | grep -qF -- "$words"; then
+        passed=$((passed + 1))
+        echo "ok   $name"
+    else
+        failed=$((failed + 1))
+        echo "FAIL $name: exit $seen, wanted $code with '$words'; it printed:"
+        head -n 20 out.txt err.txt
+    fi
+}
+on_stdout() { "$@" 2>/dev/null; }
+on_stderr() { "$@" 2>&1 >/dev/null; }
+
+promise help_starts_with_the_purpose 0 "from a COLMAP text export" on_stdout "$program" --help
+promise help_of_a_command_shows_one_to_copy 0 "oceanxl train survey -o out" on_stdout "$program" train --help
+promise version_is_printed 0 "oceanxl " on_stdout "$program" --version
+promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
+promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
+promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
+promise option_of_another_command_is_refused 2 "option '--depth' is not known" "$program" train survey -o out --depth
+promise missing_scene_is_a_usage_error 2 "wants SCENE -o OUT" "$program" train
+promise missing_value_is_named 2 "option --max-time takes a value: TIME" "$program" train s -o o --max-time
+promise wrong_value_is_shown 2 "'-3' seen" "$program" train s -o o --iterations=-3
+promise wrong_unit_is_refused 2 "'20q' seen" "$program" train s -o o --max-time 20q
+promise one_word_too_many_is_refused 2 "one word too many" "$program" eval a b c
+promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
+promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
+
+# A survey of our own; small, so that a step takes a millisecond.
+promise synth_writes_a_survey 0 "" "$program" synth -o survey --views 10 --size 96x64 --points 500 --quiet
+promise check_accepts_it 0 "10 listed, 0 missing" "$program" check survey
+promise check_prints_json 0 '"images": 10' on_stdout "$program" check survey --json
+promise train_does_the_whole_job 0 "out/scene.ply" on_stdout "$program" train survey -o out --iterations 60
+for file in scene.ply metrics.json run.json log.csv; do
+    promise "train_leaves_$file" 0 "" test -s out/$file
+done
+promise metrics_hold_what_is_promised 0 "peak_rss_bytes" \
+    sh -c 'for k in psnr ssim gaussians bytes seconds iterations peak_rss_bytes; do grep -q "\"$k\": " out/metrics.json || exit 1; done; cat out/metrics.json'
+promise metrics_are_json 0 "" sh -c '! command -v python3 || { python3 -m json.tool out/metrics.json && python3 -m json.tool out/run.json; }'
+promise renders_show_the_held_out_views 0 "2" sh -c 'find out/renders -name "*.photo.png" | wc -l'
+promise a_pipe_sees_plain_lines 0 "ETA" sh -c "'$program' train survey -o lines --iterations 60 2>&1 | tr '\\r' '#' | grep -v '#'"
+promise quiet_is_quiet 0 "" sh -c "test -z \"\$('$program' train survey -o silent --iterations 20 --quiet 2>&1 >/dev/null)\""
+promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
+promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
+promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
+    "for t in 1 3; do '$program' train survey -o same\$t --iterations 60 --threads \$t --quiet >/dev/null || exit 1; done; cmp same1/scene.ply same3/scene.ply"
+promise another_seed_gives_other_bytes 1 "differ" sh -c "'$program' train survey -o other --iterations 60 --seed 2 --quiet >/dev/null; cmp same1/scene.ply other/scene.ply"
+promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o short --iterations 1000000 --max-time 1s
+promise ctrl_c_leaves_a_model 130 "holds the model so far" timeout --preserve-status -s INT 2 "$program" train survey -o stopped --iterations 1000000
+promise ctrl_c_left_the_model 0 "Gaussians" "$program" info stopped/scene.ply
+promise info_counts_gaussians 0 '"gaussians": ' on_stdout "$program" info out/scene.ply --json
+promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.ply survey
+promise eval_prints_json 0 '"psnr": ' on_stdout "$program" eval out/scene.ply survey --json
+promise render_draws_every_view 0 "10 pictures in all" "$program" render out/scene.ply survey -o all --split all --depth
+promise render_writes_depth 0 "10" sh -c 'find all -name "*.depth.pfm" | wc -l'
+promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
+promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
+promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
+
+echo "command line: $passed passed, $failed failed"
+[ "$failed" = 0 ]

@@ -1,0 +1,293 @@
+/* arguments.c - the command line's words: one table of commands, one of options; both parse and both make the help.
+ *
+ * Invariant: an option that is not in the table is an error. Nothing is accepted in silence.
+ */
+#include "tools.h"
+
+#include <ctype.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define COUNT(array) (sizeof(array) / sizeof *(array))
+#define FIELD(name)  offsetof(struct arguments, name)
+#define IN(command)  (1u << COMMAND_##command)
+#define SCENES       (IN(TRAIN) | IN(CHECK) | IN(RENDER) | IN(EVAL))
+#define EVERYWHERE   (~0u)
+
+static const struct {
+    const char  *name;
+    enum command command;
+    int          paths;
+    const char  *usage, *purpose, *example, *more;
+} commands[] = {
+    {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: photographs and a COLMAP text export in, one splat model out.",
+     "oceanxl train survey -o out",
+     "OUT gets scene.ply (opens in any 3DGS viewer), metrics.json, run.json, log.csv and renders/ of the held-out views.\n"
+     "Ctrl-C stops in good order: scene.ply then holds the model so far."},
+    {"check", COMMAND_CHECK, 1, "SCENE", "Lints a survey: says what train would find, and what it would take.",
+     "oceanxl check survey", "Exit code 3: it cannot be trained, and the message says why."},
+    {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR", "Draws a model from the cameras of a survey.",
+     "oceanxl render out/scene.ply survey -o pictures", "One PNG a view, named as its photograph."},
+    {"eval", COMMAND_EVAL, 2, "MODEL SCENE", "Compares a model with photographs: PSNR and SSIM, for each view and in the mean.",
+     "oceanxl eval out/scene.ply survey", "The photographs compared with are those that train held out, unless --split says otherwise."},
+    {"info", COMMAND_INFO, 1, "FILE", "Says what a model file holds.", "oceanxl info out/scene.ply", "Reads .ply and .splat."},
+    {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply and .splat, by the files' extensions.",
+     "oceanxl convert out/scene.ply scene.splat", ".splat holds 32 bytes a Gaussian and no colour that depends on the view."},
+};
+
+enum kind { FLAG, COUNTING, DEGREE, SIZE, DURATION, TEXT, PRESET, SPLIT };
+
+static const struct option {
+    const char *group, *name, *value;
+    enum kind   kind;
+    size_t      field;
+    unsigned    commands;
+    const char *help;
+} options[] = {
+    {"What is read", "--images", "FOLDER", TEXT, FIELD(images), SCENES, "photographs (SCENE/images)"},
+    {"What is read", "--sparse", "FOLDER", TEXT, FIELD(sparse), SCENES, "cameras.txt, images.txt, points3D.txt (SCENE/sparse/0, SCENE/sparse or SCENE)"},
+    {"What is read", "--masks", "FOLDER", TEXT, FIELD(masks), SCENES, "masks, black is ignored (SCENE/masks, when it is there)"},
+    {"What is read", "--max-side", "PX", COUNTING, FIELD(max_side), SCENES, "reduce photographs until the longer side is at most this (1600)"},
+    {"What is read", "--test-every", "N", COUNTING, FIELD(test_every), SCENES, "hold out every N-th photograph by name; 0: none (8)"},
+    {"What is read", "--image-cache", "SIZE", SIZE, FIELD(image_cache), SCENES, "decoded photographs kept in memory, as 512M or 4G (1G)"},
+    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER), "where to; made when it is not there"},
+    {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
+    {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER), "depth too: NAME.depth.png to look at, NAME.depth.pfm to measure, in the survey's unit"},
+    {"What is written", "--json", NULL, FLAG, FIELD(json), IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "results on standard output as JSON"},
+    {"How it is trained", "--preset", "draft|standard|paper", PRESET, FIELD(preset), IN(TRAIN) | IN(CHECK), "how long and how carefully (draft)"},
+    {"How it is trained", "--iterations", "N", COUNTING, FIELD(iterations), IN(TRAIN) | IN(CHECK), "steps, of one photograph each (the preset's)"},
+    {"How it is trained", "--max-time", "TIME", DURATION, FIELD(max_time), IN(TRAIN) | IN(CHECK), "stop in good order after 90s, 20m or 8h (no limit)"},
+    {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), IN(TRAIN) | IN(CHECK), "never more than this many; 0: no limit (0)"},
+    {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), IN(TRAIN) | IN(CHECK), "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
+    {"How it is trained", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN), "of every random choice; the same seed gives the same bytes (1)"},
+    {"The program", "--threads", "T", COUNTING, FIELD(threads), EVERYWHERE, "threads; the result does not depend on them (all)"},
+    {"The program", "--quiet", NULL, FLAG, FIELD(quiet), EVERYWHERE, "only warnings and errors on standard error"},
+    {"The program", "--help", NULL, FLAG, FIELD(help), EVERYWHERE, "this text"},
+};
+
+/* ---------------------------------------------------------------- help */
+
+static void help_option(FILE *to, const struct option *o)
+{
+    char left[64];
+    snprintf(left, sizeof left, "%s%s%s", o->name, o->value ? " " : "", o->value ? o->value : "");
+    fprintf(to, "  %-31s %s\n", left, o->help);
+}
+
+static void help_overview(FILE *to)
+{
+    fputs("OceanXL " OXL_VERSION ": from a COLMAP text export of an underwater survey to one compact 3D Gaussian Splatting model,\n"
+          "on a laptop without a GPU.\n\n"
+          "  oceanxl train survey -o out\n\n"
+          "Commands (oceanxl COMMAND --help says more)\n", to);
+    for (size_t i = 0; i < COUNT(commands); i++) {
+        char left[64];
+        snprintf(left, sizeof left, "%s %s", commands[i].name, commands[i].usage);
+        fprintf(to, "  %-31s %s\n", left, commands[i].purpose);
+    }
+    fputs("\nSCENE is a folder with images/ and sparse/0/ (or sparse/, or the three text files themselves).\n"
+          "Exit codes: 0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n", to);
+}
+
+void arguments_help(FILE *to, enum command command)
+{
+    const char *group = "";
+    if (command == COMMAND_NONE) {
+        help_overview(to);
+        return;
+    }
+    for (size_t i = 0; i < COUNT(commands); i++)
+        if (commands[i].command == command)
+            fprintf(to, "%s\n\n  %s\n\nUsage: oceanxl %s %s [options]\n%s\n", commands[i].purpose, commands[i].example, commands[i].name,
+                    commands[i].usage, commands[i].more);
+    for (size_t i = 0; i < COUNT(options); i++) {
+        if (!(options[i].commands & 1u << command)) continue;
+        if (strcmp(group, options[i].group) != 0) fprintf(to, "\n%s (default in parentheses)\n", options[i].group);
+        group = options[i].group;
+        help_option(to, &options[i]);
+    }
+}
+
+/* ---------------------------------------------------------------- values */
+
+/* A plain number and its unit: 1 when there is a number and nothing but a unit of the list follows. */
+static int parse_number(const char *text, const char *units, const double *factors, double *out)
+{
+    char       *end;
+    const char *unit;
+    if (!isdigit((unsigned char)text[0]) && text[0] != '.') return 0;
+    *out = strtod(text, &end);
+    if (*end == 0) return 1;
+    unit = strchr(units, tolower((unsigned char)*end));
+    if (!unit || end[1] != 0) return 0;
+    *out *= factors[unit - units];
+    return 1;
+}
+
+static int parse_word(const char *text, const char *const *words, int count, int *out)
+{
+    for (int i = 0; i < count; i++)
+        if (strcmp(text, words[i]) == 0) {
+            *out = i;
+            return 1;
+        }
+    return 0;
+}
+
+static int parse_count(const char *text, double most, double *out)
+{
+    const size_t digits = strspn(text, "0123456789");
+    *out                = strtod(text, NULL);
+    return digits > 0 && text[digits] == 0 && *out <= most;
+}
+
+static int parse_value(const struct option *o, const char *text, struct arguments *a)
+{
+    static const char *const presets[] = {"draft", "standard", "paper"}, *const splits[] = {"test", "train", "all"};
+    static const double      bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
+    void *const              field = (char *)a + o->field;
+    double                   number;
+    switch (o->kind) {
+    case FLAG: *(int *)field = 1; return 1;
+    case TEXT: *(const char **)field = text; return text[0] != 0;
+    case PRESET: return parse_word(text, presets, 3, field);
+    case SPLIT: return parse_word(text, splits, 3, field);
+    case SIZE: return parse_number(text, "kmgt", bytes, field);
+    case DURATION: return parse_number(text, "smhd", seconds, field) && *(double *)field > 0;
+    case DEGREE:
+        if (strcmp(text, "auto") == 0) return 1;
+        if (!parse_count(text, 3, &number)) return 0;
+        *(int *)field = (int)number;
+        return 1;
+    case COUNTING:
+        if (o->field == FIELD(seed)) return parse_count(text, 9007199254740992., field);
+        if (!parse_count(text, 2147483647, &number)) return 0;
+        *(int *)field = (int)number;
+        return 1;
+    }
+    return 0;
+}
+
+/* ---------------------------------------------------------------- names */
+
+/* Edits between two words (Levenshtein), enough for names of up to 31 letters. */
+static int distance(const char *a, const char *b)
+{
+    int row[32];
+    int nb = (int)strlen(b);
+    if (nb > 31) return 99;
+    for (int j = 0; j <= nb; j++) row[j] = j;
+    for (int i = 0; a[i]; i++) {
+        int diagonal = row[0];
+        row[0]       = i + 1;
+        for (int j = 1; j <= nb; j++) {
+            int best = diagonal + (a[i] != b[j - 1]);
+            diagonal = row[j];
+            if (row[j] + 1 < best) best = row[j] + 1;
+            if (row[j - 1] + 1 < best) best = row[j - 1] + 1;
+            row[j] = best;
+        }
+    }
+    return row[nb];
+}
+
+static void offer(const char *word, const char *name, const char **best, int *least)
+{
+    const int d = distance(word, name);
+    if (d < *least) *least = d, *best = name;
+}
+
+static int unknown(const char *what, const char *word, const char *best, const char *help, char *error, size_t size)
+{
+    if (best) snprintf(error, size, "%s '%s' is not known; did you mean %s?\nfix: oceanxl %s lists them", what, word, best, help);
+    else snprintf(error, size, "%s '%s' is not known\nfix: oceanxl %s lists them", what, word, help);
+    return 1;
+}
+
+static int unknown_option(const char *word, const struct arguments *a, char *error, size_t size)
+{
+    const char *best  = NULL;
+    int         least = 4; /* further away it would be a guess */
+    for (size_t i = 0; i < COUNT(options); i++)
+        if (options[i].commands & 1u << a->command) offer(word, options[i].name, &best, &least);
+    return unknown("option", word, best, "COMMAND --help", error, size);
+}
+
+static int find_command(const char *word, struct arguments *a, char *error, size_t size)
+{
+    const char *best  = NULL;
+    int         least = 4;
+    for (size_t i = 0; i < COUNT(commands); i++) {
+        if (strcmp(word, commands[i].name) == 0) {
+            a->command = commands[i].command;
+            return 0;
+        }
+        offer(word, commands[i].name, &best, &least);
+    }
+    return unknown("command", word, best, "--help", error, size);
+}
+
+/* ---------------------------------------------------------------- parsing */
+
+static int is_named(const struct option *o, const char *word, unsigned command)
+{
+    return (o->commands & 1u << command) && strncmp(word, o->name, strlen(o->name)) == 0 &&
+           (word[strlen(o->name)] == 0 || word[strlen(o->name)] == '=');
+}
+
+/* One option at argv[*at], as "--name value" or "--name=value". */
+static int parse_option(int argc, char **argv, int *at, struct arguments *a, char *error, size_t size)
+{
+    const char          *word = argv[*at], *value = strchr(word, '=');
+    const struct option *o = NULL;
+    for (size_t i = 0; i < COUNT(options); i++)
+        if (is_named(&options[i], word, a->command)) o = &options[i];
+    if (!o) return unknown_option(word, a, error, size);
+    if (value) value++;
+    else if (o->kind != FLAG && *at + 1 < argc) value = argv[++*at];
+    if (o->kind == FLAG ? value != NULL : value == NULL) {
+        snprintf(error, size, "option %s takes %s%s", o->name, o->value ? "a value: " : "no value", o->value ? o->value : "");
+        return 1;
+    }
+    if (parse_value(o, value, a)) return 0;
+    snprintf(error, size, "option %s: '%s' seen, %s wanted: %s", o->name, value, o->value, o->help);
+    return 1;
+}
+
+static int check_complete(const struct arguments *a, char *error, size_t size)
+{
+    for (size_t i = 0; i < COUNT(commands); i++) {
+        if (commands[i].command != a->command) continue;
+        if (a->path_count != commands[i].paths || ((a->command == COMMAND_TRAIN || a->command == COMMAND_RENDER) && !a->out)) {
+            snprintf(error, size, "oceanxl %s wants %s\nfix: for example: %s", commands[i].name, commands[i].usage, commands[i].example);
+            return 1;
+        }
+    }
+    return 0;
+}
+
+int arguments_parse(int argc, char **argv, struct arguments *a, char *error, size_t size)
+{
+    *a = (struct arguments){.preset = -1, .split = -1, .iterations = -1, .max_gaussians = -1, .sh_degree = -1, .max_side = -1,
+                            .test_every = -1, .threads = -1, .max_time = -1, .image_cache = -1, .seed = -1};
+    if (argc > 1 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0)) a->version = 1;
+    else if (argc > 1 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0)) a->help = 1;
+    if (a->version || a->help) return 0;
+    if (argc < 2) {
+        snprintf(error, size, "a command is wanted: train, check, render, eval, info, convert\nfix: oceanxl --help");
+        return 1;
+    }
+    if (find_command(argv[1], a, error, size)) return 1;
+    for (int i = 2; i < argc; i++) {
+        if (strcmp(argv[i], "-h") == 0) a->help = 1;
+        else if (argv[i][0] == '-' && argv[i][1]) {
+            if (parse_option(argc, argv, &i, a, error, size)) return 1;
+        } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];
+        else {
+            snprintf(error, size, "'%s' is one word too many", argv[i]);
+            return 1;
+        }
+    }
+    return a->help ? 0 : check_complete(a, error, size);
+}
