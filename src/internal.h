@@ -7,6 +7,14 @@
 #ifndef OXL_INTERNAL_H
 #define OXL_INTERNAL_H
 
+/* src/os.c needs POSIX by name under -std=c99, and the first system header decides: so internal.h comes before any. */
+#if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
+#define _POSIX_C_SOURCE 200809L
+#endif
+#if defined(__APPLE__) && !defined(_DARWIN_C_SOURCE)
+#define _DARWIN_C_SOURCE /* ru_maxrss */
+#endif
+
 #include "../oceanxl.h"
 
 #include <float.h>
@@ -105,7 +113,6 @@ OXL_INTERNAL double   random_unit(uint64_t bits); /* [0,1), 53 bits */
 struct os_file_map { /* a whole file in memory, read-only; one zero byte follows */
     const char *data;
     size_t      size;
-    void       *handle;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
@@ -308,6 +315,8 @@ OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name
 OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: not there, or a list */
 
 /* ---------------------------------------------------------------- model.c: planes of Gaussians */
+
+#define MODEL_SH0 0.28209479177387814 /* Y_0^0 = 1 / (2 sqrt(pi)): colour = 0.5 + SH0 f_dc */
 
 /* One allocation; each plane starts on a 64-byte line. Capacity is a multiple of 16 and at least 16, so kernels may read and
  * write whole packs of 16 rows up to it; rows from count to capacity are finite (fresh ones: zero, identity rotation).
