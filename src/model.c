@@ -269,9 +269,8 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
 
 /* ---------------------------------------------------------------- start from points: the rows */
 
-#define MODEL_SH0          0.28209479177387814 /* Y_0^0: colour = 0.5 + SH0 f_dc */
-#define MODEL_OPACITY      0.1                 /* of a fresh Gaussian; Kerbl 2023 */
-#define MODEL_LEAST_SQUARE 1e-4                /* of the median's; see model_widths */
+#define MODEL_OPACITY      0.1  /* of a fresh Gaussian; Kerbl 2023 */
+#define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
 
 static int model_by_value(const void *a, const void *b)
 {

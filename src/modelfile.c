@@ -7,8 +7,6 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define MODELFILE_SH0 0.28209479177387814 /* Y_0^0 = 1 / (2 sqrt(pi)): colour = 0.5 + SH0 f_dc */
-
 enum {
     MODELFILE_COLUMNS     = 62,  /* of the standard layout */
     MODELFILE_ROWS        = 256, /* converted at a time */
@@ -282,7 +280,7 @@ static void modelfile_put_splat(const oxl_model *model, size_t row, unsigned cha
         const double scale = vecmath_exp(model->plane[OXL_LOG_SCALE + i][row]);
         modelfile_put_float(p + 4 * i, model->plane[OXL_MEAN + i][row]);
         modelfile_put_float(p + 12 + 4 * i, (float)OXL_MIN(scale, FLT_MAX));
-        p[24 + i] = modelfile_byte(255 * (0.5 + MODELFILE_SH0 * model->plane[OXL_SH + i][row]));
+        p[24 + i] = modelfile_byte(255 * (0.5 + MODEL_SH0 * model->plane[OXL_SH + i][row]));
     }
     p[27] = modelfile_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
     for (int i = 0; i < 4; i++) {
@@ -301,7 +299,7 @@ static void modelfile_get_splat(const unsigned char *p, oxl_model *model, size_t
         const float scale                    = modelfile_get_float(p + 12 + 4 * i);
         model->plane[OXL_MEAN + i][row]      = modelfile_get_float(p + 4 * i);
         model->plane[OXL_LOG_SCALE + i][row] = (float)vecmath_log(scale >= 0 && scale < FLT_MIN ? FLT_MIN : scale);
-        model->plane[OXL_SH + i][row]        = (float)((p[24 + i] / 255.0 - 0.5) / MODELFILE_SH0);
+        model->plane[OXL_SH + i][row]        = (float)((p[24 + i] / 255.0 - 0.5) / MODEL_SH0);
     }
     model->plane[OXL_OPACITY][row] = (float)vecmath_logit(alpha);
     for (int i = 0; i < 4; i++) zero &= p[28 + i] == 128;
@@ -335,6 +333,8 @@ static oxl_result modelfile_write_splat(oxl_context *ctx, const char *path, cons
         rank[i] = (struct modelfile_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
     }
     qsort(rank, model->count, sizeof *rank, modelfile_by_weight);
+    if (model->sh_degree > 0 || model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0)
+        oxl_log(ctx, OXL_LOG_INFO, "%s: a .splat has no place for the origin and for harmonics past degree 0", path);
     rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
         for (size_t i = 0; rc == OXL_OK && i < model->count; i++) {

@@ -83,8 +83,7 @@ static inline double vecmath_log(double x)
     f -= 1;
     s = f / (2 + f);
     z = s * s;
-    r = 2.0 / 23; /* the series 2 s^2/3 + 2 s^4/5 + ...: the rest is below 1e-18 */
-    r = r * z + 2.0 / 21;
+    r = 2.0 / 21; /* the series 2 s^2/3 + 2 s^4/5 + ...: the rest is below 1e-18 */
     r = r * z + 2.0 / 19;
     r = r * z + 2.0 / 17;
     r = r * z + 2.0 / 15;

@@ -109,6 +109,19 @@ TEST(ply_ascii_files_give_each_type_exactly_with_any_blanks_and_line_ends)
                                                  "127 0 32767 1 2147483647 7 0.100000001490116119384765625 -1e300\r\n"));
 }
 
+TEST(ply_ascii_file_of_the_fewest_bytes_is_read_and_one_byte_less_is_refused)
+{
+    float             x[2]   = {0};
+    struct ply_target target = {.as_float = x};
+    struct ply        ply;
+    CHECK_OK(ply_open(test_ctx, test_write("least.ply", "ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n2"),
+                      &ply));
+    if (ply.elements == 1) CHECK_OK(ply_read(test_ctx, &ply, 0, &target));
+    CHECK(x[0] == 1 && x[1] == 2);
+    ply_close(test_ctx, &ply);
+    ply_test_refused("ply\nformat ascii 1.0\nelement v 2\nproperty int x\nend_header\n1\n", "at least 4 bytes; there are 2");
+}
+
 TEST(ply_comments_are_kept_and_nothing_of_them_is_parsed)
 {
     struct ply ply;
