@@ -88,6 +88,9 @@ OXL_API void       oxl_context_free(oxl_context *ctx);
 /* Text of the last failure, "" when there was none; lives as long as the context. ctx may be NULL. */
 OXL_API const char *oxl_error_text(const oxl_context *ctx);
 
+/* 1 when standard output (1) or standard error (2) is a terminal: a progress line can be rewritten there. */
+OXL_API int oxl_is_terminal(int stream);
+
 /* The instruction set that the kernels run on: "avx512", "avx2" or "base". OXL_ISA=... in the environment forces one. */
 OXL_API const char *oxl_isa_name(const oxl_context *ctx);
 

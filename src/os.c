@@ -73,6 +73,11 @@ static long os_process(void)
     return (long)getpid();
 }
 
+int oxl_is_terminal(int stream)
+{
+    return isatty(stream) != 0;
+}
+
 OXL_INTERNAL double os_seconds(void)
 {
     struct timespec t;
@@ -197,6 +202,11 @@ static int os_make_one_folder(const char *path)
 static long os_process(void)
 {
     return (long)GetCurrentProcessId();
+}
+
+int oxl_is_terminal(int stream)
+{
+    return _isatty(stream) != 0;
 }
 
 OXL_INTERNAL double os_seconds(void)
