@@ -268,6 +268,8 @@ OXL_INTERNAL const struct colmap      *scene_colmap(const oxl_scene *scene); /* 
 OXL_INTERNAL const struct photo       *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
 OXL_INTERNAL double                    scene_depth_quantile(const oxl_scene *scene, double quantile);
+/* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
+OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
 
 /* ---------------------------------------------------------------- ply.c: a small PLY reader */
 
@@ -369,6 +371,30 @@ struct renderer_counts { /* of the last view */
     size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image that the footprints ask for */
 };
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
+
+/* ---------------------------------------------------------------- density.c: clone, split, prune, reset */
+
+struct density; /* statistics since the last control */
+
+struct density_rules {
+    double   gradient;     /* grow at this mean |dL/d(u,v)|, in units of half an image */
+    double   extent;       /* of the scene */
+    int      remove_large; /* after the first opacity reset */
+    size_t   cap;          /* on the number of Gaussians; 0: none */
+    uint64_t seed;
+    int      step;
+};
+struct density_change {
+    size_t removed, cloned, split;
+};
+OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
+OXL_INTERNAL void       density_free(oxl_context *ctx, struct density *d);
+OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
+OXL_INTERNAL void       density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count);
+/* Judges every row, rebuilds the model and its moments, clears the statistics. */
+OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+                                        const struct density_rules *rules, struct density_change *out);
+OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second);
 
 /* ---------------------------------------------------------------- metrics.c */
 

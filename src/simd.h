@@ -3,7 +3,7 @@
  * A kernel is written once, as an always-inlined body over a struct of its arguments:
  *
  *     SIMD_BODY void blur_body(const int fused, const struct blur *job) { ... #pragma omp simd ... }
- *     SIMD_DISPATCH(blur, struct blur)              makes   static void blur(int isa, const struct blur *job)
+ *     SIMD_DISPATCH(static, blur, struct blur)      makes   static void blur(int isa, const struct blur *job)
  *
  * Each wrapper is compiled for its own target. `fused` is a constant there: 1 where the target has fused multiply-add.
  * Invariant: AVX2 and AVX-512 (and every machine with FMA) give the same bytes, whatever the vector width: no sum is left to
@@ -41,7 +41,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
 #else
 #define SIMD_TARGET_AVX512 __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512")))
 #endif
-#define SIMD_DISPATCH(name, job_type)                                 \
+#define SIMD_DISPATCH(door, name, job_type)                                 \
     SIMD_TARGET_AVX512 static void name##_avx512(const job_type *job) \
     {                                                                 \
         name##_body(1, job);                                          \
@@ -54,7 +54,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
     {                                                                 \
         name##_body(SIMD_BASE_FUSED, job);                            \
     }                                                                 \
-    static void name(int isa, const job_type *job)                    \
+    door void name(int isa, const job_type *job)                    \
     {                                                                 \
         if (isa == ISA_AVX512) name##_avx512(job);                    \
         else if (isa == ISA_AVX2) name##_avx2(job);                   \
@@ -62,13 +62,25 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
     }
 #else
 #define SIMD_X86 0
-#define SIMD_DISPATCH(name, job_type)              \
-    static void name(int isa, const job_type *job) \
+#define SIMD_DISPATCH(door, name, job_type)              \
+    door void name(int isa, const job_type *job) \
     {                                              \
         (void)isa;                                 \
         name##_body(SIMD_BASE_FUSED, job);         \
     }
 #endif
+
+/* Index of the lowest bit that is set; bits is not 0. */
+SIMD_INLINE int simd_lowest_bit(uint32_t bits)
+{
+#ifdef __GNUC__
+    return __builtin_ctz(bits);
+#else
+    int index = 0;
+    for (; !(bits & 1); bits >>= 1) index++;
+    return index;
+#endif
+}
 
 SIMD_INLINE int simd_detect(void)
 {

@@ -1,0 +1,43 @@
+/* adam.c - the step that follows the gradient (Kingma & Ba 2015), for the rows that the view has seen.
+ *
+ * Rows out of sight have no gradient; classical Adam would let them drift along their old momentum. They rest here instead, as in
+ * Taming 3DGS (Mallick et al. 2024): it saves reading and writing them, and PAPER.md has what it changes.
+ *
+ * Invariant: a row whose bit in `visible` is 0 is not written.
+ */
+#include "kernels.h"
+
+#define ADAM_BETA1 ((real)0.9)    /* [Kerbl 2023] */
+#define ADAM_BETA2 ((real)0.999)
+#define ADAM_EPSILON ((real)1e-15)
+
+/* One pack of one plane. The square is capped where float would overflow: a gradient of 1e20 is a step of `rate`, not a NaN. */
+SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, real rate, real *restrict parameter,
+                           real *restrict first, real *restrict second, const real *restrict gradient)
+{
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        const int  on = seen >> l & 1;
+        const real g  = gradient[l], limited = OXL_CLAMP(g, (real)-1e18, (real)1e18);
+        const real m = muladd(fused, ADAM_BETA1, first[l], (1 - ADAM_BETA1) * limited);
+        const real v = muladd(fused, ADAM_BETA2, second[l], (1 - ADAM_BETA2) * limited * limited);
+        const real p = parameter[l] - rate * (m / muladd(fused, real_sqrt(v), job->inverse_correction, ADAM_EPSILON));
+        first[l]     = on ? m : first[l];
+        second[l]    = on ? v : second[l];
+        parameter[l] = on ? p : parameter[l];
+    }
+}
+
+SIMD_BODY void adam_step_body(const int fused, const struct adam_job *job)
+{
+    for (int k = 0; k < job->planes; k++)
+        for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
+            const unsigned seen = job->visible[pack];
+            const size_t   at   = pack * PACK;
+            if (seen)
+                adam_pack(fused, job, seen, job->rate[k], job->parameter[k] + at, job->first[k] + at, job->second[k] + at,
+                          job->gradient[k] + at);
+        }
+}
+
+SIMD_DISPATCH(OXL_INTERNAL, adam_step, struct adam_job)

@@ -1,0 +1,316 @@
+/* bin.c - which tile sees which splat, in depth order, and which of its 4 x 4 blocks.
+ *
+ * One radix sort of the visible splats by depth; then the splats go to their tiles in that order, which leaves every tile's list
+ * sorted: no sort per tile. A splat's footprint is the ellipse alpha = 1/255 itself, cut into rows of blocks (compare Speedy-Splat's
+ * AccuTile, Hanson et al. 2025, which cuts it into rows of tiles).
+ *
+ * Invariants: every pixel with alpha >= 1/255 lies in a listed block. The lists depend on neither the number of threads nor the
+ * parts that the work is cut into.
+ */
+#include "kernels.h"
+
+#define BIN_PARTS 64 /* of the depth order; each is counted and scattered on its own */
+#define BIN_RADIX_BITS 11
+#define BIN_RADIX (1 << BIN_RADIX_BITS)
+
+struct bin_key {
+    uint32_t depth; /* bits of a positive float: they sort like the number */
+    uint32_t row;
+};
+
+struct bin_staged { /* a pair before it is brought to its tile; its index is its slot */
+    uint32_t tile;
+    uint32_t splat;
+    uint32_t blocks;
+};
+
+struct bin_scratch {
+    struct bin_key    *key, *other;
+    struct bin_staged *staged;
+    uint32_t          *count; /* (BIN_PARTS, tiles) pairs, then where each part writes */
+    uint32_t          *pack_start;
+    size_t             key_capacity, other_capacity, staged_capacity, count_capacity, order_capacity, pair_capacity, start_capacity,
+        tile_order_capacity, pack_capacity;
+    size_t part_end[BIN_PARTS + 1]; /* in the depth order */
+};
+
+/* ---------------------------------------------------------------- depth order */
+
+static uint32_t bin_depth_bits(real depth)
+{
+    const float f = (float)depth;
+    uint32_t    bits;
+    memcpy(&bits, &f, sizeof bits);
+    return bits;
+}
+
+static int bin_popcount16(unsigned x)
+{
+    x = x - (x >> 1 & 0x5555);
+    x = (x & 0x3333) + (x >> 2 & 0x3333);
+    x = (x + (x >> 4)) & 0x0F0F;
+    return (int)((x + (x >> 8)) & 0x1F);
+}
+
+static oxl_result bin_collect(oxl_context *ctx, struct bins *b)
+{
+    struct bin_scratch *s     = b->scratch;
+    size_t              total = 0;
+    oxl_result          rc    = oxl_reserve(ctx, (void **)&s->pack_start, &s->pack_capacity, b->packs + 1, sizeof *s->pack_start);
+    if (rc != OXL_OK) return rc;
+    for (size_t p = 0; p < b->packs; p++) {
+        s->pack_start[p] = (uint32_t)total;
+        total += (size_t)bin_popcount16(b->visible[p]);
+    }
+    b->visible_count = total;
+    rc               = oxl_reserve(ctx, (void **)&s->key, &s->key_capacity, total + 1, sizeof *s->key);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&s->other, &s->other_capacity, total + 1, sizeof *s->other);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&b->order, &s->order_capacity, total + 1, sizeof *b->order);
+    if (rc != OXL_OK) return rc;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t p = 0; p < (int64_t)b->packs; p++) {
+        struct bin_key *key = s->key + s->pack_start[p];
+        for (unsigned bits = b->visible[p], l = 0; bits; bits >>= 1, l++) {
+            const uint32_t row = (uint32_t)(p * PACK + l);
+            if (bits & 1) *key++ = (struct bin_key){bin_depth_bits(b->splat[row].depth), row};
+        }
+    }
+    return OXL_OK;
+}
+
+/* Least significant digit first, three digits of 11 bits; stable, so equal depths stay in row order. A pass in which all keys
+ * share the digit is skipped, and that is common for the highest one. */
+static void bin_sort(struct bins *b)
+{
+    struct bin_scratch *s = b->scratch;
+    const size_t        n = b->visible_count;
+    uint32_t            count[3][BIN_RADIX];
+    memset(count, 0, sizeof count);
+    for (size_t i = 0; i < n; i++)
+        for (int d = 0; d < 3; d++) count[d][s->key[i].depth >> (d * BIN_RADIX_BITS) & (BIN_RADIX - 1)]++;
+    for (int d = 0; d < 3; d++) {
+        const int       shift = d * BIN_RADIX_BITS;
+        uint32_t        sum   = 0;
+        struct bin_key *from = s->key, *to = s->other;
+        if (n == 0 || count[d][from[0].depth >> shift & (BIN_RADIX - 1)] == n) continue;
+        for (int digit = 0; digit < BIN_RADIX; digit++) {
+            const uint32_t here = count[d][digit];
+            count[d][digit]     = sum;
+            sum += here;
+        }
+        for (size_t i = 0; i < n; i++) to[count[d][from[i].depth >> shift & (BIN_RADIX - 1)]++] = from[i];
+        s->key   = to;
+        s->other = from;
+        OXL_SWAP(size_t, s->key_capacity, s->other_capacity);
+    }
+    for (size_t i = 0; i < n; i++) b->order[i] = s->key[i].row;
+}
+
+/* ---------------------------------------------------------------- footprints */
+
+static uint32_t bin_box_tiles(const struct splat *s)
+{
+    return (uint32_t)(s->tile_x1 - s->tile_x0 + 1) * (uint32_t)(s->tile_y1 - s->tile_y0 + 1);
+}
+
+/* The contour a (x + k y)^2 + e y^2 = r around a splat. */
+struct bin_contour {
+    real r;       /* log2(255 o), a little widened: the alpha test at each pixel decides, this only must not lose any */
+    real extreme; /* y of its leftmost point; the rightmost one is at -extreme */
+    real slack;   /* px */
+};
+
+struct bin_span { /* blocks of a row, inclusive; first > last: none */
+    int first, last;
+};
+
+static struct bin_contour bin_contour(const struct splat *s)
+{
+    struct bin_contour c;
+    c.r       = (s->peak + (real)7.9943534368588578) * (real)1.0001 + (real)0.001;
+    c.extreme = s->k * c.r / (s->e * s->half_x);
+    c.slack   = (real)0.001 + (real)1e-5 * s->half_x;
+    return c;
+}
+
+/* In the slab of a block row's pixel centres the contour reaches furthest left at its leftmost point or, when that lies outside,
+ * at the nearer edge of the slab, since an ellipse is convex; and likewise to the right. */
+static struct bin_span bin_block_row(const struct splat *s, const struct bin_contour *c, int block_row, int width)
+{
+    const real      top = block_row * 4 + (real)0.5 - s->v, bottom = top + 3;
+    const real      y0 = top > -s->half_y ? top : -s->half_y, y1 = bottom < s->half_y ? bottom : s->half_y;
+    const real      yl = OXL_CLAMP(c->extreme, y0, y1), yr = OXL_CLAMP(-c->extreme, y0, y1);
+    const real      cl = c->r - s->e * yl * yl, cr = c->r - s->e * yr * yr;
+    const real      left = s->u - s->k * yl - real_sqrt((cl > 0 ? cl : 0) / s->a) - c->slack;
+    const real      right = s->u - s->k * yr + real_sqrt((cr > 0 ? cr : 0) / s->a) + c->slack;
+    struct bin_span span = {0, -1};
+    int             first, last;
+    if (y0 > y1 || !(right >= (real)0.5) || !(left <= width - (real)0.5)) return span;
+    first = left > (real)0.5 ? (int)(left + (real)0.4999) : 0; /* the first pixel whose centre is not left of it */
+    last  = right < width ? (int)(right - (real)0.5) : width - 1;
+    if (first <= last) span = (struct bin_span){first / 4, last / 4};
+    return span;
+}
+
+/* The splat's pairs, tile by tile; returns how many were written to `out`. */
+static uint32_t bin_footprint(const struct splat *s, uint32_t row, int tiles_x, int width, struct bin_staged *out)
+{
+    const struct bin_contour contour = bin_contour(s);
+    uint32_t                 count   = 0;
+    for (int ty = s->tile_y0; ty <= s->tile_y1; ty++) {
+        struct bin_span span[4];
+        int             first = INT_MAX, last = -1;
+        for (int r = 0; r < 4; r++) {
+            span[r] = bin_block_row(s, &contour, 4 * ty + r, width);
+            if (span[r].first > span[r].last) continue;
+            first = OXL_MIN(first, span[r].first);
+            last  = OXL_MAX(last, span[r].last);
+        }
+        first = OXL_MAX(first / 4, s->tile_x0); /* rounding may differ from the box's by a tile: the box bounds the room */
+        last  = last < 0 ? -1 : OXL_MIN(last / 4, s->tile_x1);
+        for (int tx = first; tx <= last; tx++) {
+            uint32_t blocks = 0;
+            for (int r = 0; r < 4; r++) {
+                const int a = OXL_MAX(span[r].first - 4 * tx, 0), b = OXL_MIN(span[r].last - 4 * tx, 3);
+                if (a <= b) blocks |= ((2u << (b - a)) - 1) << a << (4 * r);
+            }
+            if (blocks) out[count++] = (struct bin_staged){(uint32_t)(ty * tiles_x + tx), row, blocks};
+        }
+    }
+    return count;
+}
+
+/* ---------------------------------------------------------------- to the tiles */
+
+/* Slots are laid out in depth order by the boxes; the parts have about equal numbers of them. */
+static oxl_result bin_lay_out(oxl_context *ctx, struct bins *b)
+{
+    struct bin_scratch *s    = b->scratch;
+    size_t              slot = 0, total = 0;
+    int                 part = 0;
+    for (size_t i = 0; i < b->visible_count; i++) total += bin_box_tiles(&b->splat[b->order[i]]);
+    if (total > UINT32_MAX) {
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "%zu (tile, splat) pairs in one view are more than this build can number\nfix: a smaller --max-side",
+                        total);
+    }
+    for (size_t i = 0; i < b->visible_count; i++) {
+        struct splat *splat = &b->splat[b->order[i]];
+        while (part < BIN_PARTS && slot >= total * (size_t)part / BIN_PARTS) s->part_end[part++] = i;
+        splat->first_slot = (uint32_t)slot;
+        slot += bin_box_tiles(splat);
+    }
+    while (part <= BIN_PARTS) s->part_end[part++] = b->visible_count;
+    b->slot_count = total;
+    return oxl_reserve(ctx, (void **)&s->staged, &s->staged_capacity, total + 1, sizeof *s->staged);
+}
+
+static void bin_stage_part(struct bins *b, int part, int width)
+{
+    struct bin_scratch *s     = b->scratch;
+    uint32_t           *count = s->count + (size_t)part * (size_t)(b->tiles_x * b->tiles_y);
+    memset(count, 0, sizeof *count * (size_t)(b->tiles_x * b->tiles_y));
+    for (size_t i = s->part_end[part]; i < s->part_end[part + 1]; i++) {
+        struct splat      *splat = &b->splat[b->order[i]];
+        struct bin_staged *out   = s->staged + splat->first_slot;
+        splat->slots             = bin_footprint(splat, b->order[i], b->tiles_x, width, out);
+        for (uint32_t k = 0; k < splat->slots; k++) count[out[k].tile]++;
+    }
+}
+
+static void bin_scatter_part(struct bins *b, int part)
+{
+    struct bin_scratch *s  = b->scratch;
+    uint32_t           *at = s->count + (size_t)part * (size_t)(b->tiles_x * b->tiles_y);
+    for (size_t i = s->part_end[part]; i < s->part_end[part + 1]; i++) {
+        const struct splat *splat = &b->splat[b->order[i]];
+        for (uint32_t slot = splat->first_slot; slot < splat->first_slot + splat->slots; slot++) {
+            const struct bin_staged *from = &s->staged[slot];
+            b->pair[at[from->tile]++]     = (struct pair){from->splat, slot, from->blocks};
+        }
+    }
+}
+
+/* Counts become the places where each part writes into each tile's list. */
+static size_t bin_prefix(struct bins *b)
+{
+    const size_t tiles = (size_t)(b->tiles_x * b->tiles_y);
+    uint32_t     sum   = 0;
+    for (size_t t = 0; t < tiles; t++) {
+        b->tile_start[t] = sum;
+        for (int part = 0; part < BIN_PARTS; part++) {
+            uint32_t      *count = &b->scratch->count[(size_t)part * tiles + t];
+            const uint32_t here  = *count;
+            *count               = sum;
+            sum += here;
+        }
+    }
+    b->tile_start[tiles] = sum;
+    return sum;
+}
+
+/* Longest first, by counting sort on the bits of the length: within a factor of two of sorted is all that scheduling needs. */
+static void bin_order_tiles(struct bins *b)
+{
+    const uint32_t tiles     = (uint32_t)(b->tiles_x * b->tiles_y);
+    uint32_t       start[34] = {0};
+    for (int pass = 0; pass < 2; pass++) {
+        for (uint32_t t = 0; t < tiles; t++) {
+            uint32_t length = b->tile_start[t + 1] - b->tile_start[t];
+            int      bucket = 32;
+            for (; length; length >>= 1) bucket--;
+            if (pass == 0) start[bucket + 1]++;
+            else b->tile_order[start[bucket]++] = t;
+        }
+        for (int i = 0; pass == 0 && i < 33; i++) start[i + 1] += start[i];
+    }
+}
+
+static oxl_result bin_reserve_tiles(oxl_context *ctx, struct bins *b)
+{
+    struct bin_scratch *s     = b->scratch;
+    const size_t        tiles = (size_t)(b->tiles_x * b->tiles_y);
+    oxl_result          rc    = oxl_reserve(ctx, (void **)&s->count, &s->count_capacity, BIN_PARTS * tiles, sizeof *s->count);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&b->tile_start, &s->start_capacity, tiles + 1, sizeof *b->tile_start);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&b->tile_order, &s->tile_order_capacity, tiles, sizeof *b->tile_order);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *b, int width, int height)
+{
+    oxl_result rc;
+    b->tiles_x = (width + TILE - 1) / TILE;
+    b->tiles_y = (height + TILE - 1) / TILE;
+    if (!b->scratch && !(b->scratch = oxl_calloc(ctx, 1, sizeof *b->scratch))) {
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the binning");
+    }
+    if ((rc = bin_collect(ctx, b)) != OXL_OK) return rc;
+    bin_sort(b);
+    if ((rc = bin_reserve_tiles(ctx, b)) != OXL_OK) return rc;
+    if ((rc = bin_lay_out(ctx, b)) != OXL_OK) return rc;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int part = 0; part < BIN_PARTS; part++) bin_stage_part(b, part, width);
+    b->pair_count = bin_prefix(b);
+    rc            = oxl_reserve(ctx, (void **)&b->pair, &b->scratch->pair_capacity, b->pair_count + 1, sizeof *b->pair);
+    if (rc != OXL_OK) return rc;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int part = 0; part < BIN_PARTS; part++) bin_scatter_part(b, part);
+    bin_order_tiles(b);
+    return OXL_OK;
+}
+
+OXL_INTERNAL void bin_free(oxl_context *ctx, struct bins *b)
+{
+    if (b->scratch) {
+        oxl_free(ctx, b->scratch->key);
+        oxl_free(ctx, b->scratch->other);
+        oxl_free(ctx, b->scratch->staged);
+        oxl_free(ctx, b->scratch->count);
+        oxl_free(ctx, b->scratch->pack_start);
+    }
+    oxl_free(ctx, b->scratch);
+    oxl_free(ctx, b->order);
+    oxl_free(ctx, b->pair);
+    oxl_free(ctx, b->tile_start);
+    oxl_free(ctx, b->tile_order);
+    *b = (struct bins){0};
+}

@@ -1,0 +1,454 @@
+/* project.c - Gaussians onto the image plane, and their gradients back.
+ *
+ * Zwicker et al. 2001 (EWA splatting) as used by Kerbl et al. 2023: with p = R mu + t in the camera, J the Jacobian of the
+ * perspective map at p, and Sigma = M M^T, M = rot(q) diag(exp s), the splat's covariance is (J R) Sigma (J R)^T + 0.3 I.
+ *
+ * Rows go through in packs of PACK, a lane each; a lane's arithmetic is plain scalar code that the compiler turns into vectors,
+ * so it has no branches, only selections. Forward and backward share project_geometry: nothing is stored between them.
+ *
+ * Invariant: the backward pass is the exact gradient of the forward pass, clamps included: where a clamp holds, its gradient is 0.
+ */
+#include "kernels.h"
+
+static const real SH_0   = (real)0.28209479177387814; /* real spherical harmonics, the signs of 3DGS */
+static const real SH_1   = (real)0.4886025119029199;
+static const real SH_2XY = (real)1.0925484305920792;
+static const real SH_2ZZ = (real)0.31539156525252005;
+static const real SH_2XX = (real)0.5462742152960396;
+static const real SH_3Y  = (real)0.5900435899266435;
+static const real SH_3XY = (real)2.890611442640554;
+static const real SH_3YZ = (real)0.4570457994644658;
+static const real SH_3ZZ = (real)0.3731763325901154;
+static const real SH_3XX = (real)1.445305721320277;
+
+/* ---------------------------------------------------------------- one lane: geometry */
+
+struct project_geometry {
+    struct vec3 p;             /* mean in the camera */
+    struct vec3 scale;         /* exp of the log scale */
+    struct mat3 rotation;      /* of the unit quaternion */
+    real        q[4], inverse_norm; /* unit quaternion, 1 / its length before */
+    real        tx, ty;        /* p.x, p.y clamped to the widened frustum */
+    int         free_x, free_y; /* 1 where that clamp does not hold */
+    struct vec3 t0, t1;        /* rows of J R */
+    struct vec3 b0, b1;        /* rows of J R M: the covariance's square root */
+    struct vec3 c0;            /* b0 + k b1, the part of b0 that y does not explain: see project_lane_backward */
+    real        shrink2;       /* the covariance below is scaled by this, lest float overflow for Gaussians in one's face */
+    real        xx, xy, yy;    /* covariance x shrink2, low pass included */
+    real        det;           /* its determinant */
+};
+
+/* Quaternions need not be normalised. The zero quaternion counts as the identity. Dividing by the largest component first keeps
+ * huge and tiny ones from overflowing when squared. */
+SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project_geometry *g)
+{
+    const real mw = real_abs(w), mx = real_abs(x), my = real_abs(y), mz = real_abs(z);
+    const real mwx = mw > mx ? mw : mx, myz = my > mz ? my : mz, most = mwx > myz ? mwx : myz;
+    const real down = most > 0 ? 1 / most : 0;
+    const real sw = most > 0 ? w * down : 1, sx = x * down, sy = y * down, sz = z * down;
+    const real n = 1 / real_sqrt(sw * sw + sx * sx + sy * sy + sz * sz);
+    const real a = sw * n, b = sx * n, c = sy * n, d = sz * n;
+    g->q[0] = a, g->q[1] = b, g->q[2] = c, g->q[3] = d;
+    g->inverse_norm = down * n;
+    g->rotation.x   = vec3(1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c));
+    g->rotation.y   = vec3(2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b));
+    g->rotation.z   = vec3(2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c));
+}
+
+/* The perspective Jacobian at the clamped position, times R. */
+SIMD_INLINE void project_jacobian(const struct lens *lens, real z, struct project_geometry *g)
+{
+    const real inverse = 1 / z, x = g->p.x * inverse, y = g->p.y * inverse;
+    const real cx = OXL_CLAMP(x, -lens->limit_x, lens->limit_x), cy = OXL_CLAMP(y, -lens->limit_y, lens->limit_y);
+    g->free_x = x == cx;
+    g->free_y = y == cy;
+    g->tx     = z * cx;
+    g->ty     = z * cy;
+    g->t0     = add3(scale3(lens->fx * inverse, lens->rotation.x), scale3(-lens->fx * cx * inverse, lens->rotation.z));
+    g->t1     = add3(scale3(lens->fy * inverse, lens->rotation.y), scale3(-lens->fy * cy * inverse, lens->rotation.z));
+}
+
+/* Determinant by Cauchy-Binet: a sum of squares, where xx yy - xy^2 would lose every digit for a needle. */
+SIMD_INLINE void project_covariance(struct project_geometry *g)
+{
+    const struct vec3 r0 = mat3_transposed_times(g->rotation, g->t0), r1 = mat3_transposed_times(g->rotation, g->t1);
+    struct vec3       m, s0, s1;
+    real              most = 1, shrink, low;
+    g->b0 = multiply3(r0, g->scale);
+    g->b1 = multiply3(r1, g->scale);
+    most = real_abs(g->b0.x) > most ? real_abs(g->b0.x) : most;
+    most = real_abs(g->b0.y) > most ? real_abs(g->b0.y) : most;
+    most = real_abs(g->b0.z) > most ? real_abs(g->b0.z) : most;
+    most = real_abs(g->b1.x) > most ? real_abs(g->b1.x) : most;
+    most = real_abs(g->b1.y) > most ? real_abs(g->b1.y) : most;
+    most = real_abs(g->b1.z) > most ? real_abs(g->b1.z) : most;
+    shrink     = 1 / most;
+    s0         = scale3(shrink, g->b0);
+    s1         = scale3(shrink, g->b1);
+    m          = cross3(s0, s1);
+    g->shrink2 = shrink * shrink;
+    low        = LOW_PASS * g->shrink2;
+    g->xx      = dot3(s0, s0);
+    g->yy      = dot3(s1, s1);
+    g->xy      = dot3(s0, s1);
+    g->det     = dot3(m, m) + low * (g->xx + g->yy) + low * low;
+    g->xx += low;
+    g->yy += low;
+    g->c0 = scale3(1 / (g->yy * shrink), add3(cross3(s1, m), scale3(low, s0))); /* b0 - b1 (b0 . b1)/yy, without the cancellation */
+}
+
+SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in, const struct lens *lens, size_t i,
+                                                     int *in_front)
+{
+    struct project_geometry g;
+    const struct vec3       mean = vec3(in->plane[OXL_MEAN][i], in->plane[OXL_MEAN + 1][i], in->plane[OXL_MEAN + 2][i]);
+    real                    z;
+    g.p       = add3(mat3_times(lens->rotation, mean), lens->translation);
+    *in_front = g.p.z > lens->near_plane;
+    z         = *in_front ? g.p.z : 1; /* keep the other lanes finite */
+    g.p.z     = z;
+    g.scale.x = real_exp(fused, in->plane[OXL_LOG_SCALE][i]);
+    g.scale.y = real_exp(fused, in->plane[OXL_LOG_SCALE + 1][i]);
+    g.scale.z = real_exp(fused, in->plane[OXL_LOG_SCALE + 2][i]);
+    project_rotation(in->plane[OXL_ROTATION][i], in->plane[OXL_ROTATION + 1][i], in->plane[OXL_ROTATION + 2][i],
+                     in->plane[OXL_ROTATION + 3][i], &g);
+    project_jacobian(lens, z, &g);
+    project_covariance(&g);
+    return g;
+}
+
+/* ---------------------------------------------------------------- one pack: colour */
+
+struct project_colour {
+    real x[PACK], y[PACK], z[PACK]; /* unit direction from the eye */
+    real inverse[PACK];             /* 1 / distance */
+    real basis[16][PACK];
+    real value[3][PACK]; /* before the clamp at 0 */
+};
+
+SIMD_INLINE void project_basis(int degree, struct project_colour *c)
+{
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) c->basis[0][l] = SH_0;
+    if (degree > 0) {
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            c->basis[1][l] = -SH_1 * c->y[l];
+            c->basis[2][l] = SH_1 * c->z[l];
+            c->basis[3][l] = -SH_1 * c->x[l];
+        }
+    }
+    if (degree > 1) {
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const real x = c->x[l], y = c->y[l], z = c->z[l];
+            c->basis[4][l] = SH_2XY * x * y;
+            c->basis[5][l] = -SH_2XY * y * z;
+            c->basis[6][l] = SH_2ZZ * (2 * z * z - x * x - y * y);
+            c->basis[7][l] = -SH_2XY * x * z;
+            c->basis[8][l] = SH_2XX * (x * x - y * y);
+        }
+    }
+    if (degree > 2) {
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const real x = c->x[l], y = c->y[l], z = c->z[l], xx = x * x, yy = y * y, zz = z * z;
+            c->basis[9][l]  = -SH_3Y * y * (3 * xx - yy);
+            c->basis[10][l] = SH_3XY * x * y * z;
+            c->basis[11][l] = -SH_3YZ * y * (4 * zz - xx - yy);
+            c->basis[12][l] = SH_3ZZ * z * (2 * zz - 3 * xx - 3 * yy);
+            c->basis[13][l] = -SH_3YZ * x * (4 * zz - xx - yy);
+            c->basis[14][l] = SH_3XX * z * (xx - yy);
+            c->basis[15][l] = -SH_3Y * x * (xx - 3 * yy);
+        }
+    }
+}
+
+/* d(sum of basis_k v_k)/d(direction), the direction taken as free: v (16, PACK) -> dx, dy, dz (PACK). */
+SIMD_INLINE void project_basis_backward(int degree, const struct project_colour *c, real v[16][PACK], real *dx, real *dy, real *dz)
+{
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) dx[l] = dy[l] = dz[l] = 0;
+    if (degree > 0) {
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            dx[l] -= SH_1 * v[3][l];
+            dy[l] -= SH_1 * v[1][l];
+            dz[l] += SH_1 * v[2][l];
+        }
+    }
+    if (degree > 1) {
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const real x = c->x[l], y = c->y[l], z = c->z[l];
+            dx[l] += SH_2XY * (y * v[4][l] - z * v[7][l]) - 2 * SH_2ZZ * x * v[6][l] + 2 * SH_2XX * x * v[8][l];
+            dy[l] += SH_2XY * (x * v[4][l] - z * v[5][l]) - 2 * SH_2ZZ * y * v[6][l] - 2 * SH_2XX * y * v[8][l];
+            dz[l] += -SH_2XY * (y * v[5][l] + x * v[7][l]) + 4 * SH_2ZZ * z * v[6][l];
+        }
+    }
+    if (degree > 2) {
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const real x = c->x[l], y = c->y[l], z = c->z[l], xx = x * x, yy = y * y, zz = z * z;
+            dx[l] += -SH_3Y * (6 * x * y * v[9][l] + 3 * (xx - yy) * v[15][l]) + SH_3XY * y * z * v[10][l] +
+                     SH_3YZ * (2 * x * y * v[11][l] - (4 * zz - 3 * xx - yy) * v[13][l]) - 6 * SH_3ZZ * x * z * v[12][l] +
+                     2 * SH_3XX * x * z * v[14][l];
+            dy[l] += -SH_3Y * (3 * (xx - yy) * v[9][l] - 6 * x * y * v[15][l]) + SH_3XY * x * z * v[10][l] +
+                     SH_3YZ * (2 * x * y * v[13][l] - (4 * zz - xx - 3 * yy) * v[11][l]) - 6 * SH_3ZZ * y * z * v[12][l] -
+                     2 * SH_3XX * y * z * v[14][l];
+            dz[l] += SH_3XY * x * y * v[10][l] - 8 * SH_3YZ * z * (y * v[11][l] + x * v[13][l]) +
+                     SH_3ZZ * (6 * zz - 3 * xx - 3 * yy) * v[12][l] + SH_3XX * (xx - yy) * v[14][l];
+        }
+    }
+}
+
+SIMD_INLINE void project_colour(const struct gaussians *in, const struct lens *lens, size_t first, struct project_colour *c)
+{
+    const int   bands = (in->sh_degree + 1) * (in->sh_degree + 1);
+    const real *mx = in->plane[OXL_MEAN] + first, *my = in->plane[OXL_MEAN + 1] + first, *mz = in->plane[OXL_MEAN + 2] + first;
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        const real x = mx[l] - lens->eye.x, y = my[l] - lens->eye.y, z = mz[l] - lens->eye.z;
+        const real length = real_sqrt(x * x + y * y + z * z), inverse = length > 0 ? 1 / length : 0;
+        c->x[l] = x * inverse, c->y[l] = y * inverse, c->z[l] = z * inverse;
+        c->inverse[l] = inverse;
+    }
+    project_basis(in->sh_degree, c);
+    for (int ch = 0; ch < 3; ch++) {
+        real sum[PACK];
+        for (int l = 0; l < PACK; l++) sum[l] = (real)0.5;
+        for (int k = 0; k < bands; k++) {
+            const real *sh = in->plane[OXL_SH + 3 * k + ch] + first, *basis = c->basis[k];
+#pragma omp simd
+            for (int l = 0; l < PACK; l++) sum[l] += basis[l] * sh[l];
+        }
+        memcpy(c->value[ch], sum, sizeof sum);
+    }
+}
+
+/* dcolour (3, PACK) -> the SH planes of `out`, and dL/d(mean) through the viewing direction, added to dmean (3, PACK). */
+SIMD_INLINE void project_colour_backward(const struct project_job *job, size_t first, const struct project_colour *c,
+                                         real dcolour[3][PACK], real dmean[3][PACK])
+{
+    const int degree = job->in.sh_degree, bands = (degree + 1) * (degree + 1);
+    real      v[16][PACK], dx[PACK], dy[PACK], dz[PACK];
+    for (int k = 0; k < bands; k++) {
+        for (int l = 0; l < PACK; l++) v[k][l] = 0;
+        for (int ch = 0; ch < 3; ch++) {
+            const real *sh    = job->in.plane[OXL_SH + 3 * k + ch] + first;
+            real       *out   = job->out.plane[OXL_SH + 3 * k + ch] + first;
+            const real *basis = c->basis[k], *d = dcolour[ch];
+#pragma omp simd
+            for (int l = 0; l < PACK; l++) {
+                out[l] = basis[l] * d[l];
+                v[k][l] += sh[l] * d[l];
+            }
+        }
+    }
+    if (degree == 0) return;
+    project_basis_backward(degree, c, v, dx, dy, dz);
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) { /* through direction = offset / |offset|: the part along it is lost */
+        const real along = dx[l] * c->x[l] + dy[l] * c->y[l] + dz[l] * c->z[l];
+        dmean[0][l] += (dx[l] - along * c->x[l]) * c->inverse[l];
+        dmean[1][l] += (dy[l] - along * c->y[l]) * c->inverse[l];
+        dmean[2][l] += (dz[l] - along * c->z[l]) * c->inverse[l];
+    }
+}
+
+/* ---------------------------------------------------------------- one pack: forward */
+
+struct project_lanes {
+    real    u[PACK], v[PACK], a[PACK], k[PACK], e[PACK], peak[PACK], depth[PACK], half_x[PACK], half_y[PACK];
+    int32_t seen[PACK];
+};
+
+/* sigmoid: both branches of the usual form are one, since e^-|x| never overflows. */
+SIMD_INLINE real project_sigmoid(const int fused, real x)
+{
+    const real e = real_exp(fused, -real_abs(x)), s = 1 / (1 + e);
+    return x >= 0 ? s : e * s;
+}
+
+/* Half the contour's box is widened a little: the alpha test at each pixel decides, this only must not lose any. */
+SIMD_INLINE void project_lane(const int fused, const struct project_job *job, size_t i, int l, struct project_lanes *out)
+{
+    const struct lens            *lens = job->lens;
+    int                           in_front;
+    const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
+    const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
+    const real                    peak = real_log2(fused, opacity), inverse = 1 / g.p.z;
+    const real                    reach = (peak + (real)7.9943534368588578) * 2 * LN_2; /* 2 ln(255 o): squared Mahalanobis radius */
+    const real                    safe  = reach > 0 ? reach : 0;
+    const real                    half_x = real_sqrt(safe * g.xx / g.shrink2) * (real)1.0001 + (real)0.001;
+    const real                    half_y = real_sqrt(safe * g.yy / g.shrink2) * (real)1.0001 + (real)0.001;
+    const real                    u = lens->fx * g.p.x * inverse + lens->cx, v = lens->fy * g.p.y * inverse + lens->cy;
+    const int in_view = (u + half_x >= (real)0.5) & (u - half_x <= lens->width - (real)0.5) & (v + half_y >= (real)0.5) &
+                        (v - half_y <= lens->height - (real)0.5);
+    out->u[l] = u, out->v[l] = v;
+    out->a[l] = LOG2_E / 2 * (g.yy / g.det) * g.shrink2;
+    out->k[l] = -g.xy / g.yy;
+    out->e[l] = LOG2_E / 2 * g.shrink2 / g.yy;
+    out->peak[l]  = peak;
+    out->depth[l] = g.p.z;
+    out->half_x[l] = half_x, out->half_y[l] = half_y;
+    out->seen[l] = in_front & in_view & (reach >= 0) & (half_x < (real)1e30) & (half_y < (real)1e30) & (out->a[l] < (real)1e30);
+}
+
+static void project_store(const struct project_job *job, size_t i, int l, const struct project_lanes *p, const struct project_colour *c)
+{
+    const struct lens *lens = job->lens;
+    struct splat      *s    = &job->splat[i];
+    const real         w = lens->width - 1, h = lens->height - 1;
+    const real         x0 = p->u[l] - p->half_x[l], x1 = p->u[l] + p->half_x[l];
+    const real         y0 = p->v[l] - p->half_y[l], y1 = p->v[l] + p->half_y[l];
+    s->u = p->u[l], s->v = p->v[l];
+    s->a = p->a[l], s->k = p->k[l], s->e = p->e[l];
+    s->peak  = p->peak[l];
+    s->depth = p->depth[l];
+    for (int ch = 0; ch < 3; ch++) s->colour[ch] = c->value[ch][l] > 0 ? c->value[ch][l] : 0;
+    s->half_x = p->half_x[l], s->half_y = p->half_y[l];
+    s->tile_x0 = (uint16_t)((int)OXL_CLAMP(x0, 0, w) / TILE), s->tile_x1 = (uint16_t)((int)OXL_CLAMP(x1, 0, w) / TILE);
+    s->tile_y0 = (uint16_t)((int)OXL_CLAMP(y0, 0, h) / TILE), s->tile_y1 = (uint16_t)((int)OXL_CLAMP(y1, 0, h) / TILE);
+    s->first_slot = s->slots = 0;
+}
+
+SIMD_BODY void project_forward_body(const int fused, const struct project_job *job)
+{
+    for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
+        const size_t          first = pack * PACK;
+        struct project_lanes  lanes;
+        struct project_colour colour;
+        unsigned              seen = 0;
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) project_lane(fused, job, first + l, l, &lanes);
+        for (int l = 0; l < PACK; l++)
+            if (lanes.seen[l] && first + l < job->in.count) seen |= 1u << l;
+        job->visible[pack] = (uint16_t)seen;
+        if (!seen) continue;
+        project_colour(&job->in, job->lens, first, &colour);
+        for (int l = 0; l < PACK; l++)
+            if (seen >> l & 1) project_store(job, first + l, l, &lanes, &colour);
+    }
+}
+
+/* ---------------------------------------------------------------- one pack: backward */
+
+struct project_gradients {
+    real sums[SPLAT_SUMS][PACK]; /* reduced over the splat's pairs; 0 where it is not visible */
+    real mean[3][PACK];
+    real colour[3][PACK];
+};
+
+/* Adds a splat's pairs in the order of their slots: the order of a sum is part of the result. */
+static void project_gather(const struct project_job *job, size_t first, unsigned seen, struct project_gradients *d)
+{
+    memset(d->sums, 0, sizeof d->sums);
+    for (int l = 0; l < PACK; l++) {
+        const struct splat *s = &job->splat[first + l];
+        real                sum[SPLAT_SUMS] = {0};
+        if (!(seen >> l & 1)) continue;
+        for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
+            for (int k = 0; k < SPLAT_SUMS; k++) sum[k] += job->sums[slot][k];
+        for (int k = 0; k < SPLAT_SUMS; k++) d->sums[k][l] = sum[k];
+    }
+}
+
+/* d(rotation) -> d(raw quaternion), through the normalisation. dr: rows of dL/d(rotation). */
+SIMD_INLINE void project_rotation_backward(const struct project_geometry *g, struct mat3 dr, real dq[4])
+{
+    const real w = g->q[0], x = g->q[1], y = g->q[2], z = g->q[3];
+    const real dw = 2 * (x * (dr.z.y - dr.y.z) + y * (dr.x.z - dr.z.x) + z * (dr.y.x - dr.x.y));
+    const real dx = 2 * (y * (dr.x.y + dr.y.x) + z * (dr.x.z + dr.z.x) + w * (dr.z.y - dr.y.z)) - 4 * x * (dr.y.y + dr.z.z);
+    const real dy = 2 * (x * (dr.x.y + dr.y.x) + w * (dr.x.z - dr.z.x) + z * (dr.y.z + dr.z.y)) - 4 * y * (dr.x.x + dr.z.z);
+    const real dz = 2 * (w * (dr.y.x - dr.x.y) + x * (dr.x.z + dr.z.x) + y * (dr.y.z + dr.z.y)) - 4 * z * (dr.x.x + dr.y.y);
+    const real along = w * dw + x * dx + y * dy + z * dz;
+    dq[0] = (dw - along * w) * g->inverse_norm;
+    dq[1] = (dx - along * x) * g->inverse_norm;
+    dq[2] = (dy - along * y) * g->inverse_norm;
+    dq[3] = (dz - along * z) * g->inverse_norm;
+}
+
+/* dL/d(J R) (rows dt0, dt1) and dL/d(u, v) -> dL/d(p), with J = [fx/z, 0, -fx tx/z^2; 0, fy/z, -fy ty/z^2]. */
+SIMD_INLINE struct vec3 project_jacobian_backward(const struct lens *lens, const struct project_geometry *g, struct vec3 dt0,
+                                                  struct vec3 dt1, real du, real dv)
+{
+    const real  i = 1 / g->p.z, fx = lens->fx * i, fy = lens->fy * i;
+    const real  d00 = dot3(dt0, lens->rotation.x), d02 = dot3(dt0, lens->rotation.z);
+    const real  d11 = dot3(dt1, lens->rotation.y), d12 = dot3(dt1, lens->rotation.z);
+    const real  rx = g->tx * i, ry = g->ty * i; /* clamped x/z, y/z */
+    struct vec3 dp;
+    dp.x = fx * du - (g->free_x ? fx * i * d02 : 0);
+    dp.y = fy * dv - (g->free_y ? fy * i * d12 : 0);
+    dp.z = -fx * i * (g->p.x * du + d00) - fy * i * (g->p.y * dv + d11) + fx * i * rx * (g->free_x ? 2 * d02 : d02) +
+           fy * i * ry * (g->free_y ? 2 * d12 : d12);
+    return dp;
+}
+
+SIMD_INLINE void project_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
+                                       struct project_gradients *d)
+{
+    const struct lens            *lens = job->lens;
+    int                           in_front;
+    const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
+    const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
+    /* the pixel's exponent is -(A w^2 + E dy^2)/2 with A = yy/det, k = -xy/yy, E = 1/yy of the unscaled covariance */
+    const real A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
+    const real du = A * d->sums[SUM_W][l], dv = k * du + E * d->sums[SUM_Y][l];
+    const real dA = -d->sums[SUM_WW][l] / 2, dk = -A * d->sums[SUM_WY][l], dE = -d->sums[SUM_YY][l] / 2;
+    /* through (A, k, E) to the covariance and on to its root B; written with c0 = b0 + k b1, for in a needle b0 and -k b1 are huge
+     * and equal but for the digits that matter */
+    const real        dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
+    const struct vec3 db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
+    const struct vec3 db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
+    const struct vec3 dls =
+        scale3(2, add3(multiply3(g.c0, add3(scale3(dxx, g.c0), scale3(dxy, g.b1))), multiply3(scale3(dyy, g.b1), g.b1)));
+    const struct vec3 dm0 = multiply3(db0, g.scale), dm1 = multiply3(db1, g.scale); /* dL/d(J R rot) */
+    const struct vec3 dt0 = mat3_times(g.rotation, dm0), dt1 = mat3_times(g.rotation, dm1);
+    const struct mat3 dr = {add3(scale3(g.t0.x, dm0), scale3(g.t1.x, dm1)), add3(scale3(g.t0.y, dm0), scale3(g.t1.y, dm1)),
+                            add3(scale3(g.t0.z, dm0), scale3(g.t1.z, dm1))};
+    const struct vec3 dp    = project_jacobian_backward(lens, &g, dt0, dt1, du, dv);
+    const struct vec3 dmean = mat3_transposed_times(lens->rotation, dp);
+    const int         ok    = seen >> l & 1;
+    const real        hx = (real)0.5 * lens->width * du, hy = (real)0.5 * lens->height * dv;
+    real              dq[4];
+    project_rotation_backward(&g, dr, dq);
+    d->mean[0][l] += dmean.x, d->mean[1][l] += dmean.y, d->mean[2][l] += dmean.z;
+    job->out.plane[OXL_LOG_SCALE][i]     = ok ? dls.x : 0;
+    job->out.plane[OXL_LOG_SCALE + 1][i] = ok ? dls.y : 0;
+    job->out.plane[OXL_LOG_SCALE + 2][i] = ok ? dls.z : 0;
+    job->out.plane[OXL_ROTATION][i]      = ok ? dq[0] : 0;
+    job->out.plane[OXL_ROTATION + 1][i]  = ok ? dq[1] : 0;
+    job->out.plane[OXL_ROTATION + 2][i]  = ok ? dq[2] : 0;
+    job->out.plane[OXL_ROTATION + 3][i]  = ok ? dq[3] : 0;
+    job->out.plane[OXL_OPACITY][i]       = ok ? d->sums[SUM_G][l] * (1 - opacity) : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
+    job->dmean2d[i]                      = ok ? real_sqrt(hx * hx + hy * hy) : 0;
+}
+
+SIMD_BODY void project_backward_body(const int fused, const struct project_job *job)
+{
+    for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
+        const size_t             first = pack * PACK;
+        const unsigned           seen  = job->visible[pack];
+        struct project_gradients d;
+        struct project_colour    colour;
+        if (!seen) continue;
+        project_gather(job, first, seen, &d);
+        project_colour(&job->in, job->lens, first, &colour);
+        for (int ch = 0; ch < 3; ch++) { /* the colour's clamp at 0 stops its gradient */
+#pragma omp simd
+            for (int l = 0; l < PACK; l++) {
+                d.colour[ch][l] = colour.value[ch][l] > 0 ? d.sums[SUM_RED + ch][l] : 0;
+                d.mean[ch][l]   = 0;
+            }
+        }
+        project_colour_backward(job, first, &colour, d.colour, d.mean);
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) project_lane_backward(fused, job, seen, first + l, l, &d);
+        for (int axis = 0; axis < 3; axis++)
+            for (int l = 0; l < PACK; l++) job->out.plane[OXL_MEAN + axis][first + l] = seen >> l & 1 ? d.mean[axis][l] : 0;
+    }
+}
+
+SIMD_DISPATCH(OXL_INTERNAL, project_forward, struct project_job)
+SIMD_DISPATCH(OXL_INTERNAL, project_backward, struct project_job)

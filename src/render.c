@@ -1,0 +1,331 @@
+/* render.c - the kernels behind one door: draw a view, compare it, walk the error back, step.
+ *
+ * Invariant: everything here runs in parallel over packs, strips or tiles that are independent of each other, so the result does
+ * not depend on the number of threads.
+ */
+#include "kernels.h"
+#include "vecmath.h"
+
+#define RENDER_TASK 64 /* packs of rows a task: 1024 Gaussians, so that a plane's part is a page */
+
+struct renderer {
+    struct lens         lens;
+    float               background[3];
+    struct gaussians    in;
+    struct splat       *splat;   /* (count) */
+    uint16_t           *visible; /* (packs) */
+    float              *dmean2d; /* (count) */
+    float              *rgb, *drgb, *transmittance;
+    float (*sums)[SPLAT_SUMS];
+    struct bins         bins;
+    struct loss_scratch loss;
+    size_t splat_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity, transmittance_capacity, sums_capacity;
+};
+
+oxl_render_options oxl_render_options_default(void)
+{
+    return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f};
+}
+
+OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
+{
+    *out = oxl_calloc(ctx, 1, sizeof **out);
+    return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
+}
+
+OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
+{
+    if (!r) return;
+    bin_free(ctx, &r->bins);
+    loss_free(ctx, &r->loss);
+    oxl_free(ctx, r->splat);
+    oxl_free(ctx, r->visible);
+    oxl_free(ctx, r->dmean2d);
+    oxl_free(ctx, r->rgb);
+    oxl_free(ctx, r->drgb);
+    oxl_free(ctx, r->transmittance);
+    oxl_free(ctx, r->sums);
+    oxl_free(ctx, r);
+}
+
+/* ---------------------------------------------------------------- into the kernels' terms */
+
+static struct lens render_lens(const oxl_camera *c, float near_plane)
+{
+    struct lens l = {.width      = c->width,
+                     .height     = c->height,
+                     .fx         = (float)c->fx,
+                     .fy         = (float)c->fy,
+                     .cx         = (float)c->cx,
+                     .cy         = (float)c->cy,
+                     .limit_x    = (float)(FRUSTUM_CLAMP * c->width / (2 * c->fx)),
+                     .limit_y    = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
+                     .near_plane = near_plane};
+    double      eye[3];
+    camera_position(c, eye);
+    l.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
+    l.rotation.y  = vec3((float)c->rotation[3], (float)c->rotation[4], (float)c->rotation[5]);
+    l.rotation.z  = vec3((float)c->rotation[6], (float)c->rotation[7], (float)c->rotation[8]);
+    l.translation = vec3((float)c->translation[0], (float)c->translation[1], (float)c->translation[2]);
+    l.eye         = vec3((float)eye[0], (float)eye[1], (float)eye[2]);
+    return l;
+}
+
+static struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
+{
+    struct gaussians g = {.count = m->count, .sh_degree = sh_degree < 0 || sh_degree > m->sh_degree ? m->sh_degree : sh_degree};
+    for (int k = 0; k < oxl_model_planes(m); k++) g.plane[k] = m->plane[k];
+    return g;
+}
+
+static size_t render_packs(size_t count)
+{
+    return (count + PACK - 1) / PACK;
+}
+
+static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t count, size_t pixels)
+{
+    const size_t rows = render_packs(count) * PACK;
+    oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- forward */
+
+static void render_project(oxl_context *ctx, struct renderer *r, size_t packs)
+{
+    const int64_t tasks = (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        const struct project_job job = {.in         = r->in,
+                                        .lens       = &r->lens,
+                                        .first_pack = (size_t)task * RENDER_TASK,
+                                        .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, packs),
+                                        .splat      = r->splat,
+                                        .visible    = r->visible};
+        project_forward(ctx->isa, &job);
+    }
+}
+
+static struct raster_job render_raster_job(struct renderer *r, uint32_t tile, const float *drgb)
+{
+    return (struct raster_job){.bins          = &r->bins,
+                               .width         = r->lens.width,
+                               .height        = r->lens.height,
+                               .tile          = (int)tile,
+                               .background    = {r->background[0], r->background[1], r->background[2]},
+                               .rgb           = r->rgb,
+                               .transmittance = r->transmittance,
+                               .drgb          = drgb,
+                               .sums          = r->sums};
+}
+
+static void render_tiles(oxl_context *ctx, struct renderer *r)
+{
+    const int tiles = r->bins.tiles_x * r->bins.tiles_y;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int i = 0; i < tiles; i++) {
+        const struct raster_job job = render_raster_job(r, r->bins.tile_order[i], NULL);
+        raster_forward(ctx->isa, &job);
+    }
+}
+
+OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                         const oxl_render_options *options)
+{
+    const size_t packs = render_packs(model->count), pixels = (size_t)camera->width * (size_t)camera->height;
+    oxl_result   rc    = render_reserve(ctx, r, model->count, pixels);
+    if (rc != OXL_OK) return rc;
+    r->lens = render_lens(camera, options->near_plane);
+    r->in   = render_gaussians(model, options->sh_degree);
+    memcpy(r->background, options->background, sizeof r->background);
+    r->bins.packs   = packs;
+    r->bins.splat   = r->splat;
+    r->bins.visible = r->visible;
+    render_project(ctx, r, packs);
+    if ((rc = bin_splats(ctx, &r->bins, camera->width, camera->height)) != OXL_OK) return rc;
+    render_tiles(ctx, r);
+    return OXL_OK;
+}
+
+OXL_INTERNAL const float *renderer_image(const struct renderer *r)
+{
+    return r->rgb;
+}
+
+/* ---------------------------------------------------------------- loss and backward */
+
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight, float ssim_weight,
+                                      struct renderer_loss *out)
+{
+    const size_t      pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    struct loss_value value;
+    oxl_result        rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
+    if (rc == OXL_OK) {
+        const struct loss_job job = {r->lens.width, r->lens.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
+        rc = loss_forward_backward(ctx, &job, &r->loss, &value);
+    }
+    if (rc == OXL_OK) *out = (struct renderer_loss){value.total, value.l1, value.ssim, value.mse};
+    return rc;
+}
+
+static void render_tiles_backward(oxl_context *ctx, struct renderer *r, const float *drgb)
+{
+    const int tiles = r->bins.tiles_x * r->bins.tiles_y;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int i = 0; i < tiles; i++) {
+        const struct raster_job job = render_raster_job(r, r->bins.tile_order[i], drgb);
+        raster_backward(ctx->isa, &job);
+    }
+}
+
+static void render_project_backward(oxl_context *ctx, struct renderer *r, const struct gaussians *out)
+{
+    const size_t  packs = r->bins.packs;
+    const int64_t tasks = (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        const struct project_job job = {.in         = r->in,
+                                        .lens       = &r->lens,
+                                        .first_pack = (size_t)task * RENDER_TASK,
+                                        .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, packs),
+                                        .splat      = r->splat,
+                                        .visible    = r->visible,
+                                        .sums       = (const float(*)[SPLAT_SUMS])r->sums,
+                                        .out        = *out,
+                                        .dmean2d    = r->dmean2d};
+        project_backward(ctx->isa, &job);
+    }
+}
+
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const float *drgb,
+                                          oxl_model *gradient)
+{
+    const struct gaussians out  = render_gaussians(gradient, r->in.sh_degree);
+    const size_t           rows = render_packs(model->count) * PACK;
+    oxl_result rc = oxl_reserve(ctx, (void **)&r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, rows, sizeof *r->dmean2d);
+    if (rc != OXL_OK) return rc;
+    render_tiles_backward(ctx, r, drgb ? drgb : r->drgb);
+    render_project_backward(ctx, r, &out);
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- step and statistics */
+
+OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient, oxl_model *first,
+                                oxl_model *second, const float *rates, int step)
+{
+    const size_t    packs = r->bins.packs;
+    const int64_t   tasks = (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
+    struct adam_job all   = {.visible            = r->visible,
+                             .planes             = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1),
+                             .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))))};
+    const double correction = 1 - vecmath_exp(step * vecmath_log(0.9));
+    for (int k = 0; k < all.planes; k++) {
+        all.parameter[k] = model->plane[k];
+        all.gradient[k]  = gradient->plane[k];
+        all.first[k]     = first->plane[k];
+        all.second[k]    = second->plane[k];
+        all.rate[k]      = (float)(rates[k] / correction);
+    }
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        struct adam_job job = all;
+        job.first_pack      = (size_t)task * RENDER_TASK;
+        job.end_pack        = OXL_MIN((size_t)(task + 1) * RENDER_TASK, packs);
+        adam_step(ctx->isa, &job);
+    }
+}
+
+OXL_INTERNAL int renderer_saw(const struct renderer *r, size_t row)
+{
+    return r->visible[row / PACK] >> (row % PACK) & 1;
+}
+
+OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row)
+{
+    return r->dmean2d[row];
+}
+
+OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row)
+{
+    const struct splat *s = &r->splat[row];
+    return OXL_MAX(s->half_x, s->half_y);
+}
+
+OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
+{
+    struct renderer_counts c = {.visible = r->bins.visible_count, .pairs = r->bins.pair_count};
+    for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++) {
+        const int left = r->lens.width - tile % r->bins.tiles_x * TILE, below = r->lens.height - tile / r->bins.tiles_x * TILE;
+        for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++)
+            for (uint32_t blocks = r->bins.pair[i].blocks; blocks; blocks &= blocks - 1) {
+                const int block = simd_lowest_bit(blocks);
+                const int w     = OXL_CLAMP(left - block % 4 * 4, 0, 4), h = OXL_CLAMP(below - block / 4 * 4, 0, 4);
+                c.blocks++;
+                c.pixels += (size_t)(w * h);
+            }
+    }
+    return c;
+}
+
+/* ---------------------------------------------------------------- the public doors */
+
+/* The same splats again with (depth, 1, 0) for a colour: the sums of alpha T z and of alpha T fall out of the same kernel. */
+static void render_depth(oxl_context *ctx, struct renderer *r, float *depth)
+{
+    const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    for (size_t i = 0; i < r->bins.visible_count; i++) {
+        struct splat *s = &r->splat[r->bins.order[i]];
+        s->colour[0]    = s->depth;
+        s->colour[1]    = 1;
+        s->colour[2]    = 0;
+    }
+    memset(r->background, 0, sizeof r->background);
+    render_tiles(ctx, r);
+    for (size_t i = 0; i < pixels; i++) depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
+}
+
+oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
+                      oxl_image *out, float *depth)
+{
+    const oxl_render_options o = options ? *options : oxl_render_options_default();
+    struct renderer         *r = NULL;
+    oxl_result               rc;
+    *out = (oxl_image){0};
+    if (camera->width < 1 || camera->height < 1) {
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+    }
+    rc = renderer_create(ctx, &r);
+    if (rc == OXL_OK) rc = renderer_forward(ctx, r, model, camera, &o);
+    if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
+    if (rc == OXL_OK) {
+        memcpy(out->rgb, r->rgb, 3 * (size_t)camera->width * (size_t)camera->height * sizeof *out->rgb);
+        if (depth) render_depth(ctx, r, depth);
+    }
+    renderer_free(ctx, r);
+    return rc;
+}
+
+oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
+                               const float *drgb, oxl_model *gradient)
+{
+    const oxl_render_options o = options ? *options : oxl_render_options_default();
+    struct renderer         *r = NULL;
+    oxl_result               rc;
+    *gradient = (oxl_model){0};
+    rc        = renderer_create(ctx, &r);
+    if (rc == OXL_OK) rc = renderer_forward(ctx, r, model, camera, &o);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, model->count, model->sh_degree, gradient);
+    if (rc == OXL_OK) {
+        memset(gradient->plane[OXL_ROTATION], 0, gradient->capacity * sizeof *gradient->plane[0]);
+        rc = renderer_backward(ctx, r, model, drgb, gradient);
+    }
+    if (rc != OXL_OK) oxl_model_free(ctx, gradient);
+    renderer_free(ctx, r);
+    return rc;
+}

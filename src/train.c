@@ -1,0 +1,288 @@
+/* train.c - the loop: one photograph a step, drawn, compared, walked back, stepped (Kerbl et al. 2023, Alg. 1).
+ *
+ * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
+ */
+#include "internal.h"
+#include "vecmath.h"
+
+#define TRAIN_SH_EVERY (1.0 / 30) /* of the run: one more band (1000 of 30 000 iterations [Kerbl 2023]) */
+#define TRAIN_SMOOTHING 0.02      /* of loss and PSNR in progress reports: about the last 50 views */
+
+oxl_train_options oxl_train_options_default(oxl_preset preset)
+{
+    oxl_train_options o = {.iterations          = 7000,
+                           .sh_degree           = 3,
+                           .ssim_weight         = 0.2f,
+                           .rate_mean_first     = 1.6e-4f,
+                           .rate_mean_last      = 1.6e-6f,
+                           .rate_log_scale      = 0.005f,
+                           .rate_rotation       = 0.001f,
+                           .rate_opacity        = 0.025f,
+                           .rate_sh0            = 0.0025f,
+                           .rate_sh             = 0.0025f / 20,
+                           .densify_from        = 0.025f,
+                           .densify_until       = 0.5f,
+                           .densify_every       = 100,
+                           .densify_gradient    = 2e-4f,
+                           .reset_opacity_every = 0.1f};
+    if (preset == OXL_PRESET_DRAFT) o.iterations = 2000;
+    if (preset == OXL_PRESET_PAPER) o.iterations = 40000;
+    return o;
+}
+
+struct train {
+    oxl_context             *ctx;
+    oxl_scene               *scene;
+    const oxl_train_options *options;
+    oxl_render_options       render;
+    oxl_model               *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
+    struct renderer         *renderer;
+    struct density          *density;
+    int                     *view; /* (views) training views in this epoch's order */
+    int                      views, step;
+    int                      resets;
+    float                   *target, *weight; /* the photograph of this step: (3,H,W), (H,W) */
+    size_t                   target_capacity, weight_capacity;
+    double                   started, loss, psnr; /* smoothed */
+    size_t                   removed_views;
+};
+
+/* ---------------------------------------------------------------- the schedule */
+
+static void train_rates(const struct train *t, float rate[OXL_PLANES])
+{
+    const oxl_train_options *o        = t->options;
+    const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
+    const double first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
+    const float  mean = (float)(vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    for (int k = 0; k < OXL_PLANES; k++)
+        rate[k] = k < OXL_LOG_SCALE  ? mean
+                  : k < OXL_ROTATION ? o->rate_log_scale
+                  : k < OXL_OPACITY  ? o->rate_rotation
+                  : k < OXL_SH       ? o->rate_opacity
+                  : k < OXL_SH + 3   ? o->rate_sh0
+                                     : o->rate_sh;
+}
+
+static int train_every(int step, double share, int iterations)
+{
+    const int every = OXL_MAX(1, (int)(share * iterations + 0.5));
+    return step % every == 0;
+}
+
+static int train_in_densification(const struct train *t)
+{
+    const oxl_train_options *o = t->options;
+    return t->step > o->densify_from * (float)o->iterations && t->step <= o->densify_until * (float)o->iterations;
+}
+
+/* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
+static void train_shuffle(struct train *t, int epoch)
+{
+    for (int i = t->views - 1; i > 0; i--) {
+        const int j = (int)(random_bits(t->ctx->options.seed, (uint64_t)epoch, (uint64_t)i) % (uint64_t)(i + 1));
+        OXL_SWAP(int, t->view[i], t->view[j]);
+    }
+}
+
+/* ---------------------------------------------------------------- one photograph */
+
+/* The next view whose photograph can be read; one that cannot is named and left out from then on. */
+static oxl_result train_next_photo(struct train *t, int *view)
+{
+    while (t->views > 0) {
+        const int           slot  = (t->step - 1) % t->views;
+        const struct photo *photo = NULL;
+        oxl_result          rc    = OXL_OK;
+        size_t              pixels;
+        if (slot == 0) train_shuffle(t, (t->step - 1) / t->views);
+        *view = t->view[slot];
+        photo = scene_photo(t->ctx, t->scene, *view);
+        if (!photo) {
+            oxl_log(t->ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(t->ctx));
+            t->view[slot] = t->view[--t->views];
+            continue;
+        }
+        pixels = (size_t)photo->width * (size_t)photo->height;
+        rc     = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+        if (rc == OXL_OK && photo->mask) {
+            rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+        }
+        if (rc == OXL_OK) image_from_photo(photo, t->target, photo->mask ? t->weight : NULL);
+        return rc;
+    }
+    return oxl_fail(t->ctx, OXL_ERR_INPUT, "none of the training photographs can be read");
+}
+
+/* Forward, loss, backward, step. */
+static oxl_result train_on_view(struct train *t, int view)
+{
+    const oxl_camera    *camera = &oxl_scene_view(t->scene, view)->camera;
+    const struct photo  *photo  = scene_photo(t->ctx, t->scene, view);
+    float                rate[OXL_PLANES];
+    struct renderer_loss loss;
+    oxl_result           rc = renderer_forward(t->ctx, t->renderer, t->model, camera, &t->render);
+    if (rc == OXL_OK) {
+        rc = renderer_loss(t->ctx, t->renderer, t->target, photo && photo->mask ? t->weight : NULL, t->options->ssim_weight, &loss);
+    }
+    if (rc != OXL_OK) return rc;
+    if (!(loss.total <= DBL_MAX)) {
+        oxl_log(t->ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not a number; the view is skipped", t->step,
+                oxl_scene_view(t->scene, view)->name);
+        return OXL_OK;
+    }
+    rc = renderer_backward(t->ctx, t->renderer, t->model, NULL, &t->gradient);
+    if (rc != OXL_OK) return rc;
+    train_rates(t, rate);
+    renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, rate, t->step);
+    {
+        const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
+        const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
+        t->loss += k * (loss.total - t->loss);
+        t->psnr += k * (psnr - t->psnr);
+    }
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- how many Gaussians */
+
+static oxl_result train_resize(struct train *t)
+{
+    oxl_model_free(t->ctx, &t->gradient);
+    return oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, &t->gradient);
+}
+
+static oxl_result train_densify(struct train *t)
+{
+    const oxl_train_options    *o     = t->options;
+    const struct density_rules  rules = {.gradient     = o->densify_gradient,
+                                         .extent       = oxl_scene_extent(t->scene),
+                                         .remove_large = t->resets > 0,
+                                         .cap          = (size_t)o->max_gaussians,
+                                         .seed         = t->ctx->options.seed,
+                                         .step         = t->step};
+    struct density_change       change;
+    oxl_result rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    if (rc == OXL_OK) rc = train_resize(t);
+    if (rc == OXL_OK && t->model->count == 0) {
+        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check", t->step);
+    }
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu cloned, %zu split, %zu removed, %zu left", t->step, change.cloned, change.split,
+            change.removed, t->model->count);
+    return rc;
+}
+
+static oxl_result train_density(struct train *t)
+{
+    const oxl_train_options *o  = t->options;
+    oxl_result               rc = OXL_OK;
+    if (t->step > o->densify_until * (float)o->iterations) return OXL_OK;
+    density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (train_in_densification(t) && t->step % o->densify_every == 0) rc = train_densify(t);
+    if (rc == OXL_OK && train_every(t->step, o->reset_opacity_every, o->iterations) && o->reset_opacity_every > 0) {
+        density_reset_opacity(t->model, &t->first, &t->second);
+        t->resets++;
+    }
+    return rc;
+}
+
+/* One more SH band each thirtieth of the run, up to the degree asked for. */
+static oxl_result train_bands(struct train *t)
+{
+    const int wanted = OXL_MIN(t->options->sh_degree, (int)(t->step / (TRAIN_SH_EVERY * t->options->iterations)));
+    oxl_result rc    = OXL_OK;
+    if (wanted <= t->model->sh_degree) return OXL_OK;
+    rc = model_set_degree(t->ctx, t->model, wanted);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
+    return rc == OXL_OK ? train_resize(t) : rc;
+}
+
+/* ---------------------------------------------------------------- the run */
+
+static oxl_result train_begin(struct train *t)
+{
+    oxl_context *ctx = t->ctx;
+    oxl_result   rc  = oxl_model_from_points(ctx, oxl_scene_points(t->scene), oxl_scene_point_count(t->scene), 0, t->model);
+    if (rc != OXL_OK) return rc;
+    memcpy(t->model->origin, oxl_scene_origin(t->scene), sizeof t->model->origin);
+    t->render            = oxl_render_options_default();
+    t->render.near_plane = (float)scene_near_plane(t->scene);
+    memcpy(t->render.background, t->options->background, sizeof t->render.background);
+    rc = oxl_model_create(ctx, t->model->count, 0, &t->first);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, t->model->count, 0, &t->second);
+    if (rc == OXL_OK) rc = train_resize(t);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
+    if (rc == OXL_OK) rc = density_create(ctx, &t->density);
+    if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->model->count);
+    if (rc != OXL_OK) return rc;
+    memset(t->first.plane[OXL_ROTATION], 0, t->first.capacity * sizeof(float));
+    memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
+    t->view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(t->scene) + 1, sizeof *t->view);
+    if (!t->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    for (int i = 0; i < oxl_scene_view_count(t->scene); i++)
+        if (!oxl_scene_view(t->scene, i)->is_test) t->view[t->views++] = i;
+    if (t->views == 0) return oxl_fail(ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
+    return OXL_OK;
+}
+
+static void train_end(struct train *t)
+{
+    oxl_context *ctx = t->ctx;
+    oxl_model_free(ctx, &t->first);
+    oxl_model_free(ctx, &t->second);
+    oxl_model_free(ctx, &t->gradient);
+    renderer_free(ctx, t->renderer);
+    density_free(ctx, t->density);
+    oxl_free(ctx, t->view);
+    oxl_free(ctx, t->target);
+    oxl_free(ctx, t->weight);
+}
+
+static int train_report(const struct train *t, const oxl_callback *callback)
+{
+    const double   seconds  = os_seconds() - t->started;
+    oxl_progress   progress = {.iteration    = t->step,
+                               .iterations   = t->options->iterations,
+                               .gaussians    = t->model->count,
+                               .loss         = t->loss,
+                               .psnr         = t->psnr,
+                               .seconds      = seconds,
+                               .seconds_left = seconds / t->step * (t->options->iterations - t->step),
+                               .model        = t->model};
+    return callback && callback->progress && callback->progress(callback->user, &progress);
+}
+
+static oxl_result train_step(struct train *t)
+{
+    int        view;
+    oxl_result rc = train_next_photo(t, &view);
+    if (rc == OXL_OK) rc = train_bands(t);
+    if (rc == OXL_OK) rc = train_on_view(t, view);
+    if (rc == OXL_OK) rc = train_density(t);
+    return rc;
+}
+
+oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback, oxl_model *out)
+{
+    struct train t  = {.ctx = ctx, .scene = scene, .options = options, .model = out, .started = os_seconds()};
+    oxl_result   rc = OXL_OK;
+    *out = (oxl_model){0};
+    if (options->iterations < 1 || options->sh_degree < 0 || options->sh_degree > 3 || options->densify_every < 1) {
+        return oxl_fail(ctx, OXL_ERR_USAGE, "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3, at least 1",
+                        options->iterations, options->sh_degree, options->densify_every);
+    }
+    rc = train_begin(&t);
+    for (t.step = 1; rc == OXL_OK && t.step <= options->iterations; t.step++) {
+        rc = train_step(&t);
+        if (rc == OXL_OK && train_report(&t, callback)) rc = OXL_ERR_INTERRUPTED;
+        if (options->max_seconds > 0 && os_seconds() - t.started > options->max_seconds) {
+            oxl_log(ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t.step, options->iterations);
+            break;
+        }
+    }
+    if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step - 1, options->iterations);
+    else if (rc != OXL_OK) oxl_model_free(ctx, out);
+    train_end(&t);
+    return rc;
+}
