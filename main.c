@@ -58,8 +58,8 @@ static void print_progress(struct console *c, const oxl_progress *p)
     c->iteration      = p->iteration;
     c->seconds        = p->seconds;
     console_clear(c);
-    fprintf(stderr, "%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->iteration, p->iterations, p->loss,
-            p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
+    fprintf(stderr, "%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->iteration, p->iterations,
+            p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
     print_duration(p->seconds_left);
     if (!c->live) fputc('\n', stderr);
     c->shown = c->live;
@@ -105,8 +105,8 @@ static oxl_split split_of(const struct arguments *a)
 
 static void print_file(const char *folder, const char *name)
 {
-    char  path[4096], buffer[4096];
-    FILE *file;
+    char   path[4096], buffer[4096];
+    FILE  *file;
     size_t n;
     snprintf(path, sizeof path, "%s/%s", folder, name);
     file = fopen(path, "rb");

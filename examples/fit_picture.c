@@ -17,8 +17,9 @@ static oxl_result paint(oxl_context *ctx, oxl_image *out)
     if (rc != OXL_OK) return rc;
     for (int y = 0; y < side; y++)
         for (int x = 0; x < side; x++) {
-            const double u = (x - 50) / 30.0, v = (y - 70) / 30.0, ring = 0.5 + 0.5 * cos(6 * (u * u + v * v) / (1 + 0.5 * u * u));
-            const int    i = y * side + x, pixels = side * side;
+            const double u = (x - 50) / 30.0, v = (y - 70) / 30.0,
+                         ring = 0.5 + 0.5 * cos(6 * (u * u + v * v) / (1 + 0.5 * u * u));
+            const int i = y * side + x, pixels = side * side;
             out->rgb[i]              = (float)(0.2 + 0.6 * ring);
             out->rgb[i + pixels]     = (float)x / (float)side;
             out->rgb[i + 2 * pixels] = (float)(0.8 - 0.5 * ring * y / side);
@@ -35,7 +36,8 @@ static oxl_point *points_on_the_wall(const oxl_image *image, const oxl_camera *c
     for (int y = step / 2; points && y < image->height; y += step)
         for (int x = step / 2; x < image->width; x += step) {
             oxl_point p = {.position = {(x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy, 1}};
-            for (int k = 0; k < 3; k++) p.rgb[k] = (uint8_t)(255 * image->rgb[(size_t)k * pixels + (size_t)(y * image->width + x)] + 0.5f);
+            for (int k = 0; k < 3; k++)
+                p.rgb[k] = (uint8_t)(255 * image->rgb[(size_t)k * pixels + (size_t)(y * image->width + x)] + 0.5f);
             points[(*count)++] = p;
         }
     return points;
@@ -44,7 +46,8 @@ static oxl_point *points_on_the_wall(const oxl_image *image, const oxl_camera *c
 static int show(void *user, const oxl_progress *p)
 {
     (void)user;
-    if (p->iteration % 100 == 0) printf("step %4d  loss %.4f  PSNR %.2f dB  %zu Gaussians\n", p->iteration, p->loss, p->psnr, p->gaussians);
+    if (p->iteration % 100 == 0)
+        printf("step %4d  loss %.4f  PSNR %.2f dB  %zu Gaussians\n", p->iteration, p->loss, p->psnr, p->gaussians);
     return 0;
 }
 

@@ -13,17 +13,22 @@ enum { SIDE = 48, PIXELS = 3 * SIDE * SIDE };
 
 static oxl_camera looking_along_z(void)
 {
-    return (oxl_camera){.width = SIDE, .height = SIDE, .fx = 60, .fy = 60, .cx = SIDE / 2.0, .cy = SIDE / 2.0,
+    return (oxl_camera){.width    = SIDE,
+                        .height   = SIDE,
+                        .fx       = 60,
+                        .fy       = 60,
+                        .cx       = SIDE / 2.0,
+                        .cy       = SIDE / 2.0,
                         .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
 }
 
 static void place(oxl_model *m)
 {
-    const float row[] = {0.1f, -0.2f, 4.0f,     /* mean, 4 units in front of the camera */
-                         -1.0f, -1.4f, -1.8f,   /* natural logarithms of its three standard deviations */
-                         0.9f, 0.1f, -0.3f, 0.2f, /* rotation, w x y z, need not be of length 1 */
-                         0.5f,                  /* logit of opacity: 1 / (1 + exp(-0.5)) = 0.62 */
-                         1.2f, 0.3f, 0.1f};     /* SH coefficient 0 of red, green, blue */
+    const float row[] = {0.1f,  -0.2f, 4.0f,        /* mean, 4 units in front of the camera */
+                         -1.0f, -1.4f, -1.8f,       /* natural logarithms of its three standard deviations */
+                         0.9f,  0.1f,  -0.3f, 0.2f, /* rotation, w x y z, need not be of length 1 */
+                         0.5f,                      /* logit of opacity: 1 / (1 + exp(-0.5)) = 0.62 */
+                         1.2f,  0.3f,  0.1f};       /* SH coefficient 0 of red, green, blue */
     for (int p = 0; p < oxl_model_planes(m); p++) m->plane[p][0] = row[p];
 }
 
@@ -44,10 +49,11 @@ static oxl_result loss(oxl_context *ctx, const oxl_model *m, const oxl_camera *c
 /* Prints one row; returns 1 when the two agree. */
 static int compare(oxl_context *ctx, oxl_model *m, const oxl_camera *camera, int p, double exact)
 {
-    static const char *const names[] = {"x", "y", "z", "log scale 0", "log scale 1", "log scale 2", "rotation w",
-                                        "rotation x", "rotation y", "rotation z", "opacity", "red", "green", "blue"};
-    const float at = m->plane[p][0], h = 0.01f;
-    double      above = 0, below = 0, difference;
+    static const char *const names[] = {"x",           "y",          "z",          "log scale 0", "log scale 1",
+                                        "log scale 2", "rotation w", "rotation x", "rotation y",  "rotation z",
+                                        "opacity",     "red",        "green",      "blue"};
+    const float              at = m->plane[p][0], h = 0.01f;
+    double                   above = 0, below = 0, difference;
     m->plane[p][0] = at + h;
     if (loss(ctx, m, camera, &above, NULL) != OXL_OK) return 0;
     m->plane[p][0] = at - h;
@@ -64,7 +70,7 @@ int main(void)
     const oxl_camera camera = looking_along_z();
     oxl_context     *ctx    = NULL;
     oxl_model        model = {0}, gradient = {0};
-    double           value = 0;
+    double           value  = 0;
     int              agreed = 0;
     oxl_result       rc     = oxl_context_create(NULL, &ctx);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, 1, 0, &model);

@@ -25,10 +25,8 @@ struct job {
 oxl_job_options oxl_job_options_default(oxl_preset preset)
 {
     static const char *const names[] = {"draft", "standard", "paper"};
-    return (oxl_job_options){.scene   = oxl_scene_options_default(),
-                             .train   = oxl_train_options_default(preset),
-                             .preset  = names[preset],
-                             .renders = 1};
+    return (oxl_job_options){
+        .scene = oxl_scene_options_default(), .train = oxl_train_options_default(preset), .preset = names[preset], .renders = 1};
 }
 
 /* ---------------------------------------------------------------- files of OUT */
@@ -196,7 +194,8 @@ static char *job_picture_path(oxl_context *ctx, const char *folder, const char *
     return path;
 }
 
-static oxl_result job_write_image(oxl_context *ctx, const char *folder, const char *name, const char *suffix, const oxl_image *image)
+static oxl_result job_write_image(oxl_context *ctx, const char *folder, const char *name, const char *suffix,
+                                  const oxl_image *image)
 {
     char            *path = job_picture_path(ctx, folder, name, suffix);
     const oxl_result rc   = path ? oxl_image_write(ctx, path, image) : OXL_ERR_IO;
@@ -222,7 +221,8 @@ done:
 }
 
 /* A picture of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
-static oxl_result job_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width, int height)
+static oxl_result job_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
+                                  int height)
 {
     const size_t pixels  = (size_t)width * height;
     oxl_image    picture = {0};
@@ -252,7 +252,10 @@ static oxl_result job_render_view(oxl_context *ctx, const oxl_model *model, oxl_
     oxl_result      rc    = OXL_OK;
     if (what->depth) {
         depth = oxl_alloc(ctx, (size_t)width * height, sizeof *depth);
-        if (!depth) { rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height); goto done; }
+        if (!depth) {
+            rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
+            goto done;
+        }
     }
     rc = oxl_render(ctx, model, &view->camera, NULL, &drawn, depth);
     if (rc == OXL_OK) rc = job_write_image(ctx, folder, view->name, ".png", &drawn);
@@ -284,7 +287,7 @@ oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene 
 
 oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out)
 {
-    struct text t = {.ctx = ctx};
+    struct text t  = {.ctx = ctx};
     oxl_result  rc = metrics_write_json(ctx, &t, scene, metrics);
     text_add(&t, "\n");
     if (rc == OXL_OK) rc = text_take(&t, out);
@@ -327,8 +330,8 @@ static oxl_result job_write_run(struct job *job, int finished)
     oxl_result  rc;
     text_add(&t, "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"preset\": ", OXL_VERSION, finished ? "true" : "false");
     text_add_json_string(&t, job->options->preset ? job->options->preset : "");
-    text_add(&t, ",\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n  \"iterations_done\": %d,\n  \"origin\": [", job->ctx->threads,
-             oxl_isa_name(job->ctx), job->last.iteration);
+    text_add(&t, ",\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n  \"iterations_done\": %d,\n  \"origin\": [",
+             job->ctx->threads, oxl_isa_name(job->ctx), job->last.iteration);
     for (int k = 0; k < 3; k++) {
         if (k > 0) text_add(&t, ", ");
         text_add_number(&t, job->model.origin[k]);
@@ -346,7 +349,7 @@ static oxl_result job_write_all(struct job *job, int finished)
 {
     struct os_file_map map  = {0};
     char              *path = oxl_path_join(job->ctx, job->out, "scene.ply");
-    oxl_result         rc   = path ? job_remove(job, "run.json") : oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory to write scene.ply");
+    oxl_result rc = path ? job_remove(job, "run.json") : oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory to write scene.ply");
     if (rc == OXL_OK) rc = job_remove(job, "metrics.json");
     if (rc == OXL_OK) rc = oxl_model_write(job->ctx, path, &job->model);
     if (rc == OXL_OK) rc = job_write(job, "log.csv", &job->log);

@@ -7,15 +7,15 @@
 #include "simd.h"
 
 /* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/SPEED.md. */
-#define SURVEY_GROWTH          3.0   /* Gaussians at the end for one point at the start: 1.2 to 5 were seen */
-#define SURVEY_LEAST_GAUSSIANS 2e4   /* what sparse starts grow to at least */
-#define SURVEY_PAIRS_PER_PIXEL 40.0  /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
-#define SURVEY_PAIR_RATE       1.0e9 /* pairs a second and thread, AVX2 or better */
-#define SURVEY_PAIR_RATE_BASE  0.2e9 /* the same without */
+#define SURVEY_GROWTH          3.0    /* Gaussians at the end for one point at the start: 1.2 to 5 were seen */
+#define SURVEY_LEAST_GAUSSIANS 2e4    /* what sparse starts grow to at least */
+#define SURVEY_PAIRS_PER_PIXEL 40.0   /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
+#define SURVEY_PAIR_RATE       1.0e9  /* pairs a second and thread, AVX2 or better */
+#define SURVEY_PAIR_RATE_BASE  0.2e9  /* the same without */
 #define SURVEY_PIXEL_COST      1.0e-7 /* s: SSIM there and back, photograph to float */
 #define SURVEY_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
-#define SURVEY_PIXEL_BYTES     160.0 /* of working memory: images, SSIM's maps */
-#define SURVEY_SPLAT_BYTES     300.0 /* a Gaussian beside its parameters: projection, tile lists, gradient slots */
+#define SURVEY_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
+#define SURVEY_SPLAT_BYTES     300.0  /* a Gaussian beside its parameters: projection, tile lists, gradient slots */
 #define SURVEY_PROGRAM_BYTES   4e7
 
 static int survey_is_distorted(const struct colmap *c)
@@ -33,8 +33,8 @@ static void survey_cameras(const struct colmap *c, oxl_survey *s)
     s->cameras           = (int)c->camera_count;
     s->cameras_distorted = survey_is_distorted(c);
     snprintf(s->cameras_text, sizeof s->cameras_text, "%d%s %s %d x %d, %s", s->cameras,
-             s->cameras == 1 ? " camera," : " cameras, the first", camera_model_at(first->model)->name, first->width, first->height,
-             s->cameras_distorted ? "distorted (mended on load)" : "free of distortion");
+             s->cameras == 1 ? " camera," : " cameras, the first", camera_model_at(first->model)->name, first->width,
+             first->height, s->cameras_distorted ? "distorted (mended on load)" : "free of distortion");
 }
 
 static double survey_pixels(const oxl_scene *scene, oxl_survey *s)
@@ -51,7 +51,7 @@ static double survey_pixels(const oxl_scene *scene, oxl_survey *s)
 
 static void survey_predict(const oxl_context *ctx, const oxl_job_options *o, double pixels, oxl_survey *s)
 {
-    const int    views   = OXL_MAX(1, s->train_views + s->test_views), degree = o->train.sh_degree;
+    const int    views = OXL_MAX(1, s->train_views + s->test_views), degree = o->train.sh_degree;
     const double planes  = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double a_view  = pixels / views; /* px */
     const double photos  = OXL_MIN(3.0 * pixels, (double)o->scene.image_cache_bytes);
@@ -65,8 +65,8 @@ static void survey_predict(const oxl_context *ctx, const oxl_job_options *o, dou
     s->seconds = o->train.iterations * step;
     if (o->train.max_seconds > 0) s->seconds = OXL_MIN(s->seconds, o->train.max_seconds);
     /* parameters, gradient and two moments are planes of 4 bytes */
-    s->memory      = SURVEY_PROGRAM_BYTES + photos + largest * SURVEY_PIXEL_BYTES + s->gaussians * (16 * planes + SURVEY_SPLAT_BYTES) +
-                     (double)s->observations * sizeof(struct colmap_observation);
+    s->memory = SURVEY_PROGRAM_BYTES + photos + largest * SURVEY_PIXEL_BYTES + s->gaussians * (16 * planes + SURVEY_SPLAT_BYTES) +
+                (double)s->observations * sizeof(struct colmap_observation);
     s->memory_free = (double)os_memory_free();
 }
 
@@ -111,10 +111,12 @@ static void survey_write_warnings(oxl_survey *s)
 {
     if (s->images_missing > 0)
         survey_say(s, "warning: %d of %d photographs are not on disk and are left out\n", s->images_missing, s->images);
-    if (s->points == 0) survey_say(s, "warning: no points: training starts from random ones and may fail; export points3D.txt too\n");
+    if (s->points == 0)
+        survey_say(s, "warning: no points: training starts from random ones and may fail; export points3D.txt too\n");
     else if (s->points < 500) survey_say(s, "warning: only %zu points; was this the right sub-model?\n", s->points);
     if (s->mean_error > 2)
-        survey_say(s, "warning: a reprojection error of %.1f px blurs everything (good: under 1); run bundle_adjuster\n", s->mean_error);
+        survey_say(s, "warning: a reprojection error of %.1f px blurs everything (good: under 1); run bundle_adjuster\n",
+                   s->mean_error);
     if (s->train_views < 10) survey_say(s, "warning: %d photographs to train with are few; expect holes\n", s->train_views);
     if (s->test_views == 0) survey_say(s, "warning: nothing is held out, so the metrics are of training photographs\n");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
@@ -125,7 +127,7 @@ static void survey_write_warnings(oxl_survey *s)
 
 OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out)
 {
-    const struct scene_stats *stats = scene_stats_of(scene);
+    const struct scene_stats *stats  = scene_stats_of(scene);
     const double             *origin = oxl_scene_origin(scene);
     double                    pixels;
     *out = (oxl_survey){.images         = stats->images_listed,

@@ -30,7 +30,8 @@ static const struct {
     {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR", "Draws a model from the cameras of a survey.",
      "oceanxl render out/scene.ply survey -o pictures", "One PNG a view, named as its photograph."},
     {"eval", COMMAND_EVAL, 2, "MODEL SCENE", "Compares a model with photographs: PSNR and SSIM, for each view and in the mean.",
-     "oceanxl eval out/scene.ply survey", "The photographs compared with are those that train held out, unless --split says otherwise."},
+     "oceanxl eval out/scene.ply survey",
+     "The photographs compared with are those that train held out, unless --split says otherwise."},
     {"info", COMMAND_INFO, 1, "FILE", "Says what a model file holds.", "oceanxl info out/scene.ply", "Reads .ply and .splat."},
     {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply and .splat, by the files' extensions.",
      "oceanxl convert out/scene.ply scene.splat", ".splat holds 32 bytes a Gaussian and no colour that depends on the view."},
@@ -46,21 +47,33 @@ static const struct option {
     const char *help;
 } options[] = {
     {"What is read", "--images", "FOLDER", TEXT, FIELD(images), SCENES, "photographs (SCENE/images)"},
-    {"What is read", "--sparse", "FOLDER", TEXT, FIELD(sparse), SCENES, "cameras.txt, images.txt, points3D.txt (SCENE/sparse/0, SCENE/sparse or SCENE)"},
+    {"What is read", "--sparse", "FOLDER", TEXT, FIELD(sparse), SCENES,
+     "cameras.txt, images.txt, points3D.txt (SCENE/sparse/0, SCENE/sparse or SCENE)"},
     {"What is read", "--masks", "FOLDER", TEXT, FIELD(masks), SCENES, "masks, black is ignored (SCENE/masks, when it is there)"},
-    {"What is read", "--max-side", "PX", COUNTING, FIELD(max_side), SCENES, "reduce photographs until the longer side is at most this (1600)"},
-    {"What is read", "--test-every", "N", COUNTING, FIELD(test_every), SCENES, "hold out every N-th photograph by name; 0: none (8)"},
-    {"What is read", "--image-cache", "SIZE", SIZE, FIELD(image_cache), SCENES, "decoded photographs kept in memory, as 512M or 4G (1G)"},
+    {"What is read", "--max-side", "PX", COUNTING, FIELD(max_side), SCENES,
+     "reduce photographs until the longer side is at most this (1600)"},
+    {"What is read", "--test-every", "N", COUNTING, FIELD(test_every), SCENES,
+     "hold out every N-th photograph by name; 0: none (8)"},
+    {"What is read", "--image-cache", "SIZE", SIZE, FIELD(image_cache), SCENES,
+     "decoded photographs kept in memory, as 512M or 4G (1G)"},
     {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER), "where to; made when it is not there"},
     {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
-    {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER), "depth too: NAME.depth.png to look at, NAME.depth.pfm to measure, in the survey's unit"},
-    {"What is written", "--json", NULL, FLAG, FIELD(json), IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO), "results on standard output as JSON"},
-    {"How it is trained", "--preset", "draft|standard|paper", PRESET, FIELD(preset), IN(TRAIN) | IN(CHECK), "how long and how carefully (draft)"},
-    {"How it is trained", "--iterations", "N", COUNTING, FIELD(iterations), IN(TRAIN) | IN(CHECK), "steps, of one photograph each (the preset's)"},
-    {"How it is trained", "--max-time", "TIME", DURATION, FIELD(max_time), IN(TRAIN) | IN(CHECK), "stop in good order after 90s, 20m or 8h (no limit)"},
-    {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), IN(TRAIN) | IN(CHECK), "never more than this many; 0: no limit (0)"},
-    {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), IN(TRAIN) | IN(CHECK), "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
-    {"How it is trained", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN), "of every random choice; the same seed gives the same bytes (1)"},
+    {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER),
+     "depth too: NAME.depth.png to look at, NAME.depth.pfm to measure, in the survey's unit"},
+    {"What is written", "--json", NULL, FLAG, FIELD(json), IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO),
+     "results on standard output as JSON"},
+    {"How it is trained", "--preset", "draft|standard|paper", PRESET, FIELD(preset), IN(TRAIN) | IN(CHECK),
+     "how long and how carefully (draft)"},
+    {"How it is trained", "--iterations", "N", COUNTING, FIELD(iterations), IN(TRAIN) | IN(CHECK),
+     "steps, of one photograph each (the preset's)"},
+    {"How it is trained", "--max-time", "TIME", DURATION, FIELD(max_time), IN(TRAIN) | IN(CHECK),
+     "stop in good order after 90s, 20m or 8h (no limit)"},
+    {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), IN(TRAIN) | IN(CHECK),
+     "never more than this many; 0: no limit (0)"},
+    {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), IN(TRAIN) | IN(CHECK),
+     "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
+    {"How it is trained", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN),
+     "of every random choice; the same seed gives the same bytes (1)"},
     {"The program", "--threads", "T", COUNTING, FIELD(threads), EVERYWHERE, "threads; the result does not depend on them (all)"},
     {"The program", "--quiet", NULL, FLAG, FIELD(quiet), EVERYWHERE, "only warnings and errors on standard error"},
     {"The program", "--help", NULL, FLAG, FIELD(help), EVERYWHERE, "this text"},
@@ -77,17 +90,20 @@ static void help_option(FILE *to, const struct option *o)
 
 static void help_overview(FILE *to)
 {
-    fputs("OceanXL " OXL_VERSION ": from a COLMAP text export of an underwater survey to one compact 3D Gaussian Splatting model,\n"
+    fputs("OceanXL " OXL_VERSION
+          ": from a COLMAP text export of an underwater survey to one compact 3D Gaussian Splatting model,\n"
           "on a laptop without a GPU.\n\n"
           "  oceanxl train survey -o out\n\n"
-          "Commands (oceanxl COMMAND --help says more)\n", to);
+          "Commands (oceanxl COMMAND --help says more)\n",
+          to);
     for (size_t i = 0; i < COUNT(commands); i++) {
         char left[64];
         snprintf(left, sizeof left, "%s %s", commands[i].name, commands[i].usage);
         fprintf(to, "  %-31s %s\n", left, commands[i].purpose);
     }
     fputs("\nSCENE is a folder with images/ and sparse/0/ (or sparse/, or the three text files themselves).\n"
-          "Exit codes: 0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n", to);
+          "Exit codes: 0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n",
+          to);
 }
 
 void arguments_help(FILE *to, enum command command)
@@ -99,8 +115,8 @@ void arguments_help(FILE *to, enum command command)
     }
     for (size_t i = 0; i < COUNT(commands); i++)
         if (commands[i].command == command)
-            fprintf(to, "%s\n\n  %s\n\nUsage: oceanxl %s %s [options]\n%s\n", commands[i].purpose, commands[i].example, commands[i].name,
-                    commands[i].usage, commands[i].more);
+            fprintf(to, "%s\n\n  %s\n\nUsage: oceanxl %s %s [options]\n%s\n", commands[i].purpose, commands[i].example,
+                    commands[i].name, commands[i].usage, commands[i].more);
     for (size_t i = 0; i < COUNT(options); i++) {
         if (!(options[i].commands & 1u << command)) continue;
         if (strcmp(group, options[i].group) != 0) fprintf(to, "\n%s (default in parentheses)\n", options[i].group);
@@ -145,9 +161,9 @@ static int parse_count(const char *text, double most, double *out)
 static int parse_value(const struct option *o, const char *text, struct arguments *a)
 {
     static const char *const presets[] = {"draft", "standard", "paper"}, *const splits[] = {"test", "train", "all"};
-    static const double      bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
-    void *const              field = (char *)a + o->field;
-    double                   number;
+    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
+    void *const         field = (char *)a + o->field;
+    double              number;
     switch (o->kind) {
     case FLAG: *(int *)field = 1; return 1;
     case TEXT: *(const char **)field = text; return text[0] != 0;
@@ -260,7 +276,8 @@ static int check_complete(const struct arguments *a, char *error, size_t size)
     for (size_t i = 0; i < COUNT(commands); i++) {
         if (commands[i].command != a->command) continue;
         if (a->path_count != commands[i].paths || ((a->command == COMMAND_TRAIN || a->command == COMMAND_RENDER) && !a->out)) {
-            snprintf(error, size, "oceanxl %s wants %s\nfix: for example: %s", commands[i].name, commands[i].usage, commands[i].example);
+            snprintf(error, size, "oceanxl %s wants %s\nfix: for example: %s", commands[i].name, commands[i].usage,
+                     commands[i].example);
             return 1;
         }
     }
@@ -269,10 +286,20 @@ static int check_complete(const struct arguments *a, char *error, size_t size)
 
 int arguments_parse(int argc, char **argv, struct arguments *a, char *error, size_t size)
 {
-    *a = (struct arguments){.preset = -1, .split = -1, .iterations = -1, .max_gaussians = -1, .sh_degree = -1, .max_side = -1,
-                            .test_every = -1, .threads = -1, .max_time = -1, .image_cache = -1, .seed = -1};
+    *a = (struct arguments){.preset        = -1,
+                            .split         = -1,
+                            .iterations    = -1,
+                            .max_gaussians = -1,
+                            .sh_degree     = -1,
+                            .max_side      = -1,
+                            .test_every    = -1,
+                            .threads       = -1,
+                            .max_time      = -1,
+                            .image_cache   = -1,
+                            .seed          = -1};
     if (argc > 1 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0)) a->version = 1;
-    else if (argc > 1 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0)) a->help = 1;
+    else if (argc > 1 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0))
+        a->help = 1;
     if (a->version || a->help) return 0;
     if (argc < 2) {
         snprintf(error, size, "a command is wanted: train, check, render, eval, info, convert\nfix: oceanxl --help");

@@ -37,12 +37,14 @@ static size_t info_broken(const oxl_model *m)
 
 static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
 {
-    static const char *const names[] = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
-    static const int planes[] = {OXL_MEAN, OXL_MEAN + 1, OXL_MEAN + 2, OXL_LOG_SCALE, OXL_LOG_SCALE + 1, OXL_LOG_SCALE + 2, OXL_OPACITY};
-    const size_t     broken   = info_broken(m);
-    fprintf(to, json ? "{\n  \"gaussians\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n  \"origin\": [%.17g, %.17g, %.17g]"
-                     : "Gaussians   %zu\nSH degree   %d\nnot finite  %zu\norigin      %.10g %.10g %.10g (world = local + origin)\n"
-                       "            5th, 50th, 95th percentile\n",
+    static const char *const names[]  = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
+    static const int         planes[] = {OXL_MEAN,          OXL_MEAN + 1,      OXL_MEAN + 2, OXL_LOG_SCALE,
+                                         OXL_LOG_SCALE + 1, OXL_LOG_SCALE + 2, OXL_OPACITY};
+    const size_t             broken   = info_broken(m);
+    fprintf(to,
+            json ? "{\n  \"gaussians\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n  \"origin\": [%.17g, %.17g, %.17g]"
+                 : "Gaussians   %zu\nSH degree   %d\nnot finite  %zu\norigin      %.10g %.10g %.10g (world = local + origin)\n"
+                   "            5th, 50th, 95th percentile\n",
             m->count, m->sh_degree, broken, m->origin[0], m->origin[1], m->origin[2]);
     for (int i = 0; i < 7; i++) {
         struct spread s = info_spread(m->plane[planes[i]], m->count, sorted);

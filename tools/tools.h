@@ -12,7 +12,16 @@
 
 enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
 
-enum command { COMMAND_NONE, COMMAND_TRAIN, COMMAND_CHECK, COMMAND_RENDER, COMMAND_EVAL, COMMAND_INFO, COMMAND_CONVERT, COMMAND_SYNTH };
+enum command {
+    COMMAND_NONE,
+    COMMAND_TRAIN,
+    COMMAND_CHECK,
+    COMMAND_RENDER,
+    COMMAND_EVAL,
+    COMMAND_INFO,
+    COMMAND_CONVERT,
+    COMMAND_SYNTH
+};
 
 struct arguments { /* negative numbers and NULL: not given */
     enum command command;
