@@ -250,6 +250,9 @@ static oxl_result job_render_view(oxl_context *ctx, const oxl_model *model, oxl_
     oxl_image       drawn = {0}, photograph = {0};
     float          *depth = NULL;
     oxl_result      rc    = OXL_OK;
+
+    oxl_render_options options = oxl_render_options_default();
+    options.near_plane         = (float)scene_near_plane(scene);
     if (what->depth) {
         depth = oxl_alloc(ctx, (size_t)width * height, sizeof *depth);
         if (!depth) {
@@ -257,7 +260,7 @@ static oxl_result job_render_view(oxl_context *ctx, const oxl_model *model, oxl_
             goto done;
         }
     }
-    rc = oxl_render(ctx, model, &view->camera, NULL, &drawn, depth);
+    rc = oxl_render(ctx, model, &view->camera, &options, &drawn, depth);
     if (rc == OXL_OK) rc = job_write_image(ctx, folder, view->name, ".png", &drawn);
     if (rc == OXL_OK && depth) rc = job_write_depth(ctx, folder, view->name, depth, width, height);
     if (rc == OXL_OK && what->photographs) rc = oxl_scene_image(ctx, scene, index, &photograph);

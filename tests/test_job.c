@@ -1,0 +1,187 @@
+/* test_job.c - the whole job and the survey's report, on a survey of nine small photographs of a coloured wall. */
+
+enum { JOB_VIEWS = 9, JOB_WIDTH = 48, JOB_HEIGHT = 32 };
+
+static oxl_result job_test_photograph(const char *path, int view)
+{
+    oxl_image  image = {0};
+    oxl_result rc    = oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &image);
+    if (rc != OXL_OK) return rc;
+    for (int i = 0; i < JOB_WIDTH * JOB_HEIGHT; i++) {
+        image.rgb[i]                              = (float)(i % JOB_WIDTH) / JOB_WIDTH;
+        image.rgb[i + JOB_WIDTH * JOB_HEIGHT]     = (float)i / (JOB_WIDTH * JOB_HEIGHT);
+        image.rgb[i + 2 * JOB_WIDTH * JOB_HEIGHT] = 0.1f * (float)view;
+    }
+    rc = oxl_image_write(test_ctx, path, &image);
+    oxl_image_free(test_ctx, &image);
+    return rc;
+}
+
+/* Writes the survey into the test's folder and returns its path. Cameras stand in a row and look at a wall at z = 4. */
+static const char *job_test_survey(void)
+{
+    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    char        name[64];
+    test_write("survey/images/.keep", "");
+    test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 48 32 40 40 24 16\n");
+    for (int i = 0; i < JOB_VIEWS; i++) {
+        snprintf(name, sizeof name, "survey/images/%d.png", i);
+        CHECK_OK(job_test_photograph(test_path(name), i));
+        text_add(&images, "%d 1 0 0 0 %.3f 0 0 1 %d.png\n24 16 %d\n", i + 1, -0.1 * i, i, i + 1);
+    }
+    for (int i = 0; i < 60; i++)
+        text_add(&points, "%d %.3f %.3f 4 %d 120 60 0.5 1 0 2 0\n", i + 1, -2 + 0.5 * (i % 10), -1.25 + 0.5 * (i / 10), 4 * i);
+    test_write("survey/sparse/0/images.txt", images.data ? images.data : "");
+    test_write("survey/sparse/0/points3D.txt", points.data ? points.data : "");
+    text_free(&images);
+    text_free(&points);
+    return test_path("survey");
+}
+
+static oxl_job_options job_test_options(void)
+{
+    oxl_job_options options  = oxl_job_options_default(OXL_PRESET_DRAFT);
+    options.train.iterations = 12;
+    return options;
+}
+
+static int job_test_has(const char *file, const char *words)
+{
+    struct os_file_map map = {0};
+    int                has;
+    if (!os_is_file(file)) return 0;
+    CHECK_OK(os_read_file(test_ctx, file, &map));
+    has = map.data && strstr(map.data, words) != NULL;
+    os_release_file(test_ctx, &map);
+    return has;
+}
+
+struct job_test_watch {
+    int calls, stop_at;
+};
+
+static int job_test_progress(void *user, const oxl_progress *p)
+{
+    struct job_test_watch *w = user;
+    w->calls++;
+    return p->iteration == w->stop_at;
+}
+
+TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
+{
+    const oxl_job_options options = job_test_options();
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK(os_is_file(test_path("out/scene.ply")));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"test\""));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"psnr\": "));
+    CHECK(job_test_has(test_path("out/log.csv"), "iteration,loss,psnr,gaussians,seconds\n1,"));
+    CHECK(job_test_has(test_path("out/log.csv"), "\n12,"));
+    CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
+    CHECK(os_is_file(test_path("out/renders/0.png.png")));
+    CHECK(os_is_file(test_path("out/renders/0.png.photo.png")));
+    CHECK(!os_is_file(test_path("out/renders/1.png.png")));
+}
+
+TEST(job_that_is_finished_is_not_done_again_but_another_is)
+{
+    oxl_job_options       options  = job_test_options();
+    struct job_test_watch watch    = {0, -1};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_survey();
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 12);
+    options.preset = "a name changes nothing";
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 12);
+    options.train.rate_opacity *= 2;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 24);
+    test_ctx->options.seed = 7;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 36);
+}
+
+TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
+{
+    const oxl_job_options options  = job_test_options();
+    struct job_test_watch watch    = {0, 5};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_survey();
+    oxl_model             model    = {0};
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    test_ctx->options.seed = 2; /* another job in the same folder */
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    CHECK(watch.calls == 5);
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK(model.count >= 60);
+    CHECK(job_test_has(test_path("out/run.json"), "\"finished\": false"));
+    CHECK(!os_is_file(test_path("out/metrics.json")));
+    oxl_model_free(test_ctx, &model);
+    watch = (struct job_test_watch){0, -1};
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 12);
+}
+
+TEST(job_without_held_out_views_judges_training_views_and_says_so)
+{
+    oxl_job_options options  = job_test_options();
+    options.scene.test_every = 0;
+    options.renders          = 0;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"train\""));
+    CHECK(!os_is_folder(test_path("out/renders")));
+}
+
+TEST(job_of_a_missing_survey_is_bad_input)
+{
+    CHECK(oxl_job_run(test_ctx, test_path("nowhere"), test_path("out"), NULL, NULL) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "nowhere");
+}
+
+TEST(job_pictures_stay_inside_their_folder)
+{
+    char *path = job_picture_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
+    CHECK(path && strcmp(path, test_path("pictures/.._dive_a.jpg.png")) == 0);
+    oxl_free(test_ctx, path);
+    path = job_picture_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
+    CHECK(path && strcmp(path, test_path("pictures/dive/a.jpg.png")) == 0);
+    CHECK(os_is_folder(test_path("pictures/dive")));
+    oxl_free(test_ctx, path);
+}
+
+TEST(survey_counts_what_the_files_hold)
+{
+    oxl_survey s;
+    char      *json = NULL;
+    CHECK_OK(oxl_check(test_ctx, job_test_survey(), NULL, &s));
+    CHECK(s.images == 9 && s.images_missing == 0 && s.test_views == 2 && s.train_views == 7);
+    CHECK(s.cameras == 1 && s.cameras_distorted == 0 && s.width == 48 && s.height == 32);
+    CHECK(s.points == 60);
+    CHECK_CLOSE(s.mean_track, 2, 1e-12);
+    CHECK_CLOSE(s.mean_error, 0.5, 1e-6);
+    CHECK_CLOSE(s.bounds_max[2], 4, 1e-6);
+    CHECK_TEXT(s.text, "9 listed, 0 missing; 7 to train with, 2 held out");
+    CHECK_TEXT(s.text, "PINHOLE 48 x 32");
+    CHECK_TEXT(s.text, "warning: only 60 points");
+    CHECK_OK(oxl_survey_to_json(test_ctx, &s, &json));
+    CHECK_TEXT(json, "\"train_views\": 7");
+    oxl_text_free(test_ctx, json);
+}
+
+TEST(survey_predicts_that_more_takes_more)
+{
+    oxl_job_options options = job_test_options();
+    oxl_survey      less, more;
+    const char     *survey = job_test_survey();
+    CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
+    options.train.iterations *= 10;
+    CHECK_OK(oxl_check(test_ctx, survey, &options, &more));
+    CHECK(more.seconds > 9 * less.seconds && less.seconds > 0);
+    options.train.max_gaussians = 1000;
+    CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
+    CHECK(less.gaussians == 1000 && less.memory < more.memory);
+    options.train.max_seconds = 1e-9;
+    CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
+    CHECK_CLOSE(less.seconds, 1e-9, 1e-12);
+}
