@@ -214,11 +214,18 @@ static void offer(const char *word, const char *name, const char **best, int *le
     if (d < *least) *least = d, *best = name;
 }
 
-static int unknown(const char *what, const char *word, const char *best, const char *help, char *error, size_t size)
+static int unknown(const char *what, const char *word, const char *best, const char *command, char *error, size_t size)
 {
-    if (best) snprintf(error, size, "%s '%s' is not known; did you mean %s?\nfix: oceanxl %s lists them", what, word, best, help);
-    else snprintf(error, size, "%s '%s' is not known\nfix: oceanxl %s lists them", what, word, help);
+    snprintf(error, size, "%s '%s' is not known%s%s%s\nfix: oceanxl %s%s--help lists them", what, word,
+             best ? "; did you mean " : "", best ? best : "", best ? "?" : "", command, command[0] ? " " : "");
     return 1;
+}
+
+static const char *command_name(enum command command)
+{
+    for (size_t i = 0; i < COUNT(commands); i++)
+        if (commands[i].command == command) return commands[i].name;
+    return "";
 }
 
 static int unknown_option(const char *word, const struct arguments *a, char *error, size_t size)
@@ -227,7 +234,7 @@ static int unknown_option(const char *word, const struct arguments *a, char *err
     int         least = 4; /* further away it would be a guess */
     for (size_t i = 0; i < COUNT(options); i++)
         if (options[i].commands & 1u << a->command) offer(word, options[i].name, &best, &least);
-    return unknown("option", word, best, "COMMAND --help", error, size);
+    return unknown("option", word, best, command_name(a->command), error, size);
 }
 
 static int find_command(const char *word, struct arguments *a, char *error, size_t size)
@@ -241,7 +248,7 @@ static int find_command(const char *word, struct arguments *a, char *error, size
         }
         offer(word, commands[i].name, &best, &least);
     }
-    return unknown("command", word, best, "--help", error, size);
+    return unknown("command", word, best, "", error, size);
 }
 
 /* ---------------------------------------------------------------- parsing */
