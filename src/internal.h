@@ -355,8 +355,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
 
 /* The gradient of the model that was drawn last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
  * rows of packs out of sight are left alone. */
-OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const float *drgb,
-                                          oxl_model *gradient);
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
 
 /* Adam on the rows seen by the last view. rates (planes) as they apply at this step; step counts from 1. */
 OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient, oxl_model *first,

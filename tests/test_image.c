@@ -1,0 +1,387 @@
+/* test_image.c - what comes out of image files, whole and broken, and how photographs are reduced, undistorted and masked. */
+
+static const struct colmap_camera image_pinhole = {
+    .id = 1, .model = 1, .width = 64, .height = 48, .parameter = {60, 60, 32, 24}, .line = 4};
+
+static uint8_t image_pattern(int x, int y, int c)
+{
+    return (uint8_t)(x * 3 + y * (2 + c) + 40 * c);
+}
+
+static void image_append(void *user, void *data, int size)
+{
+    struct text *t = user;
+    CHECK_OK(oxl_reserve(test_ctx, (void **)&t->data, &t->capacity, t->size + (size_t)size, 1));
+    memcpy(t->data + t->size, data, (size_t)size);
+    t->size += (size_t)size;
+}
+
+/* A photograph of w x h px with the pattern above. */
+static const char *image_photograph(const char *name, int w, int h)
+{
+    const char *path  = test_path(name);
+    struct text file  = {.ctx = test_ctx};
+    uint8_t    *bytes = oxl_alloc(test_ctx, (size_t)w * h, 3);
+    for (int i = 0; i < w * h; i++)
+        for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_pattern(i % w, i / w, c);
+    stbi_write_png_to_func(image_append, &file, w, h, 3, bytes, 3 * w);
+    CHECK_OK(os_write_file(test_ctx, path, file.data, file.size));
+    text_free(&file);
+    oxl_free(test_ctx, bytes);
+    return path;
+}
+
+/* A grey PNG from a drawing: '.' white, '#' black. */
+static const char *image_mask(const char *name, int w, int h, const char *drawing)
+{
+    const char *path = test_path(name);
+    struct text file = {.ctx = test_ctx};
+    uint8_t     bytes[64];
+    for (int i = 0; i < w * h; i++) bytes[i] = drawing[i] == '#' ? 0 : 255;
+    stbi_write_png_to_func(image_append, &file, w, h, 1, bytes, w);
+    CHECK_OK(os_write_file(test_ctx, path, file.data, file.size));
+    text_free(&file);
+    return path;
+}
+
+static const char *image_bytes(const char *name, const char *bytes, size_t size)
+{
+    const char *path = test_path(name);
+    CHECK_OK(os_write_file(test_ctx, path, bytes, size));
+    return path;
+}
+
+static oxl_camera image_camera(int w, int h)
+{
+    return (oxl_camera){.width = w, .height = h, .fx = 60.0 * w / 64, .fy = 60.0 * h / 48, .cx = w / 2.0, .cy = h / 2.0};
+}
+
+TEST(image_png_comes_back_as_it_was_written)
+{
+    oxl_image   a, b;
+    const char *path = test_path("a.png");
+    CHECK_OK(oxl_image_create(test_ctx, 37, 11, &a));
+    for (int i = 0; i < 3 * 37 * 11; i++) a.rgb[i] = (float)(i % 256) / 255.0f;
+    CHECK_OK(oxl_image_write(test_ctx, path, &a));
+    CHECK_OK(oxl_image_read(test_ctx, path, &b));
+    CHECK(b.width == 37 && b.height == 11 && !b.weight);
+    CHECK(memcmp(a.rgb, b.rgb, 3 * 37 * 11 * sizeof(float)) == 0);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
+TEST(image_write_clamps_and_paints_not_a_number_black)
+{
+    const float in[4] = {-3, NAN, 7, INFINITY}, out[4] = {0, 0, 1, 1};
+    oxl_image   a, b;
+    CHECK_OK(oxl_image_create(test_ctx, 4, 1, &a));
+    for (int c = 0; c < 3; c++) memcpy(a.rgb + 4 * c, in, sizeof in);
+    CHECK_OK(oxl_image_write(test_ctx, test_path("a.png"), &a));
+    CHECK_OK(oxl_image_read(test_ctx, test_path("a.png"), &b));
+    for (int i = 0; i < 12; i++) CHECK(b.rgb[i] == out[i % 4]);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+    CHECK(oxl_image_write(test_ctx, test_path("b.png"), &a) == OXL_ERR_USAGE);
+    CHECK(oxl_image_create(test_ctx, 0, 5, &a) == OXL_ERR_USAGE);
+}
+
+TEST(image_png_of_16_bits_is_rounded_and_grey_becomes_rgb)
+{
+    static const char png[] = /* 4 x 1, grey, 16 bits: 0 65535 254 32896 */
+        "\x89\x50\x4e\x47\x0d\x0a\x1a\x0a\x00\x00\x00\x0d\x49\x48\x44\x52\x00\x00\x00\x04\x00\x00\x00\x01\x10\x00\x00\x00"
+        "\x00\x8c\xc7\x8c\x52\x00\x00\x00\x11\x49\x44\x41\x54\x78\xda\x63\x60\x60\xf8\xff\x9f\xe1\x5f\x43\x03\x00\x0f\x78"
+        "\x03\xfd\x92\xec\xff\x1f\x00\x00\x00\x00\x49\x45\x4e\x44\xae\x42\x60\x82";
+    static const uint8_t wanted[4] = {0, 255, 1, 128};
+    struct pixels        p;
+    CHECK_OK(image_decode(test_ctx, image_bytes("grey.png", png, sizeof png - 1), 3, &p));
+    for (int i = 0; i < 12; i++) CHECK(p.data[i] == wanted[i / 3]);
+    image_pixels_free(test_ctx, &p);
+}
+
+TEST(image_alpha_of_a_png_is_ignored)
+{
+    static const char png[] = /* 2 x 1, RGBA: 10 20 30 0, 200 100 50 128 */
+        "\x89\x50\x4e\x47\x0d\x0a\x1a\x0a\x00\x00\x00\x0d\x49\x48\x44\x52\x00\x00\x00\x02\x00\x00\x00\x01\x08\x06\x00\x00"
+        "\x00\xf4\x22\x7f\x8a\x00\x00\x00\x11\x49\x44\x41\x54\x78\xda\x63\xe0\x12\x91\x63\x38\x91\x62\xd4\x00\x00\x06\xc9"
+        "\x02\x1b\x4d\x33\xef\x54\x00\x00\x00\x00\x49\x45\x4e\x44\xae\x42\x60\x82";
+    static const uint8_t wanted[6] = {10, 20, 30, 200, 100, 50};
+    struct pixels        p;
+    CHECK_OK(image_decode(test_ctx, image_bytes("rgba.png", png, sizeof png - 1), 3, &p));
+    CHECK(memcmp(p.data, wanted, 6) == 0);
+    image_pixels_free(test_ctx, &p);
+}
+
+static void image_refused(const char *path, const char *words)
+{
+    oxl_image image;
+    int       w, h;
+    CHECK(oxl_image_read(test_ctx, path, &image) == OXL_ERR_INPUT);
+    CHECK(image.rgb == NULL && image.width == 0);
+    CHECK_TEXT(oxl_error_text(test_ctx), path);
+    CHECK_TEXT(oxl_error_text(test_ctx), words);
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: ");
+    (void)image_size(test_ctx, path, &w, &h);
+}
+
+TEST(image_that_is_none_is_refused_by_name)
+{
+    static const char giant[] = /* 40000 x 1, grey */
+        "\x89\x50\x4e\x47\x0d\x0a\x1a\x0a\x00\x00\x00\x0d\x49\x48\x44\x52\x00\x00\x9c\x40\x00\x00\x00\x01\x08\x00\x00\x00"
+        "\x00\x98\x0b\x94\x58\x00\x00\x00\x3d\x49\x44\x41\x54\x78\xda\xed\xc1\x31\x01\x00\x00\x00\xc2\xa0\xf5\x4f\xed\x67"
+        "\x0a\xa0\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00"
+        "\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x80\x1b\x9c\x41\x00\x01\xe5\x4f\xfe\xdf\x00\x00\x00\x00\x49\x45"
+        "\x4e\x44\xae\x42\x60\x82";
+    oxl_image image;
+    image_refused(test_write("text.jpg", "GIF89a, say"), "neither a JPEG nor a PNG");
+    image_refused(test_write("empty.jpg", ""), "0 bytes");
+    image_refused(image_bytes("giant.png", giant, sizeof giant - 1), "40000 x 1 px");
+    CHECK(oxl_image_read(test_ctx, test_path("none.jpg"), &image) != OXL_OK);
+    CHECK_TEXT(oxl_error_text(test_ctx), "none.jpg");
+}
+
+/* Small photographs of every kind: baseline with 4:2:0 and a preview in its EXIF segment, progressive, and a PNG. */
+static const char *const image_kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg", "tests/data/photo.png"};
+
+/* stb alone takes a cut JPEG for whole and paints the rest grey. A PNG is whole without its last chunk, IEND, of 12 bytes. */
+TEST(image_cut_anywhere_is_refused)
+{
+    for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
+        struct os_file_map whole;
+        oxl_image          image;
+        int                taken = 0;
+        CHECK_OK(oxl_image_read(test_ctx, image_kinds[k], &image));
+        CHECK(image.width == 64 && image.height == 48);
+        oxl_image_free(test_ctx, &image);
+        CHECK_OK(os_read_file(test_ctx, image_kinds[k], &whole));
+        for (size_t size = 0; size < whole.size - (k == 2 ? 12 : 0); size += size + 80 < whole.size ? 37 : 1) {
+            taken += oxl_image_read(test_ctx, image_bytes("cut.jpg", whole.data, size), &image) != OXL_ERR_INPUT;
+            oxl_image_free(test_ctx, &image);
+        }
+        CHECK(taken == 0);
+        os_release_file(test_ctx, &whole);
+    }
+}
+
+TEST(image_with_flipped_bits_is_read_or_refused_but_never_worse)
+{
+    for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
+        struct os_file_map whole;
+        char              *bytes;
+        CHECK_OK(os_read_file(test_ctx, image_kinds[k], &whole));
+        bytes = oxl_alloc(test_ctx, whole.size, 1);
+        for (uint64_t i = 0; i < 200; i++) {
+            oxl_image  image;
+            oxl_result rc;
+            memcpy(bytes, whole.data, whole.size);
+            for (uint64_t j = 0; j < 3; j++) bytes[random_bits(i, j, 0) % whole.size] ^= (char)(1 << random_bits(i, j, 1) % 8);
+            rc = oxl_image_read(test_ctx, image_bytes("flipped", bytes, whole.size), &image);
+            CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
+            CHECK((rc == OXL_OK) == (image.rgb != NULL));
+            oxl_image_free(test_ctx, &image);
+        }
+        oxl_free(test_ctx, bytes);
+        os_release_file(test_ctx, &whole);
+    }
+}
+
+/* The sums were taken with stb built without its SIMD paths (-DSTBI_NO_SIMD). */
+TEST(image_jpeg_bytes_do_not_depend_on_simd)
+{
+    static const uint64_t sums[] = {UINT64_C(0x259690ffcf0fcbec), UINT64_C(0x5ddc3bf00bb6ebb0)};
+    for (size_t k = 0; k < OXL_COUNT(sums); k++) {
+        struct pixels p;
+        uint64_t      sum = UINT64_C(1469598103934665603); /* FNV-1a */
+        CHECK_OK(image_decode(test_ctx, image_kinds[k], 3, &p));
+        for (int i = 0; i < 3 * p.width * p.height; i++) sum = (sum ^ p.data[i]) * UINT64_C(1099511628211);
+        CHECK(sum == sums[k]);
+        image_pixels_free(test_ctx, &p);
+    }
+}
+
+TEST(image_reduction_is_the_exact_mean_over_the_area)
+{
+    const char  *path = image_photograph("p.png", 64, 48);
+    oxl_camera   to   = image_camera(24, 12); /* 64/24 = 2 2/3 px wide, 4 high */
+    struct photo photo;
+    CHECK_OK(image_load_photo(test_ctx, path, NULL, &image_pinhole, &to, &photo));
+    CHECK(photo.width == 24 && photo.height == 12 && !photo.mask);
+    for (int at = 0; at < 3 * 24 * 12; at++) {
+        const int c = at / (24 * 12), y = at / 24 % 12, x = at % 24;
+        double    sum = 0, weight = 0;
+        for (int j = 4 * y; j < 4 * y + 4; j++)
+            for (int i = 0; i < 64; i++) {
+                const double overlap = OXL_MIN(i + 1, (x + 1) * 64.0 / 24) - OXL_MAX(i, x * 64.0 / 24);
+                if (overlap <= 0) continue;
+                sum += overlap * image_pattern(i, j, c);
+                weight += overlap;
+            }
+        CHECK_CLOSE(photo.rgb[at], sum / weight, 0.5 + 1e-9);
+    }
+    image_photo_free(test_ctx, &photo);
+}
+
+TEST(image_of_the_right_size_is_taken_byte_by_byte)
+{
+    const char  *path = image_photograph("p.png", 64, 48);
+    oxl_camera   to   = image_camera(64, 48);
+    struct photo photo;
+    float        rgb[3 * 64 * 48], weight[64 * 48];
+    int          wrong = 0;
+    CHECK_OK(image_load_photo(test_ctx, path, NULL, &image_pinhole, &to, &photo));
+    image_from_photo(&photo, rgb, weight);
+    for (int at = 0; at < 3 * 64 * 48; at++) {
+        const int v = image_pattern(at % 64, at / 64 % 48, at / (64 * 48));
+        wrong += photo.rgb[at] != v || rgb[at] != (float)v / 255.0f || weight[at % (64 * 48)] != 1;
+    }
+    CHECK(wrong == 0);
+    image_photo_free(test_ctx, &photo);
+}
+
+TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
+{
+    oxl_camera   to = image_camera(32, 24);
+    struct photo photo;
+    CHECK_OK(image_load_photo(test_ctx, image_photograph("half.png", 32, 24), NULL, &image_pinhole, &to, &photo));
+    image_photo_free(test_ctx, &photo);
+    CHECK(image_load_photo(test_ctx, image_photograph("crop.png", 60, 48), NULL, &image_pinhole, &to, &photo) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "crop.png: 60 x 48 px, but camera 1 (cameras.txt:4) has 64 x 48");
+    CHECK(!photo.rgb);
+    CHECK(image_load_photo(test_ctx, image_photograph("turned.png", 48, 64), NULL, &image_pinhole, &to, &photo) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: turn the photograph back");
+}
+
+/* The pattern is linear in x and y, so a bilinear sample of it is exact, and so is a mean of samples. */
+static void image_check_undistorted(int file_width, int file_height, double reduction)
+{
+    const struct colmap_camera from = {
+        .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
+    const double zoom = file_width / 64.0;
+    oxl_camera   to;
+    struct photo photo;
+    double       worst = 0;
+    CHECK_OK(camera_undistorted(test_ctx, &from, &to));
+    to.width  = (int)(to.width / reduction);
+    to.height = (int)(to.height / reduction);
+    to.fx /= reduction;
+    to.fy /= reduction;
+    to.cx /= reduction;
+    to.cy /= reduction;
+    CHECK_OK(image_load_photo(test_ctx, image_photograph("d.png", file_width, file_height), NULL, &from, &to, &photo));
+    CHECK(!photo.mask);
+    for (int at = 0; at < to.width * to.height; at++) { /* red: 3 x + 2 y, which wraps round at 256 */
+        const double direction[2] = {(at % to.width + 0.5 - to.cx) / to.fx, (at / to.width + 0.5 - to.cy) / to.fy};
+        double       p[2], wanted;
+        camera_distort(&from, direction, p);
+        wanted = 3 * (zoom * p[0] - 0.5) + 2 * (zoom * p[1] - 0.5);
+        if (wanted < 240) worst = OXL_MAX(worst, fabs(photo.rgb[at] - wanted));
+    }
+    CHECK_CLOSE(worst, 0, 0.6); /* half a level, and a little from 1/256 px and the curve within a pixel */
+    image_photo_free(test_ctx, &photo);
+}
+
+TEST(image_undistortion_looks_where_the_lens_model_says)
+{
+    image_check_undistorted(64, 48, 1);
+    image_check_undistorted(32, 24, 1); /* the file was halved after COLMAP saw it */
+    image_check_undistorted(64, 48, 2.5);
+}
+
+TEST(image_undistorted_agrees_with_colmaps_own)
+{
+    static const struct colmap_camera real = {
+        .id = 1, .model = 2, .width = 960, .height = 512, .parameter = {1042.8142056641748, 480, 256, -0.27931708280078082}};
+    static const struct colmap_camera ideal = {
+        .id = 1, .model = 1, .width = 1028, .height = 520, .parameter = {1042.8142056641748, 1042.8142056641748, 514, 260}};
+    const char  *path;
+    oxl_camera   to;
+    struct photo ours, colmaps;
+    double       error = 0;
+    if (!test_shared("data/subvo_pool_distorted/images/f150.jpg")) SKIP("no ../shared/data");
+    CHECK_OK(camera_undistorted(test_ctx, &real, &to));
+    path = test_shared("data/subvo_pool_distorted/images/f150.jpg");
+    CHECK_OK(image_load_photo(test_ctx, path, NULL, &real, &to, &ours));
+    path = test_shared("data/subvo_pool/images/f150.jpg");
+    CHECK_OK(image_load_photo(test_ctx, path, NULL, &ideal, &to, &colmaps));
+    CHECK(!ours.mask);
+    for (int i = 0; i < 3 * to.width * to.height; i++) error += (ours.rgb[i] - colmaps.rgb[i]) * (ours.rgb[i] - colmaps.rgb[i]);
+    error /= 3.0 * to.width * to.height;
+    CHECK(error < 255.0 * 255 / 4000); /* 36 dB: its JPEG of quality 92 lies between; 1/8 px off would be 36.2 -> 35 */
+    image_photo_free(test_ctx, &ours);
+    image_photo_free(test_ctx, &colmaps);
+}
+
+TEST(image_mask_covers_every_pixel_that_touches_black)
+{
+    const char  *path = image_photograph("p.png", 64, 48);
+    const char  *mask = image_mask("m.png", 4, 3,
+                                   "...."
+                                    ".#.."
+                                    "...#");
+    oxl_camera   to = image_camera(16, 12), odd = image_camera(6, 4);
+    struct photo photo;
+    CHECK_OK(image_load_photo(test_ctx, path, mask, &image_pinhole, &to, &photo));
+    for (int i = 0; i < 16 * 12; i++) {
+        const int x = i % 16 / 4, y = i / 16 / 4;
+        CHECK(photo.mask[i] == ((x == 1 && y == 1) || (x == 3 && y == 2) ? 0 : 255));
+    }
+    image_photo_free(test_ctx, &photo);
+    CHECK_OK(image_load_photo(test_ctx, path, mask, &image_pinhole, &odd, &photo));
+    CHECK(memcmp(photo.mask,
+                 "\377\377\377\377\377\377"
+                 "\377\0\0\377\377\377"
+                 "\377\0\0\377\0\0"
+                 "\377\377\377\377\0\0",
+                 24) == 0);
+    image_photo_free(test_ctx, &photo);
+    mask = image_mask("white.png", 2, 2, "....");
+    CHECK_OK(image_load_photo(test_ctx, path, mask, &image_pinhole, &to, &photo));
+    CHECK(!photo.mask);
+    image_photo_free(test_ctx, &photo);
+    CHECK(image_load_photo(test_ctx, path, test_write("bad.png", "no"), &image_pinhole, &to, &photo) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "bad.png");
+}
+
+TEST(image_mask_is_undistorted_with_its_photograph)
+{
+    const struct colmap_camera from = {
+        .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
+    const char  *mask = image_mask("m.png", 4, 3,
+                                   "#..."
+                                    "...."
+                                    "....");
+    oxl_camera   to;
+    struct photo photo;
+    int          wrong = 0;
+    CHECK_OK(camera_undistorted(test_ctx, &from, &to));
+    CHECK_OK(image_load_photo(test_ctx, image_photograph("p.png", 64, 48), mask, &from, &to, &photo));
+    CHECK(photo.mask && photo.mask[0] == 0);
+    for (int i = 0; photo.mask && i < to.width * to.height; i++) {
+        const double direction[2] = {(i % to.width + 0.5 - to.cx) / to.fx, (i / to.width + 0.5 - to.cy) / to.fy};
+        double       p[2];
+        camera_distort(&from, direction, p);
+        wrong += (photo.mask[i] == 0) != (p[0] < 16 && p[1] < 16);
+    }
+    CHECK(wrong == 0);
+    image_photo_free(test_ctx, &photo);
+}
+
+TEST(image_photograph_is_the_same_with_any_number_of_threads)
+{
+    const struct colmap_camera from = {
+        .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
+    const char *path   = image_photograph("p.png", 64, 48);
+    const int   before = test_ctx->threads;
+    oxl_camera  to;
+    CHECK_OK(camera_undistorted(test_ctx, &from, &to));
+    for (int distorted = 0; distorted < 2; distorted++) {
+        struct photo one, many;
+        test_ctx->threads = 1;
+        CHECK_OK(image_load_photo(test_ctx, path, NULL, distorted ? &from : &image_pinhole, &to, &one));
+        test_ctx->threads = 7;
+        CHECK_OK(image_load_photo(test_ctx, path, NULL, distorted ? &from : &image_pinhole, &to, &many));
+        CHECK(memcmp(one.rgb, many.rgb, (size_t)3 * to.width * to.height) == 0);
+        image_photo_free(test_ctx, &one);
+        image_photo_free(test_ctx, &many);
+    }
+    test_ctx->threads = before;
+}
