@@ -126,7 +126,8 @@ format-check: ## fails when clang-format would change a file
 setup: ## installs what the build needs (Debian, as root), or says what that is
 	@if echo '#include <stb/stb_image.h>' | $(CC) $(BASE) -E -x c - >/dev/null 2>&1; then echo 'setup: nothing is missing'; \
 	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-	  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(SYSTEM); \
+	  echo 'setup: apt-get install $(SYSTEM)'; apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
+	    apt-get install -y -qq --no-install-recommends -o Dpkg::Use-Pty=0 $(SYSTEM) >/dev/null; \
 	else echo 'setup: as root: apt-get install $(SYSTEM)' >&2; exit 1; fi
 
 demo: ## a synthetic survey, made, trained and judged: pictures in demo/out (a few minutes)
