@@ -402,6 +402,7 @@ OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, con
 /* ---------------------------------------------------------------- survey.c: what a survey holds, what training it would take */
 
 OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out);
-OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey);
+/* An object without a newline at its end; its lines after the first start with `indent`. */
+OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 
 #endif

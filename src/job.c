@@ -132,17 +132,30 @@ static oxl_result job_is_done(struct job *job, int *done)
 
 /* ---------------------------------------------------------------- while it runs */
 
+static void job_log_survey(struct job *job)
+{
+    static const char warning[] = "warning: ";
+    for (const char *s = job->survey.text; *s; s += strcspn(s, "\n") + 1) {
+        const size_t skip = strncmp(s, warning, sizeof warning - 1) == 0 ? sizeof warning - 1 : 0;
+        oxl_log(job->ctx, skip ? OXL_LOG_WARNING : OXL_LOG_INFO, "%.*s", (int)(strcspn(s, "\n") - skip), s + skip);
+    }
+}
+
 static oxl_result job_open(struct job *job)
 {
     oxl_result rc = os_make_folder(job->ctx, job->out);
     if (rc == OXL_OK) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options->scene, &job->scene);
     if (rc != OXL_OK) return rc;
     survey_describe(job->ctx, job->scene, job->options, &job->survey);
-    for (const char *s = job->survey.text; *s; s += strcspn(s, "\n") + 1)
-        oxl_log(job->ctx, OXL_LOG_INFO, "%.*s", (int)strcspn(s, "\n"), s);
+    job_log_survey(job);
     job_describe(job);
     text_add(&job->log, "iteration,loss,psnr,gaussians,seconds\n");
     return OXL_OK;
+}
+
+static double job_rounded(double value, double parts)
+{
+    return floor(value * parts + 0.5) / parts;
 }
 
 static int job_progress(void *user, const oxl_progress *progress)
@@ -150,14 +163,16 @@ static int job_progress(void *user, const oxl_progress *progress)
     struct job  *job   = user;
     oxl_progress p     = *progress;
     const int    every = OXL_MAX(1, p.iterations / JOB_LOG_ROWS);
+    const double limit = job->options->train.max_seconds;
     p.memory           = os_peak_rss();
+    if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - p.seconds));
     if (p.iteration % every == 0 || p.iteration == p.iterations) {
         text_add(&job->log, "%d,", p.iteration);
-        text_add_number(&job->log, p.loss);
+        text_add_number(&job->log, job_rounded(p.loss, 1e6));
         text_add(&job->log, ",");
-        text_add_number(&job->log, p.psnr);
+        text_add_number(&job->log, job_rounded(p.psnr, 1e3));
         text_add(&job->log, ",%zu,", p.gaussians);
-        text_add_number(&job->log, floor(p.seconds * 1e3 + 0.5) / 1e3);
+        text_add_number(&job->log, job_rounded(p.seconds, 1e3));
         text_add(&job->log, "\n");
     }
     if (p.seconds - job->log_written > JOB_LOG_SECONDS) {
@@ -310,7 +325,7 @@ static oxl_result job_write_metrics(struct job *job, size_t bytes)
             split == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.count, job->model.count, (double)bytes / 1e6);
     text_add(&t, "{\n  \"split\": \"%s\",\n  \"gaussians\": %zu,\n  \"bytes\": %zu,\n  \"seconds\": ",
              split == OXL_SPLIT_TEST ? "test" : "train", job->model.count, bytes);
-    text_add_number(&t, floor(job->last.seconds * 1e3 + 0.5) / 1e3);
+    text_add_number(&t, job_rounded(job->last.seconds, 1e3));
     text_add(&t, ",\n  \"iterations\": %d,\n  \"peak_rss_bytes\": %zu,\n", job->last.iteration, os_peak_rss());
     rc = metrics_write_json(job->ctx, &t, job->scene, &m);
     text_add(&t, "}\n");
@@ -340,7 +355,7 @@ static oxl_result job_write_run(struct job *job, int finished)
         text_add_number(&t, job->model.origin[k]);
     }
     text_add(&t, "],\n  %s,\n  \"survey\": ", job->line.data);
-    survey_add_json(&t, &job->survey);
+    survey_add_json(&t, &job->survey, "  ");
     text_add(&t, "\n}\n");
     rc = job_write(job, "run.json", &t);
     text_free(&t);

@@ -162,9 +162,9 @@ oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *
     return rc;
 }
 
-static void survey_add_triple(struct text *t, const char *name, const double v[3])
+static void survey_add_triple(struct text *t, const char *indent, const char *name, const double v[3])
 {
-    text_add(t, ",\n  \"%s\": [", name);
+    text_add(t, ",\n%s  \"%s\": [", indent, name);
     for (int k = 0; k < 3; k++) {
         if (k > 0) text_add(t, ", ");
         text_add_number(t, v[k]);
@@ -172,7 +172,7 @@ static void survey_add_triple(struct text *t, const char *name, const double v[3
     text_add(t, "]");
 }
 
-OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s)
+OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const char *indent)
 {
     const struct {
         const char *name;
@@ -194,21 +194,21 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s)
                    {"predicted_gaussians", s->gaussians},
                    {"predicted_memory_bytes", s->memory},
                    {"predicted_seconds", s->seconds}};
-    text_add(t, "{\n  \"cameras_text\": ");
+    text_add(t, "{\n%s  \"cameras_text\": ", indent);
     text_add_json_string(t, s->cameras_text);
     for (size_t i = 0; i < OXL_COUNT(numbers); i++) {
-        text_add(t, ",\n  \"%s\": ", numbers[i].name);
+        text_add(t, ",\n%s  \"%s\": ", indent, numbers[i].name);
         text_add_number(t, numbers[i].value);
     }
-    survey_add_triple(t, "bounds_min", s->bounds_min);
-    survey_add_triple(t, "bounds_max", s->bounds_max);
-    text_add(t, "\n}");
+    survey_add_triple(t, indent, "bounds_min", s->bounds_min);
+    survey_add_triple(t, indent, "bounds_max", s->bounds_max);
+    text_add(t, "\n%s}", indent);
 }
 
 oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out)
 {
     struct text t = {.ctx = ctx};
-    survey_add_json(&t, survey);
+    survey_add_json(&t, survey, "");
     text_add(&t, "\n");
     return text_take(&t, out);
 }

@@ -42,9 +42,9 @@ promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
 promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
 
 # A survey of our own; small, so that a step takes a millisecond.
-promise synth_writes_a_survey 0 "" "$program" synth -o survey --views 10 --size 96x64 --points 500 --quiet
-promise check_accepts_it 0 "10 listed, 0 missing" "$program" check survey
-promise check_prints_json 0 '"images": 10' on_stdout "$program" check survey --json
+promise synth_writes_a_survey 0 "" "$program" synth -o survey --views 16 --size 96x64 --points 500 --quiet
+promise check_accepts_it 0 "16 listed, 0 missing" "$program" check survey
+promise check_prints_json 0 '"images": 16' on_stdout "$program" check survey --json
 promise train_does_the_whole_job 0 "out/scene.ply" on_stdout "$program" train survey -o out --iterations 60
 for file in scene.ply metrics.json run.json log.csv; do
     promise "train_leaves_$file" 0 "" test -s out/$file
@@ -66,8 +66,8 @@ promise ctrl_c_left_the_model 0 "Gaussians" "$program" info stopped/scene.ply
 promise info_counts_gaussians 0 '"gaussians": ' on_stdout "$program" info out/scene.ply --json
 promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.ply survey
 promise eval_prints_json 0 '"psnr": ' on_stdout "$program" eval out/scene.ply survey --json
-promise render_draws_every_view 0 "10 pictures in all" "$program" render out/scene.ply survey -o all --split all --depth
-promise render_writes_depth 0 "10" sh -c 'find all -name "*.depth.pfm" | wc -l'
+promise render_draws_every_view 0 "16 pictures in all" "$program" render out/scene.ply survey -o all --split all --depth
+promise render_writes_depth 0 "16" sh -c 'find all -name "*.depth.pfm" | wc -l'
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
