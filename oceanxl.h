@@ -108,6 +108,8 @@ OXL_API void       oxl_image_free(oxl_context *ctx, oxl_image *image);
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
 OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
 
+OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
+
 /* ---------------------------------------------------------------- cameras and scenes */
 
 /* An undistorted pinhole camera and where it stood: x_c = R x + t in the scene's local coordinates. */

@@ -56,6 +56,11 @@ const char *oxl_error_text(const oxl_context *ctx)
     return ctx ? ctx->error : "";
 }
 
+oxl_result oxl_make_folder(oxl_context *ctx, const char *path)
+{
+    return os_make_folder(ctx, path);
+}
+
 const char *oxl_isa_name(const oxl_context *ctx)
 {
     return simd_name(ctx->isa);

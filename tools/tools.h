@@ -44,4 +44,28 @@ void arguments_help(FILE *to, enum command command); /* COMMAND_NONE: the overvi
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 
+/* ---------------------------------------------------------------- synth.c: a procedural underwater survey with known truth */
+
+typedef struct synth_options {
+    const char *out;           /* folder */
+    int         views;         /* photographs (40) */
+    int         width, height; /* px (400 x 260) */
+    double      extent;        /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
+    const char *water;         /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
+    const char *path;          /* lawnmower | orbit (lawnmower) */
+    long        points;        /* sparse points; 0: 400 a view (0) */
+    double      noise;         /* sigma of the sensor's noise in 8-bit levels (1.5) */
+    double      origin[3];     /* where the survey's middle lies in the export's world, metres (0 0 0) */
+    uint64_t    seed;          /* (1) */
+    int         write_images;  /* 0: the three text files alone, for load tests (1) */
+    int         threads;       /* 0: as many as OpenMP offers; the files do not depend on it */
+    int (*progress)(void *user, const char *what, long done, long total); /* nonzero stops the run; may be NULL */
+    void *user;
+} synth_options;
+
+synth_options synth_options_default(void); /* everything but out */
+
+/* Leaves in `out`: images/, sparse/0/ and truth/ (see truth/model.txt). On failure the text says why. */
+oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size);
+
 #endif
