@@ -102,6 +102,10 @@ OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b)
 OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out);
 OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out);
 
+/* The value as %.17g writes it in the "C" locale, which reads back exactly; returns the length. */
+enum { NUMBER_TEXT_MAX = 48 };
+OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
+
 /* ---------------------------------------------------------------- base.c again: random numbers */
 
 /* A stateless random number: the same (seed, a, b) gives the same value on every machine (splitmix64's finaliser). */
@@ -254,11 +258,37 @@ OXL_INTERNAL void image_to_photo(const oxl_image *image, struct photo *photo);
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
 
+/* ---------------------------------------------------------------- find.c: where a survey's files are */
+
+/* Reads the sub-model with most images: of `sparse`, or of SCENE/sparse, the folders in it, and SCENE. Observations are not kept. */
+OXL_INTERNAL oxl_result  find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
+/* Path of a file at most 3 folders deep that is called like `name` but for folder, extension and capitals; "" when there is none. */
+OXL_INTERNAL void        find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
+OXL_INTERNAL const char *find_base_name(const char *path); /* what follows the last slash */
+
+/* ---------------------------------------------------------------- measure.c: robust measures of a survey */
+
+struct measure_view { /* a training view */
+    int64_t           image; /* IMAGE_ID, for tracks */
+    const oxl_camera *camera;
+};
+OXL_INTERNAL double     measure_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 of none */
+/* 1st, 50th and 99th percentile of each coordinate of n positions that lie `stride` bytes apart. */
+OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
+                                       double middle[3], double high[3]);
+/* Largest distance from the mean of the camera centres, those left out that stand farther than 5 median distances from their
+ * median place (coordinate by coordinate): exactly 3DGS's when there is no such outlier. 0 for one camera. */
+OXL_INTERNAL oxl_result measure_camera_radius(oxl_context *ctx, const struct measure_view *views, size_t count, double *radius);
+/* An ascending sample of the depths (camera z) of points in the views that saw them by their tracks, or, when there are no
+ * tracks (from arrays: points alone), in the views that have them in their picture. Sorts views by image. */
+OXL_INTERNAL oxl_result measure_depths(oxl_context *ctx, struct measure_view *views, size_t count, const oxl_point *points, size_t n,
+                                       const struct colmap *c, const double origin[3], double **out, size_t *out_count);
+
 /* ---------------------------------------------------------------- scene.c: from the files to views, points and photographs */
 
 struct scene_stats { /* what check and the first message say */
     int    images_listed, images_missing, views, test_views, distorted_cameras, masks;
-    size_t points, observations;
+    size_t points, observations; /* observations: a point seen in an image */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
@@ -270,6 +300,8 @@ OXL_INTERNAL const struct photo       *scene_photo(oxl_context *ctx, oxl_scene *
 OXL_INTERNAL double                    scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
 OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
+/* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
+OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
 /* ---------------------------------------------------------------- ply.c: a small PLY reader */
 
