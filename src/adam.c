@@ -7,8 +7,8 @@
  */
 #include "kernels.h"
 
-#define ADAM_BETA1 ((real)0.9)    /* [Kerbl 2023] */
-#define ADAM_BETA2 ((real)0.999)
+#define ADAM_BETA1   ((real)0.9) /* [Kerbl 2023] */
+#define ADAM_BETA2   ((real)0.999)
 #define ADAM_EPSILON ((real)1e-15)
 
 /* One pack of one plane. The square is capped where float would overflow: a gradient of 1e20 is a step of `rate`, not a NaN. */
@@ -18,7 +18,7 @@ SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const int  on = seen >> l & 1;
-        const real g  = gradient[l], limited = OXL_CLAMP(g, (real)-1e18, (real)1e18);
+        const real g = gradient[l], limited = OXL_CLAMP(g, (real)-1e18, (real)1e18);
         const real m = muladd(fused, ADAM_BETA1, first[l], (1 - ADAM_BETA1) * limited);
         const real v = muladd(fused, ADAM_BETA2, second[l], (1 - ADAM_BETA2) * limited * limited);
         const real p = parameter[l] - rate * (m / muladd(fused, real_sqrt(v), job->inverse_correction, ADAM_EPSILON));

@@ -9,9 +9,9 @@
  */
 #include "kernels.h"
 
-#define BIN_PARTS 64 /* of the depth order; each is counted and scattered on its own */
+#define BIN_PARTS      64 /* of the depth order; each is counted and scattered on its own */
 #define BIN_RADIX_BITS 11
-#define BIN_RADIX (1 << BIN_RADIX_BITS)
+#define BIN_RADIX      (1 << BIN_RADIX_BITS)
 
 struct bin_key {
     uint32_t depth; /* bits of a positive float: they sort like the number */
@@ -29,7 +29,7 @@ struct bin_scratch {
     struct bin_staged *staged;
     uint32_t          *count; /* (BIN_PARTS, tiles) pairs, then where each part writes */
     uint32_t          *pack_start;
-    size_t             key_capacity, other_capacity, staged_capacity, count_capacity, order_capacity, pair_capacity, start_capacity,
+    size_t key_capacity, other_capacity, staged_capacity, count_capacity, order_capacity, pair_capacity, start_capacity,
         tile_order_capacity, pack_capacity;
     size_t part_end[BIN_PARTS + 1]; /* in the depth order */
 };
@@ -127,7 +127,7 @@ struct bin_span { /* blocks of a row, inclusive; first > last: none */
 static struct bin_contour bin_contour(const struct splat *s)
 {
     struct bin_contour c;
-    c.r       = (s->peak + (real)7.9943534368588578) * (real)1.0001 + (real)0.001;
+    c.r       = (s->peak + LOG2_255) * (real)1.0001 + (real)0.001;
     c.extreme = s->k * c.r / (s->e * s->half_x);
     c.slack   = (real)0.001 + (real)1e-5 * s->half_x;
     return c;
@@ -141,9 +141,9 @@ static struct bin_span bin_block_row(const struct splat *s, const struct bin_con
     const real      y0 = top > -s->half_y ? top : -s->half_y, y1 = bottom < s->half_y ? bottom : s->half_y;
     const real      yl = OXL_CLAMP(c->extreme, y0, y1), yr = OXL_CLAMP(-c->extreme, y0, y1);
     const real      cl = c->r - s->e * yl * yl, cr = c->r - s->e * yr * yr;
-    const real      left = s->u - s->k * yl - real_sqrt((cl > 0 ? cl : 0) / s->a) - c->slack;
+    const real      left  = s->u - s->k * yl - real_sqrt((cl > 0 ? cl : 0) / s->a) - c->slack;
     const real      right = s->u - s->k * yr + real_sqrt((cr > 0 ? cr : 0) / s->a) + c->slack;
-    struct bin_span span = {0, -1};
+    struct bin_span span  = {0, -1};
     int             first, last;
     if (y0 > y1 || !(right >= (real)0.5) || !(left <= width - (real)0.5)) return span;
     first = left > (real)0.5 ? (int)(left + (real)0.4999) : 0; /* the first pixel whose centre is not left of it */
@@ -190,7 +190,8 @@ static oxl_result bin_lay_out(oxl_context *ctx, struct bins *b)
     int                 part = 0;
     for (size_t i = 0; i < b->visible_count; i++) total += bin_box_tiles(&b->splat[b->order[i]]);
     if (total > UINT32_MAX) {
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "%zu (tile, splat) pairs in one view are more than this build can number\nfix: a smaller --max-side",
+        return oxl_fail(ctx, OXL_ERR_MEMORY,
+                        "%zu (tile, splat) pairs in one view are more than this build can number\nfix: a smaller --max-side",
                         total);
     }
     for (size_t i = 0; i < b->visible_count; i++) {

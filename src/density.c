@@ -9,11 +9,11 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define DENSITY_OPACITY_MIN 0.005     /* fainter ones are removed [Kerbl 2023] */
-#define DENSITY_OPACITY_RESET 0.01    /* [Kerbl 2023] */
-#define DENSITY_SPLIT_SCALE 0.01      /* x extent: smaller ones are cloned, larger ones split [Kerbl 2023] */
-#define DENSITY_SCALE_MAX 0.1         /* x extent: larger ones are removed after the first reset [Kerbl 2023] */
-#define DENSITY_SPLIT_SHRINK 1.6      /* [Kerbl 2023] */
+#define DENSITY_OPACITY_MIN   0.005 /* fainter ones are removed [Kerbl 2023] */
+#define DENSITY_OPACITY_RESET 0.01  /* [Kerbl 2023] */
+#define DENSITY_SPLIT_SCALE   0.01  /* x extent: smaller ones are cloned, larger ones split [Kerbl 2023] */
+#define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are removed after the first reset [Kerbl 2023] */
+#define DENSITY_SPLIT_SHRINK  1.6   /* [Kerbl 2023] */
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_CLONE, DENSITY_SPLIT };
 
@@ -82,7 +82,8 @@ static double density_scale(const oxl_model *m, size_t i)
     return vecmath_exp(OXL_MAX(OXL_MAX(a, b), c));
 }
 
-static enum density_verdict density_judge(const struct density *d, const oxl_model *m, size_t i, const struct density_rules *rules)
+static enum density_verdict density_judge(const struct density *d, const oxl_model *m, size_t i,
+                                          const struct density_rules *rules)
 {
     const double mean = d->views[i] > 0 ? d->gradient[i] / d->views[i] : 0;
     if (!density_is_finite(m, i)) return DENSITY_REMOVE;
@@ -106,7 +107,8 @@ static void density_cap(struct density *d, size_t count, size_t kept, size_t gro
         else high = middle;
     }
     for (size_t i = 0; i < count; i++)
-        if (d->verdict[i] >= DENSITY_CLONE && (room == 0 || !(d->gradient[i] / d->views[i] >= high))) d->verdict[i] = DENSITY_KEEP;
+        if (d->verdict[i] >= DENSITY_CLONE && (room == 0 || !(d->gradient[i] / d->views[i] >= high)))
+            d->verdict[i] = DENSITY_KEEP;
 }
 
 /* ---------------------------------------------------------------- the new rows */
@@ -119,7 +121,8 @@ static double density_normal(uint64_t seed, uint64_t step, uint64_t index)
 }
 
 /* A sample of the Gaussian `row`, shrunk: mean + R (scale x normal). */
-static void density_sample(const oxl_model *from, size_t row, oxl_model *to, size_t at, const struct density_rules *rules, uint64_t child)
+static void density_sample(const oxl_model *from, size_t row, oxl_model *to, size_t at, const struct density_rules *rules,
+                           uint64_t child)
 {
     double q[4], r[9], offset[3];
     for (int k = 0; k < 4; k++) q[k] = from->plane[OXL_ROTATION + k][row];
@@ -166,12 +169,12 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
-                                        const struct density_rules *rules, struct density_change *out)
+OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
+                                        oxl_model *second, const struct density_rules *rules, struct density_change *out)
 {
     size_t     kept = 0, growing = 0;
     oxl_result rc = OXL_OK;
-    *out = (struct density_change){0};
+    *out          = (struct density_change){0};
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_judge(d, model, (size_t)i, rules);
     for (size_t i = 0; i < model->count; i++) kept += d->verdict[i] != DENSITY_REMOVE, growing += d->verdict[i] >= DENSITY_CLONE;
@@ -183,7 +186,7 @@ OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl
     }
     if (out->removed + out->cloned + out->split > 0) {
         const size_t count = model->count - out->removed + out->cloned + out->split;
-        rc = density_rebuild(ctx, d, first, count, 1, rules);
+        rc                 = density_rebuild(ctx, d, first, count, 1, rules);
         if (rc == OXL_OK) rc = density_rebuild(ctx, d, second, count, 1, rules);
         if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0, rules);
     }

@@ -19,18 +19,18 @@
 
 /* ---------------------------------------------------------------- constants of the forward pass */
 
-#define PACK 16        /* rows that the projection takes at once, and pixels of a block: one vector of AVX-512 */
-#define TILE 16        /* px: a tile is TILE x TILE pixels, 16 blocks of 4 x 4 */
+#define PACK        16 /* rows that the projection takes at once, and pixels of a block: one vector of AVX-512 */
+#define TILE        16 /* px: a tile is TILE x TILE pixels, 16 blocks of 4 x 4 */
 #define TILE_PIXELS 256
 #define TILE_BLOCKS 16
 
-#define ALPHA_MIN ((real)(1.0 / 255))    /* a fainter contribution is skipped [Kerbl 2023] */
-#define ALPHA_MAX ((real)0.99)           /* [Kerbl 2023] */
-#define TRANSMITTANCE_MIN ((real)1e-4)   /* the splat that would take a pixel below it is not drawn, and ends it [Kerbl 2023] */
-#define LOW_PASS ((real)0.3)             /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
-#define FRUSTUM_CLAMP 1.3                /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
-#define LOG2_E ((real)1.4426950408889634)
-#define LN_2 ((real)0.6931471805599453)
+#define LOG2_255          ((real)7.9943534368588578) /* a contribution below alpha = 1/255 is skipped [Kerbl 2023] */
+#define ALPHA_MAX         ((real)0.99)               /* [Kerbl 2023] */
+#define TRANSMITTANCE_MIN ((real)1e-4) /* the splat that would take a pixel below it is not drawn, and ends it [Kerbl 2023] */
+#define LOW_PASS          ((real)0.3)  /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
+#define FRUSTUM_CLAMP     1.3          /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
+#define LOG2_E            ((real)1.4426950408889634)
+#define LN_2              ((real)0.6931471805599453)
 
 /* ---------------------------------------------------------------- arithmetic that vectorises, without libm */
 
@@ -63,17 +63,16 @@ SIMD_INLINE real muladd(const int fused, real a, real b, real c)
 #endif
 }
 
-/* 2^x for x <= 127; 2^-126 for anything below it. Relative error 1.0e-7 in float (own minimax polynomial of degree 5, exact at 0). */
+/* 2^x for -126 <= x <= 127; anything outside. Relative error 1.0e-7 in float (own minimax polynomial of degree 5, exact at 0). */
 SIMD_INLINE real real_exp2(const int fused, real x)
 {
 #ifdef OXL_REFERENCE
     (void)fused;
-    return exp2(x < -1000 ? -1000 : x);
+    return exp2(x);
 #else
     const float magic   = 12582912.0f; /* 1.5 x 2^23: adding it rounds to an integer, left in the low bits */
-    const float clamped = x > -126.0f ? x : -126.0f;
-    const float shifted = clamped + magic;
-    const float f       = clamped - (shifted - magic); /* [-1/2, 1/2], exact */
+    const float shifted = x + magic;
+    const float f       = x - (shifted - magic); /* [-1/2, 1/2], exact */
     float       p       = 0.00132647273f;
     int32_t     whole, bits;
     p = muladd(fused, p, f, 0.00967151277f);
@@ -83,7 +82,7 @@ SIMD_INLINE real real_exp2(const int fused, real x)
     p = muladd(fused, p, f, 1.0f);
     memcpy(&whole, &shifted, sizeof whole);
     memcpy(&bits, &p, sizeof bits);
-    bits += (int32_t)((uint32_t)whole << 23);
+    bits = (int32_t)((uint32_t)bits + ((uint32_t)whole << 23));
     memcpy(&p, &bits, sizeof p);
     return p;
 #endif
@@ -96,7 +95,8 @@ SIMD_INLINE real real_exp(const int fused, real x)
     (void)fused;
     return exp(x);
 #else
-    const float high = 1.44269502f, low = 1.92596299e-8f; /* log2 e in two parts: the product's rounding would cost 1e-6 at x = 20 */
+    const float high   = 1.44269502f,
+                low    = 1.92596299e-8f; /* log2 e in two parts: the product's rounding would cost 1e-6 at x = 20 */
     const float magic  = 12582912.0f;
     const float inside = OXL_CLAMP(x, -87.0f, 88.0f);
     const float n      = (inside * high + magic) - magic;
@@ -206,25 +206,25 @@ struct lens { /* an oxl_camera in the kernels' numbers */
  *     w = dx + k dy,   alpha = 2^(peak - a w^2 - e dy^2).
  * One cache line in float. */
 struct splat {
-    real     u, v;               /* centre, px */
-    real     a, k, e;            /* log2(e)/2 x (1 / variance of x given y); slope; log2(e)/2 x (1 / variance of y); 1/px^2 */
-    real     peak;               /* log2 of the opacity */
-    real     colour[3];          /* after the clamp at 0 */
-    real     depth;              /* camera z */
-    real     half_x, half_y;     /* px: half the box around the contour alpha = 1/255 */
-    uint16_t tile_x0, tile_x1;   /* tiles that the box touches, inclusive */
+    real     u, v;             /* centre, px */
+    real     a, k, e;          /* log2(e)/2 x (1 / variance of x given y); slope; log2(e)/2 x (1 / variance of y); 1/px^2 */
+    real     peak;             /* log2 of the opacity */
+    real     colour[3];        /* after the clamp at 0 */
+    real     depth;            /* camera z */
+    real     half_x, half_y;   /* px: half the box around the contour alpha = 1/255 */
+    uint16_t tile_x0, tile_x1; /* tiles that the box touches, inclusive */
     uint16_t tile_y0, tile_y1;
-    uint32_t first_slot, slots;  /* its (tile, splat) pairs in the binning's order */
+    uint32_t first_slot, slots; /* its (tile, splat) pairs in the binning's order */
 };
 
 #define SPLAT_SUMS 9 /* a pair's gradient sums over its pixels: g = alpha dL/dalpha times ... */
-#define SUM_G 0  /* 1: opacity */
-#define SUM_W 1  /* w: centre along x */
-#define SUM_Y 2  /* dy: centre along y */
-#define SUM_WW 3 /* w^2, w dy, dy^2: shape */
-#define SUM_WY 4
-#define SUM_YY 5
-#define SUM_RED 6 /* alpha T dL/dC, without g: colour, three channels */
+#define SUM_G      0 /* 1: opacity */
+#define SUM_W      1 /* w: centre along x */
+#define SUM_Y      2 /* dy: centre along y */
+#define SUM_WW     3 /* w^2, w dy, dy^2: shape */
+#define SUM_WY     4
+#define SUM_YY     5
+#define SUM_RED    6 /* alpha T dL/dC, without g: colour, three channels */
 
 struct project_job {
     struct gaussians   in;
@@ -249,17 +249,17 @@ struct pair {
 };
 
 struct bins {
-    int             tiles_x, tiles_y;
-    size_t          packs;
-    struct splat   *splat;         /* (count) in: written by project_forward; first_slot and slots are filled in */
-    const uint16_t *visible;       /* (packs) in */
-    uint32_t       *order;         /* (visible_count) rows by depth, ties by row */
-    size_t          visible_count;
-    struct pair    *pair;          /* (pair_count) tile by tile, each in depth order */
-    size_t          pair_count;
-    size_t          slot_count;    /* >= pair_count: slots are laid out before the exact test */
-    uint32_t       *tile_start;    /* (tiles + 1) */
-    uint32_t       *tile_order;    /* (tiles) most pairs first, so that threads end together */
+    int                 tiles_x, tiles_y;
+    size_t              packs;
+    struct splat       *splat;   /* (count) in: written by project_forward; first_slot and slots are filled in */
+    const uint16_t     *visible; /* (packs) in */
+    uint32_t           *order;   /* (visible_count) rows by depth, ties by row */
+    size_t              visible_count;
+    struct pair        *pair; /* (pair_count) tile by tile, each in depth order */
+    size_t              pair_count;
+    size_t              slot_count; /* >= pair_count: slots are laid out before the exact test */
+    uint32_t           *tile_start; /* (tiles + 1) */
+    uint32_t           *tile_order; /* (tiles) most pairs first, so that threads end together */
     struct bin_scratch *scratch;
 };
 OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *bins, int width, int height);
@@ -274,8 +274,8 @@ struct raster_job {
     real              *rgb;           /* (3,H,W) */
     real              *transmittance; /* (H,W) what is left of the light behind the last splat */
     /* backward alone: */
-    const real *drgb;           /* (3,H,W) dL/d(rgb) */
-    real (*sums)[SPLAT_SUMS];   /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
+    const real        *drgb;  /* (3,H,W) dL/d(rgb) */
+    real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
 };
 OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
@@ -304,11 +304,11 @@ OXL_INTERNAL void       loss_free(oxl_context *ctx, struct loss_scratch *scratch
 
 struct adam_job {
     size_t          first_pack, end_pack;
-    const uint16_t *visible;           /* (packs) rows that are stepped */
+    const uint16_t *visible; /* (packs) rows that are stepped */
     int             planes;
     real           *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
     const real     *gradient[OXL_PLANES];
-    real            rate[OXL_PLANES];  /* with the bias correction of the first moment in it */
+    real            rate[OXL_PLANES];   /* with the bias correction of the first moment in it */
     real            inverse_correction; /* 1 / sqrt(1 - beta2^t) */
 };
 OXL_INTERNAL void adam_step(int isa, const struct adam_job *job);

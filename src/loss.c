@@ -13,28 +13,29 @@
  */
 #include "kernels.h"
 
-#define LOSS_TAPS 11
-#define LOSS_HALF 5        /* px: the window reaches this far */
-#define LOSS_MAPS 4        /* x, y, x^2 + y^2, xy */
+#define LOSS_TAPS        11
+#define LOSS_HALF        5 /* px: the window reaches this far */
+#define LOSS_MAPS        4 /* x, y, x^2 + y^2, xy */
 #define LOSS_DERIVATIVES 3 /* of S in the blurred x, x^2 + y^2, xy */
-#define LOSS_SUMS 3        /* |x - y|, S, (x - y)^2 */
+#define LOSS_SUMS        3 /* |x - y|, S, (x - y)^2 */
 
 #define LOSS_C1 ((real)1e-4) /* 0.01^2 */
 #define LOSS_C2 ((real)9e-4) /* 0.03^2 */
 
-static const real LOSS_WINDOW[LOSS_TAPS] = { /* exp(-i^2 / (2 x 1.5^2)), normalised */
-    (real)0.00102838008447911, (real)0.00759875813523919, (real)0.03600077212843083, (real)0.10936068950970002,
-    (real)0.21300553771125370, (real)0.26601172486179436, (real)0.21300553771125370, (real)0.10936068950970002,
-    (real)0.03600077212843083, (real)0.00759875813523919, (real)0.00102838008447911};
+static const real LOSS_WINDOW[LOSS_TAPS] = {/* exp(-i^2 / (2 x 1.5^2)), normalised */
+                                            (real)0.00102838008447911, (real)0.00759875813523919, (real)0.03600077212843083,
+                                            (real)0.10936068950970002, (real)0.21300553771125370, (real)0.26601172486179436,
+                                            (real)0.21300553771125370, (real)0.10936068950970002, (real)0.03600077212843083,
+                                            (real)0.00759875813523919, (real)0.00102838008447911};
 
 struct loss_strip {
     const struct loss_job *job;
-    const real            *window_ok;   /* (H,W) 1 where the whole SSIM window counts, or NULL */
-    real                   l1_scale;    /* (1 - w) / number of values that count */
-    real                   ssim_scale;  /* w / number of windows that count */
+    const real            *window_ok;           /* (H,W) 1 where the whole SSIM window counts, or NULL */
+    real                   l1_scale;            /* (1 - w) / number of values that count */
+    real                   ssim_scale;          /* w / number of windows that count */
     int                    channel, first, end; /* rows */
-    real                  *scratch;     /* loss_scratch_size(width) */
-    double (*sums)[LOSS_SUMS];          /* (H) of this channel: |x - y|, SSIM, (x - y)^2 */
+    real                  *scratch;             /* loss_scratch_size(width) */
+    double (*sums)[LOSS_SUMS];                  /* (H) of this channel: |x - y|, SSIM, (x - y)^2 */
 };
 
 /* Rows are padded by zeros to both sides and to whole vectors. */
@@ -92,15 +93,15 @@ SIMD_INLINE void loss_blur_along(const int fused, const real *restrict in, int n
 SIMD_INLINE real loss_blur_down(const int fused, const real *const rows[LOSS_TAPS], size_t j)
 {
     real sum = LOSS_WINDOW[0] * rows[0][j];
-    sum = muladd(fused, LOSS_WINDOW[1], rows[1][j], sum);
-    sum = muladd(fused, LOSS_WINDOW[2], rows[2][j], sum);
-    sum = muladd(fused, LOSS_WINDOW[3], rows[3][j], sum);
-    sum = muladd(fused, LOSS_WINDOW[4], rows[4][j], sum);
-    sum = muladd(fused, LOSS_WINDOW[5], rows[5][j], sum);
-    sum = muladd(fused, LOSS_WINDOW[6], rows[6][j], sum);
-    sum = muladd(fused, LOSS_WINDOW[7], rows[7][j], sum);
-    sum = muladd(fused, LOSS_WINDOW[8], rows[8][j], sum);
-    sum = muladd(fused, LOSS_WINDOW[9], rows[9][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[1], rows[1][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[2], rows[2][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[3], rows[3][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[4], rows[4][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[5], rows[5][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[6], rows[6][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[7], rows[7][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[8], rows[8][j], sum);
+    sum      = muladd(fused, LOSS_WINDOW[9], rows[9][j], sum);
     return muladd(fused, LOSS_WINDOW[10], rows[10][j], sum);
 }
 
@@ -141,10 +142,10 @@ SIMD_INLINE void loss_take_row(const int fused, const struct loss_strip *s, cons
         return;
     }
     {
-        const size_t         at = ((size_t)s->channel * (size_t)job->height + (size_t)row) * (size_t)w;
+        const size_t at        = ((size_t)s->channel * (size_t)job->height + (size_t)row) * (size_t)w;
         const real *restrict x = job->x + at, *restrict y = job->y + at;
-        real *restrict       mx = r->input + LOSS_HALF, *restrict my = mx + r->stride;
-        real *restrict       mm = my + r->stride, *restrict mxy = mm + r->stride;
+        real *restrict mx = r->input + LOSS_HALF, *restrict my = mx + r->stride;
+        real *restrict mm = my + r->stride, *restrict mxy = mm + r->stride;
 #pragma omp simd
         for (int j = 0; j < w; j++) {
             const real a = x[j], b = y[j];
@@ -161,13 +162,13 @@ SIMD_INLINE void loss_take_row(const int fused, const struct loss_strip *s, cons
 /* Stage 2: the windows centred on `row` -> S and its three derivatives, blurred along the row, into the second ring. */
 SIMD_INLINE void loss_differentiate_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int row)
 {
-    const struct loss_job *job  = s->job;
-    const int              w    = job->width;
-    real                  *ring = r->returned + (size_t)loss_ring(row) * LOSS_DERIVATIVES * r->stride;
+    const struct loss_job *job       = s->job;
+    const int              w         = job->width;
+    real                  *ring      = r->returned + (size_t)loss_ring(row) * LOSS_DERIVATIVES * r->stride;
     real                   sum[PACK] = {0};
     const real            *mx[LOSS_TAPS], *my[LOSS_TAPS], *mm[LOSS_TAPS], *mxy[LOSS_TAPS];
-    real *restrict         dx = r->derivative + LOSS_HALF, *restrict dm = dx + r->stride, *restrict dxy = dm + r->stride;
-    const real *restrict   counts = r->counts;
+    real *restrict dx = r->derivative + LOSS_HALF, *restrict dm = dx + r->stride, *restrict dxy = dm + r->stride;
+    const real *restrict counts = r->counts;
     if (row < 0 || row >= job->height) {
         memset(ring, 0, LOSS_DERIVATIVES * r->stride * sizeof *ring);
         return;
@@ -184,9 +185,9 @@ SIMD_INLINE void loss_differentiate_row(const int fused, const struct loss_strip
             const real   ux = loss_blur_down(fused, mx, j), uy = loss_blur_down(fused, my, j);
             const real   uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
             const real   a1 = 2 * uxy + LOSS_C1, b1 = uu + LOSS_C1;
-            const real   a2 = 2 * (loss_blur_down(fused, mxy, j) - uxy) + LOSS_C2, b2 = loss_blur_down(fused, mm, j) - uu + LOSS_C2;
-            const real   i = 1 / (b1 * b2), ssim = a1 * a2 * i, dvxy = 2 * a1 * i, dvv = -ssim * b1 * i;
-            const real   scale = -s->ssim_scale * counts[j];
+            const real a2 = 2 * (loss_blur_down(fused, mxy, j) - uxy) + LOSS_C2, b2 = loss_blur_down(fused, mm, j) - uu + LOSS_C2;
+            const real i = 1 / (b1 * b2), ssim = a1 * a2 * i, dvxy = 2 * a1 * i, dvv = -ssim * b1 * i;
+            const real scale = -s->ssim_scale * counts[j];
             /* the variances hold -ux^2 and -ux uy */
             dx[j]  = scale * (2 * uy * a2 * i - 2 * ux * ssim * b2 * i - 2 * ux * dvv - uy * dvxy);
             dm[j]  = scale * dvv;
@@ -205,11 +206,11 @@ SIMD_INLINE void loss_give_row(const int fused, const struct loss_strip *s, cons
     const struct loss_job *job = s->job;
     const int              w   = job->width;
     const size_t           at  = ((size_t)s->channel * (size_t)job->height + (size_t)row) * (size_t)w;
-    const real *restrict   x = job->x + at, *restrict y = job->y + at;
-    const real *restrict   counts = r->counts;
-    real *restrict         out    = job->dx + at;
-    const real            *dx[LOSS_TAPS], *dm[LOSS_TAPS], *dxy[LOSS_TAPS];
-    real                   l1[PACK] = {0}, square[PACK] = {0};
+    const real *restrict x = job->x + at, *restrict y = job->y + at;
+    const real *restrict counts = r->counts;
+    real *restrict out          = job->dx + at;
+    const real *dx[LOSS_TAPS], *dm[LOSS_TAPS], *dxy[LOSS_TAPS];
+    real        l1[PACK] = {0}, square[PACK] = {0};
     loss_fill_counts(r, job->weight, row, w);
     loss_window(r->returned, r->stride, LOSS_DERIVATIVES, 0, row, dx);
     loss_window(r->returned, r->stride, LOSS_DERIVATIVES, 1, row, dm);
@@ -218,8 +219,8 @@ SIMD_INLINE void loss_give_row(const int fused, const struct loss_strip *s, cons
         const int n = OXL_MIN(PACK, w - j0);
 #pragma omp simd
         for (int l = 0; l < n; l++) {
-            const size_t j       = (size_t)(j0 + l);
-            const real   a       = x[j], b = y[j], difference = a - b;
+            const size_t j = (size_t)(j0 + l);
+            const real   a = x[j], b = y[j], difference = a - b;
             const real   sign    = difference > 0 ? (real)1 : difference < 0 ? (real)-1 : 0;
             const real   through = muladd(fused, 2 * a, loss_blur_down(fused, dm, j), b * loss_blur_down(fused, dxy, j));
             out[j]               = loss_blur_down(fused, dx, j) + through + s->l1_scale * counts[j] * sign;
@@ -272,7 +273,7 @@ static int loss_cut(int height, int pieces, struct loss_strip *strip)
         const int64_t end = rows * (piece + 1) / pieces;
         while (at < end) {
             const int channel = (int)(at / height), first = (int)(at % height);
-            const int last = (int)OXL_MIN((int64_t)height, first + (end - at));
+            const int last       = (int)OXL_MIN((int64_t)height, first + (end - at));
             strip[count].channel = channel;
             strip[count].first   = first;
             strip[count].end     = last;
@@ -303,9 +304,10 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
     double             values = 3.0 * (double)pixels, windows = values;
     struct loss_strip *strip;
     int                strips;
-    oxl_result rc = oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, (size_t)pieces + 3, sizeof *strip);
+    oxl_result         rc = oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, (size_t)pieces + 3, sizeof *strip);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * ((size_t)pieces + 3), sizeof(real));
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height, LOSS_SUMS * sizeof(double));
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height, LOSS_SUMS * sizeof(double));
     if (rc == OXL_OK && job->weight) rc = oxl_reserve(ctx, &scratch->whole, &scratch->whole_capacity, pixels, sizeof(real));
     if (rc != OXL_OK) return rc;
     if (job->weight) {

@@ -24,18 +24,18 @@ static const real SH_3XX = (real)1.445305721320277;
 /* ---------------------------------------------------------------- one lane: geometry */
 
 struct project_geometry {
-    struct vec3 p;             /* mean in the camera */
-    struct vec3 scale;         /* exp of the log scale */
-    struct mat3 rotation;      /* of the unit quaternion */
+    struct vec3 p;                  /* mean in the camera */
+    struct vec3 scale;              /* exp of the log scale */
+    struct mat3 rotation;           /* of the unit quaternion */
     real        q[4], inverse_norm; /* unit quaternion, 1 / its length before */
-    real        tx, ty;        /* p.x, p.y clamped to the widened frustum */
-    int         free_x, free_y; /* 1 where that clamp does not hold */
-    struct vec3 t0, t1;        /* rows of J R */
-    struct vec3 b0, b1;        /* rows of J R M: the covariance's square root */
-    struct vec3 c0;            /* b0 + k b1, the part of b0 that y does not explain: see project_lane_backward */
-    real        shrink2;       /* the covariance below is scaled by this, lest float overflow for Gaussians in one's face */
-    real        xx, xy, yy;    /* covariance x shrink2, low pass included */
-    real        det;           /* its determinant */
+    real        tx, ty;             /* p.x, p.y clamped to the widened frustum */
+    int         free_x, free_y;     /* 1 where that clamp does not hold */
+    struct vec3 t0, t1;             /* rows of J R */
+    struct vec3 b0, b1;             /* rows of J R M: the covariance's square root */
+    struct vec3 c0;                 /* b0 + k b1, the part of b0 that y does not explain: see project_lane_backward */
+    real        shrink2;            /* the covariance below is scaled by this, lest float overflow for Gaussians in one's face */
+    real        xx, xy, yy;         /* covariance x shrink2, low pass included */
+    real        det;                /* its determinant */
 };
 
 /* Quaternions need not be normalised. The zero quaternion counts as the identity. Dividing by the largest component first keeps
@@ -74,31 +74,32 @@ SIMD_INLINE void project_covariance(struct project_geometry *g)
     const struct vec3 r0 = mat3_transposed_times(g->rotation, g->t0), r1 = mat3_transposed_times(g->rotation, g->t1);
     struct vec3       m, s0, s1;
     real              most = 1, shrink, low;
-    g->b0 = multiply3(r0, g->scale);
-    g->b1 = multiply3(r1, g->scale);
-    most = real_abs(g->b0.x) > most ? real_abs(g->b0.x) : most;
-    most = real_abs(g->b0.y) > most ? real_abs(g->b0.y) : most;
-    most = real_abs(g->b0.z) > most ? real_abs(g->b0.z) : most;
-    most = real_abs(g->b1.x) > most ? real_abs(g->b1.x) : most;
-    most = real_abs(g->b1.y) > most ? real_abs(g->b1.y) : most;
-    most = real_abs(g->b1.z) > most ? real_abs(g->b1.z) : most;
-    shrink     = 1 / most;
-    s0         = scale3(shrink, g->b0);
-    s1         = scale3(shrink, g->b1);
-    m          = cross3(s0, s1);
-    g->shrink2 = shrink * shrink;
-    low        = LOW_PASS * g->shrink2;
-    g->xx      = dot3(s0, s0);
-    g->yy      = dot3(s1, s1);
-    g->xy      = dot3(s0, s1);
-    g->det     = dot3(m, m) + low * (g->xx + g->yy) + low * low;
+    g->b0                  = multiply3(r0, g->scale);
+    g->b1                  = multiply3(r1, g->scale);
+    most                   = real_abs(g->b0.x) > most ? real_abs(g->b0.x) : most;
+    most                   = real_abs(g->b0.y) > most ? real_abs(g->b0.y) : most;
+    most                   = real_abs(g->b0.z) > most ? real_abs(g->b0.z) : most;
+    most                   = real_abs(g->b1.x) > most ? real_abs(g->b1.x) : most;
+    most                   = real_abs(g->b1.y) > most ? real_abs(g->b1.y) : most;
+    most                   = real_abs(g->b1.z) > most ? real_abs(g->b1.z) : most;
+    shrink                 = 1 / most;
+    s0                     = scale3(shrink, g->b0);
+    s1                     = scale3(shrink, g->b1);
+    m                      = cross3(s0, s1);
+    g->shrink2             = shrink * shrink;
+    low                    = LOW_PASS * g->shrink2;
+    g->xx                  = dot3(s0, s0);
+    g->yy                  = dot3(s1, s1);
+    g->xy                  = dot3(s0, s1);
+    g->det                 = dot3(m, m) + low * (g->xx + g->yy) + low * low;
     g->xx += low;
     g->yy += low;
-    g->c0 = scale3(1 / (g->yy * shrink), add3(cross3(s1, m), scale3(low, s0))); /* b0 - b1 (b0 . b1)/yy, without the cancellation */
+    g->c0 =
+        scale3(1 / (g->yy * shrink), add3(cross3(s1, m), scale3(low, s0))); /* b0 - b1 (b0 . b1)/yy, without the cancellation */
 }
 
-SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in, const struct lens *lens, size_t i,
-                                                     int *in_front)
+SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in, const struct lens *lens,
+                                                     size_t i, int *in_front)
 {
     struct project_geometry g;
     const struct vec3       mean = vec3(in->plane[OXL_MEAN][i], in->plane[OXL_MEAN + 1][i], in->plane[OXL_MEAN + 2][i]);
@@ -165,7 +166,8 @@ SIMD_INLINE void project_basis(int degree, struct project_colour *c)
 }
 
 /* d(sum of basis_k v_k)/d(direction), the direction taken as free: v (16, PACK) -> dx, dy, dz (PACK). */
-SIMD_INLINE void project_basis_backward(int degree, const struct project_colour *c, real v[16][PACK], real *dx, real *dy, real *dz)
+SIMD_INLINE void project_basis_backward(int degree, const struct project_colour *c, real v[16][PACK], real *dx, real *dy,
+                                        real *dz)
 {
 #pragma omp simd
     for (int l = 0; l < PACK; l++) dx[l] = dy[l] = dz[l] = 0;
@@ -278,24 +280,25 @@ SIMD_INLINE void project_lane(const int fused, const struct project_job *job, si
     const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
     const real                    peak = real_log2(fused, opacity), inverse = 1 / g.p.z;
-    const real                    reach = (peak + (real)7.9943534368588578) * 2 * LN_2; /* 2 ln(255 o): squared Mahalanobis radius */
-    const real                    safe  = reach > 0 ? reach : 0;
+    const real                    reach  = (peak + LOG2_255) * 2 * LN_2; /* 2 ln(255 o): squared Mahalanobis radius */
+    const real                    safe   = reach > 0 ? reach : 0;
     const real                    half_x = real_sqrt(safe * g.xx / g.shrink2) * (real)1.0001 + (real)0.001;
     const real                    half_y = real_sqrt(safe * g.yy / g.shrink2) * (real)1.0001 + (real)0.001;
     const real                    u = lens->fx * g.p.x * inverse + lens->cx, v = lens->fy * g.p.y * inverse + lens->cy;
     const int in_view = (u + half_x >= (real)0.5) & (u - half_x <= lens->width - (real)0.5) & (v + half_y >= (real)0.5) &
                         (v - half_y <= lens->height - (real)0.5);
     out->u[l] = u, out->v[l] = v;
-    out->a[l] = LOG2_E / 2 * (g.yy / g.det) * g.shrink2;
-    out->k[l] = -g.xy / g.yy;
-    out->e[l] = LOG2_E / 2 * g.shrink2 / g.yy;
-    out->peak[l]  = peak;
-    out->depth[l] = g.p.z;
+    out->a[l]      = LOG2_E / 2 * (g.yy / g.det) * g.shrink2;
+    out->k[l]      = -g.xy / g.yy;
+    out->e[l]      = LOG2_E / 2 * g.shrink2 / g.yy;
+    out->peak[l]   = peak;
+    out->depth[l]  = g.p.z;
     out->half_x[l] = half_x, out->half_y[l] = half_y;
     out->seen[l] = in_front & in_view & (reach >= 0) & (half_x < (real)1e30) & (half_y < (real)1e30) & (out->a[l] < (real)1e30);
 }
 
-static void project_store(const struct project_job *job, size_t i, int l, const struct project_lanes *p, const struct project_colour *c)
+static void project_store(const struct project_job *job, size_t i, int l, const struct project_lanes *p,
+                          const struct project_colour *c)
 {
     const struct lens *lens = job->lens;
     struct splat      *s    = &job->splat[i];
@@ -345,7 +348,7 @@ static void project_gather(const struct project_job *job, size_t first, unsigned
 {
     memset(d->sums, 0, sizeof d->sums);
     for (int l = 0; l < PACK; l++) {
-        const struct splat *s = &job->splat[first + l];
+        const struct splat *s               = &job->splat[first + l];
         real                sum[SPLAT_SUMS] = {0};
         if (!(seen >> l & 1)) continue;
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
@@ -358,15 +361,15 @@ static void project_gather(const struct project_job *job, size_t first, unsigned
 SIMD_INLINE void project_rotation_backward(const struct project_geometry *g, struct mat3 dr, real dq[4])
 {
     const real w = g->q[0], x = g->q[1], y = g->q[2], z = g->q[3];
-    const real dw = 2 * (x * (dr.z.y - dr.y.z) + y * (dr.x.z - dr.z.x) + z * (dr.y.x - dr.x.y));
-    const real dx = 2 * (y * (dr.x.y + dr.y.x) + z * (dr.x.z + dr.z.x) + w * (dr.z.y - dr.y.z)) - 4 * x * (dr.y.y + dr.z.z);
-    const real dy = 2 * (x * (dr.x.y + dr.y.x) + w * (dr.x.z - dr.z.x) + z * (dr.y.z + dr.z.y)) - 4 * y * (dr.x.x + dr.z.z);
-    const real dz = 2 * (w * (dr.y.x - dr.x.y) + x * (dr.x.z + dr.z.x) + y * (dr.y.z + dr.z.y)) - 4 * z * (dr.x.x + dr.y.y);
+    const real dw    = 2 * (x * (dr.z.y - dr.y.z) + y * (dr.x.z - dr.z.x) + z * (dr.y.x - dr.x.y));
+    const real dx    = 2 * (y * (dr.x.y + dr.y.x) + z * (dr.x.z + dr.z.x) + w * (dr.z.y - dr.y.z)) - 4 * x * (dr.y.y + dr.z.z);
+    const real dy    = 2 * (x * (dr.x.y + dr.y.x) + w * (dr.x.z - dr.z.x) + z * (dr.y.z + dr.z.y)) - 4 * y * (dr.x.x + dr.z.z);
+    const real dz    = 2 * (w * (dr.y.x - dr.x.y) + x * (dr.x.z + dr.z.x) + y * (dr.y.z + dr.z.y)) - 4 * z * (dr.x.x + dr.y.y);
     const real along = w * dw + x * dx + y * dy + z * dz;
-    dq[0] = (dw - along * w) * g->inverse_norm;
-    dq[1] = (dx - along * x) * g->inverse_norm;
-    dq[2] = (dy - along * y) * g->inverse_norm;
-    dq[3] = (dz - along * z) * g->inverse_norm;
+    dq[0]            = (dw - along * w) * g->inverse_norm;
+    dq[1]            = (dx - along * x) * g->inverse_norm;
+    dq[2]            = (dy - along * y) * g->inverse_norm;
+    dq[3]            = (dz - along * z) * g->inverse_norm;
 }
 
 /* dL/d(J R) (rows dt0, dt1) and dL/d(u, v) -> dL/d(p), with J = [fx/z, 0, -fx tx/z^2; 0, fy/z, -fy ty/z^2]. */
@@ -393,20 +396,20 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
     /* the pixel's exponent is -(A w^2 + E dy^2)/2 with A = yy/det, k = -xy/yy, E = 1/yy of the unscaled covariance */
-    const real A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
-    const real du = A * d->sums[SUM_W][l], dv = k * du + E * d->sums[SUM_Y][l];
-    const real dA = -d->sums[SUM_WW][l] / 2, dk = -A * d->sums[SUM_WY][l], dE = -d->sums[SUM_YY][l] / 2;
+    const real                    A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
+    const real                    du = A * d->sums[SUM_W][l], dv = k * du + E * d->sums[SUM_Y][l];
+    const real                    dA = -d->sums[SUM_WW][l] / 2, dk = -A * d->sums[SUM_WY][l], dE = -d->sums[SUM_YY][l] / 2;
     /* through (A, k, E) to the covariance and on to its root B; written with c0 = b0 + k b1, for in a needle b0 and -k b1 are huge
      * and equal but for the digits that matter */
-    const real        dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
-    const struct vec3 db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
-    const struct vec3 db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
-    const struct vec3 dls =
+    const real                    dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
+    const struct vec3             db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
+    const struct vec3             db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
+    const struct vec3             dls =
         scale3(2, add3(multiply3(g.c0, add3(scale3(dxx, g.c0), scale3(dxy, g.b1))), multiply3(scale3(dyy, g.b1), g.b1)));
     const struct vec3 dm0 = multiply3(db0, g.scale), dm1 = multiply3(db1, g.scale); /* dL/d(J R rot) */
     const struct vec3 dt0 = mat3_times(g.rotation, dm0), dt1 = mat3_times(g.rotation, dm1);
-    const struct mat3 dr = {add3(scale3(g.t0.x, dm0), scale3(g.t1.x, dm1)), add3(scale3(g.t0.y, dm0), scale3(g.t1.y, dm1)),
-                            add3(scale3(g.t0.z, dm0), scale3(g.t1.z, dm1))};
+    const struct mat3 dr    = {add3(scale3(g.t0.x, dm0), scale3(g.t1.x, dm1)), add3(scale3(g.t0.y, dm0), scale3(g.t1.y, dm1)),
+                               add3(scale3(g.t0.z, dm0), scale3(g.t1.z, dm1))};
     const struct vec3 dp    = project_jacobian_backward(lens, &g, dt0, dt1, du, dv);
     const struct vec3 dmean = mat3_transposed_times(lens->rotation, dp);
     const int         ok    = seen >> l & 1;
@@ -421,8 +424,9 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     job->out.plane[OXL_ROTATION + 1][i]  = ok ? dq[1] : 0;
     job->out.plane[OXL_ROTATION + 2][i]  = ok ? dq[2] : 0;
     job->out.plane[OXL_ROTATION + 3][i]  = ok ? dq[3] : 0;
-    job->out.plane[OXL_OPACITY][i]       = ok ? d->sums[SUM_G][l] * (1 - opacity) : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
-    job->dmean2d[i]                      = ok ? real_sqrt(hx * hx + hy * hy) : 0;
+    job->out.plane[OXL_OPACITY][i] =
+        ok ? d->sums[SUM_G][l] * (1 - opacity) : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
+    job->dmean2d[i] = ok ? real_sqrt(hx * hx + hy * hy) : 0;
 }
 
 SIMD_BODY void project_backward_body(const int fused, const struct project_job *job)

@@ -21,8 +21,8 @@ struct raster_pixels { /* of a tile, block by block, 16 pixels a block */
 };
 
 struct raster_gradients {
-    real g[3][TILE_PIXELS];      /* dL/dC */
-    real behind[TILE_PIXELS];    /* S - s: light that comes from behind the splats met so far */
+    real g[3][TILE_PIXELS];   /* dL/dC */
+    real behind[TILE_PIXELS]; /* S - s: light that comes from behind the splats met so far */
 };
 
 struct raster_tile {
@@ -53,7 +53,8 @@ static void raster_store(const struct raster_job *job, const struct raster_tile 
     for (int row = 0; row < TILE && tile->y + row < job->height; row++) {
         real     *out  = plane + (size_t)(tile->y + row) * (size_t)job->width + (size_t)tile->x;
         const int left = OXL_MIN(TILE, job->width - tile->x);
-        for (int column = 0; column < left; column++) out[column] = in[(row / 4 * 4 + column / 4) * PACK + row % 4 * 4 + column % 4];
+        for (int column = 0; column < left; column++)
+            out[column] = in[(row / 4 * 4 + column / 4) * PACK + row % 4 * 4 + column % 4];
     }
 }
 
@@ -79,77 +80,184 @@ SIMD_INLINE uint32_t raster_alive(const real *t)
     return alive;
 }
 
-#define RASTER_LOOK 16 /* pairs between two looks at what is alive: a look costs about as much as a block */
+/* ---------------------------------------------------------------- a batch: some splats on the blocks that they touch
+ *
+ * A batch goes through in short passes: all of its exponentials, then the compositing, then (backward) the sums. One pass with all
+ * of that would be a chain of 90 cycles and more a block, too long for a processor to overlap one with the next; docs/SPEED.md.
+ */
 
-/* ---------------------------------------------------------------- one splat on one block */
+#define RASTER_BATCH 8 /* pairs; between batches the blocks that have ended are dropped */
+#define RASTER_ITEMS (RASTER_BATCH * TILE_BLOCKS)
 
-/* What forward and backward must share to the bit. 0 where the splat is too faint, so that it leaves T and the colour as they are. */
-SIMD_INLINE real raster_alpha(const int fused, const struct splat *s, real dx, real dy, real *w, real *unclamped)
+struct raster_batch {
+    uint32_t blocks[RASTER_BATCH];             /* of each pair: those that are alive */
+    real     u[RASTER_BATCH], v[RASTER_BATCH]; /* its splat's centre from the tile's first pixel centre, px */
+    real     a[RASTER_BATCH], k[RASTER_BATCH], e[RASTER_BATCH], peak[RASTER_BATCH]; /* -a, k, -e and peak of the splat */
+    real     colour[RASTER_BATCH][3];
+    int      items;                                 /* one block under one splat each */
+    uint8_t  block[RASTER_ITEMS], of[RASTER_ITEMS]; /* their block and pair */
+    real     value[RASTER_ITEMS][PACK];             /* o G, 0 below 1/255; later alpha dL/dalpha */
+    real     weight[RASTER_ITEMS][PACK];            /* alpha T */
+};
+
+/* Where the pixels of each block lie in the tile. */
+struct raster_grid {
+    real x[TILE_BLOCKS][PACK], y[TILE_BLOCKS][PACK];
+};
+
+static void raster_grid(struct raster_grid *grid)
 {
-    *w         = muladd(fused, s->k, dy, dx);
-    *unclamped = real_exp2(fused, muladd(fused, -s->a * *w, *w, muladd(fused, -s->e * dy, dy, s->peak)));
-    return *unclamped < ALPHA_MIN ? 0 : *unclamped < ALPHA_MAX ? *unclamped : ALPHA_MAX;
-}
-
-SIMD_INLINE void raster_block_forward(const int fused, const struct splat *s, real x, real y, real *restrict t, real *restrict r,
-                                      real *restrict g, real *restrict b)
-{
-    const real u = s->u - x, v = s->v - y, red = s->colour[0], green = s->colour[1], blue = s->colour[2];
-#pragma omp simd
-    for (int l = 0; l < PACK; l++) {
-        real       w, unclamped;
-        const real alpha = raster_alpha(fused, s, (real)(l & 3) - u, (real)(l >> 2) - v, &w, &unclamped);
-        const real old = t[l], next = muladd(fused, -alpha, old, old);
-        const real weight = next >= TRANSMITTANCE_MIN ? alpha * old : 0;
-        r[l]              = muladd(fused, weight, red, r[l]);
-        g[l]              = muladd(fused, weight, green, g[l]);
-        b[l]              = muladd(fused, weight, blue, b[l]);
-        t[l]              = next >= TRANSMITTANCE_MIN ? next : -real_abs(old);
+    for (int i = 0; i < TILE_PIXELS; i++) {
+        grid->x[i / PACK][i % PACK] = (real)(i / PACK % 4 * 4 + i % 4);
+        grid->y[i / PACK][i % PACK] = (real)(i / PACK / 4 * 4 + i % PACK / 4);
     }
 }
 
-/* sums (SPLAT_SUMS, PACK) are added to. */
-SIMD_INLINE void raster_block_backward(const int fused, const struct splat *s, real x, real y, real *restrict t,
-                                       const real *restrict gr, const real *restrict gg, const real *restrict gb,
-                                       real *restrict behind, real (*restrict sums)[PACK])
+/* Lists the items, and copies what the passes need of the splats next to each other. */
+SIMD_INLINE void raster_collect(const struct raster_job *job, const struct raster_tile *tile, const struct pair *pair, int pairs,
+                                uint32_t alive, struct raster_batch *batch)
 {
-    const real u = s->u - x, v = s->v - y, red = s->colour[0], green = s->colour[1], blue = s->colour[2];
+    int n = 0;
+    for (int i = 0; i < pairs; i++) {
+        const struct splat *s = &job->bins->splat[pair[i].splat];
+        batch->u[i]           = s->u - (tile->x + (real)0.5);
+        batch->v[i]           = s->v - (tile->y + (real)0.5);
+        batch->a[i] = -s->a, batch->k[i] = s->k, batch->e[i] = -s->e, batch->peak[i] = s->peak;
+        for (int c = 0; c < 3; c++) batch->colour[i][c] = s->colour[c];
+        batch->blocks[i] = pair[i].blocks & alive;
+        for (uint32_t blocks = batch->blocks[i]; blocks; blocks &= blocks - 1) {
+            batch->of[n]      = (uint8_t)i;
+            batch->block[n++] = (uint8_t)simd_lowest_bit(blocks);
+        }
+    }
+    batch->items = n;
+}
+
+/* Pass 1: the values o G of all items. */
+SIMD_INLINE void raster_evaluate(const int fused, const struct raster_grid *grid, int items, struct raster_batch *batch)
+{
+    for (int i = 0; i < items; i++) {
+        const int  n = batch->of[i];
+        const real u = batch->u[n], v = batch->v[n], a = batch->a[n], k = batch->k[n], e = batch->e[n], peak = batch->peak[n];
+        const real *restrict x = grid->x[batch->block[i]], *restrict y = grid->y[batch->block[i]];
+        real *restrict value = batch->value[i];
 #pragma omp simd
-    for (int l = 0; l < PACK; l++) {
-        real       w, unclamped;
-        const real dy    = (real)(l >> 2) - v;
-        const real alpha = raster_alpha(fused, s, (real)(l & 3) - u, dy, &w, &unclamped);
-        const real old = t[l], next = muladd(fused, -alpha, old, old);
-        const real weight = next >= TRANSMITTANCE_MIN ? alpha * old : 0;
-        const real light  = muladd(fused, gr[l], red, muladd(fused, gg[l], green, gb[l] * blue)); /* g . c_i */
-        const real rest   = muladd(fused, -weight, light, behind[l]);
-        const real dalpha = muladd(fused, old, light, -rest / (1 - alpha));
-        const real slope  = unclamped < ALPHA_MAX ? alpha : 0; /* d alpha/d(log alpha) */
-        const real d      = next >= TRANSMITTANCE_MIN ? slope * dalpha : 0;
-        const real dw = d * w, dd = d * dy;
-        sums[SUM_G][l] += d;
-        sums[SUM_W][l] += dw;
-        sums[SUM_Y][l] += dd;
-        sums[SUM_WW][l] = muladd(fused, dw, w, sums[SUM_WW][l]);
-        sums[SUM_WY][l] = muladd(fused, dw, dy, sums[SUM_WY][l]);
-        sums[SUM_YY][l] = muladd(fused, dd, dy, sums[SUM_YY][l]);
-        sums[SUM_RED][l]   = muladd(fused, weight, gr[l], sums[SUM_RED][l]);
-        sums[SUM_RED + 1][l] = muladd(fused, weight, gg[l], sums[SUM_RED + 1][l]);
-        sums[SUM_RED + 2][l] = muladd(fused, weight, gb[l], sums[SUM_RED + 2][l]);
-        behind[l]          = rest;
-        t[l]               = next >= TRANSMITTANCE_MIN ? next : -real_abs(old);
+        for (int l = 0; l < PACK; l++) {
+            const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u);
+            const real exponent = muladd(fused, a * w, w, muladd(fused, e * dy, dy, peak)), g = real_exp2(fused, exponent);
+            value[l] = exponent >= -LOG2_255 ? g : 0;
+        }
+    }
+}
+
+/* One pixel's share of a splat: what forward and backward must have alike to the bit. The weight alpha T is taken as the difference
+ * of T, so the weights of a pixel and what is left sum to 1. */
+struct raster_share {
+    real alpha;  /* what was composited, if anything was */
+    real weight; /* alpha T, 0 when nothing was */
+    real t;      /* T afterwards */
+};
+
+SIMD_INLINE struct raster_share raster_share(const int fused, real value, real t)
+{
+    struct raster_share p;
+    real                next, kept;
+    p.alpha  = value < ALPHA_MAX ? value : ALPHA_MAX;
+    next     = muladd(fused, -p.alpha, t, t);
+    kept     = next >= TRANSMITTANCE_MIN ? next : t;
+    p.weight = t - kept;
+    p.t      = next >= TRANSMITTANCE_MIN ? next : -real_abs(t);
+    return p;
+}
+
+/* Pass 2 forward: colours. */
+SIMD_INLINE void raster_composite(const int fused, const struct raster_batch *batch, int items, struct raster_pixels *pixels)
+{
+    for (int i = 0; i < items; i++) {
+        const int at     = batch->block[i] * PACK;
+        real *restrict t = pixels->t + at, *restrict r = pixels->rgb[0] + at;
+        real *restrict g = pixels->rgb[1] + at, *restrict b = pixels->rgb[2] + at;
+        const real *restrict value = batch->value[i], *colour = batch->colour[batch->of[i]];
+        const real red = colour[0], green = colour[1], blue = colour[2];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const struct raster_share p = raster_share(fused, value[l], t[l]);
+            r[l]                        = muladd(fused, p.weight, red, r[l]);
+            g[l]                        = muladd(fused, p.weight, green, g[l]);
+            b[l]                        = muladd(fused, p.weight, blue, b[l]);
+            t[l]                        = p.t;
+        }
+    }
+}
+
+/* Pass 2 backward: value becomes d = alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), 0 where the clamp at ALPHA_MAX holds
+ * or nothing was drawn. */
+SIMD_INLINE void raster_differentiate(const int fused, struct raster_batch *batch, int items, real *tile_t,
+                                      struct raster_gradients *d)
+{
+    for (int i = 0; i < items; i++) {
+        const int at     = batch->block[i] * PACK;
+        real *restrict t = tile_t + at, *restrict behind = d->behind + at;
+        const real *restrict gr = d->g[0] + at, *restrict gg = d->g[1] + at, *restrict gb = d->g[2] + at;
+        real *restrict value = batch->value[i], *restrict weight = batch->weight[i];
+        const real *colour = batch->colour[batch->of[i]];
+        const real  red = colour[0], green = colour[1], blue = colour[2];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const struct raster_share p     = raster_share(fused, value[l], t[l]);
+            const real                light = muladd(fused, gr[l], red, muladd(fused, gg[l], green, gb[l] * blue)); /* g . c */
+            const real                rest  = muladd(fused, -p.weight, light, behind[l]);
+            const real                odds  = p.alpha / (1 - p.alpha);
+            const real                slope = p.weight > 0 ? odds : 0;
+            const real                whole = muladd(fused, p.weight, light, -slope * rest);
+            value[l]                        = value[l] < ALPHA_MAX ? whole : 0;
+            weight[l]                       = p.weight;
+            behind[l]                       = rest;
+            t[l]                            = p.t;
+        }
     }
 }
 
 /* Pairwise, in this order on every machine. */
-SIMD_INLINE void raster_reduce(real (*restrict sums)[PACK], real *restrict out)
+SIMD_INLINE real raster_add_lanes(const real *restrict lane)
 {
-    for (int half = PACK / 2; half > 1; half /= 2)
-        for (int k = 0; k < SPLAT_SUMS; k++) {
+    real half[PACK / 2], quarter[PACK / 4];
 #pragma omp simd
-            for (int l = 0; l < half; l++) sums[k][l] += sums[k][l + half];
+    for (int l = 0; l < PACK / 2; l++) half[l] = lane[l] + lane[l + PACK / 2];
+#pragma omp simd
+    for (int l = 0; l < PACK / 4; l++) quarter[l] = half[l] + half[l + PACK / 4];
+    return (quarter[0] + quarter[2]) + (quarter[1] + quarter[3]);
+}
+
+/* Pass 3 backward: the sums of pair n, whose items start at `item`; a lane each. The loop runs over bits because gcc jams the
+ * iterations of a counted one together with those of the loop over the pairs, and then has no vectors. */
+SIMD_INLINE int raster_sum(const int fused, const struct raster_grid *grid, const struct raster_batch *batch, int n, int item,
+                           const struct raster_gradients *gradients, real *restrict out)
+{
+    const real u = batch->u[n], v = batch->v[n], k = batch->k[n];
+    real       sums[SPLAT_SUMS][PACK];
+    memset(sums, 0, sizeof sums);
+    for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1, item++) {
+        const int block = simd_lowest_bit(blocks), at = block * PACK;
+        const real *restrict x = grid->x[block], *restrict y = grid->y[block];
+        const real *restrict g = batch->value[item], *restrict c = batch->weight[item];
+        const real *restrict gr = gradients->g[0] + at, *restrict gg = gradients->g[1] + at, *restrict gb = gradients->g[2] + at;
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u), gw = g[l] * w, gy = g[l] * dy;
+            sums[SUM_G][l] += g[l];
+            sums[SUM_W][l] += gw;
+            sums[SUM_Y][l] += gy;
+            sums[SUM_WW][l]      = muladd(fused, gw, w, sums[SUM_WW][l]);
+            sums[SUM_WY][l]      = muladd(fused, gw, dy, sums[SUM_WY][l]);
+            sums[SUM_YY][l]      = muladd(fused, gy, dy, sums[SUM_YY][l]);
+            sums[SUM_RED][l]     = muladd(fused, c[l], gr[l], sums[SUM_RED][l]);
+            sums[SUM_RED + 1][l] = muladd(fused, c[l], gg[l], sums[SUM_RED + 1][l]);
+            sums[SUM_RED + 2][l] = muladd(fused, c[l], gb[l], sums[SUM_RED + 2][l]);
         }
-    for (int k = 0; k < SPLAT_SUMS; k++) out[k] = sums[k][0] + sums[k][1];
+    }
+    for (int sum = 0; sum < SPLAT_SUMS; sum++) out[sum] = raster_add_lanes(sums[sum]);
+    return item;
 }
 
 /* ---------------------------------------------------------------- one tile */
@@ -169,17 +277,18 @@ SIMD_BODY void raster_forward_body(const int fused, const struct raster_job *job
 {
     const struct raster_tile tile  = raster_tile(job);
     uint32_t                 alive = 0xFFFF;
+    struct raster_grid       grid;
     struct raster_pixels     p;
+    struct raster_batch      batch;
+    raster_grid(&grid);
     memset(p.rgb, 0, sizeof p.rgb);
     raster_open(job, &tile, p.t);
-    for (const struct pair *pair = tile.pair; pair < tile.end; pair++) {
-        const struct splat *s = &job->bins->splat[pair->splat];
-        if ((pair - tile.pair) % RASTER_LOOK == 0 && !(alive = raster_alive(p.t))) break;
-        for (uint32_t blocks = pair->blocks & alive; blocks; blocks &= blocks - 1) {
-            const int block = simd_lowest_bit(blocks), at = block * PACK;
-            raster_block_forward(fused, s, tile.x + block % 4 * 4 + (real)0.5, tile.y + block / 4 * 4 + (real)0.5, p.t + at,
-                                 p.rgb[0] + at, p.rgb[1] + at, p.rgb[2] + at);
-        }
+    for (const struct pair *pair = tile.pair; pair < tile.end && alive; pair += RASTER_BATCH) {
+        const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
+        raster_collect(job, &tile, pair, pairs, alive, &batch);
+        raster_evaluate(fused, &grid, batch.items, &batch);
+        raster_composite(fused, &batch, batch.items, &p);
+        alive = raster_alive(p.t);
     }
     raster_close(job, &tile, &p);
 }
@@ -201,21 +310,20 @@ SIMD_BODY void raster_backward_body(const int fused, const struct raster_job *jo
     const struct raster_tile tile  = raster_tile(job);
     const struct pair       *pair  = tile.pair;
     uint32_t                 alive = 0xFFFF;
+    struct raster_grid       grid;
     real                     t[TILE_PIXELS];
     struct raster_gradients  d;
+    struct raster_batch      batch;
+    raster_grid(&grid);
     raster_open(job, &tile, t);
     raster_open_backward(job, &tile, &d);
-    for (; pair < tile.end; pair++) {
-        const struct splat *s = &job->bins->splat[pair->splat];
-        real                sums[SPLAT_SUMS][PACK];
-        if ((pair - tile.pair) % RASTER_LOOK == 0 && !(alive = raster_alive(t))) break;
-        memset(sums, 0, sizeof sums);
-        for (uint32_t blocks = pair->blocks & alive; blocks; blocks &= blocks - 1) {
-            const int block = simd_lowest_bit(blocks), at = block * PACK;
-            raster_block_backward(fused, s, tile.x + block % 4 * 4 + (real)0.5, tile.y + block / 4 * 4 + (real)0.5, t + at, d.g[0] + at,
-                                  d.g[1] + at, d.g[2] + at, d.behind + at, sums);
-        }
-        raster_reduce(sums, job->sums[pair->slot]);
+    for (; pair < tile.end && alive; pair += RASTER_BATCH) {
+        const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
+        raster_collect(job, &tile, pair, pairs, alive, &batch);
+        raster_evaluate(fused, &grid, batch.items, &batch);
+        raster_differentiate(fused, &batch, batch.items, t, &d);
+        for (int n = 0, item = 0; n < pairs; n++) item = raster_sum(fused, &grid, &batch, n, item, &d, job->sums[pair[n].slot]);
+        alive = raster_alive(t);
     }
     for (; pair < tile.end; pair++) memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
 }

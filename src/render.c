@@ -9,13 +9,13 @@
 #define RENDER_TASK 64 /* packs of rows a task: 1024 Gaussians, so that a plane's part is a page */
 
 struct renderer {
-    struct lens         lens;
-    float               background[3];
-    struct gaussians    in;
-    struct splat       *splat;   /* (count) */
-    uint16_t           *visible; /* (packs) */
-    float              *dmean2d; /* (count) */
-    float              *rgb, *drgb, *transmittance;
+    struct lens      lens;
+    float            background[3];
+    struct gaussians in;
+    struct splat    *splat;   /* (count) */
+    uint16_t        *visible; /* (packs) */
+    float           *dmean2d; /* (count) */
+    float           *rgb, *drgb, *transmittance;
     float (*sums)[SPLAT_SUMS];
     struct bins         bins;
     struct loss_scratch loss;
@@ -89,7 +89,8 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t co
     oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, (void **)&r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
     return rc;
 }
 
@@ -133,22 +134,30 @@ static void render_tiles(oxl_context *ctx, struct renderer *r)
     }
 }
 
-OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                         const oxl_render_options *options)
+/* Everything that forward needs before its first parallel region. */
+static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                               const oxl_render_options *options)
 {
-    const size_t packs = render_packs(model->count), pixels = (size_t)camera->width * (size_t)camera->height;
-    oxl_result   rc    = render_reserve(ctx, r, model->count, pixels);
+    const oxl_result rc = render_reserve(ctx, r, model->count, (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
     r->lens = render_lens(camera, options->near_plane);
     r->in   = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
-    r->bins.packs   = packs;
+    r->bins.packs   = render_packs(model->count);
     r->bins.splat   = r->splat;
     r->bins.visible = r->visible;
-    render_project(ctx, r, packs);
-    if ((rc = bin_splats(ctx, &r->bins, camera->width, camera->height)) != OXL_OK) return rc;
-    render_tiles(ctx, r);
     return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                         const oxl_render_options *options)
+{
+    oxl_result rc = render_begin(ctx, r, model, camera, options);
+    if (rc != OXL_OK) return rc;
+    render_project(ctx, r, r->bins.packs);
+    rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
+    if (rc == OXL_OK) render_tiles(ctx, r);
+    return rc;
 }
 
 OXL_INTERNAL const float *renderer_image(const struct renderer *r)
@@ -158,15 +167,15 @@ OXL_INTERNAL const float *renderer_image(const struct renderer *r)
 
 /* ---------------------------------------------------------------- loss and backward */
 
-OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight, float ssim_weight,
-                                      struct renderer_loss *out)
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                      float ssim_weight, struct renderer_loss *out)
 {
     const size_t      pixels = (size_t)r->lens.width * (size_t)r->lens.height;
     struct loss_value value;
     oxl_result        rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
     if (rc == OXL_OK) {
         const struct loss_job job = {r->lens.width, r->lens.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
-        rc = loss_forward_backward(ctx, &job, &r->loss, &value);
+        rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
     if (rc == OXL_OK) *out = (struct renderer_loss){value.total, value.l1, value.ssim, value.mse};
     return rc;
@@ -201,13 +210,17 @@ static void render_project_backward(oxl_context *ctx, struct renderer *r, const 
     }
 }
 
-OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const float *drgb,
-                                          oxl_model *gradient)
+static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
 {
-    const struct gaussians out  = render_gaussians(gradient, r->in.sh_degree);
-    const size_t           rows = render_packs(model->count) * PACK;
     oxl_result rc = oxl_reserve(ctx, (void **)&r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, rows, sizeof *r->dmean2d);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
+{
+    const struct gaussians out = render_gaussians(gradient, r->in.sh_degree);
+    const oxl_result       rc  = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     render_tiles_backward(ctx, r, drgb ? drgb : r->drgb);
     render_project_backward(ctx, r, &out);
@@ -216,15 +229,15 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 
 /* ---------------------------------------------------------------- step and statistics */
 
-OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient, oxl_model *first,
-                                oxl_model *second, const float *rates, int step)
+OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
+                                oxl_model *first, oxl_model *second, const float *rates, int step)
 {
-    const size_t    packs = r->bins.packs;
-    const int64_t   tasks = (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
-    struct adam_job all   = {.visible            = r->visible,
-                             .planes             = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1),
-                             .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))))};
-    const double correction = 1 - vecmath_exp(step * vecmath_log(0.9));
+    const size_t    packs      = r->bins.packs;
+    const int64_t   tasks      = (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
+    struct adam_job all        = {.visible            = r->visible,
+                                  .planes             = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1),
+                                  .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))))};
+    const double    correction = 1 - vecmath_exp(step * vecmath_log(0.9));
     for (int k = 0; k < all.planes; k++) {
         all.parameter[k] = model->plane[k];
         all.gradient[k]  = gradient->plane[k];
@@ -265,7 +278,7 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
         for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++)
             for (uint32_t blocks = r->bins.pair[i].blocks; blocks; blocks &= blocks - 1) {
                 const int block = simd_lowest_bit(blocks);
-                const int w     = OXL_CLAMP(left - block % 4 * 4, 0, 4), h = OXL_CLAMP(below - block / 4 * 4, 0, 4);
+                const int w = OXL_CLAMP(left - block % 4 * 4, 0, 4), h = OXL_CLAMP(below - block / 4 * 4, 0, 4);
                 c.blocks++;
                 c.pixels += (size_t)(w * h);
             }
@@ -311,8 +324,8 @@ oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera
     return rc;
 }
 
-oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
-                               const float *drgb, oxl_model *gradient)
+oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                               const oxl_render_options *options, const float *drgb, oxl_model *gradient)
 {
     const oxl_render_options o = options ? *options : oxl_render_options_default();
     struct renderer         *r = NULL;
@@ -323,7 +336,7 @@ oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const o
     if (rc == OXL_OK) rc = oxl_model_create(ctx, model->count, model->sh_degree, gradient);
     if (rc == OXL_OK) {
         memset(gradient->plane[OXL_ROTATION], 0, gradient->capacity * sizeof *gradient->plane[0]);
-        rc = renderer_backward(ctx, r, model, drgb, gradient);
+        rc = renderer_backward(ctx, r, drgb, gradient);
     }
     if (rc != OXL_OK) oxl_model_free(ctx, gradient);
     renderer_free(ctx, r);

@@ -5,8 +5,8 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define TRAIN_SH_EVERY (1.0 / 30) /* of the run: one more band (1000 of 30 000 iterations [Kerbl 2023]) */
-#define TRAIN_SMOOTHING 0.02      /* of loss and PSNR in progress reports: about the last 50 views */
+#define TRAIN_SH_EVERY  (1.0 / 30) /* of the run: one more band (1000 of 30 000 iterations [Kerbl 2023]) */
+#define TRAIN_SMOOTHING 0.02       /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
 {
@@ -53,8 +53,8 @@ static void train_rates(const struct train *t, float rate[OXL_PLANES])
 {
     const oxl_train_options *o        = t->options;
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
-    const double first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
-    const float  mean = (float)(vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
+    const float              mean = (float)(vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     for (int k = 0; k < OXL_PLANES; k++)
         rate[k] = k < OXL_LOG_SCALE  ? mean
                   : k < OXL_ROTATION ? o->rate_log_scale
@@ -123,7 +123,8 @@ static oxl_result train_on_view(struct train *t, int view)
     struct renderer_loss loss;
     oxl_result           rc = renderer_forward(t->ctx, t->renderer, t->model, camera, &t->render);
     if (rc == OXL_OK) {
-        rc = renderer_loss(t->ctx, t->renderer, t->target, photo && photo->mask ? t->weight : NULL, t->options->ssim_weight, &loss);
+        rc = renderer_loss(t->ctx, t->renderer, t->target, photo && photo->mask ? t->weight : NULL, t->options->ssim_weight,
+                           &loss);
     }
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
@@ -131,7 +132,7 @@ static oxl_result train_on_view(struct train *t, int view)
                 oxl_scene_view(t->scene, view)->name);
         return OXL_OK;
     }
-    rc = renderer_backward(t->ctx, t->renderer, t->model, NULL, &t->gradient);
+    rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     train_rates(t, rate);
     renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, rate, t->step);
@@ -154,18 +155,19 @@ static oxl_result train_resize(struct train *t)
 
 static oxl_result train_densify(struct train *t)
 {
-    const oxl_train_options    *o     = t->options;
-    const struct density_rules  rules = {.gradient     = o->densify_gradient,
-                                         .extent       = oxl_scene_extent(t->scene),
-                                         .remove_large = t->resets > 0,
-                                         .cap          = (size_t)o->max_gaussians,
-                                         .seed         = t->ctx->options.seed,
-                                         .step         = t->step};
-    struct density_change       change;
-    oxl_result rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    const oxl_train_options   *o     = t->options;
+    const struct density_rules rules = {.gradient     = o->densify_gradient,
+                                        .extent       = oxl_scene_extent(t->scene),
+                                        .remove_large = t->resets > 0,
+                                        .cap          = (size_t)o->max_gaussians,
+                                        .seed         = t->ctx->options.seed,
+                                        .step         = t->step};
+    struct density_change      change;
+    oxl_result                 rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
     if (rc == OXL_OK) rc = train_resize(t);
     if (rc == OXL_OK && t->model->count == 0) {
-        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check", t->step);
+        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
+                      t->step);
     }
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu cloned, %zu split, %zu removed, %zu left", t->step, change.cloned, change.split,
             change.removed, t->model->count);
@@ -189,8 +191,8 @@ static oxl_result train_density(struct train *t)
 /* One more SH band each thirtieth of the run, up to the degree asked for. */
 static oxl_result train_bands(struct train *t)
 {
-    const int wanted = OXL_MIN(t->options->sh_degree, (int)(t->step / (TRAIN_SH_EVERY * t->options->iterations)));
-    oxl_result rc    = OXL_OK;
+    const int  wanted = OXL_MIN(t->options->sh_degree, (int)(t->step / (TRAIN_SH_EVERY * t->options->iterations)));
+    oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
     rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
@@ -241,35 +243,37 @@ static void train_end(struct train *t)
 
 static int train_report(const struct train *t, const oxl_callback *callback)
 {
-    const double   seconds  = os_seconds() - t->started;
-    oxl_progress   progress = {.iteration    = t->step,
-                               .iterations   = t->options->iterations,
-                               .gaussians    = t->model->count,
-                               .loss         = t->loss,
-                               .psnr         = t->psnr,
-                               .seconds      = seconds,
-                               .seconds_left = seconds / t->step * (t->options->iterations - t->step),
-                               .model        = t->model};
+    const double seconds  = os_seconds() - t->started;
+    oxl_progress progress = {.iteration    = t->step,
+                             .iterations   = t->options->iterations,
+                             .gaussians    = t->model->count,
+                             .loss         = t->loss,
+                             .psnr         = t->psnr,
+                             .seconds      = seconds,
+                             .seconds_left = seconds / t->step * (t->options->iterations - t->step),
+                             .model        = t->model};
     return callback && callback->progress && callback->progress(callback->user, &progress);
 }
 
 static oxl_result train_step(struct train *t)
 {
-    int        view;
-    oxl_result rc = train_next_photo(t, &view);
+    int        view = -1;
+    oxl_result rc   = train_next_photo(t, &view);
     if (rc == OXL_OK) rc = train_bands(t);
     if (rc == OXL_OK) rc = train_on_view(t, view);
     if (rc == OXL_OK) rc = train_density(t);
     return rc;
 }
 
-oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback, oxl_model *out)
+oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
+                     oxl_model *out)
 {
     struct train t  = {.ctx = ctx, .scene = scene, .options = options, .model = out, .started = os_seconds()};
     oxl_result   rc = OXL_OK;
-    *out = (oxl_model){0};
+    *out            = (oxl_model){0};
     if (options->iterations < 1 || options->sh_degree < 0 || options->sh_degree > 3 || options->densify_every < 1) {
-        return oxl_fail(ctx, OXL_ERR_USAGE, "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3, at least 1",
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3, at least 1",
                         options->iterations, options->sh_degree, options->densify_every);
     }
     rc = train_begin(&t);
@@ -277,7 +281,8 @@ oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options
         rc = train_step(&t);
         if (rc == OXL_OK && train_report(&t, callback)) rc = OXL_ERR_INTERRUPTED;
         if (options->max_seconds > 0 && os_seconds() - t.started > options->max_seconds) {
-            oxl_log(ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t.step, options->iterations);
+            oxl_log(ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t.step,
+                    options->iterations);
             break;
         }
     }

@@ -16,9 +16,9 @@
 #include <ctype.h>
 
 struct oracle_scene {
-    int    width, height, sh_degree, count, seed, ste;
-    double k[4], pose[7], background[3], near_plane;
-    char   loss[16];
+    int     width, height, sh_degree, count, seed, ste;
+    double  k[4], pose[7], background[3], near_plane;
+    char    loss[16];
     double *rows; /* (count, 16 + 3 (degree + 1)^2) */
 };
 
@@ -147,10 +147,10 @@ static int oracle_fragile(const struct reference *r, const struct reference *lob
 {
     double t = 1, last = -1;
     for (size_t n = 0; n < r->bins.visible_count; n++) {
-        const struct splat_f64 *s = &r->splat[r->bins.order[n]];
-        const uint32_t          row = r->bins.order[n];
-        const double raised = exp2(s->peak) < ORACLE_FAINT * ORACLE_RAISE ? ORACLE_RAISE : 1;
-        const double raw = oracle_value(s, x, y) / raised, alpha = raw < 0.99 ? raw : 0.99;
+        const struct splat_f64 *s      = &r->splat[r->bins.order[n]];
+        const uint32_t          row    = r->bins.order[n];
+        const double            raised = exp2(s->peak) < ORACLE_FAINT * ORACLE_RAISE ? ORACLE_RAISE : 1;
+        const double            raw = oracle_value(s, x, y) / raised, alpha = raw < 0.99 ? raw : 0.99;
         if ((lobe->visible[row / PACK] >> row % PACK & 1) && oracle_near(oracle_value(&lobe->splat[row], x, y), 0.99)) return 1;
         if (oracle_near(alpha, 1.0 / 255) || oracle_near(raw, 0.99)) return 1;
         if (alpha < 1.0 / 255) continue;
@@ -175,9 +175,10 @@ static char *oracle_find_fragile(oxl_context *ctx, const struct oracle_scene *s,
         for (int i = 0; i < s->count; i++) {
             const double x = r->in.plane[k][i], o = 1 / (1 + exp(-x));
             raised.in.plane[k][i] = k == OXL_OPACITY && o < ORACLE_FAINT ? log(ORACLE_RAISE * o / (1 - ORACLE_RAISE * o)) : x;
-            lobe.in.plane[k][i]   = k >= OXL_LOG_SCALE && k < OXL_ROTATION ? s->rows[i * oracle_row_size(s) + 13 + k - OXL_LOG_SCALE]
-                                    : k == OXL_OPACITY                     ? s->rows[i * oracle_row_size(s) + 12]
-                                                                           : x;
+            lobe.in.plane[k][i]   = k >= OXL_LOG_SCALE && k < OXL_ROTATION
+                                        ? s->rows[i * oracle_row_size(s) + 13 + k - OXL_LOG_SCALE]
+                                    : k == OXL_OPACITY ? s->rows[i * oracle_row_size(s) + 12]
+                                                       : x;
         }
     reference_forward(ctx, &raised);
     reference_forward(ctx, &lobe);
@@ -221,7 +222,8 @@ static void oracle_image(FILE *f, const char *name, const double *rgb, int width
     const size_t pixels = (size_t)width * (size_t)height;
     fprintf(f, "@%s %d %d\n", name, height, 3 * width);
     for (size_t i = 0; i < pixels; i++)
-        for (size_t c = 0; c < 3; c++) fprintf(f, "%.9g%c", rgb[c * pixels + i], (i + 1) % (size_t)width == 0 && c == 2 ? '\n' : ' ');
+        for (size_t c = 0; c < 3; c++)
+            fprintf(f, "%.9g%c", rgb[c * pixels + i], (i + 1) % (size_t)width == 0 && c == 2 ? '\n' : ' ');
 }
 
 static void oracle_planes(FILE *f, const char *name, double *const *plane, int first, int count, int rows)
@@ -253,7 +255,8 @@ static void oracle_run_float(oxl_context *ctx, const struct oracle_scene *s, con
     for (size_t i = 0; i < pixels; i++) r->transmittance[i] = renderer->transmittance[i];
     *loss = oracle_loss(ctx, s, r->rgb, fragile, drgb);
     for (size_t i = 0; i < 3 * pixels; i++) narrow[i] = (float)drgb[i];
-    if (oxl_render_backward(ctx, &model, camera, &options, narrow, &gradient) != OXL_OK) oracle_quit("render:", oxl_error_text(ctx));
+    if (oxl_render_backward(ctx, &model, camera, &options, narrow, &gradient) != OXL_OK)
+        oracle_quit("render:", oxl_error_text(ctx));
     for (int k = 0; k < oxl_model_planes(&model); k++)
         for (int i = 0; i < s->count; i++) r->gradient.plane[k][i] = gradient.plane[k][i];
     renderer_free(ctx, renderer);

@@ -7,145 +7,150 @@
 #undef real
 #define real double
 
-#define real_sqrt real_sqrt_f64
-#define real_abs real_abs_f64
-#define muladd muladd_f64
-#define real_exp2 real_exp2_f64
-#define real_exp real_exp_f64
-#define real_log2 real_log2_f64
-#define vec3 vec3_f64
-#define mat3 mat3_f64
-#define dot3 dot3_f64
-#define cross3 cross3_f64
-#define scale3 scale3_f64
-#define add3 add3_f64
-#define multiply3 multiply3_f64
-#define mat3_times mat3_times_f64
+#define real_sqrt             real_sqrt_f64
+#define real_abs              real_abs_f64
+#define muladd                muladd_f64
+#define real_exp2             real_exp2_f64
+#define real_exp              real_exp_f64
+#define real_log2             real_log2_f64
+#define vec3                  vec3_f64
+#define mat3                  mat3_f64
+#define dot3                  dot3_f64
+#define cross3                cross3_f64
+#define scale3                scale3_f64
+#define add3                  add3_f64
+#define multiply3             multiply3_f64
+#define mat3_times            mat3_times_f64
 #define mat3_transposed_times mat3_transposed_times_f64
-#define gaussians gaussians_f64
-#define lens lens_f64
-#define splat splat_f64
-#define pair pair_f64
-#define bins bins_f64
+#define gaussians             gaussians_f64
+#define lens                  lens_f64
+#define splat                 splat_f64
+#define pair                  pair_f64
+#define bins                  bins_f64
 
-#define project_job project_job_f64
-#define project_forward project_forward_f64
-#define project_forward_body project_forward_body_f64
-#define project_forward_base project_forward_base_f64
-#define project_forward_avx2 project_forward_avx2_f64
-#define project_forward_avx512 project_forward_avx512_f64
-#define project_backward project_backward_f64
-#define project_backward_body project_backward_body_f64
-#define project_backward_base project_backward_base_f64
-#define project_backward_avx2 project_backward_avx2_f64
-#define project_backward_avx512 project_backward_avx512_f64
-#define project_geometry project_geometry_f64
-#define project_rotation project_rotation_f64
-#define project_jacobian project_jacobian_f64
-#define project_covariance project_covariance_f64
-#define project_colour project_colour_f64
-#define project_basis project_basis_f64
-#define project_basis_backward project_basis_backward_f64
-#define project_colour_backward project_colour_backward_f64
-#define project_lanes project_lanes_f64
-#define project_lane project_lane_f64
-#define project_sigmoid project_sigmoid_f64
-#define project_store project_store_f64
-#define project_gradients project_gradients_f64
-#define project_gather project_gather_f64
+#define project_job               project_job_f64
+#define project_forward           project_forward_f64
+#define project_forward_body      project_forward_body_f64
+#define project_forward_base      project_forward_base_f64
+#define project_forward_avx2      project_forward_avx2_f64
+#define project_forward_avx512    project_forward_avx512_f64
+#define project_backward          project_backward_f64
+#define project_backward_body     project_backward_body_f64
+#define project_backward_base     project_backward_base_f64
+#define project_backward_avx2     project_backward_avx2_f64
+#define project_backward_avx512   project_backward_avx512_f64
+#define project_geometry          project_geometry_f64
+#define project_rotation          project_rotation_f64
+#define project_jacobian          project_jacobian_f64
+#define project_covariance        project_covariance_f64
+#define project_colour            project_colour_f64
+#define project_basis             project_basis_f64
+#define project_basis_backward    project_basis_backward_f64
+#define project_colour_backward   project_colour_backward_f64
+#define project_lanes             project_lanes_f64
+#define project_lane              project_lane_f64
+#define project_sigmoid           project_sigmoid_f64
+#define project_store             project_store_f64
+#define project_gradients         project_gradients_f64
+#define project_gather            project_gather_f64
 #define project_rotation_backward project_rotation_backward_f64
 #define project_jacobian_backward project_jacobian_backward_f64
-#define project_lane_backward project_lane_backward_f64
-#define SH_0 SH_0_F64
-#define SH_1 SH_1_F64
-#define SH_2XY SH_2XY_F64
-#define SH_2ZZ SH_2ZZ_F64
-#define SH_2XX SH_2XX_F64
-#define SH_3Y SH_3Y_F64
-#define SH_3XY SH_3XY_F64
-#define SH_3YZ SH_3YZ_F64
-#define SH_3ZZ SH_3ZZ_F64
-#define SH_3XX SH_3XX_F64
+#define project_lane_backward     project_lane_backward_f64
+#define SH_0                      SH_0_F64
+#define SH_1                      SH_1_F64
+#define SH_2XY                    SH_2XY_F64
+#define SH_2ZZ                    SH_2ZZ_F64
+#define SH_2XX                    SH_2XX_F64
+#define SH_3Y                     SH_3Y_F64
+#define SH_3XY                    SH_3XY_F64
+#define SH_3YZ                    SH_3YZ_F64
+#define SH_3ZZ                    SH_3ZZ_F64
+#define SH_3XX                    SH_3XX_F64
 
-#define bin_key bin_key_f64
-#define bin_staged bin_staged_f64
-#define bin_scratch bin_scratch_f64
-#define bin_depth_bits bin_depth_bits_f64
-#define bin_popcount16 bin_popcount16_f64
-#define bin_collect bin_collect_f64
-#define bin_sort bin_sort_f64
-#define bin_box_tiles bin_box_tiles_f64
-#define bin_contour bin_contour_f64
-#define bin_span bin_span_f64
-#define bin_block_row bin_block_row_f64
-#define bin_footprint bin_footprint_f64
-#define bin_lay_out bin_lay_out_f64
-#define bin_stage_part bin_stage_part_f64
-#define bin_scatter_part bin_scatter_part_f64
-#define bin_prefix bin_prefix_f64
-#define bin_order_tiles bin_order_tiles_f64
+#define bin_key           bin_key_f64
+#define bin_staged        bin_staged_f64
+#define bin_scratch       bin_scratch_f64
+#define bin_depth_bits    bin_depth_bits_f64
+#define bin_popcount16    bin_popcount16_f64
+#define bin_collect       bin_collect_f64
+#define bin_sort          bin_sort_f64
+#define bin_box_tiles     bin_box_tiles_f64
+#define bin_contour       bin_contour_f64
+#define bin_span          bin_span_f64
+#define bin_block_row     bin_block_row_f64
+#define bin_footprint     bin_footprint_f64
+#define bin_lay_out       bin_lay_out_f64
+#define bin_stage_part    bin_stage_part_f64
+#define bin_scatter_part  bin_scatter_part_f64
+#define bin_prefix        bin_prefix_f64
+#define bin_order_tiles   bin_order_tiles_f64
 #define bin_reserve_tiles bin_reserve_tiles_f64
-#define bin_splats bin_splats_f64
-#define bin_free bin_free_f64
+#define bin_splats        bin_splats_f64
+#define bin_free          bin_free_f64
 
-#define raster_job raster_job_f64
-#define raster_pixels raster_pixels_f64
-#define raster_gradients raster_gradients_f64
-#define raster_tile raster_tile_f64
-#define raster_load raster_load_f64
-#define raster_store raster_store_f64
-#define raster_open raster_open_f64
-#define raster_alive raster_alive_f64
-#define raster_alpha raster_alpha_f64
-#define raster_block_forward raster_block_forward_f64
-#define raster_block_backward raster_block_backward_f64
-#define raster_reduce raster_reduce_f64
-#define raster_close raster_close_f64
-#define raster_open_backward raster_open_backward_f64
-#define raster_forward raster_forward_f64
-#define raster_forward_body raster_forward_body_f64
-#define raster_forward_base raster_forward_base_f64
-#define raster_forward_avx2 raster_forward_avx2_f64
-#define raster_forward_avx512 raster_forward_avx512_f64
-#define raster_backward raster_backward_f64
-#define raster_backward_body raster_backward_body_f64
-#define raster_backward_base raster_backward_base_f64
-#define raster_backward_avx2 raster_backward_avx2_f64
+#define raster_job             raster_job_f64
+#define raster_pixels          raster_pixels_f64
+#define raster_gradients       raster_gradients_f64
+#define raster_tile            raster_tile_f64
+#define raster_load            raster_load_f64
+#define raster_store           raster_store_f64
+#define raster_open            raster_open_f64
+#define raster_alive           raster_alive_f64
+#define raster_batch           raster_batch_f64
+#define raster_grid            raster_grid_f64
+#define raster_share           raster_share_f64
+#define raster_collect         raster_collect_f64
+#define raster_evaluate        raster_evaluate_f64
+#define raster_composite       raster_composite_f64
+#define raster_differentiate   raster_differentiate_f64
+#define raster_add_lanes       raster_add_lanes_f64
+#define raster_sum             raster_sum_f64
+#define raster_close           raster_close_f64
+#define raster_open_backward   raster_open_backward_f64
+#define raster_forward         raster_forward_f64
+#define raster_forward_body    raster_forward_body_f64
+#define raster_forward_base    raster_forward_base_f64
+#define raster_forward_avx2    raster_forward_avx2_f64
+#define raster_forward_avx512  raster_forward_avx512_f64
+#define raster_backward        raster_backward_f64
+#define raster_backward_body   raster_backward_body_f64
+#define raster_backward_base   raster_backward_base_f64
+#define raster_backward_avx2   raster_backward_avx2_f64
 #define raster_backward_avx512 raster_backward_avx512_f64
 
-#define loss_job loss_job_f64
-#define loss_value loss_value_f64
-#define loss_scratch loss_scratch_f64
-#define LOSS_WINDOW LOSS_WINDOW_F64
-#define loss_strip loss_strip_f64
-#define loss_strip_body loss_strip_body_f64
-#define loss_strip_base loss_strip_base_f64
-#define loss_strip_avx2 loss_strip_avx2_f64
-#define loss_strip_avx512 loss_strip_avx512_f64
-#define loss_stride loss_stride_f64
-#define loss_scratch_size loss_scratch_size_f64
-#define loss_rows loss_rows_f64
-#define loss_ring loss_ring_f64
-#define loss_blur_along loss_blur_along_f64
-#define loss_blur_down loss_blur_down_f64
-#define loss_window loss_window_f64
-#define loss_sum_lanes loss_sum_lanes_f64
-#define loss_fill_counts loss_fill_counts_f64
-#define loss_take_row loss_take_row_f64
+#define loss_job               loss_job_f64
+#define loss_value             loss_value_f64
+#define loss_scratch           loss_scratch_f64
+#define LOSS_WINDOW            LOSS_WINDOW_F64
+#define loss_strip             loss_strip_f64
+#define loss_strip_body        loss_strip_body_f64
+#define loss_strip_base        loss_strip_base_f64
+#define loss_strip_avx2        loss_strip_avx2_f64
+#define loss_strip_avx512      loss_strip_avx512_f64
+#define loss_stride            loss_stride_f64
+#define loss_scratch_size      loss_scratch_size_f64
+#define loss_rows              loss_rows_f64
+#define loss_ring              loss_ring_f64
+#define loss_blur_along        loss_blur_along_f64
+#define loss_blur_down         loss_blur_down_f64
+#define loss_window            loss_window_f64
+#define loss_sum_lanes         loss_sum_lanes_f64
+#define loss_fill_counts       loss_fill_counts_f64
+#define loss_take_row          loss_take_row_f64
 #define loss_differentiate_row loss_differentiate_row_f64
-#define loss_give_row loss_give_row_f64
-#define loss_whole_windows loss_whole_windows_f64
-#define loss_cut loss_cut_f64
-#define loss_add_up loss_add_up_f64
-#define loss_forward_backward loss_forward_backward_f64
-#define loss_free loss_free_f64
+#define loss_give_row          loss_give_row_f64
+#define loss_whole_windows     loss_whole_windows_f64
+#define loss_cut               loss_cut_f64
+#define loss_add_up            loss_add_up_f64
+#define loss_forward_backward  loss_forward_backward_f64
+#define loss_free              loss_free_f64
 
-#define adam_job adam_job_f64
-#define adam_pack adam_pack_f64
-#define adam_step adam_step_f64
-#define adam_step_body adam_step_body_f64
-#define adam_step_base adam_step_base_f64
-#define adam_step_avx2 adam_step_avx2_f64
+#define adam_job         adam_job_f64
+#define adam_pack        adam_pack_f64
+#define adam_step        adam_step_f64
+#define adam_step_body   adam_step_body_f64
+#define adam_step_base   adam_step_base_f64
+#define adam_step_avx2   adam_step_avx2_f64
 #define adam_step_avx512 adam_step_avx512_f64
 
 #include "../src/kernels.h"
@@ -164,7 +169,7 @@ struct reference {
     uint16_t        *visible;
     real            *rgb, *transmittance, *dmean2d;
     real (*sums)[SPLAT_SUMS];
-    struct bins      bins;
+    struct bins bins;
 };
 
 static void *reference_array(size_t count)
@@ -229,9 +234,10 @@ static struct lens reference_lens(const oxl_camera *c, double near_plane)
 
 static void reference_forward(oxl_context *ctx, struct reference *r)
 {
-    const size_t       pixels = (size_t)r->lens.width * (size_t)r->lens.height;
-    struct project_job project = {.in = r->in, .lens = &r->lens, .end_pack = r->bins.packs, .splat = r->splat, .visible = r->visible};
-    struct raster_job  raster  = {.bins = &r->bins, .width = r->lens.width, .height = r->lens.height};
+    const size_t       pixels  = (size_t)r->lens.width * (size_t)r->lens.height;
+    struct project_job project = {
+        .in = r->in, .lens = &r->lens, .end_pack = r->bins.packs, .splat = r->splat, .visible = r->visible};
+    struct raster_job raster = {.bins = &r->bins, .width = r->lens.width, .height = r->lens.height};
     if (!r->rgb) r->rgb = reference_array(3 * pixels);
     if (!r->transmittance) r->transmittance = reference_array(pixels);
     raster.rgb           = r->rgb;
@@ -244,8 +250,9 @@ static void reference_forward(oxl_context *ctx, struct reference *r)
 
 static void reference_backward(struct reference *r, const double *drgb)
 {
-    struct project_job project = {.in = r->in, .lens = &r->lens, .end_pack = r->bins.packs, .splat = r->splat, .visible = r->visible};
-    struct raster_job  raster  = {.bins = &r->bins, .width = r->lens.width, .height = r->lens.height, .drgb = drgb};
+    struct project_job project = {
+        .in = r->in, .lens = &r->lens, .end_pack = r->bins.packs, .splat = r->splat, .visible = r->visible};
+    struct raster_job raster = {.bins = &r->bins, .width = r->lens.width, .height = r->lens.height, .drgb = drgb};
     free(r->sums);
     r->sums              = calloc(r->bins.slot_count + 1, sizeof *r->sums);
     raster.rgb           = r->rgb;

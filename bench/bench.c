@@ -1,0 +1,256 @@
+/* bench.c - where the time of a training step goes, beside what the machine can do at most, measured in the same run.
+ *
+ *     make bench                          fixed synthetic inputs
+ *     build/bench SCENE [MAX_SIDE...]     a real survey at its starting model, for each size
+ *
+ * Machines are shared and noisy: read the medians, and the ratios to the ceilings more than the milliseconds.
+ */
+#include "../oceanxl.c"
+
+enum { BENCH_ROUNDS = 21 };
+
+static double bench_median(double *x, int n)
+{
+    for (int i = 1; i < n; i++)
+        for (int j = i; j > 0 && x[j] < x[j - 1]; j--) OXL_SWAP(double, x[j], x[j - 1]);
+    return x[n / 2];
+}
+
+static void bench_check(oxl_context *ctx, oxl_result rc)
+{
+    if (rc == OXL_OK) return;
+    fprintf(stderr, "bench: %s\n", oxl_error_text(ctx));
+    exit(1);
+}
+
+/* ---------------------------------------------------------------- ceilings */
+
+struct bench_ceiling {
+    double forward, backward; /* G alpha evaluations a second of one core, everything in the first-level cache */
+    double triad;             /* GB/s on all threads: a = b + s c over arrays past the caches */
+};
+
+/* One tile, 64 faint splats that cover all of it: the kernels without binning, gathering or cache misses. */
+static void bench_kernel_ceiling(oxl_context *ctx, struct bench_ceiling *out)
+{
+    enum { SPLATS = 64, REPEAT = 200 };
+    static struct splat splat[SPLATS];
+    static struct pair  pair[SPLATS];
+    static float        rgb[3 * TILE_PIXELS], transmittance[TILE_PIXELS], drgb[3 * TILE_PIXELS];
+    static float        sums[SPLATS][SPLAT_SUMS];
+    uint32_t            start[2] = {0, SPLATS};
+    struct bins         bins     = {.tiles_x = 1, .tiles_y = 1, .splat = splat, .pair = pair, .tile_start = start};
+    struct raster_job   job      = {
+               .bins = &bins, .width = TILE, .height = TILE, .rgb = rgb, .transmittance = transmittance, .drgb = drgb, .sums = sums};
+    double times[2][BENCH_ROUNDS];
+    for (int i = 0; i < SPLATS; i++) {
+        splat[i] = (struct splat){.u = 8, .v = 8, .a = 0.001f, .k = 0.1f, .e = 0.001f, .peak = -5, .colour = {0.5f, 0.4f, 0.3f}};
+        pair[i]  = (struct pair){(uint32_t)i, (uint32_t)i, 0xFFFF};
+    }
+    for (int i = 0; i < 3 * TILE_PIXELS; i++) drgb[i] = (float)(i % 7) - 3;
+    for (int round = 0; round < BENCH_ROUNDS; round++) {
+        double t = os_seconds();
+        for (int i = 0; i < REPEAT; i++) raster_forward(ctx->isa, &job);
+        times[0][round] = os_seconds() - t;
+        t               = os_seconds();
+        for (int i = 0; i < REPEAT; i++) raster_backward(ctx->isa, &job);
+        times[1][round] = os_seconds() - t;
+    }
+    out->forward  = 1e-9 * SPLATS * TILE_PIXELS * REPEAT / bench_median(times[0], BENCH_ROUNDS);
+    out->backward = 1e-9 * SPLATS * TILE_PIXELS * REPEAT / bench_median(times[1], BENCH_ROUNDS);
+}
+
+static void bench_triad(oxl_context *ctx, struct bench_ceiling *out)
+{
+    const int64_t n = 1 << 24;
+    float        *a = oxl_calloc(ctx, (size_t)n, 4), *b = oxl_calloc(ctx, (size_t)n, 4), *c = oxl_calloc(ctx, (size_t)n, 4);
+    double        times[5];
+    if (!a || !b || !c) bench_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the triad"));
+    for (int round = 0; round < 5; round++) {
+        const double t = os_seconds();
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+        for (int64_t i = 0; i < n; i++) a[i] = b[i] + 3 * c[i];
+        times[round] = os_seconds() - t;
+    }
+    out->triad = 12e-9 * (double)n / bench_median(times, 5);
+    oxl_free(ctx, a);
+    oxl_free(ctx, b);
+    oxl_free(ctx, c);
+}
+
+/* ---------------------------------------------------------------- the stages of a step */
+
+enum bench_stage {
+    STAGE_PROJECT,
+    STAGE_BIN,
+    STAGE_RASTER,
+    STAGE_LOSS,
+    STAGE_RASTER_BACK,
+    STAGE_PROJECT_BACK,
+    STAGE_ADAM,
+    STAGES
+};
+static const char *const BENCH_NAMES[STAGES] = {
+    "project", "bin", "raster forward", "loss, there and back", "raster backward", "project backward", "adam"};
+
+struct bench_input {
+    const char *name;
+    oxl_model   model, first, second, gradient;
+    oxl_camera  camera;
+    float      *target;
+    float       near_plane;
+};
+
+static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input *in, double seconds[STAGES])
+{
+    oxl_render_options   o = oxl_render_options_default();
+    struct renderer_loss loss;
+    struct gaussians     out;
+    float                rate[OXL_PLANES] = {0};
+    double               t[STAGES + 1];
+    o.near_plane = in->near_plane;
+    bench_check(ctx, render_begin(ctx, r, &in->model, &in->camera, &o));
+    t[0] = os_seconds();
+    render_project(ctx, r, r->bins.packs);
+    t[1] = os_seconds();
+    bench_check(ctx, bin_splats(ctx, &r->bins, in->camera.width, in->camera.height));
+    t[2] = os_seconds();
+    render_tiles(ctx, r);
+    t[3] = os_seconds();
+    bench_check(ctx, renderer_loss(ctx, r, in->target, NULL, 0.2f, &loss));
+    t[4] = os_seconds();
+    bench_check(ctx, render_begin_backward(ctx, r));
+    render_tiles_backward(ctx, r, r->drgb);
+    t[5] = os_seconds();
+    out  = render_gaussians(&in->gradient, r->in.sh_degree);
+    render_project_backward(ctx, r, &out);
+    t[6] = os_seconds();
+    renderer_step(ctx, r, &in->model, &in->gradient, &in->first, &in->second, rate, 1);
+    t[7] = os_seconds();
+    for (int s = 0; s < STAGES; s++) seconds[s] = t[s + 1] - t[s];
+}
+
+static void bench_input_begin(oxl_context *ctx, struct bench_input *in)
+{
+    bench_check(ctx, oxl_model_create(ctx, in->model.count, in->model.sh_degree, &in->first));
+    bench_check(ctx, oxl_model_create(ctx, in->model.count, in->model.sh_degree, &in->second));
+    bench_check(ctx, oxl_model_create(ctx, in->model.count, in->model.sh_degree, &in->gradient));
+}
+
+static void bench_input_end(oxl_context *ctx, struct bench_input *in)
+{
+    oxl_model_free(ctx, &in->model);
+    oxl_model_free(ctx, &in->first);
+    oxl_model_free(ctx, &in->second);
+    oxl_model_free(ctx, &in->gradient);
+    oxl_free(ctx, in->target);
+}
+
+static void bench_table(oxl_context *ctx, struct bench_input *in, const struct bench_ceiling *ceiling)
+{
+    static double          seconds[STAGES][BENCH_ROUNDS];
+    double                 one[STAGES], total = 0, median[STAGES];
+    struct renderer       *r = NULL;
+    struct renderer_counts n;
+    bench_check(ctx, renderer_create(ctx, &r));
+    bench_step(ctx, r, in, one);
+    for (int round = 0; round < BENCH_ROUNDS; round++) {
+        bench_step(ctx, r, in, one);
+        for (int s = 0; s < STAGES; s++) seconds[s][round] = one[s];
+    }
+    n = renderer_counts(r);
+    for (int s = 0; s < STAGES; s++) total += median[s] = bench_median(seconds[s], BENCH_ROUNDS);
+    printf("\n%s: %d x %d px, %zu Gaussians, SH degree %d, %d threads, %s\n", in->name, in->camera.width, in->camera.height,
+           in->model.count, in->model.sh_degree, ctx->threads, oxl_isa_name(ctx));
+    printf("  %zu visible, %zu (tile, splat) pairs, %.3f M alpha evaluations in %.3f M block lanes: %.1f a pixel\n", n.visible,
+           n.pairs, n.pixels * 1e-6, n.blocks * 16e-6, (double)n.pixels / in->camera.width / in->camera.height);
+    for (int s = 0; s < STAGES; s++) {
+        printf("  %-22s %8.3f ms %5.1f %%", BENCH_NAMES[s], 1e3 * median[s], 100 * median[s] / total);
+        if (s == STAGE_RASTER || s == STAGE_RASTER_BACK) {
+            const double rate = 1e-9 * (double)n.pixels / median[s];
+            const double most = (s == STAGE_RASTER ? ceiling->forward : ceiling->backward) * ctx->threads;
+            printf("   %.2f Gpairs/s, %.0f %% of the ceiling", rate, 100 * rate / most);
+        }
+        if (s == STAGE_ADAM) {
+            const double bytes = 28.0 * PACK * (double)n.visible / PACK * oxl_model_planes(&in->model);
+            printf("   %.1f GB/s of visible rows, %.0f %% of triad", 1e-9 * bytes / median[s],
+                   1e-7 * bytes / median[s] / ceiling->triad);
+        }
+        printf("\n");
+    }
+    printf("  %-22s %8.3f ms\n", "step", 1e3 * total);
+    renderer_free(ctx, r);
+}
+
+/* ---------------------------------------------------------------- inputs */
+
+/* A plane of Gaussians before the camera, as a survey looks from above; every second number from random_bits, so the same everywhere. */
+static struct bench_input bench_synthetic(oxl_context *ctx, const char *name, size_t count, int width, int height, double spread)
+{
+    struct bench_input in    = {.name = name, .near_plane = 0.01f};
+    oxl_point         *point = oxl_calloc(ctx, count, sizeof *point);
+    if (!point) bench_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", count));
+    for (size_t i = 0; i < count; i++) {
+        for (int a = 0; a < 3; a++) {
+            const double u       = random_unit(random_bits(7, i, (uint64_t)a)) - 0.5;
+            point[i].position[a] = a == 0 ? 4 * spread * u : a == 1 ? 4 * spread * u * height / width : 0.3 * u;
+            point[i].rgb[a]      = (uint8_t)(random_bits(9, i, (uint64_t)a) & 255);
+        }
+    }
+    bench_check(ctx, oxl_model_from_points(ctx, point, count, 3, &in.model));
+    oxl_free(ctx, point);
+    in.camera = (oxl_camera){width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                             {0, 0, 3}};
+    in.target = oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, sizeof *in.target);
+    if (!in.target) bench_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
+    for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) in.target[i] = (float)random_unit(random_bits(8, i, 0));
+    bench_input_begin(ctx, &in);
+    return in;
+}
+
+static struct bench_input bench_survey(oxl_context *ctx, const char *path, int max_side, int degree)
+{
+    struct bench_input in      = {.name = path};
+    oxl_scene_options  options = oxl_scene_options_default();
+    oxl_scene         *scene   = NULL;
+    oxl_image          image;
+    options.max_side = max_side;
+    bench_check(ctx, oxl_scene_load(ctx, path, &options, &scene));
+    bench_check(ctx, oxl_model_from_points(ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), degree, &in.model));
+    in.camera     = oxl_scene_view(scene, 1)->camera;
+    in.near_plane = (float)scene_near_plane(scene);
+    bench_check(ctx, oxl_scene_image(ctx, scene, 1, &image));
+    in.target = image.rgb;
+    oxl_free(ctx, image.weight);
+    oxl_scene_free(ctx, scene);
+    bench_input_begin(ctx, &in);
+    return in;
+}
+
+int main(int argc, char **argv)
+{
+    oxl_context         *ctx     = NULL;
+    struct bench_ceiling ceiling = {0};
+    struct bench_input   in;
+    if (oxl_context_create(NULL, &ctx) != OXL_OK) return 1;
+    bench_kernel_ceiling(ctx, &ceiling);
+    bench_triad(ctx, &ceiling);
+    printf("ceilings: %.2f Gpairs/s forward, %.2f backward, in cache, a core (%s); %.1f GB/s triad on %d threads\n",
+           ceiling.forward, ceiling.backward, oxl_isa_name(ctx), ceiling.triad, ctx->threads);
+    if (argc > 1) {
+        for (int i = 2; i < OXL_MAX(argc, 3); i++) {
+            in = bench_survey(ctx, argv[1], i < argc ? atoi(argv[i]) : 1600, 0);
+            bench_table(ctx, &in, &ceiling);
+            bench_input_end(ctx, &in);
+        }
+    } else {
+        in = bench_synthetic(ctx, "seabed, all in view", 30000, 640, 360, 1);
+        bench_table(ctx, &in, &ceiling);
+        bench_input_end(ctx, &in);
+        in = bench_synthetic(ctx, "seabed, a ninth in view", 300000, 640, 360, 3);
+        bench_table(ctx, &in, &ceiling);
+        bench_input_end(ctx, &in);
+    }
+    oxl_context_free(ctx);
+    return 0;
+}
