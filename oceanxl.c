@@ -10,10 +10,12 @@
 #include "src/number.c" /* fast, exact, locale-independent number parsing */
 
 /* the survey comes in */
-#include "src/colmap.c" /* cameras.txt, images.txt, points3D.txt, as they are */
-#include "src/camera.c" /* camera models, undistortion */
-#include "src/image.c"  /* photographs: decode, reduce, undistort, mask */
-#include "src/scene.c"  /* from the files to views, points and photographs */
+#include "src/colmap.c"  /* cameras.txt, images.txt, points3D.txt, as they are */
+#include "src/camera.c"  /* camera models, undistortion */
+#include "src/image.c"   /* photographs: decode, reduce, undistort, mask */
+#include "src/find.c"    /* where a survey's files are */
+#include "src/measure.c" /* robust measures: bounds, the cameras' radius, depths */
+#include "src/scene.c"   /* from the files to views, points and photographs */
 
 /* the model */
 #include "src/ply.c"       /* a small PLY reader */

@@ -429,6 +429,7 @@ OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first
 
 /* ---------------------------------------------------------------- metrics.c */
 
+/* Adds the members "psnr", "ssim", "count" and "views" (name, psnr, ssim each) of a JSON object, without its braces. */
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
 /* ---------------------------------------------------------------- survey.c: what a survey holds, what training it would take */

@@ -1,0 +1,149 @@
+/* test_metrics.c - PSNR and SSIM against values of an independent implementation (torch's conv2d, and numpy for masks). */
+
+enum { METRICS_TEST_W = 37, METRICS_TEST_H = 23, METRICS_TEST_N = 3 * METRICS_TEST_W * METRICS_TEST_H };
+
+static void metrics_noise(uint32_t state, float *out)
+{
+    for (int i = 0; i < METRICS_TEST_N; i++) {
+        state  = state * 1664525u + 1013904223u;
+        out[i] = (float)(state >> 8) / 16777216.0f;
+    }
+}
+
+/* Noise, and the same with a quarter of other noise mixed in. */
+static void metrics_pair(oxl_image *a, oxl_image *b)
+{
+    CHECK_OK(oxl_image_create(test_ctx, METRICS_TEST_W, METRICS_TEST_H, a));
+    CHECK_OK(oxl_image_create(test_ctx, METRICS_TEST_W, METRICS_TEST_H, b));
+    metrics_noise(1, a->rgb);
+    metrics_noise(2, b->rgb);
+    for (int i = 0; i < METRICS_TEST_N; i++) b->rgb[i] = (float)(0.75 * a->rgb[i] + 0.25 * b->rgb[i]);
+}
+
+static void metrics_mask_corner(oxl_image *image)
+{
+    image->weight = oxl_alloc(test_ctx, METRICS_TEST_W * METRICS_TEST_H, sizeof(float));
+    for (int i = 0; i < METRICS_TEST_W * METRICS_TEST_H; i++)
+        image->weight[i] = i % METRICS_TEST_W < 9 && i / METRICS_TEST_W < 4 ? 0.0f : 1.0f;
+}
+
+TEST(metrics_agree_with_an_independent_implementation)
+{
+    oxl_image a, b;
+    double    psnr, ssim;
+    metrics_pair(&a, &b);
+    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
+    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
+    CHECK_CLOSE(psnr, 19.821407012856415, 1e-10);
+    CHECK_CLOSE(ssim, 0.9319152063869652, 1e-12);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
+TEST(metrics_leave_out_masked_pixels_and_the_windows_that_touch_them)
+{
+    oxl_image a, b;
+    double    psnr, ssim, psnr_torn, ssim_torn;
+    metrics_pair(&a, &b);
+    metrics_mask_corner(&b);
+    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
+    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
+    CHECK_CLOSE(psnr, 19.809485214640993, 1e-10);
+    CHECK_CLOSE(ssim, 0.9313028697397622, 1e-12);
+    for (int c = 0; c < 3; c++) a.rgb[c * METRICS_TEST_W * METRICS_TEST_H + 8] = 1e6f; /* within the mask: no matter */
+    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr_torn));
+    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim_torn));
+    CHECK(psnr_torn == psnr && ssim_torn == ssim);
+    memset(b.weight, 0, METRICS_TEST_W * METRICS_TEST_H * sizeof(float));
+    CHECK(oxl_psnr(test_ctx, &a, &b, &psnr) == OXL_ERR_INPUT);
+    CHECK(oxl_ssim(test_ctx, &a, &b, &ssim) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "masked");
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
+TEST(metrics_clamp_and_call_identical_images_100_db)
+{
+    oxl_image a, b;
+    double    psnr, ssim;
+    metrics_pair(&a, &b);
+    memcpy(b.rgb, a.rgb, METRICS_TEST_N * sizeof(float));
+    a.rgb[0] = 7, b.rgb[0] = 1;
+    a.rgb[1] = -7, b.rgb[1] = 0;
+    a.rgb[2] = NAN, b.rgb[2] = 0;
+    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
+    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
+    CHECK(psnr == 100);
+    CHECK_CLOSE(ssim, 1, 1e-12);
+    b.width--;
+    CHECK(oxl_psnr(test_ctx, &a, &b, &psnr) == OXL_ERR_USAGE);
+    CHECK(oxl_ssim(test_ctx, &a, &b, &ssim) == OXL_ERR_USAGE);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
+TEST(metrics_are_the_same_with_any_number_of_threads)
+{
+    const int before = test_ctx->threads;
+    oxl_image a, b;
+    double    one, many;
+    metrics_pair(&a, &b);
+    metrics_mask_corner(&b);
+    test_ctx->threads = 1;
+    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &one));
+    test_ctx->threads = 7;
+    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &many));
+    CHECK(one == many);
+    test_ctx->threads = before;
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
+/* Two views of one red Gaussian; the photographs are its own drawings, in 8 bits: at least 20 log10(255 x 2) = 54 dB. */
+static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
+{
+    oxl_image  image[2];
+    oxl_scene *scene = NULL;
+    oxl_point  point = {.position = {0, 0, 0}};
+    for (int i = 0; i < 2; i++) {
+        view[i]        = (oxl_view){.name = i ? "a \"quoted\"" : "b", .is_test = i};
+        view[i].camera = (oxl_camera){.width       = 24,
+                                      .height      = 16,
+                                      .fx          = 20,
+                                      .fy          = 20,
+                                      .cx          = 12,
+                                      .cy          = 8,
+                                      .rotation    = {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                                      .translation = {0.1 * i, 0, 3}};
+        CHECK_OK(oxl_render(test_ctx, model, &view[i].camera, NULL, &image[i], NULL));
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, &point, 1, &scene));
+    for (int i = 0; i < 2; i++) oxl_image_free(test_ctx, &image[i]);
+    return scene;
+}
+
+TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
+{
+    oxl_model   model;
+    oxl_view    view[2];
+    oxl_scene  *scene;
+    oxl_metrics m;
+    struct text json = {.ctx = test_ctx};
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    for (int k = 0; k < 3; k++) model.plane[OXL_LOG_SCALE + k][0] = -1;
+    model.plane[OXL_SH][0] = 1;
+    scene                  = metrics_scene(&model, view);
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &m));
+    CHECK(m.count == 1 && strcmp(oxl_scene_view(scene, m.views[0].view)->name, "a \"quoted\"") == 0);
+    oxl_metrics_free(test_ctx, &m);
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_ALL, &m));
+    CHECK(m.count == 2 && m.views[0].view == 0 && m.views[1].view == 1);
+    CHECK(m.psnr > 54 && m.psnr < 100 && m.ssim > 0.99);
+    CHECK_CLOSE(m.psnr, (m.views[0].psnr + m.views[1].psnr) / 2, 1e-12);
+    CHECK_OK(metrics_write_json(test_ctx, &json, scene, &m));
+    CHECK_TEXT(json.data, "\"count\": 2,\n  \"views\": [\n    {\"name\": \"a \\\"quoted\\\"\", \"psnr\": ");
+    text_free(&json);
+    oxl_metrics_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &model);
+}
