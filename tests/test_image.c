@@ -288,7 +288,7 @@ TEST(image_undistortion_looks_where_the_lens_model_says)
 
 TEST(image_undistorted_agrees_with_colmaps_own)
 {
-    static const struct colmap_camera real = {
+    static const struct colmap_camera lens = {
         .id = 1, .model = 2, .width = 960, .height = 512, .parameter = {1042.8142056641748, 480, 256, -0.27931708280078082}};
     static const struct colmap_camera ideal = {
         .id = 1, .model = 1, .width = 1028, .height = 520, .parameter = {1042.8142056641748, 1042.8142056641748, 514, 260}};
@@ -297,9 +297,9 @@ TEST(image_undistorted_agrees_with_colmaps_own)
     struct photo ours, colmaps;
     double       error = 0;
     if (!test_shared("data/subvo_pool_distorted/images/f150.jpg")) SKIP("no ../shared/data");
-    CHECK_OK(camera_undistorted(test_ctx, &real, &to));
+    CHECK_OK(camera_undistorted(test_ctx, &lens, &to));
     path = test_shared("data/subvo_pool_distorted/images/f150.jpg");
-    CHECK_OK(image_load_photo(test_ctx, path, NULL, &real, &to, &ours));
+    CHECK_OK(image_load_photo(test_ctx, path, NULL, &lens, &to, &ours));
     path = test_shared("data/subvo_pool/images/f150.jpg");
     CHECK_OK(image_load_photo(test_ctx, path, NULL, &ideal, &to, &colmaps));
     CHECK(!ours.mask);

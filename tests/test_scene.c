@@ -1,0 +1,415 @@
+/* test_scene.c - surveys as they come: what is found, what is missing, what is wrong with them. */
+
+static char scene_log[4096]; /* what the library said */
+
+static void scene_remember(void *user, oxl_log_level level, const char *text)
+{
+    (void)user, (void)level;
+    snprintf(scene_log + strlen(scene_log), sizeof scene_log - strlen(scene_log), "%s\n", text);
+}
+
+static void scene_listen(void)
+{
+    scene_log[0]           = 0;
+    test_ctx->options.log  = scene_remember;
+    test_ctx->options.user = NULL;
+}
+
+/* A survey of n photographs (32 x 24 px, img00.png...) that look along z at four points 10 away; the cameras stand 1 apart along
+ * x, from `base` on. Written to the test's folder under `name`. */
+static const char *scene_survey(const char *name, int n, double base, int with_files)
+{
+    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    char        path[128];
+    text_add(&images, "# images\n");
+    for (int i = n - 1; i >= 0; i--) /* not in the order of names */
+        text_add(&images, "%d 1 0 0 0 %.17g 0 0 1 img%02d.png\n1 2 %d\n", 10 + i, -(base + i), i, 1);
+    for (int i = 0; i < 4; i++) {
+        text_add(&points, "%d %.17g %d 10 %d 20 30 0.5", 1 + i, base + i, i % 2, 10 * i);
+        for (int k = 0; k < n; k++) text_add(&points, " %d 0", 10 + k);
+        text_add(&points, "\n");
+    }
+    snprintf(path, sizeof path, "%s/sparse/0/cameras.txt", name);
+    test_write(path, "1 PINHOLE 32 24 40 40 16 12\n");
+    snprintf(path, sizeof path, "%s/sparse/0/images.txt", name);
+    test_write(path, images.data);
+    snprintf(path, sizeof path, "%s/sparse/0/points3D.txt", name);
+    test_write(path, points.data);
+    text_free(&images);
+    text_free(&points);
+    snprintf(path, sizeof path, "%s/images", name);
+    CHECK_OK(os_make_folder(test_ctx, test_path(path)));
+    for (int i = 0; i < n && with_files; i++) {
+        oxl_image image;
+        CHECK_OK(oxl_image_create(test_ctx, 32, 24, &image));
+        for (int k = 0; k < 3 * 32 * 24; k++) image.rgb[k] = (float)(i + 1) / 255.0f;
+        snprintf(path, sizeof path, "%s/images/img%02d.png", name, i);
+        CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+        oxl_image_free(test_ctx, &image);
+    }
+    return test_path(name);
+}
+
+TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
+{
+    const char               *path = scene_survey("s", 17, 0, 1);
+    const struct scene_stats *stats;
+    oxl_scene                *scene;
+    scene_listen();
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK(oxl_scene_view_count(scene) == 17 && oxl_scene_point_count(scene) == 4);
+    CHECK(oxl_scene_view(scene, 17) == NULL && oxl_scene_view(scene, -1) == NULL);
+    for (int i = 0; i < 17; i++) {
+        char name[16];
+        snprintf(name, sizeof name, "img%02d.png", i);
+        CHECK(strcmp(oxl_scene_view(scene, i)->name, name) == 0);
+        CHECK(oxl_scene_view(scene, i)->is_test == (i % 8 == 0));
+        CHECK(scene_photo(test_ctx, scene, i)->rgb[0] == i + 1);
+    }
+    stats = scene_stats_of(scene);
+    CHECK(stats->images_listed == 17 && stats->images_missing == 0 && stats->test_views == 3 && stats->observations == 68);
+    CHECK_CLOSE(stats->mean_track, 17, 1e-12);
+    CHECK_CLOSE(stats->mean_error, 0.5, 1e-6);
+    CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 10, 1e-9);
+    CHECK(scene_log[0] == 0); /* nothing to complain of */
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_far_from_zero_loses_nothing)
+{
+    const double far       = 4200000.25; /* UTM */
+    const char  *near_path = scene_survey("near", 9, 0, 1), *far_path = scene_survey("far", 9, far, 1);
+    oxl_scene   *a, *b;
+    CHECK_OK(oxl_scene_load(test_ctx, near_path, NULL, &a));
+    CHECK_OK(oxl_scene_load(test_ctx, far_path, NULL, &b));
+    CHECK_CLOSE(oxl_scene_origin(b)[0] - oxl_scene_origin(a)[0], far, 1e-9);
+    CHECK(fabs(oxl_scene_points(b)->position[0]) < 10);
+    for (int i = 0; i < 4; i++) CHECK_CLOSE(oxl_scene_points(b)[i].position[0], oxl_scene_points(a)[i].position[0], 2e-9);
+    for (int i = 0; i < 9; i++)
+        for (int k = 0; k < 3; k++)
+            CHECK_CLOSE(oxl_scene_view(b, i)->camera.translation[k], oxl_scene_view(a, i)->camera.translation[k], 2e-9);
+    CHECK_CLOSE(oxl_scene_extent(b), oxl_scene_extent(a), 1e-8);
+    oxl_scene_free(test_ctx, a);
+    oxl_scene_free(test_ctx, b);
+}
+
+TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
+{
+    struct measure_view view[10];
+    oxl_camera          camera[10] = {{0}};
+    double              plain, robust;
+    for (int i = 0; i < 10; i++) {
+        camera[i]                = (oxl_camera){.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+        camera[i].translation[0] = i < 9 ? -i : 1e5;
+        view[i]                  = (struct measure_view){i, &camera[i]};
+    }
+    CHECK_OK(measure_camera_radius(test_ctx, view, 9, &plain));
+    CHECK_CLOSE(plain, 4, 1e-12); /* cameras at 0..8, mean 4 */
+    scene_listen();
+    CHECK_OK(measure_camera_radius(test_ctx, view, 10, &robust));
+    CHECK_CLOSE(robust, 4, 1e-12);
+    CHECK_TEXT(scene_log, "1 cameras stand far from all others");
+}
+
+TEST(scene_of_one_photograph_trains_on_it_and_has_an_extent)
+{
+    oxl_scene *scene;
+    scene_listen();
+    CHECK_OK(oxl_scene_load(test_ctx, scene_survey("one", 1, 0, 1), NULL, &scene));
+    CHECK(oxl_scene_view_count(scene) == 1 && !oxl_scene_view(scene, 0)->is_test);
+    CHECK_CLOSE(oxl_scene_extent(scene), 10, 1e-9); /* the median depth */
+    CHECK_TEXT(scene_log, "only one photograph");
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_without_points_is_told_and_gets_random_ones_in_sight)
+{
+    oxl_scene  *scene;
+    oxl_point  *points, *again;
+    int         seen = 0;
+    const char *path = scene_survey("s", 9, 100, 1);
+    test_write("s/sparse/0/points3D.txt", "# none\n");
+    scene_listen();
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK_TEXT(scene_log, "no points");
+    CHECK(oxl_scene_point_count(scene) == 0 && scene_near_plane(scene) > 0);
+    CHECK_CLOSE(oxl_scene_origin(scene)[0], 104, 1e-9);  /* the median camera */
+    CHECK_CLOSE(oxl_scene_extent(scene), 1.1 * 3, 1e-9); /* training views stand at 101..107 */
+    CHECK_OK(scene_random_points(test_ctx, scene, 500, &points));
+    CHECK_OK(scene_random_points(test_ctx, scene, 500, &again));
+    CHECK(memcmp(points, again, 500 * sizeof *points) == 0);
+    for (int i = 0; i < 500; i++)
+        for (int v = 0, any = 0; v < 9 && !any; v++)
+            seen += any = measure_is_in_sight(&oxl_scene_view(scene, v)->camera, points[i].position);
+    CHECK(seen == 500);
+    oxl_free(test_ctx, points);
+    oxl_free(test_ctx, again);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_missing_photographs_are_left_out_up_to_the_stated_share)
+{
+    const char       *path    = scene_survey("s", 8, 0, 1);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    remove(test_path("s/images/img02.png"));
+    remove(test_path("s/images/img05.png"));
+    scene_listen();
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK(oxl_scene_view_count(scene) == 6 && scene_stats_of(scene)->images_missing == 2);
+    CHECK_TEXT(scene_log, "img02.png is not there");
+    CHECK_TEXT(scene_log, "img05.png is not there");
+    CHECK(scene_photo(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and photograph */
+    CHECK_CLOSE(oxl_scene_view(scene, 2)->camera.translation[0] - oxl_scene_view(scene, 0)->camera.translation[0], -3, 1e-12);
+    oxl_scene_free(test_ctx, scene);
+    options.missing_share = 0.2;
+    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
+    CHECK(!scene);
+    CHECK_TEXT(oxl_error_text(test_ctx), "2 of the 8 photographs");
+    CHECK_TEXT(oxl_error_text(test_ctx), "--images");
+}
+
+TEST(scene_says_where_a_photograph_of_nearly_that_name_lies)
+{
+    const char       *path    = scene_survey("s", 4, 0, 0);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    test_write("s/images/dive1/IMG00.JPG", "");
+    CHECK(oxl_scene_load(test_ctx, path, NULL, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "s/images/dive1/IMG00.JPG");
+    options.images = test_path("nowhere");
+    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "nowhere: there is no such folder");
+    options.read_images = 0; /* text files alone: nobody looks */
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    CHECK(oxl_scene_view_count(scene) == 4);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_takes_the_sub_model_with_most_images)
+{
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    const char       *path = scene_survey("s", 3, 0, 1);
+    options.read_images    = 0;
+    test_write("s/sparse/1/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
+    test_write("s/sparse/1/points3D.txt", "");
+    test_write("s/sparse/1/images.txt",
+               "1 1 0 0 0 0 0 0 1 a\n\n2 1 0 0 0 0 0 0 1 b\n\n3 1 0 0 0 0 0 0 1 c\n\n4 1 0 0 0 0 0 0 1 d\n\n");
+    scene_listen();
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    CHECK(oxl_scene_view_count(scene) == 4);
+    CHECK_TEXT(scene_log, "2 sub-models found");
+    oxl_scene_free(test_ctx, scene);
+    options.sparse = test_path("s/sparse/0");
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    CHECK(oxl_scene_view_count(scene) == 3);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_is_found_beside_the_photographs_too)
+{
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    options.read_images = 0;
+    test_write("flat/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\n");
+    test_write("flat/images.txt", "1 1 0 0 0 0 0 0 1 a\n\n");
+    test_write("flat/points3D.txt", "");
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("flat"), &options, &scene));
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_that_is_none_is_refused_with_a_word_on_what_to_do)
+{
+    oxl_scene *scene;
+    CHECK(oxl_scene_load(test_ctx, test_path("nothing"), NULL, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "nothing: there is no such folder");
+    test_write("empty/readme", "");
+    CHECK(oxl_scene_load(test_ctx, test_path("empty"), NULL, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "no COLMAP text export");
+    CHECK_TEXT(oxl_error_text(test_ctx), "model_converter");
+    test_write("binary/sparse/0/cameras.bin", "");
+    test_write("binary/sparse/0/images.bin", "");
+    test_write("binary/sparse/0/points3D.bin", "");
+    CHECK(oxl_scene_load(test_ctx, test_path("binary"), NULL, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "model_converter");
+    CHECK(!scene);
+}
+
+TEST(scene_poses_and_cameras_that_cannot_be_are_refused)
+{
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    const char       *path = scene_survey("s", 3, 0, 0);
+    options.read_images    = 0;
+    test_write("s/sparse/0/images.txt", "1 1 0 0 0 1e300 0 0 1 a\n\n");
+    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "images.txt:1");
+    test_write("s/sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a\n\n");
+    test_write("s/sparse/0/cameras.txt", "1 PINHOLE 32 24 -40 40 16 12\n");
+    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "cameras.txt:1");
+}
+
+TEST(scene_photographs_in_memory_stay_within_the_cache)
+{
+    const size_t      one     = 3 * 32 * 24;
+    const char       *path    = scene_survey("s", 5, 0, 1);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    options.image_cache_bytes = 2 * one;
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    for (int i = 0; i < 40; i++) {
+        const int           view  = (int)(random_bits(1, (uint64_t)i, 0) % 5);
+        const struct photo *photo = scene_photo(test_ctx, scene, view);
+        CHECK(photo && photo->rgb[0] == view + 1);
+        CHECK(scene->cached <= 2 * one);
+    }
+    scene_photo(test_ctx, scene, 0);
+    scene_photo(test_ctx, scene, 1);
+    scene_photo(test_ctx, scene, 0);
+    scene_photo(test_ctx, scene, 2); /* view 1 was asked for longest ago */
+    CHECK(scene->photo[0].rgb && !scene->photo[1].rgb && scene->photo[2].rgb);
+    oxl_scene_free(test_ctx, scene);
+    options.image_cache_bytes = 0; /* the one that was asked for stays all the same */
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    CHECK(scene_photo(test_ctx, scene, 3)->rgb[0] == 4 && scene->cached == one);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_photograph_that_is_corrupt_is_named_and_the_rest_goes_on)
+{
+    const char *path = scene_survey("s", 3, 0, 1);
+    oxl_scene  *scene;
+    oxl_image   image;
+    test_write("s/images/img01.png", "no picture");
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK(scene_photo(test_ctx, scene, 1) == NULL);
+    CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
+    CHECK(oxl_scene_image(test_ctx, scene, 1, &image) == OXL_ERR_INPUT);
+    CHECK_OK(oxl_scene_image(test_ctx, scene, 2, &image));
+    CHECK(image.width == 32 && image.height == 24 && !image.weight);
+    oxl_image_free(test_ctx, &image);
+    CHECK(oxl_scene_image(test_ctx, scene, 3, &image) == OXL_ERR_USAGE);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
+{
+    const char *path = scene_survey("s", 4, 0, 1);
+    oxl_scene  *scene;
+    oxl_image   image;
+    CHECK_OK(oxl_image_create(test_ctx, 2, 1, &image));
+    for (int c = 0; c < 3; c++) image.rgb[2 * c + 1] = 1; /* the left half is black */
+    CHECK_OK(os_make_folder(test_ctx, test_path("s/masks")));
+    CHECK_OK(oxl_image_write(test_ctx, test_path("s/masks/img00.png.png"), &image));
+    CHECK_OK(oxl_image_write(test_ctx, test_path("s/masks/img02.png"), &image));
+    oxl_image_free(test_ctx, &image);
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK(scene_stats_of(scene)->masks == 2);
+    for (int i = 0; i < 4; i++) {
+        CHECK_OK(oxl_scene_image(test_ctx, scene, i, &image));
+        CHECK((image.weight != NULL) == (i % 2 == 0));
+        if (image.weight) CHECK(image.weight[0] == 0 && image.weight[15] == 0 && image.weight[16] == 1 && image.weight[31] == 1);
+        oxl_image_free(test_ctx, &image);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_photographs_are_reduced_to_the_longer_side_asked_for)
+{
+    const char       *path    = scene_survey("s", 2, 0, 1);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    const oxl_camera *c;
+    options.max_side = 16;
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    c = &oxl_scene_view(scene, 0)->camera;
+    CHECK(c->width == 16 && c->height == 12 && c->fx == 20 && c->fy == 20 && c->cx == 8 && c->cy == 6);
+    CHECK(scene_photo(test_ctx, scene, 0)->width == 16 && scene_photo(test_ctx, scene, 0)->rgb[0] == 1);
+    oxl_scene_free(test_ctx, scene);
+    test_write("s/sparse/0/cameras.txt", "1 PINHOLE 320 240 400 400 160 120\n"); /* the files were made 10 x smaller */
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    c = &oxl_scene_view(scene, 0)->camera;
+    CHECK(c->width == 32 && c->height == 24 && c->fx == 40 && c->cx == 16);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
+{
+    oxl_view   view[3];
+    oxl_image  image[3];
+    oxl_point  point = {.position = {1, 0.5, 3}, .rgb = {9, 8, 7}};
+    oxl_scene *scene;
+    for (int i = 0; i < 3; i++) {
+        view[i]        = (oxl_view){.name = i == 0 ? "c" : i == 1 ? "a" : "b", .is_test = i == 2};
+        view[i].camera = (oxl_camera){.width       = 4,
+                                      .height      = 2,
+                                      .fx          = 4,
+                                      .fy          = 4,
+                                      .cx          = 2,
+                                      .cy          = 1,
+                                      .rotation    = {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                                      .translation = {i, 0, 0}};
+        CHECK_OK(oxl_image_create(test_ctx, 4, 2, &image[i]));
+        for (int k = 0; k < 24; k++) image[i].rgb[k] = (float)(10 * i + k) / 255.0f;
+    }
+    image[1].weight    = oxl_calloc(test_ctx, 8, sizeof(float));
+    image[1].weight[3] = 1;
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 3, &point, 1, &scene));
+    CHECK(strcmp(oxl_scene_view(scene, 0)->name, "a") == 0 && strcmp(oxl_scene_view(scene, 2)->name, "c") == 0);
+    CHECK(oxl_scene_view(scene, 1)->is_test && !oxl_scene_view(scene, 0)->is_test && scene_stats_of(scene)->test_views == 1);
+    CHECK(scene_photo(test_ctx, scene, 0)->rgb[5] == 15 && scene_photo(test_ctx, scene, 0)->mask[3] == 255 &&
+          scene_photo(test_ctx, scene, 0)->mask[4] == 0);
+    CHECK(!scene_photo(test_ctx, scene, 2)->mask && scene_photo(test_ctx, scene, 2)->rgb[23] == 23);
+    CHECK(oxl_scene_points(scene)->position[2] == 3 && oxl_scene_points(scene)->rgb[0] == 9 && oxl_scene_origin(scene)[0] == 0);
+    CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 3, 1e-12); /* by sight: there are no tracks */
+    CHECK(scene_colmap(scene) == NULL);
+    oxl_scene_free(test_ctx, scene);
+    view[1].camera.width = 5;
+    CHECK(oxl_scene_from_arrays(test_ctx, view, image, 3, &point, 1, &scene) == OXL_ERR_USAGE);
+    CHECK(!scene);
+    CHECK(oxl_scene_from_arrays(test_ctx, view, image, 0, NULL, 0, &scene) == OXL_ERR_USAGE);
+    for (int i = 0; i < 3; i++) oxl_image_free(test_ctx, &image[i]);
+}
+
+static long  scene_allocations_left; /* then the allocator refuses */
+static void *scene_failing_reallocate(void *user, void *old, size_t size)
+{
+    if (size != 0 && scene_allocations_left-- <= 0) return NULL;
+    return counting_reallocate(user, old, size);
+}
+
+TEST(scene_gives_everything_back_when_any_allocation_fails)
+{
+    const char *path             = scene_survey("s", 3, 0, 1);
+    int         failures         = 0;
+    test_ctx->options.reallocate = scene_failing_reallocate;
+    for (long n = 0; n < 400; n++) {
+        oxl_scene *scene;
+        oxl_result rc;
+        scene_allocations_left = n;
+        rc                     = oxl_scene_load(test_ctx, path, NULL, &scene);
+        if (rc == OXL_OK && !scene_photo(test_ctx, scene, 0)) rc = OXL_ERR_MEMORY;
+        scene_allocations_left = LONG_MAX;
+        oxl_scene_free(test_ctx, scene);
+        if (rc == OXL_OK) break;
+        failures++;
+    }
+    CHECK(failures > 20 && failures < 400);
+    test_ctx->options.reallocate = counting_reallocate;
+}
+
+TEST(scene_of_a_real_dive_is_read_and_undistorted)
+{
+    const char *path = test_shared("data/subvo_pool_distorted");
+    oxl_scene  *scene;
+    if (!path) SKIP("no ../shared/data");
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK(oxl_scene_view_count(scene) == 61 && scene_stats_of(scene)->test_views == 8 && oxl_scene_point_count(scene) == 16462);
+    CHECK(oxl_scene_view(scene, 0)->camera.width == 1028 && oxl_scene_view(scene, 0)->camera.height == 520);
+    CHECK(scene_stats_of(scene)->distorted_cameras == 1);
+    CHECK_CLOSE(scene_stats_of(scene)->mean_error, 0.383, 0.001);
+    CHECK(scene_photo(test_ctx, scene, 5) != NULL);
+    oxl_scene_free(test_ctx, scene);
+}
