@@ -1,0 +1,65 @@
+/* test_adam.c - the optimiser against Kingma & Ba's formulas in double. */
+#include "reference.c"
+
+enum { ADAM_ROWS = 2 * PACK };
+
+struct adam_state {
+    float parameter[ADAM_ROWS], first[ADAM_ROWS], second[ADAM_ROWS], gradient[ADAM_ROWS];
+};
+
+static void adam_take_step(struct adam_state *s, int step, float rate, const uint16_t visible[2])
+{
+    struct adam_job job = {.end_pack           = 2,
+                           .visible            = visible,
+                           .planes             = 1,
+                           .parameter          = {s->parameter},
+                           .first              = {s->first},
+                           .second             = {s->second},
+                           .gradient           = {s->gradient},
+                           .rate               = {(float)(rate / (1 - pow(0.9, step)))},
+                           .inverse_correction = (float)(1 / sqrt(1 - pow(0.999, step)))};
+    adam_step(test_ctx->isa, &job);
+}
+
+TEST(adam_follows_the_formulas)
+{
+    const uint16_t    all[2]       = {0xFFFF, 0xFFFF};
+    struct adam_state s            = {{0}, {0}, {0}, {0}};
+    double            p[ADAM_ROWS] = {0}, m[ADAM_ROWS] = {0}, v[ADAM_ROWS] = {0};
+    for (int step = 1; step <= 200; step++) {
+        for (int i = 0; i < ADAM_ROWS; i++) {
+            const double g = s.gradient[i] = (float)(sin(step * 0.1 + i) * (i + 1));
+            m[i]                           = 0.9 * m[i] + 0.1 * g;
+            v[i]                           = 0.999 * v[i] + 0.001 * g * g;
+            p[i] -= 0.01 * m[i] / (1 - pow(0.9, step)) / (sqrt(v[i] / (1 - pow(0.999, step))) + 1e-15);
+        }
+        adam_take_step(&s, step, 0.01f, all);
+    }
+    for (int i = 0; i < ADAM_ROWS; i++) CHECK_CLOSE(s.parameter[i], p[i], 2e-5);
+}
+
+TEST(adam_leaves_rows_out_of_sight_alone)
+{
+    const uint16_t    some[2] = {0x00F0, 0};
+    struct adam_state s;
+    for (int i = 0; i < ADAM_ROWS; i++) s.parameter[i] = s.gradient[i] = 1, s.first[i] = s.second[i] = 0.5f;
+    adam_take_step(&s, 1, 0.01f, some);
+    for (int i = 0; i < ADAM_ROWS; i++) {
+        const int seen = i >= 4 && i < 8;
+        CHECK((s.parameter[i] != 1) == seen);
+        CHECK((s.first[i] != 0.5f) == seen);
+        CHECK((s.second[i] != 0.5f) == seen);
+    }
+}
+
+TEST(adam_survives_zero_and_enormous_gradients)
+{
+    const uint16_t    all[2] = {0xFFFF, 0xFFFF};
+    struct adam_state s      = {{0}, {0}, {0}, {0}};
+    for (int i = 0; i < ADAM_ROWS; i++) s.gradient[i] = i % 2 ? 1e20f : 0;
+    for (int step = 1; step <= 50; step++) adam_take_step(&s, step, 0.01f, all);
+    for (int i = 0; i < ADAM_ROWS; i++) {
+        CHECK(isfinite(s.parameter[i]) && isfinite(s.first[i]) && isfinite(s.second[i]));
+        CHECK_CLOSE(s.parameter[i], i % 2 ? -0.5 : 0, 0.01);
+    }
+}

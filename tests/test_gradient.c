@@ -1,0 +1,195 @@
+/* test_gradient.c - the analytic gradient against finite differences in double, and float against double. */
+#include "reference.c"
+
+enum { GRADIENT_WIDTH = 14, GRADIENT_HEIGHT = 11 };
+
+static double gradient_random(uint64_t seed, uint64_t i, double low, double high)
+{
+    return low + (high - low) * random_unit(random_bits(seed, i, 0));
+}
+
+static oxl_camera gradient_camera(int width, int height, double focal)
+{
+    oxl_camera c = {.width = width, .height = height, .fx = focal, .fy = focal * 1.1, .cx = width * 0.45, .cy = height * 0.52};
+    camera_rotation_from_quaternion((double[4]){0.95, 0.1, -0.15, 0.2}, c.rotation);
+    c.translation[0] = 0.1, c.translation[1] = -0.05, c.translation[2] = 3;
+    return c;
+}
+
+/* Wide soft Gaussians: every pixel lies well inside every contour, below the clamp and far from the end of its light, so the image is
+ * smooth in every parameter. Colours stay above 0. */
+static void gradient_smooth_scene(struct reference *r, int count, int degree)
+{
+    const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
+    reference_create(r, (size_t)count, degree);
+    r->lens_f64 = reference_lens(&camera, 0.2);
+    for (int c = 0; c < 3; c++) r->background[c] = 0.2 + 0.2 * c;
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < OXL_SH + 3 * (degree + 1) * (degree + 1); k++) {
+            const double u    = gradient_random(5, (uint64_t)(i * OXL_PLANES + k), -1, 1);
+            r->in.plane[k][i] = k < OXL_LOG_SCALE  ? 0.3 * u
+                                : k < OXL_ROTATION ? 0.5 + 0.3 * u
+                                : k < OXL_OPACITY  ? u + (k == OXL_ROTATION)
+                                : k < OXL_SH       ? -1 + 0.5 * u
+                                : k < OXL_SH + 3   ? 0.5 + 0.5 * u
+                                                   : 0.1 * u;
+        }
+}
+
+static double gradient_weight(size_t i)
+{
+    return gradient_random(6, i, -1, 1);
+}
+
+static double gradient_loss(oxl_context *ctx, struct reference *r)
+{
+    double sum = 0;
+    reference_forward(ctx, r);
+    for (size_t i = 0; i < 3 * (size_t)r->lens_f64.width * (size_t)r->lens_f64.height; i++) sum += gradient_weight(i) * r->rgb[i];
+    return sum;
+}
+
+static void gradient_analytic(oxl_context *ctx, struct reference *r)
+{
+    const size_t values = 3 * (size_t)r->lens_f64.width * (size_t)r->lens_f64.height;
+    double      *drgb   = reference_array(values);
+    for (size_t i = 0; i < values; i++) drgb[i] = gradient_weight(i);
+    gradient_loss(ctx, r);
+    reference_backward(r, drgb);
+    free(drgb);
+}
+
+/* Worst |finite - analytic| / largest |analytic| of the planes first..end-1, central differences of fourth order. */
+static double gradient_worst(oxl_context *ctx, struct reference *r, int first, int end)
+{
+    const double h     = 1e-3;
+    double       worst = 0, scale = 0;
+    for (int k = first; k < end; k++)
+        for (size_t i = 0; i < r->in.count; i++) {
+            double *x = &r->in.plane[k][i], was = *x, f[4];
+            for (int n = 0; n < 4; n++) {
+                *x   = was + h * (n < 2 ? n - 2 : n - 1);
+                f[n] = gradient_loss(ctx, r);
+            }
+            *x    = was;
+            worst = OXL_MAX(worst, fabs((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h) - r->gradient.plane[k][i]));
+            scale = OXL_MAX(scale, fabs(r->gradient.plane[k][i]));
+        }
+    return worst / scale;
+}
+
+TEST(gradient_agrees_with_finite_differences_for_every_parameter_type)
+{
+    struct reference r;
+    gradient_smooth_scene(&r, 6, 3);
+    gradient_analytic(test_ctx, &r);
+    CHECK(r.bins_f64.visible_count == 6);
+    CHECK(gradient_worst(test_ctx, &r, OXL_MEAN, OXL_LOG_SCALE) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_ROTATION, OXL_OPACITY) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_OPACITY, OXL_SH) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_SH, OXL_SH + 3) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_SH + 3, OXL_PLANES) < 1e-8);
+    reference_free(test_ctx, &r);
+}
+
+TEST(gradient_is_exact_where_the_frustum_clamp_holds)
+{
+    struct reference r;
+    gradient_smooth_scene(&r, 4, 1);
+    r.lens_f64.limit_x = 0.02, r.lens_f64.limit_y = 0.03; /* all of them lie outside */
+    gradient_analytic(test_ctx, &r);
+    CHECK(gradient_worst(test_ctx, &r, OXL_MEAN, OXL_SH) < 1e-8);
+    reference_free(test_ctx, &r);
+}
+
+TEST(gradient_stops_at_the_opacity_clamp_and_at_black)
+{
+    struct reference r;
+    gradient_smooth_scene(&r, 1, 0);
+    r.in.plane[OXL_OPACITY][0] = 12; /* alpha is 0.99 near the centre */
+    for (int a = 0; a < 3; a++) r.in.plane[OXL_LOG_SCALE + a][0] = 5, r.in.plane[OXL_SH + a][0] = a == 1 ? -9 : 1;
+    gradient_analytic(test_ctx, &r);
+    CHECK(r.gradient.plane[OXL_OPACITY][0] == 0);
+    CHECK(r.gradient.plane[OXL_MEAN][0] == 0);
+    CHECK(r.gradient.plane[OXL_SH + 1][0] == 0);
+    CHECK(r.gradient.plane[OXL_SH][0] != 0);
+    reference_free(test_ctx, &r);
+}
+
+/* ---------------------------------------------------------------- float against double */
+
+/* 300 ordinary Gaussians of all shapes on 70 x 50 pixels: many contours cut through many pixels. */
+static void gradient_ordinary_scene(struct reference *r, int count, int degree)
+{
+    const oxl_camera camera = gradient_camera(70, 50, 60);
+    reference_create(r, (size_t)count, degree);
+    r->lens_f64 = reference_lens(&camera, 0.2);
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < OXL_SH + 3 * (degree + 1) * (degree + 1); k++) {
+            const double u    = gradient_random(15, (uint64_t)(i * OXL_PLANES + k), -1, 1);
+            r->in.plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 1.5 * u
+                                        : k < OXL_ROTATION ? -2.5 + u
+                                        : k < OXL_OPACITY  ? u
+                                        : k < OXL_SH       ? 2 * u
+                                        : k < OXL_SH + 3   ? u
+                                                           : 0.3 * u);
+        }
+}
+
+static void gradient_to_model(const struct reference *r, oxl_model *m)
+{
+    CHECK_OK(oxl_model_create(test_ctx, r->in.count, r->in.sh_degree, m));
+    for (int k = 0; k < oxl_model_planes(m); k++)
+        for (size_t i = 0; i < m->count; i++) m->plane[k][i] = (float)r->in.plane[k][i];
+}
+
+/* A decision (alpha >= 1/255, T >= 1e-4) that falls the other way in float changes a pixel by up to 1/255; everything else differs by
+ * rounding alone, a few 1e-7 a splat. So at most one pixel in 500 may differ by more than 1e-5, none by more than 1/255. */
+TEST(float_image_agrees_with_double_but_for_rounding)
+{
+    const oxl_camera camera = gradient_camera(70, 50, 60);
+    struct reference r;
+    oxl_model        m;
+    oxl_image        image;
+    int              off = 0;
+    gradient_ordinary_scene(&r, 300, 2);
+    reference_forward(test_ctx, &r);
+    gradient_to_model(&r, &m);
+    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &image, NULL));
+    for (int i = 0; i < 3 * 70 * 50; i++) {
+        const double difference = fabs(image.rgb[i] - r.rgb[i]);
+        off += difference > 1e-5;
+        CHECK(difference <= 1.0 / 255);
+    }
+    CHECK(off <= 3 * 70 * 50 / 500);
+    oxl_image_free(test_ctx, &image);
+    oxl_model_free(test_ctx, &m);
+    reference_free(test_ctx, &r);
+}
+
+TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
+{
+    const oxl_camera   camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
+    oxl_render_options options = oxl_render_options_default();
+    struct reference   r;
+    oxl_model          m, gradient;
+    float              drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
+    gradient_smooth_scene(&r, 40, 3);
+    gradient_analytic(test_ctx, &r);
+    gradient_to_model(&r, &m);
+    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
+    for (int c = 0; c < 3; c++) options.background[c] = (float)r.background[c];
+    CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, &options, drgb, &gradient));
+    for (int k = 0; k < OXL_PLANES; k++) {
+        double worst = 0, scale = 1e-30;
+        for (size_t i = 0; i < m.count; i++) {
+            worst = OXL_MAX(worst, fabs(gradient.plane[k][i] - r.gradient.plane[k][i]));
+            scale = OXL_MAX(scale, fabs(r.gradient.plane[k][i]));
+        }
+        CHECK_CLOSE(worst / scale, 0, 1e-4);
+    }
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &gradient);
+    reference_free(test_ctx, &r);
+}

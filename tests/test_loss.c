@@ -1,0 +1,174 @@
+/* test_loss.c - the fused loss against the formulas written out, and its gradient against finite differences. */
+#include "reference.c"
+
+static double loss_image(uint64_t seed, size_t i)
+{
+    return random_unit(random_bits(seed, i, 0));
+}
+
+/* SSIM of one channel at one pixel, straight from the definition; zero outside the image. */
+static double loss_plain_ssim(const double *x, const double *y, int w, int h, int cx, int cy)
+{
+    double mx = 0, my = 0, xx = 0, yy = 0, xy = 0, norm = 0;
+    for (int d = -5; d <= 5; d++) norm += exp(-d * d / 4.5);
+    for (int v = OXL_MAX(cy - 5, 0); v <= OXL_MIN(cy + 5, h - 1); v++)
+        for (int u = OXL_MAX(cx - 5, 0); u <= OXL_MIN(cx + 5, w - 1); u++) {
+            const double g = exp(-((v - cy) * (v - cy) + (u - cx) * (u - cx)) / 4.5) / (norm * norm), a = x[v * w + u],
+                         b = y[v * w + u];
+            mx += g * a, my += g * b, xx += g * a * a, yy += g * b * b, xy += g * a * b;
+        }
+    return (2 * mx * my + 1e-4) * (2 * (xy - mx * my) + 9e-4) /
+           ((mx * mx + my * my + 1e-4) * (xx - mx * mx + yy - my * my + 9e-4));
+}
+
+struct loss_case {
+    int     w, h;
+    double *x, *y, *weight, *dx;
+};
+
+static struct loss_case loss_case(int w, int h, int masked)
+{
+    const size_t     n = (size_t)w * (size_t)h;
+    struct loss_case c = {
+        w, h, reference_array(3 * n), reference_array(3 * n), masked ? reference_array(n) : NULL, reference_array(3 * n)};
+    for (size_t i = 0; i < 3 * n; i++) c.x[i] = loss_image(1, i), c.y[i] = 0.5 * loss_image(2, i) + 0.5 * c.x[i];
+    for (size_t i = 0; masked && i < n; i++) c.weight[i] = (int)(i % (size_t)w) < 3 * w / 4;
+    return c;
+}
+
+static void loss_case_free(struct loss_case *c)
+{
+    free(c->x);
+    free(c->y);
+    free(c->weight);
+    free(c->dx);
+}
+
+static struct loss_value_f64 loss_run(const struct loss_case *c, double ssim_weight)
+{
+    const struct loss_job_f64 job     = {c->w, c->h, ssim_weight, c->x, c->y, c->weight, c->dx};
+    struct loss_scratch_f64   scratch = {0};
+    struct loss_value_f64     value   = {0};
+    CHECK_OK(loss_forward_backward_f64(test_ctx, &job, &scratch, &value));
+    loss_free_f64(test_ctx, &scratch);
+    return value;
+}
+
+TEST(loss_is_l1_and_ssim_as_defined)
+{
+    struct loss_case      c     = loss_case(37, 29, 0);
+    struct loss_value_f64 value = loss_run(&c, 0.2);
+    double                ssim = 0, l1 = 0, mse = 0;
+    for (int ch = 0; ch < 3; ch++)
+        for (int i = 0; i < 37 * 29; i++) {
+            const double d = c.x[ch * 37 * 29 + i] - c.y[ch * 37 * 29 + i];
+            ssim += loss_plain_ssim(c.x + ch * 37 * 29, c.y + ch * 37 * 29, 37, 29, i % 37, i / 37) / (3 * 37 * 29);
+            l1 += fabs(d) / (3 * 37 * 29);
+            mse += d * d / (3 * 37 * 29);
+        }
+    CHECK_CLOSE(value.ssim, ssim, 1e-12);
+    CHECK_CLOSE(value.l1, l1, 1e-12);
+    CHECK_CLOSE(value.mse, mse, 1e-12);
+    CHECK_CLOSE(value.total, 0.8 * l1 + 0.2 * (1 - ssim), 1e-12);
+    loss_case_free(&c);
+}
+
+static void loss_check_gradient(int masked)
+{
+    struct loss_case c  = loss_case(23, 19, masked);
+    const size_t     n  = 3 * 23 * 19;
+    double          *dx = reference_array(n);
+    loss_run(&c, 0.2);
+    memcpy(dx, c.dx, n * sizeof *dx);
+    for (size_t i = 0; i < n; i += 7) {
+        const double was = c.x[i], h = 1e-6;
+        double       up, down;
+        c.x[i] = was + h, up = loss_run(&c, 0.2).total;
+        c.x[i] = was - h, down = loss_run(&c, 0.2).total;
+        c.x[i] = was;
+        CHECK_CLOSE((up - down) / (2 * h), dx[i], 1e-9);
+    }
+    free(dx);
+    loss_case_free(&c);
+}
+
+TEST(loss_gradient_agrees_with_finite_differences)
+{
+    loss_check_gradient(0);
+}
+
+TEST(loss_gradient_agrees_with_finite_differences_under_a_mask)
+{
+    loss_check_gradient(1);
+}
+
+TEST(loss_does_not_see_what_is_masked)
+{
+    struct loss_case            c      = loss_case(40, 20, 1);
+    const struct loss_value_f64 before = loss_run(&c, 0.2);
+    struct loss_value_f64       after;
+    for (int i = 0; i < 3 * 40 * 20; i++)
+        if (!(c.weight[i % (40 * 20)] > 0)) c.x[i] = 100 + i;
+    after = loss_run(&c, 0.2);
+    CHECK(before.total == after.total && before.ssim == after.ssim && before.mse == after.mse);
+    for (int i = 0; i < 3 * 40 * 20; i++)
+        if (!(c.weight[i % (40 * 20)] > 0)) CHECK(c.dx[i] == 0);
+    loss_case_free(&c);
+}
+
+TEST(loss_of_equal_images_is_zero)
+{
+    struct loss_case      c = loss_case(16, 16, 0);
+    struct loss_value_f64 value;
+    memcpy(c.y, c.x, 3 * 16 * 16 * sizeof *c.x);
+    value = loss_run(&c, 0.2);
+    CHECK_CLOSE(value.total, 0, 1e-15);
+    for (int i = 0; i < 3 * 16 * 16; i++) CHECK_CLOSE(c.dx[i], 0, 1e-15);
+    loss_case_free(&c);
+}
+
+/* The float loss on the images of a case, with `threads`. */
+static struct loss_value loss_run_float(const struct loss_case *c, int threads, float *dx)
+{
+    const size_t        n = 3 * (size_t)c->w * (size_t)c->h;
+    float              *x = malloc(n * sizeof *x), *y = malloc(n * sizeof *y);
+    struct loss_job     job     = {c->w, c->h, 0.2f, x, y, NULL, dx};
+    struct loss_scratch scratch = {0};
+    struct loss_value   value   = {0};
+    const int           before  = test_ctx->threads;
+    if (!x || !y) abort();
+    for (size_t i = 0; i < n; i++) x[i] = (float)c->x[i], y[i] = (float)c->y[i];
+    test_ctx->threads = threads;
+    CHECK_OK(loss_forward_backward(test_ctx, &job, &scratch, &value));
+    test_ctx->threads = before;
+    loss_free(test_ctx, &scratch);
+    free(x);
+    free(y);
+    return value;
+}
+
+TEST(loss_is_the_same_bytes_wherever_the_strips_are_cut)
+{
+    static float      dx[4][3 * 50 * 31];
+    struct loss_value value[4];
+    struct loss_case  c = loss_case(50, 31, 0);
+    for (int i = 0; i < 4; i++) value[i] = loss_run_float(&c, (int[]){1, 2, 7, 40}[i], dx[i]);
+    for (int i = 1; i < 4; i++) {
+        CHECK(!memcmp(dx[0], dx[i], sizeof dx[0]));
+        CHECK(value[0].total == value[i].total && value[0].ssim == value[i].ssim);
+    }
+    loss_case_free(&c);
+}
+
+TEST(loss_in_float_agrees_with_double)
+{
+    static float            dx[3 * 50 * 31];
+    struct loss_case        c      = loss_case(50, 31, 0);
+    struct loss_value_f64   wide   = loss_run(&c, 0.2);
+    const struct loss_value narrow = loss_run_float(&c, 2, dx);
+    double                  most   = 0;
+    CHECK_CLOSE(wide.total, narrow.total, 1e-6);
+    for (int i = 0; i < 3 * 50 * 31; i++) most = OXL_MAX(most, fabs(c.dx[i]));
+    for (int i = 0; i < 3 * 50 * 31; i++) CHECK_CLOSE(dx[i], c.dx[i], 2e-5 * most);
+    loss_case_free(&c);
+}

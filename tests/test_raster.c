@@ -1,0 +1,190 @@
+/* test_raster.c - binning and compositing against a loop over all pixels and splats; the same bytes whatever runs it. */
+#include "reference.c"
+
+/* Gaussians of every size, shape and faintness, many of them half or wholly out of the picture. */
+static void raster_scene(struct reference *r, int count, int width, int height)
+{
+    oxl_camera camera = {.width       = width,
+                         .height      = height,
+                         .fx          = 50,
+                         .fy          = 50,
+                         .cx          = width / 2.0,
+                         .cy          = height / 2.0,
+                         .rotation    = {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                         .translation = {0, 0, 4}};
+    reference_create(r, (size_t)count, 0);
+    r->lens_f64 = reference_lens(&camera, 0.2);
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < OXL_SH + 3; k++) {
+            const double u    = 2 * random_unit(random_bits(25, (uint64_t)i, (uint64_t)k)) - 1;
+            r->in.plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 4 * u
+                                        : k < OXL_ROTATION ? -3 + 3 * u
+                                        : k < OXL_OPACITY  ? u
+                                        : k < OXL_SH       ? 6 * u
+                                                           : u);
+        }
+}
+
+/* What a pixel gets, plainly. */
+static double raster_plain(const struct reference *r, int channel, double x, double y)
+{
+    double t = 1, colour = 0;
+    for (size_t n = 0; n < r->bins_f64.visible_count; n++) {
+        const struct splat_f64 *s  = &r->splat_f64[r->bins_f64.order[n]];
+        const double            dy = y - s->v, w = x - s->u + s->k * dy, exponent = s->peak - s->a * w * w - s->e * dy * dy;
+        const double            alpha = OXL_MIN(0.99, exp2(exponent));
+        if (exponent < -7.9943534368588578) continue;
+        if (t * (1 - alpha) < 1e-4) break;
+        colour += s->colour[channel] * alpha * t;
+        t *= 1 - alpha;
+    }
+    return colour;
+}
+
+TEST(binning_loses_no_pixel_of_any_splat)
+{
+    struct reference r;
+    raster_scene(&r, 600, 61, 47);
+    reference_forward(test_ctx, &r);
+    CHECK(r.bins_f64.visible_count > 100);
+    for (int y = 0; y < 47; y++)
+        for (int x = 0; x < 61; x++) CHECK_CLOSE(r.rgb[y * 61 + x], raster_plain(&r, 0, x + 0.5, y + 0.5), 1e-12);
+    reference_free(test_ctx, &r);
+}
+
+TEST(binning_lists_each_tile_in_depth_order_with_ties_by_row)
+{
+    struct reference r;
+    raster_scene(&r, 400, 64, 64);
+    for (int i = 0; i < 400; i++) r.in.plane[OXL_MEAN + 2][i] = i % 7 * 0.25;
+    reference_forward(test_ctx, &r);
+    for (int tile = 0; tile < 16; tile++)
+        for (uint32_t i = r.bins_f64.tile_start[tile] + 1; i < r.bins_f64.tile_start[tile + 1]; i++) {
+            const uint32_t a = r.bins_f64.pair_f64[i - 1].splat_f64, b = r.bins_f64.pair_f64[i].splat_f64;
+            CHECK(r.splat_f64[a].depth < r.splat_f64[b].depth || (r.splat_f64[a].depth == r.splat_f64[b].depth && a < b));
+        }
+    reference_free(test_ctx, &r);
+}
+
+TEST(raster_draws_images_of_odd_sizes)
+{
+    static const int size[][2] = {{1, 1}, {1, 300}, {300, 1}, {17, 15}, {16, 16}, {5, 33}};
+    for (size_t n = 0; n < OXL_COUNT(size); n++) {
+        struct reference r;
+        raster_scene(&r, 200, size[n][0], size[n][1]);
+        reference_forward(test_ctx, &r);
+        for (int i = 0; i < size[n][0] * size[n][1]; i++)
+            CHECK_CLOSE(r.rgb[i], raster_plain(&r, 0, i % size[n][0] + 0.5, i / size[n][0] + 0.5), 1e-12);
+        reference_free(test_ctx, &r);
+    }
+}
+
+TEST(raster_shows_the_background_where_there_is_nothing)
+{
+    const oxl_camera   camera  = {20, 10, 30, 30, 10, 5, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    oxl_render_options options = oxl_render_options_default();
+    oxl_model          m;
+    oxl_image          image;
+    float              depth[200];
+    options.background[2] = 0.75f;
+    CHECK_OK(oxl_model_create(test_ctx, 0, 0, &m));
+    CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &image, depth));
+    CHECK(image.rgb[0] == 0 && image.rgb[400] == 0.75f && image.rgb[599] == 0.75f && depth[7] == 0);
+    oxl_image_free(test_ctx, &image);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(raster_depth_is_that_of_the_surface)
+{
+    const oxl_camera camera = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    oxl_model        m;
+    oxl_image        image;
+    float            depth[32 * 32];
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
+    for (int i = 0; i < 2; i++) {
+        m.plane[OXL_MEAN + 2][i] = i == 0 ? 2.5f : 9;
+        m.plane[OXL_OPACITY][i]  = i == 0 ? 9 : 0;
+        for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] = 1;
+    }
+    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &image, depth));
+    CHECK_CLOSE(depth[16 * 32 + 16], 2.5 * 0.99 / 0.995 + 9 * 0.005 / 0.995, 0.01);
+    oxl_image_free(test_ctx, &image);
+    oxl_model_free(test_ctx, &m);
+}
+
+/* ---------------------------------------------------------------- who runs it does not show */
+
+struct raster_result {
+    oxl_image image;
+    oxl_model gradient;
+};
+
+static struct raster_result raster_run(int threads, int isa)
+{
+    const oxl_camera     camera         = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    const int            threads_before = test_ctx->threads, isa_before = test_ctx->isa;
+    struct reference     r;
+    oxl_model            m;
+    struct raster_result out;
+    static float         drgb[3 * 113 * 71];
+    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
+    raster_scene(&r, 3000, 113, 71);
+    CHECK_OK(oxl_model_create(test_ctx, r.in.count, 0, &m));
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        for (size_t i = 0; i < m.count; i++) m.plane[k][i] = (float)r.in.plane[k][i];
+    test_ctx->threads = threads;
+    test_ctx->isa     = isa;
+    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &out.image, NULL));
+    CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, NULL, drgb, &out.gradient));
+    test_ctx->threads = threads_before;
+    test_ctx->isa     = isa_before;
+    oxl_model_free(test_ctx, &m);
+    reference_free(test_ctx, &r);
+    return out;
+}
+
+static void raster_result_free(struct raster_result *a)
+{
+    oxl_image_free(test_ctx, &a->image);
+    oxl_model_free(test_ctx, &a->gradient);
+}
+
+static int raster_same(const struct raster_result *a, const struct raster_result *b)
+{
+    int same = !memcmp(a->image.rgb, b->image.rgb, sizeof(float) * 3 * 113 * 71);
+    for (int k = 0; k < oxl_model_planes(&a->gradient); k++)
+        same &= !memcmp(a->gradient.plane[k], b->gradient.plane[k], sizeof(float) * a->gradient.count);
+    return same;
+}
+
+TEST(image_and_gradient_are_the_same_bytes_with_1_2_and_7_threads)
+{
+    struct raster_result one = raster_run(1, test_ctx->isa), two = raster_run(2, test_ctx->isa),
+                         seven = raster_run(7, test_ctx->isa);
+    CHECK(raster_same(&one, &two));
+    CHECK(raster_same(&one, &seven));
+    raster_result_free(&one);
+    raster_result_free(&two);
+    raster_result_free(&seven);
+}
+
+TEST(image_and_gradient_are_the_same_bytes_with_avx2_and_avx512)
+{
+    struct raster_result wide, narrow;
+    if (test_ctx->isa != ISA_AVX512) SKIP("this machine has no AVX-512");
+    wide   = raster_run(2, ISA_AVX512);
+    narrow = raster_run(2, ISA_AVX2);
+    CHECK(raster_same(&wide, &narrow));
+    raster_result_free(&wide);
+    raster_result_free(&narrow);
+}
+
+TEST(base_instruction_set_differs_by_rounding_alone)
+{
+    struct raster_result best = raster_run(1, test_ctx->isa), base = raster_run(1, ISA_BASE);
+    int                  off = 0;
+    for (int i = 0; i < 3 * 113 * 71; i++) off += fabsf(best.image.rgb[i] - base.image.rgb[i]) > 1e-5f;
+    CHECK(off < 3 * 113 * 71 / 500);
+    raster_result_free(&best);
+    raster_result_free(&base);
+}
