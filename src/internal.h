@@ -29,8 +29,10 @@
 #include <omp.h>
 #endif
 
-#ifdef OXL_MODULES
+#if defined(OXL_MODULES)
 #define OXL_INTERNAL
+#elif defined(__GNUC__)
+#define OXL_INTERNAL static __attribute__((unused)) /* some doors are used by the tests or the benchmark alone */
 #else
 #define OXL_INTERNAL static
 #endif
