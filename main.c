@@ -19,7 +19,8 @@ struct console {
     int    twentieth;   /* of the run, last shown */
     int    iteration;   /* at the last line */
     double seconds;
-    double rate; /* iterations a second, smoothed */
+    double rate;       /* iterations a second, smoothed */
+    char   error[512]; /* of a tool; the library's own is in the context */
 };
 
 static volatile sig_atomic_t stop_asked;
@@ -28,6 +29,12 @@ static void on_signal(int number)
 {
     stop_asked = 1;
     signal(number, SIG_DFL); /* a second Ctrl-C is meant */
+}
+
+static void catch_signals(void)
+{
+    signal(SIGINT, on_signal);
+    signal(SIGTERM, on_signal);
 }
 
 static void console_clear(struct console *c)
@@ -79,6 +86,17 @@ static int on_progress(void *user, const oxl_progress *p)
     return stop_asked;
 }
 
+/* "oxl: what happened", its further lines indented below. */
+static void print_error(const char *text)
+{
+    fputs("oxl: ", stderr);
+    for (; *text; text++) {
+        fputc(*text, stderr);
+        if (*text == '\n') fputs("     ", stderr);
+    }
+    fputc('\n', stderr);
+}
+
 /* ---------------------------------------------------------------- from arguments to options */
 
 static void job_options(const struct arguments *a, oxl_job_options *o)
@@ -121,8 +139,7 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     oxl_job_options    options;
     oxl_result         rc;
     job_options(a, &options);
-    signal(SIGINT, on_signal);
-    signal(SIGTERM, on_signal);
+    catch_signals();
     rc = oxl_job_run(ctx, a->path[0], a->out, &options, &callback);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) fprintf(stderr, "oxl: interrupted; %s/scene.ply holds the model so far\n", a->out);
@@ -205,6 +222,37 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
+static int on_synth(void *user, const char *what, long done, long total)
+{
+    struct console *c         = user;
+    const int       twentieth = (int)(20.0 * (double)done / (double)(total > 0 ? total : 1));
+    if (!c->quiet && (c->live || twentieth != c->twentieth)) {
+        console_clear(c);
+        fprintf(stderr, "%s %ld/%ld%s", what, done, total, c->live ? "" : "\n");
+        c->shown = c->live;
+        fflush(stderr);
+    }
+    c->twentieth = twentieth;
+    return stop_asked;
+}
+
+static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    synth_options options = a->synth;
+    oxl_result    rc;
+    options.out          = a->out;
+    options.write_images = !a->no_images;
+    options.progress     = on_synth;
+    options.user         = console;
+    if (a->seed >= 0) options.seed = (uint64_t)a->seed;
+    if (a->threads > 0) options.threads = a->threads;
+    catch_signals();
+    rc = synth_run(ctx, &options, console->error, sizeof console->error);
+    console_clear(console);
+    if (rc == OXL_OK) printf("survey    %s\n", a->out);
+    return rc;
+}
+
 static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     switch (a->command) {
@@ -214,22 +262,12 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_EVAL: return run_eval(ctx, a);
     case COMMAND_INFO: return info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
+    case COMMAND_SYNTH: return run_synth(ctx, a, console);
     default: return OXL_ERR_USAGE;
     }
 }
 
 /* ---------------------------------------------------------------- in and out */
-
-/* "oxl: what happened", its further lines indented below. */
-static void print_error(const char *text)
-{
-    fputs("oxl: ", stderr);
-    for (; *text; text++) {
-        fputc(*text, stderr);
-        if (*text == '\n') fputs("     ", stderr);
-    }
-    fputc('\n', stderr);
-}
 
 static int exit_code_of(oxl_result rc)
 {
@@ -266,7 +304,10 @@ int main(int argc, char **argv)
     if (a.seed >= 0) options.seed = (uint64_t)a.seed;
     rc = oxl_context_create(&options, &ctx);
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) print_error(oxl_error_text(ctx)[0] ? oxl_error_text(ctx) : "out of memory");
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
+        const char *text = console.error[0] ? console.error : oxl_error_text(ctx);
+        print_error(text[0] ? text : "no memory");
+    }
     oxl_context_free(ctx);
     if (fflush(stdout) != 0 && rc == OXL_OK) {
         print_error("standard output could not be written");

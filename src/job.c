@@ -306,8 +306,11 @@ oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene 
 oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out)
 {
     struct text t  = {.ctx = ctx};
-    oxl_result  rc = metrics_write_json(ctx, &t, scene, metrics);
-    text_add(&t, "\n");
+    oxl_result  rc = OXL_OK;
+    *out           = NULL;
+    text_add(&t, "{\n");
+    rc = metrics_write_json(ctx, &t, scene, metrics);
+    text_add(&t, "}\n");
     if (rc == OXL_OK) rc = text_take(&t, out);
     text_free(&t);
     return rc;

@@ -35,9 +35,12 @@ static const struct {
     {"info", COMMAND_INFO, 1, "FILE", "Says what a model file holds.", "oceanxl info out/scene.ply", "Reads .ply and .splat."},
     {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply and .splat, by the files' extensions.",
      "oceanxl convert out/scene.ply scene.splat", ".splat holds 32 bytes a Gaussian and no colour that depends on the view."},
+    {"synth", COMMAND_SYNTH, 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
+     "oceanxl synth -o survey",
+     "DIR gets images/, sparse/0/ and truth/: pictures without water, depth maps, the water's parameters."},
 };
 
-enum kind { FLAG, COUNTING, DEGREE, SIZE, DURATION, TEXT, PRESET, SPLIT };
+enum kind { FLAG, COUNTING, LARGE, REAL, DEGREE, SIZE, DURATION, PIXELS, PLACE, TEXT, PRESET, SPLIT };
 
 static const struct option {
     const char *group, *name, *value;
@@ -56,7 +59,20 @@ static const struct option {
      "hold out every N-th photograph by name; 0: none (8)"},
     {"What is read", "--image-cache", "SIZE", SIZE, FIELD(image_cache), SCENES,
      "decoded photographs kept in memory, as 512M or 4G (1G)"},
-    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER), "where to; made when it is not there"},
+    {"What is made", "--views", "N", COUNTING, FIELD(synth.views), IN(SYNTH), "photographs (40)"},
+    {"What is made", "--size", "WxH", PIXELS, FIELD(synth.width), IN(SYNTH), "of a photograph, px (400x260)"},
+    {"What is made", "--path", "lawnmower|orbit", TEXT, FIELD(synth.path), IN(SYNTH), "how the camera flies (lawnmower)"},
+    {"What is made", "--extent", "METRES", REAL, FIELD(synth.extent), IN(SYNTH),
+     "side of the area flown over, or diameter of the orbit; 0: as the overlap wants (0)"},
+    {"What is made", "--water", "TYPE", TEXT, FIELD(synth.water), IN(SYNTH),
+     "none, or Jerlov's type: I IA IB II III 1C 3C 5C 7C 9C (1C)"},
+    {"What is made", "--noise", "SIGMA", REAL, FIELD(synth.noise), IN(SYNTH), "of the sensor, in 8-bit levels (1.5)"},
+    {"What is made", "--points", "N", LARGE, FIELD(synth.points), IN(SYNTH), "sparse points; 0: 400 a view (0)"},
+    {"What is made", "--origin", "X,Y,Z", PLACE, FIELD(synth.origin), IN(SYNTH),
+     "where the middle lies in the export's world, metres (0,0,0)"},
+    {"What is made", "--no-images", NULL, FLAG, FIELD(no_images), IN(SYNTH), "the three text files alone, for load tests"},
+    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER) | IN(SYNTH),
+     "where to; made when it is not there"},
     {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
     {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER),
      "depth too: NAME.depth.png to look at, NAME.depth.pfm to measure, in the survey's unit"},
@@ -72,7 +88,7 @@ static const struct option {
      "never more than this many; 0: no limit (0)"},
     {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), IN(TRAIN) | IN(CHECK),
      "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
-    {"How it is trained", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN),
+    {"The program", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN) | IN(SYNTH),
      "of every random choice; the same seed gives the same bytes (1)"},
     {"The program", "--threads", "T", COUNTING, FIELD(threads), EVERYWHERE, "threads; the result does not depend on them (all)"},
     {"The program", "--quiet", NULL, FLAG, FIELD(quiet), EVERYWHERE, "only warnings and errors on standard error"},
@@ -158,6 +174,32 @@ static int parse_count(const char *text, double most, double *out)
     return digits > 0 && text[digits] == 0 && *out <= most;
 }
 
+/* "400x260" into out[0], out[1]. */
+static int parse_pixels(const char *text, int *out)
+{
+    double      width, height;
+    const char *x = strchr(text, 'x');
+    char        left[12];
+    if (!x || (size_t)(x - text) >= sizeof left) return 0;
+    memcpy(left, text, (size_t)(x - text));
+    left[x - text] = 0;
+    if (!parse_count(left, 65535, &width) || !parse_count(x + 1, 65535, &height)) return 0;
+    out[0] = (int)width, out[1] = (int)height;
+    return width > 0 && height > 0;
+}
+
+/* "X,Y,Z" into out[0..2]. */
+static int parse_place(const char *text, double *out)
+{
+    for (int k = 0; k < 3; k++) {
+        char *end;
+        out[k] = strtod(text, &end);
+        if (end == text || *end != (k < 2 ? ',' : 0)) return 0;
+        text = end + 1;
+    }
+    return 1;
+}
+
 static int parse_value(const struct option *o, const char *text, struct arguments *a)
 {
     static const char *const presets[] = {"draft", "standard", "paper"}, *const splits[] = {"test", "train", "all"};
@@ -175,6 +217,13 @@ static int parse_value(const struct option *o, const char *text, struct argument
         if (strcmp(text, "auto") == 0) return 1;
         if (!parse_count(text, 3, &number)) return 0;
         *(int *)field = (int)number;
+        return 1;
+    case PIXELS: return parse_pixels(text, field);
+    case PLACE: return parse_place(text, field);
+    case REAL: return parse_number(text, "", NULL, field);
+    case LARGE:
+        if (!parse_count(text, 2147483647, &number)) return 0;
+        *(long *)field = (long)number;
         return 1;
     case COUNTING:
         if (o->field == FIELD(seed)) return parse_count(text, 9007199254740992., field);
@@ -282,7 +331,7 @@ static int check_complete(const struct arguments *a, char *error, size_t size)
 {
     for (size_t i = 0; i < COUNT(commands); i++) {
         if (commands[i].command != a->command) continue;
-        if (a->path_count != commands[i].paths || ((a->command == COMMAND_TRAIN || a->command == COMMAND_RENDER) && !a->out)) {
+        if (a->path_count != commands[i].paths || (strstr(commands[i].usage, "-o ") && !a->out)) {
             snprintf(error, size, "oceanxl %s wants %s\nfix: for example: %s", commands[i].name, commands[i].usage,
                      commands[i].example);
             return 1;
@@ -303,13 +352,14 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .threads       = -1,
                             .max_time      = -1,
                             .image_cache   = -1,
-                            .seed          = -1};
+                            .seed          = -1,
+                            .synth         = synth_options_default()};
     if (argc > 1 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0)) a->version = 1;
     else if (argc > 1 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0))
         a->help = 1;
     if (a->version || a->help) return 0;
     if (argc < 2) {
-        snprintf(error, size, "a command is wanted: train, check, render, eval, info, convert\nfix: oceanxl --help");
+        snprintf(error, size, "a command is wanted: train, check, render, eval, info, convert, synth\nfix: oceanxl --help");
         return 1;
     }
     if (find_command(argv[1], a, error, size)) return 1;

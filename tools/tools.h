@@ -8,38 +8,6 @@
 
 #include <stdio.h>
 
-/* ---------------------------------------------------------------- arguments.c: the command line's words */
-
-enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
-
-enum command {
-    COMMAND_NONE,
-    COMMAND_TRAIN,
-    COMMAND_CHECK,
-    COMMAND_RENDER,
-    COMMAND_EVAL,
-    COMMAND_INFO,
-    COMMAND_CONVERT,
-    COMMAND_SYNTH
-};
-
-struct arguments { /* negative numbers and NULL: not given */
-    enum command command;
-    const char  *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
-    int          path_count;
-    int          help, version, quiet, json, depth;
-    int          preset, split; /* enum oxl_preset, enum oxl_split */
-    int          iterations, max_gaussians, sh_degree, max_side, test_every, threads;
-    double       max_time;    /* s */
-    double       image_cache; /* bytes */
-    double       seed;
-    const char  *out, *images, *sparse, *masks;
-};
-
-/* 0, or 1 with a text that says what is wrong. */
-int  arguments_parse(int argc, char **argv, struct arguments *out, char *error, size_t error_size);
-void arguments_help(FILE *to, enum command command); /* COMMAND_NONE: the overview */
-
 /* ---------------------------------------------------------------- info.c: a model in numbers */
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
@@ -67,5 +35,39 @@ synth_options synth_options_default(void); /* everything but out */
 
 /* Leaves in `out`: images/, sparse/0/ and truth/ (see truth/model.txt). On failure the text says why. */
 oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size);
+
+/* ---------------------------------------------------------------- arguments.c: the command line's words */
+
+enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
+
+enum command {
+    COMMAND_NONE,
+    COMMAND_TRAIN,
+    COMMAND_CHECK,
+    COMMAND_RENDER,
+    COMMAND_EVAL,
+    COMMAND_INFO,
+    COMMAND_CONVERT,
+    COMMAND_SYNTH
+};
+
+struct arguments { /* negative numbers and NULL: not given */
+    enum command command;
+    const char  *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
+    int          path_count;
+    int          help, version, quiet, json, depth, no_images;
+    int          preset, split; /* enum oxl_preset, enum oxl_split */
+    int          iterations, max_gaussians, sh_degree, max_side, test_every, threads;
+    double       max_time;    /* s */
+    double       image_cache; /* bytes */
+    double       seed;
+    const char  *out, *images, *sparse, *masks;
+
+    synth_options synth; /* holds its defaults where nothing was given */
+};
+
+/* 0, or 1 with a text that says what is wrong. */
+int  arguments_parse(int argc, char **argv, struct arguments *out, char *error, size_t error_size);
+void arguments_help(FILE *to, enum command command); /* COMMAND_NONE: the overview */
 
 #endif
