@@ -89,10 +89,10 @@ oracle: $(BUILD)/oracle ## build/oracle SCENE.txt OUT.txt: our kernels in the fo
 bench: $(BUILD)/bench ## time per stage of a training step, and pairs per second against the machine's ceiling
 	$(BUILD)/bench $(BENCH)
 
-$(BUILD)/oracle: tests/oracle.c
-$(BUILD)/bench: bench/bench.c
-$(BUILD)/oracle $(BUILD)/bench: $(BUILD)/flags
-	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $< -o $@ $(LIBS)
+$(BUILD)/oracle: SOURCE = tests/oracle.c
+$(BUILD)/bench: SOURCE = bench/bench.c
+$(BUILD)/oracle $(BUILD)/bench: tests/oracle.c bench/bench.c $(BUILD)/flags
+	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*
 $(BUILD)/examples/%: examples/%.c $(BUILD)/liboceanxl.a

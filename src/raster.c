@@ -39,32 +39,60 @@ static struct raster_tile raster_tile(const struct raster_job *job)
 
 /* ---------------------------------------------------------------- between the image's rows and the tile's blocks */
 
-/* Copies the part of an image plane under the tile; `outside` for pixels past the image's edge. */
-static void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane, real outside, real *out)
+/* Four pixels of a block's row. */
+static real *raster_quad(real *blocks, int row, int quad)
 {
-    for (int i = 0; i < TILE_PIXELS; i++) {
-        const int x = tile->x + (i / PACK % 4) * 4 + i % 4, y = tile->y + (i / 64) * 4 + i / 4 % 4;
-        out[i] = x < job->width && y < job->height ? plane[(size_t)y * (size_t)job->width + (size_t)x] : outside;
-    }
+    return blocks + (row / 4 * 4 + quad) * PACK + row % 4 * 4;
 }
 
-static void raster_store(const struct raster_job *job, const struct raster_tile *tile, const real *in, real *plane)
+/* How many of the quad's pixels lie inside the image: 4, but for the quads at its right edge and past it. */
+static int raster_inside(const struct raster_job *job, const struct raster_tile *tile, int row, int quad)
 {
-    for (int row = 0; row < TILE && tile->y + row < job->height; row++) {
-        real     *out  = plane + (size_t)(tile->y + row) * (size_t)job->width + (size_t)tile->x;
-        const int left = OXL_MIN(TILE, job->width - tile->x);
-        for (int column = 0; column < left; column++)
-            out[column] = in[(row / 4 * 4 + column / 4) * PACK + row % 4 * 4 + column % 4];
-    }
+    return tile->y + row < job->height ? OXL_CLAMP(job->width - tile->x - 4 * quad, 0, 4) : 0;
+}
+
+static size_t raster_index(const struct raster_job *job, const struct raster_tile *tile, int row, int quad)
+{
+    return (size_t)(tile->y + row) * (size_t)job->width + (size_t)(tile->x + 4 * quad);
+}
+
+/* Copies the part of an image plane under the tile; 0 past the image's edge. */
+static void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane, real *blocks)
+{
+    memset(blocks, 0, TILE_PIXELS * sizeof *blocks);
+    for (int row = 0; row < TILE; row++)
+        for (int quad = 0; quad < 4; quad++) {
+            const int inside = raster_inside(job, tile, row, quad);
+            if (inside == 4)
+                memcpy(raster_quad(blocks, row, quad), plane + raster_index(job, tile, row, quad), 4 * sizeof *plane);
+            else
+                for (int i = 0; i < inside; i++)
+                    raster_quad(blocks, row, quad)[i] = plane[raster_index(job, tile, row, quad) + (size_t)i];
+        }
+}
+
+static void raster_store(const struct raster_job *job, const struct raster_tile *tile, real *blocks, real *plane)
+{
+    for (int row = 0; row < TILE; row++)
+        for (int quad = 0; quad < 4; quad++) {
+            const int inside = raster_inside(job, tile, row, quad);
+            if (inside == 4)
+                memcpy(plane + raster_index(job, tile, row, quad), raster_quad(blocks, row, quad), 4 * sizeof *plane);
+            else
+                for (int i = 0; i < inside; i++)
+                    plane[raster_index(job, tile, row, quad) + (size_t)i] = raster_quad(blocks, row, quad)[i];
+        }
 }
 
 /* Every pixel starts with all of the light to come; those past the image's edge have ended. */
 static void raster_open(const struct raster_job *job, const struct raster_tile *tile, real *t)
 {
-    for (int i = 0; i < TILE_PIXELS; i++) {
-        const int x = tile->x + (i / PACK % 4) * 4 + i % 4, y = tile->y + (i / 64) * 4 + i / 4 % 4;
-        t[i] = x < job->width && y < job->height ? 1 : -1;
-    }
+    for (int row = 0; row < TILE; row++)
+        for (int quad = 0; quad < 4; quad++) {
+            const int inside = raster_inside(job, tile, row, quad);
+            real     *out    = raster_quad(t, row, quad);
+            for (int i = 0; i < 4; i++) out[i] = i < inside ? 1 : -1;
+        }
 }
 
 /* Blocks with a pixel that has not ended. */
@@ -299,8 +327,8 @@ static void raster_open_backward(const struct raster_job *job, const struct rast
     real         rgb[TILE_PIXELS];
     memset(d->behind, 0, sizeof d->behind);
     for (int ch = 0; ch < 3; ch++) {
-        raster_load(job, tile, job->drgb + (size_t)ch * plane, 0, d->g[ch]);
-        raster_load(job, tile, job->rgb + (size_t)ch * plane, 0, rgb);
+        raster_load(job, tile, job->drgb + (size_t)ch * plane, d->g[ch]);
+        raster_load(job, tile, job->rgb + (size_t)ch * plane, rgb);
         for (int i = 0; i < TILE_PIXELS; i++) d->behind[i] += d->g[ch][i] * rgb[i];
     }
 }

@@ -94,6 +94,9 @@
 #define raster_pixels          raster_pixels_f64
 #define raster_gradients       raster_gradients_f64
 #define raster_tile            raster_tile_f64
+#define raster_quad            raster_quad_f64
+#define raster_inside          raster_inside_f64
+#define raster_index           raster_index_f64
 #define raster_load            raster_load_f64
 #define raster_store           raster_store_f64
 #define raster_open            raster_open_f64
@@ -353,6 +356,9 @@ static void reference_backward(struct reference *r, const double *drgb)
 #undef raster_pixels
 #undef raster_gradients
 #undef raster_tile
+#undef raster_quad
+#undef raster_inside
+#undef raster_index
 #undef raster_load
 #undef raster_store
 #undef raster_open
