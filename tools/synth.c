@@ -1,0 +1,396 @@
+/* synth.c - a procedural underwater survey with known truth, as a COLMAP text export.
+ *
+ *     images/IMG_00000.png ...                photographs: through water, with the sensor's noise
+ *     sparse/0/{cameras,images,points3D}.txt  the poses and a sparse cloud with tracks
+ *     truth/clean, truth/depth                the same photographs without water and noise; camera z in metres
+ *     truth/water.txt, truth/model.txt        the water's coefficients; the world and these files in words
+ *
+ * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range along the ray.
+ * Invariant: a photograph is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else.
+ * The same options give the same files with any number of threads.
+ */
+#include "synth.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#define EDGE_COLOUR 0.06 /* display values: pixels that differ more from a neighbour are drawn from four rays */
+#define EDGE_DEPTH  0.02 /* share of the depth */
+
+struct synth_run {
+    oxl_context         *ctx;
+    const synth_options *options;
+    struct synth_water   water;
+    struct synth_path    path;
+    struct synth_world   world;
+    struct synth_points  points;
+    oxl_image            clean, photograph;
+    float               *depth; /* (H,W) camera z, metres; 0: nothing there */
+    char                *error;
+    size_t               error_size;
+};
+
+/* ---------------------------------------------------------------- options and errors */
+
+synth_options synth_options_default(void)
+{
+    return (synth_options){.views        = 40,
+                           .width        = 400,
+                           .height       = 260,
+                           .water        = "1C",
+                           .path         = "lawnmower",
+                           .noise        = 1.5,
+                           .seed         = 1,
+                           .write_images = 1};
+}
+
+static oxl_result synth_fail(struct synth_run *s, oxl_result rc, const char *what, const char *detail)
+{
+    if (s->error_size > 0) snprintf(s->error, s->error_size, "%s%s", what, detail);
+    return rc;
+}
+
+static oxl_result synth_check(struct synth_run *s)
+{
+    const synth_options *o = s->options;
+    if (!o->out || !o->out[0]) return synth_fail(s, OXL_ERR_USAGE, "synth: no folder given\nfix: -o FOLDER", "");
+    if (o->views < 2 || o->views > 1000000) return synth_fail(s, OXL_ERR_USAGE, "synth: 2 to 1000000 views can be made", "");
+    if (o->width < 16 || o->height < 16 || o->width > 8192 || o->height > 8192)
+        return synth_fail(s, OXL_ERR_USAGE, "synth: photographs can have 16 to 8192 px a side", "");
+    if (!(o->extent >= 0 && o->extent <= 2000)) return synth_fail(s, OXL_ERR_USAGE, "synth: the extent can be 0 to 2000 metres", "");
+    if (!(o->noise >= 0 && o->noise <= 100)) return synth_fail(s, OXL_ERR_USAGE, "synth: the noise can be 0 to 100 levels", "");
+    if (o->points < 0 || o->points > 100000000) return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
+    for (int i = 0; i < 3; i++)
+        if (!(fabs(o->origin[i]) <= 8e6)) return synth_fail(s, OXL_ERR_USAGE, "synth: the origin can lie 8000 km off", "");
+    if (strcmp(o->path, "lawnmower") != 0 && strcmp(o->path, "orbit") != 0)
+        return synth_fail(s, OXL_ERR_USAGE, "synth: paths are lawnmower and orbit, not ", o->path);
+    return OXL_OK;
+}
+
+static int synth_stopped(const synth_options *o, const char *what, long done, long total)
+{
+    return o->progress && o->progress(o->user, what, done, total);
+}
+
+/* ---------------------------------------------------------------- water */
+
+/* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); the veil turns from blue in
+ * the ocean to green and brown at the coast. Backscatter builds up 1.2 times as fast as the direct light fades. */
+static const struct {
+    const char *name;
+    double      direct[3], veil[3];
+} synth_waters[] = {
+    {"none", {0, 0, 0}, {0, 0, 0}},
+    {"I", {.163, .040, .018}, {.06, .27, .52}},
+    {"IA", {.174, .046, .025}, {.06, .28, .51}},
+    {"IB", {.186, .051, .033}, {.06, .30, .50}},
+    {"II", {.223, .078, .062}, {.07, .34, .48}},
+    {"III", {.288, .122, .117}, {.08, .39, .46}},
+    {"1C", {.288, .122, .134}, {.10, .42, .43}},
+    {"3C", {.342, .198, .223}, {.12, .44, .38}},
+    {"5C", {.400, .315, .400}, {.15, .45, .33}},
+    {"7C", {.478, .494, .693}, {.18, .43, .27}},
+    {"9C", {.598, .777, 1.24}, {.22, .40, .20}},
+};
+#define SCATTER_SHARE 1.2
+
+static oxl_result synth_find_water(struct synth_run *s)
+{
+    for (size_t i = 0; i < sizeof synth_waters / sizeof *synth_waters; i++) {
+        if (strcmp(s->options->water, synth_waters[i].name) != 0) continue;
+        s->water.name = synth_waters[i].name;
+        for (int c = 0; c < 3; c++) {
+            s->water.direct[c]  = synth_waters[i].direct[c];
+            s->water.scatter[c] = SCATTER_SHARE * synth_waters[i].direct[c];
+            s->water.veil[c]    = synth_waters[i].veil[c];
+        }
+        return OXL_OK;
+    }
+    return synth_fail(s, OXL_ERR_USAGE, "synth: waters are none I IA IB II III 1C 3C 5C 7C 9C, not ", s->options->water);
+}
+
+double synth_through_water(const struct synth_water *w, int c, double colour, double range)
+{
+    return colour * exp(-w->direct[c] * range) + w->veil[c] * (1 - exp(-w->scatter[c] * range));
+}
+
+/* ---------------------------------------------------------------- photographs */
+
+static size_t synth_plane(const synth_options *o)
+{
+    return (size_t)o->width * (size_t)o->height;
+}
+
+/* Colour along one ray; *depth gets the camera z, 0 when there is only water. share: width of the ray in pixels. */
+static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, double x, double y, double share, float *depth)
+{
+    static const v3 far_off = {0.08, 0.32, 0.45};
+    const v3        ray     = synth_pixel_ray(c, x, y);
+    const double    range   = synth_cast(&s->world, c->centre, ray, SYNTH_FAR);
+    const double   *r       = c->rotation;
+    if (depth) *depth = range < 0 ? 0 : (float)(range * (r[6] * ray.x + r[7] * ray.y + r[8] * ray.z));
+    if (range >= 0) return synth_shade(&s->world, v3_along(c->centre, ray, range), share * range / c->f);
+    return s->water.veil[1] > 0 ? v3_of(s->water.veil[0], s->water.veil[1], s->water.veil[2]) : far_off;
+}
+
+static void synth_set(oxl_image *image, size_t at, v3 colour)
+{
+    const size_t plane        = (size_t)image->width * (size_t)image->height;
+    image->rgb[at]            = (float)colour.x;
+    image->rgb[at + plane]    = (float)colour.y;
+    image->rgb[at + 2 * plane] = (float)colour.z;
+}
+
+/* One ray through the middle of each pixel, into `photograph` for now: it is also the truth for depth. */
+static void synth_draw_row(struct synth_run *s, const struct synth_camera *c, int y)
+{
+    for (int x = 0; x < c->width; x++) {
+        const size_t at = (size_t)y * (size_t)c->width + (size_t)x;
+        synth_set(&s->photograph, at, synth_trace(s, c, x + 0.5, y + 0.5, 1, &s->depth[at]));
+    }
+}
+
+static int synth_differs(const struct synth_run *s, size_t a, size_t b)
+{
+    const float *rgb = s->photograph.rgb, za = s->depth[a], zb = s->depth[b];
+    if (fabsf(za - zb) > EDGE_DEPTH * (za + zb)) return 1;
+    for (int c = 0; c < 3; c++)
+        if (fabsf(rgb[a + (size_t)c * synth_plane(s->options)] - rgb[b + (size_t)c * synth_plane(s->options)]) > EDGE_COLOUR) return 1;
+    return 0;
+}
+
+/* The clean photograph: where neighbours differ, the mean of four rays, else the one that is there. */
+static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, int y)
+{
+    const size_t width = (size_t)c->width, plane = synth_plane(s->options);
+    for (int x = 0; x < c->width; x++) {
+        const size_t at     = (size_t)y * width + (size_t)x;
+        const float *rgb    = s->photograph.rgb;
+        v3           colour = v3_of(rgb[at], rgb[at + plane], rgb[at + 2 * plane]);
+        const int    edge = (x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
+                         (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width));
+        if (edge) colour = v3_of(0, 0, 0);
+        for (int k = 0; edge && k < 4; k++)
+            colour = v3_along(colour, synth_trace(s, c, x + 0.25 + 0.5 * (k & 1), y + 0.25 + 0.5 * (k >> 1), 0.5, NULL), 0.25);
+        synth_set(&s->clean, at, colour);
+    }
+}
+
+/* Water, noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
+static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
+{
+    const synth_options *o     = s->options;
+    const size_t         plane = synth_plane(o);
+    for (int x = 0; x < c->width; x++) {
+        const size_t at    = (size_t)y * (size_t)c->width + (size_t)x;
+        const double range = s->depth[at] * hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
+        for (int k = 0; k < 3; k++) {
+            const uint64_t bits  = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + (uint64_t)k);
+            const double   seen  = synth_through_water(&s->water, k, s->clean.rgb[at + (size_t)k * plane], range);
+            const double   level = 255 * seen + (o->noise > 0 ? o->noise * synth_random_normal(bits) : 0);
+            s->photograph.rgb[at + (size_t)k * plane] = (float)(floor(synth_clamp(level, 0, 255) + 0.5) / 255);
+        }
+    }
+}
+
+static oxl_result synth_write_view(struct synth_run *s, int view)
+{
+    char       name[32], path[1024];
+    oxl_result rc;
+    synth_image_name(view, name);
+    snprintf(path, sizeof path, "%s/images/%s", s->options->out, name);
+    rc = oxl_image_write(s->ctx, path, &s->photograph);
+    snprintf(path, sizeof path, "%s/truth/clean/%s", s->options->out, name);
+    if (rc == OXL_OK) rc = oxl_image_write(s->ctx, path, &s->clean);
+    if (rc != OXL_OK) return synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+    name[strlen(name) - 4] = 0; /* .png */
+    snprintf(path, sizeof path, "%s/truth/depth/%s.pfm", s->options->out, name);
+    if (synth_write_pfm(path, s->depth, s->options->width, s->options->height)) return OXL_OK;
+    return synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
+}
+
+static oxl_result synth_view(struct synth_run *s, int view)
+{
+    const struct synth_camera *c = &s->path.camera[view];
+#pragma omp parallel for schedule(dynamic, 2)
+    for (int y = 0; y < c->height; y++) synth_draw_row(s, c, y);
+#pragma omp parallel for schedule(dynamic, 2)
+    for (int y = 0; y < c->height; y++) synth_smooth_row(s, c, y);
+#pragma omp parallel for schedule(dynamic, 2)
+    for (int y = 0; y < c->height; y++) synth_expose_row(s, c, view, y);
+    return synth_write_view(s, view);
+}
+
+static oxl_result synth_views(struct synth_run *s)
+{
+    const synth_options *o  = s->options;
+    oxl_result           rc = oxl_image_create(s->ctx, o->width, o->height, &s->photograph);
+    if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
+    s->depth = malloc(synth_plane(o) * sizeof *s->depth);
+    if (rc != OXL_OK || !s->depth) return synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for a photograph", "");
+    for (int i = 0; i < o->views && rc == OXL_OK; i++) {
+        rc = synth_view(s, i);
+        if (rc == OXL_OK) synth_points_collect(&s->points, i, &s->photograph);
+        if (rc == OXL_OK && synth_stopped(o, "photographs", i + 1, o->views)) rc = synth_fail(s, OXL_ERR_INTERRUPTED, "synth: stopped", "");
+    }
+    return rc;
+}
+
+/* ---------------------------------------------------------------- truth in words and numbers */
+
+static void synth_triple(struct synth_file *f, const char *name, const double value[3])
+{
+    synth_file_text(f, name);
+    for (int c = 0; c < 3; c++) {
+        synth_file_text(f, " ");
+        synth_file_fixed(f, value[c], 6);
+    }
+    synth_file_text(f, "\n");
+}
+
+static int synth_write_water(const struct synth_run *s, const char *path)
+{
+    struct synth_file f;
+    synth_file_open(&f, path);
+    synth_file_text(&f, "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
+                        "# I, J: values of images/ and truth/clean/ over 255, as they stand in the PNG files, no gamma removed\n"
+                        "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
+                        "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\n");
+    synth_file_text(&f, "type ");
+    synth_file_text(&f, s->water.name);
+    synth_file_text(&f, "\n");
+    synth_triple(&f, "bD", s->water.direct);
+    synth_triple(&f, "bB", s->water.scatter);
+    synth_triple(&f, "Binf", s->water.veil);
+    synth_file_text(&f, "noise ");
+    synth_file_fixed(&f, s->options->noise, 6);
+    synth_file_text(&f, "\n");
+    return synth_file_close(&f);
+}
+
+static int synth_write_model(const struct synth_run *s, const char *path)
+{
+    const synth_options *o = s->options;
+    struct synth_file    f;
+    synth_file_open(&f, path);
+    synth_file_text(&f, "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
+                        "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
+                        "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
+                        "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
+                        "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
+                        "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
+                        "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
+                        "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
+                        "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
+                        "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n"
+                        "seed ");
+    synth_file_integer(&f, o->seed);
+    synth_file_text(&f, "\npath ");
+    synth_file_text(&f, o->path);
+    synth_file_text(&f, "\nviews ");
+    synth_file_integer(&f, (uint64_t)o->views);
+    synth_file_text(&f, "\n");
+    synth_triple(&f, "origin", o->origin);
+    synth_triple(&f, "wreck", (double[3]){s->world.wreck.x + o->origin[0], s->world.wreck.y + o->origin[1], s->world.wreck.z + o->origin[2]});
+    synth_triple(&f, "sun", (double[3]){s->world.sun.x, s->world.sun.y, s->world.sun.z});
+    return synth_file_close(&f);
+}
+
+static int synth_write_outliers(const struct synth_run *s, const char *path)
+{
+    const struct synth_ids ids = synth_ids_for(s->points.count);
+    struct synth_file      f;
+    synth_file_open(&f, path);
+    synth_file_text(&f, "# POINT3D_ID of the points that lie off the surface\n");
+    for (size_t i = 0; i < s->points.count; i++) {
+        if (!s->points.point[i].is_outlier) continue;
+        synth_file_integer(&f, synth_id(ids, i));
+        synth_file_text(&f, "\n");
+    }
+    return synth_file_close(&f);
+}
+
+static oxl_result synth_write_truth(struct synth_run *s)
+{
+    char path[1024];
+    int  written;
+    snprintf(path, sizeof path, "%s/truth/water.txt", s->options->out);
+    written = synth_write_water(s, path);
+    if (written) snprintf(path, sizeof path, "%s/truth/model.txt", s->options->out);
+    written = written && synth_write_model(s, path);
+    if (written) snprintf(path, sizeof path, "%s/truth/outliers.txt", s->options->out);
+    written = written && synth_write_outliers(s, path);
+    return written ? OXL_OK : synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
+}
+
+/* ---------------------------------------------------------------- the run */
+
+static oxl_result synth_make_folders(struct synth_run *s)
+{
+    static const char *const folders[] = {"sparse/0", "truth", "images", "truth/clean", "truth/depth"};
+    char                     path[1024];
+    oxl_result               rc = OXL_OK;
+    for (int i = 0; i < (s->options->write_images ? 5 : 2) && rc == OXL_OK; i++) {
+        snprintf(path, sizeof path, "%s/%s", s->options->out, folders[i]);
+        rc = oxl_make_folder(s->ctx, path);
+    }
+    return rc == OXL_OK ? OXL_OK : synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+}
+
+static oxl_result synth_make_points(struct synth_run *s)
+{
+    const oxl_result rc = synth_points_create(s->options, &s->world, &s->path, &s->water, &s->points);
+    if (rc == OXL_ERR_INTERRUPTED) return synth_fail(s, rc, "synth: stopped", "");
+    return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: no memory for the points\nfix: fewer --points", "");
+}
+
+static oxl_result synth_write_sparse(struct synth_run *s)
+{
+    char       folder[1024], failed[1100];
+    oxl_result rc;
+    snprintf(folder, sizeof folder, "%s/sparse/0", s->options->out);
+    rc = synth_colmap_write(s->options, &s->path, &s->points, folder, failed, sizeof failed);
+    return rc == OXL_OK ? OXL_OK : synth_fail(s, rc, "synth: cannot write ", failed);
+}
+
+static oxl_result synth_make(struct synth_run *s)
+{
+    oxl_result rc = synth_check(s);
+    if (rc == OXL_OK) rc = synth_find_water(s);
+    if (rc == OXL_OK) rc = synth_make_folders(s);
+    if (rc != OXL_OK) return rc;
+    if (!synth_path_create(s->options, &s->path) || !synth_world_create(s->options->seed, s->path.half, s->path.wreck, &s->world))
+        return synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for the world\nfix: a smaller --extent or fewer --views", "");
+    synth_path_settle(&s->path, &s->world);
+    rc = synth_make_points(s);
+    if (rc == OXL_OK && s->options->write_images) rc = synth_views(s);
+    if (rc == OXL_OK) rc = synth_write_truth(s);
+    if (rc == OXL_OK) rc = synth_write_sparse(s); /* last: a survey that can be read is whole */
+    return rc;
+}
+
+oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size)
+{
+    struct synth_run s = {.ctx = ctx, .options = options, .error = error, .error_size = error_size};
+    oxl_result       rc;
+#ifdef _OPENMP
+    const int threads = omp_get_max_threads();
+    if (options->threads > 0) omp_set_num_threads(options->threads);
+#endif
+    if (error_size > 0) error[0] = 0;
+    rc = synth_make(&s);
+    oxl_image_free(ctx, &s.photograph);
+    oxl_image_free(ctx, &s.clean);
+    free(s.depth);
+    synth_points_free(&s.points);
+    synth_world_free(&s.world);
+    synth_path_free(&s.path);
+#ifdef _OPENMP
+    omp_set_num_threads(threads);
+#endif
+    return rc;
+}

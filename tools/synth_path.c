@@ -1,0 +1,147 @@
+/* synth_path.c - where the camera flies.
+ *
+ * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; photographs overlap by 75 % along a row and
+ * rows by 60 %, as survey manuals ask for. orbit: two rings round the wreck, looking at it. Nothing is flown exactly: position,
+ * height and angles waver.
+ */
+#include "synth.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define ALTITUDE      3.0  /* metres over the ground */
+#define FOCAL_SHARE   0.8  /* f / width: 64 degrees across */
+#define STEP_FORWARD  0.25 /* of a photograph's height on the ground: 75 % overlap */
+#define STEP_SIDEWAYS 0.40 /* of its width: 60 % */
+#define TILT          8.0  /* degrees ahead of straight down */
+#define MARGIN        3.0  /* metres of ground around what is in view */
+
+static const double degree = SYNTH_PI / 180;
+
+static double path_waver(const synth_options *o, int view, uint64_t what, double sigma)
+{
+    const double n = synth_random_normal(synth_bits(o->seed, 200 + what, (uint64_t)view));
+    return sigma * synth_clamp(n, -2.5, 2.5);
+}
+
+/* Looks along `forward`; the top of the photograph towards `up`; turned around the line of sight by `roll`. */
+static void path_aim(struct synth_camera *c, v3 forward, v3 up, double roll)
+{
+    const v3     z = v3_unit(forward), level = v3_unit(v3_cross(z, up)), down = v3_cross(z, level);
+    const v3     x = v3_add(v3_scale(level, cos(roll)), v3_scale(down, sin(roll))), y = v3_cross(z, x);
+    const v3     rows[3] = {x, y, z};
+    for (int i = 0; i < 3; i++) {
+        c->rotation[3 * i]     = rows[i].x;
+        c->rotation[3 * i + 1] = rows[i].y;
+        c->rotation[3 * i + 2] = rows[i].z;
+    }
+}
+
+static void path_lawnmower(const synth_options *o, struct synth_path *path)
+{
+    const double step   = STEP_FORWARD * ALTITUDE * o->height / (FOCAL_SHARE * o->width);
+    const double apart  = STEP_SIDEWAYS * ALTITUDE / FOCAL_SHARE;
+    const int    rows   = (int)synth_max(1, sqrt(o->views * step / apart) + 0.5);
+    const double length = o->extent > 0 ? o->extent : step * synth_max(1, (double)o->views / rows - 1);
+    const double width  = o->extent > 0 ? o->extent : apart * (rows - 1);
+    for (int i = 0; i < o->views; i++) {
+        struct synth_camera *c     = &path->camera[i];
+        const int64_t        views = o->views;
+        const int            row   = (int)(i * (int64_t)rows / views);
+        const int first = (int)((row * views + rows - 1) / rows), after = (int)(((row + 1) * views + rows - 1) / rows);
+        const double along   = after - first > 1 ? (double)(i - first) / (after - first - 1) - 0.5 : 0;
+        const double across  = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
+        const double there   = row % 2 ? -1 : 1; /* to and fro */
+        const double heading = path_waver(o, i, 0, 3 * degree), pitch = TILT * degree + path_waver(o, i, 1, 2 * degree);
+        const v3     ahead   = v3_of(there * sin(heading), there * cos(heading), 0);
+        c->centre            = v3_of(width * across + path_waver(o, i, 2, 0.05), there * length * along + path_waver(o, i, 3, 0.05),
+                                     ALTITUDE + path_waver(o, i, 4, 0.1));
+        path_aim(c, v3_add(v3_scale(ahead, sin(pitch)), v3_of(0, 0, -cos(pitch))), ahead, path_waver(o, i, 5, 2 * degree));
+    }
+    path->wreck = v3_of(0.18 * width, 0.12 * length, 0);
+}
+
+static void path_orbit(const synth_options *o, struct synth_path *path)
+{
+    const double radius = o->extent > 0 ? 0.5 * o->extent : 4.2;
+    const int    rings = o->views >= 16 ? 2 : 1, first = (o->views + rings - 1) / rings;
+    for (int i = 0; i < o->views; i++) {
+        struct synth_camera *c     = &path->camera[i];
+        const int            ring  = i / first;
+        const double         turn  = 2 * SYNTH_PI * ((i % first) + 0.5 * ring) / (ring ? o->views - first : first);
+        const double         out   = (ring ? 0.8 : 1) * radius + path_waver(o, i, 0, 0.1);
+        const v3 target = v3_of(path_waver(o, i, 1, 0.15), path_waver(o, i, 2, 0.15), 0.25);
+        c->centre       = v3_of(out * cos(turn), out * sin(turn), (ring ? 1.15 : 0.8) * radius + path_waver(o, i, 3, 0.1));
+        path_aim(c, v3_sub(target, c->centre), v3_of(0, 0, 1), path_waver(o, i, 4, 2 * degree));
+    }
+}
+
+/* Where the corners' rays meet z = -0.5, lower than most of the ground. */
+static void path_measure(struct synth_path *path)
+{
+    for (int i = 0; i < path->count; i++) {
+        const struct synth_camera *c = &path->camera[i];
+        for (int k = 0; k < 4; k++) {
+            const v3     ray   = synth_pixel_ray(c, k & 1 ? c->width : 0, k & 2 ? c->height : 0);
+            const double range = ray.z < 0 ? synth_min(SYNTH_FAR, (c->centre.z + 0.5) / -ray.z) : SYNTH_FAR;
+            const v3     hit   = v3_along(c->centre, ray, range);
+            path->reach        = synth_max(path->reach, hypot(hit.x - c->centre.x, hit.y - c->centre.y));
+            path->half         = synth_max(path->half, synth_max(fabs(hit.x), fabs(hit.y)));
+        }
+    }
+    path->half += MARGIN;
+}
+
+int synth_path_create(const synth_options *o, struct synth_path *path)
+{
+    *path        = (struct synth_path){.count = o->views};
+    path->camera = calloc((size_t)o->views, sizeof *path->camera);
+    if (!path->camera) return 0;
+    for (int i = 0; i < o->views; i++) { /* the principal point is off the middle, as calibration finds it */
+        struct synth_camera *c = &path->camera[i];
+        c->width               = o->width;
+        c->height              = o->height;
+        c->f                   = FOCAL_SHARE * o->width;
+        c->cx                  = 0.504 * o->width;
+        c->cy                  = 0.497 * o->height;
+    }
+    if (strcmp(o->path, "orbit") == 0) path_orbit(o, path);
+    else path_lawnmower(o, path);
+    path_measure(path);
+    return 1;
+}
+
+/* A boat follows the ground roughly: its mean over a few metres. */
+void synth_path_settle(struct synth_path *path, const struct synth_world *w)
+{
+    for (int i = 0; i < path->count; i++) {
+        v3    *c   = &path->camera[i].centre;
+        double sum = 0;
+        for (int k = 0; k < 9; k++) sum += synth_ground(w, c->x + k % 3 - 1, c->y + k / 3 - 1);
+        c->z += sum / 9;
+    }
+}
+
+void synth_path_free(struct synth_path *path)
+{
+    free(path->camera);
+    *path = (struct synth_path){0};
+}
+
+v3 synth_pixel_ray(const struct synth_camera *c, double px, double py)
+{
+    const double  x = (px - c->cx) / c->f, y = (py - c->cy) / c->f;
+    const double *r = c->rotation;
+    return v3_unit(v3_of(r[0] * x + r[3] * y + r[6], r[1] * x + r[4] * y + r[7], r[2] * x + r[5] * y + r[8]));
+}
+
+int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, double *z)
+{
+    const v3      q = v3_sub(p, c->centre);
+    const double *r = c->rotation;
+    *z              = r[6] * q.x + r[7] * q.y + r[8] * q.z;
+    if (*z < 1e-3) return 0;
+    *px = c->cx + c->f * (r[0] * q.x + r[1] * q.y + r[2] * q.z) / *z;
+    *py = c->cy + c->f * (r[3] * q.x + r[4] * q.y + r[5] * q.z) / *z;
+    return 1;
+}

@@ -1,0 +1,316 @@
+/* synth_points.c - a sparse cloud with tracks, as structure from motion would leave it.
+ *
+ * Each point starts as a random pixel of a photograph; the ray through it meets the surface there. Every other view that has
+ * the point in its frame, looks from a similar side and is not blocked (a ray again; in load tests, without photographs, the
+ * surface's normal alone) finds it with a certain chance, 0.3 px off. One point in a hundred is an outlier: a mismatch that
+ * was triangulated off the surface.
+ *
+ * Invariant: a point depends on the seed and its number alone. Points are made in parallel by the chunk and appended in order.
+ */
+#include "synth.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define DETECTED      0.75 /* chance that a view which could see a point has it */
+#define SIMILAR_SIDE  0.68 /* cosine: descriptors match up to about 47 degrees apart */
+#define FACING        0.15 /* cosine between normal and view when no ray is cast */
+#define NOISE         0.3  /* px, each axis */
+#define OUTLIER_SHARE 0.01
+#define OUTLIER_NOISE 1.5 /* px */
+#define FRAME         2.0 /* px at the border where no feature is found */
+enum { MOST_VIEWS = 64, ATTEMPTS = 12, PICKY_ATTEMPTS = 6, CHUNK = 8192 };
+
+struct points_track { /* one point as it is made */
+    v3                       position;
+    int                      count, is_outlier;
+    uint8_t                  rgb[3]; /* in load tests */
+    struct synth_observation seen[MOST_VIEWS];
+};
+
+struct points_search { /* cameras by the square of ground that they stand over */
+    const synth_options      *options;
+    const struct synth_world *world;
+    const struct synth_path  *path;
+    const struct synth_water *water;
+    double                    side, x0, y0; /* metres; a view of a point stands in its square or one next to it */
+    int                       nx, ny;
+    uint32_t                 *first; /* (nx ny + 1) into list */
+    uint32_t                 *list;
+};
+
+/* ---------------------------------------------------------------- cameras near a point */
+
+static size_t points_square(const struct points_search *s, v3 p)
+{
+    const int x = (int)synth_clamp((p.x - s->x0) / s->side, 0, s->nx - 1), y = (int)synth_clamp((p.y - s->y0) / s->side, 0, s->ny - 1);
+    return (size_t)y * (size_t)s->nx + (size_t)x;
+}
+
+static int points_search_create(struct points_search *s)
+{
+    const struct synth_path *path = s->path;
+    size_t                   squares;
+    s->side = path->reach + 1.5; /* ground that lies lower than the path's plane is seen farther off */
+    s->x0 = s->y0 = -path->half;
+    s->nx = s->ny = (int)(2 * path->half / s->side) + 1;
+    squares       = (size_t)s->nx * (size_t)s->ny;
+    s->first      = calloc(squares + 1, sizeof *s->first);
+    s->list       = malloc((size_t)path->count * sizeof *s->list);
+    if (!s->first || !s->list) return 0;
+    for (int i = 0; i < path->count; i++) s->first[points_square(s, path->camera[i].centre)]++;
+    for (size_t i = 0; i < squares; i++) s->first[i + 1] += s->first[i];
+    for (int i = path->count - 1; i >= 0; i--) s->list[--s->first[points_square(s, path->camera[i].centre)]] = (uint32_t)i;
+    return 1;
+}
+
+/* ---------------------------------------------------------------- one point */
+
+struct points_candidate {
+    v3     p, normal, side; /* the point; its normal; from where it was first seen, unit */
+    int    source, is_outlier;
+    double chance;
+};
+
+/* Whether a view has the point in its frame and from a similar side. */
+static int points_in_frame(const struct points_search *s, const struct points_candidate *k, int view, double *x, double *y)
+{
+    const struct synth_camera *c = &s->path->camera[view];
+    double                     z;
+    if (!synth_project(c, k->p, x, y, &z) || z > SYNTH_FAR) return 0;
+    if (*x < FRAME || *y < FRAME || *x > c->width - FRAME || *y > c->height - FRAME) return 0;
+    return v3_dot(v3_unit(v3_sub(c->centre, k->p)), k->side) > SIMILAR_SIDE;
+}
+
+static int points_in_sight(const struct points_search *s, const struct points_candidate *k, int view)
+{
+    const v3     way   = v3_sub(k->p, s->path->camera[view].centre);
+    const double range = v3_length(way);
+    if (view == k->source || k->is_outlier) return 1;
+    if (!s->options->write_images) return -v3_dot(k->normal, way) > FACING * range;
+    return synth_cast(s->world, s->path->camera[view].centre, v3_scale(way, 1 / range), 0.997 * range - 0.004) < 0;
+}
+
+static float points_measured(double exact, double noise, int size) /* as a text export with three decimals holds it */
+{
+    return (float)(floor(synth_clamp(exact + noise, 0.001, size - 0.001) * 1000 + 0.5) / 1000);
+}
+
+static void points_observe(const struct points_search *s, const struct points_candidate *k, int view, uint64_t bits, double x, double y,
+                           struct points_track *t)
+{
+    const double              sigma = k->is_outlier ? OUTLIER_NOISE : NOISE;
+    struct synth_observation *o     = &t->seen[t->count++];
+    o->view                         = (uint32_t)view;
+    o->x                            = points_measured(x, sigma * synth_random_normal(synth_mix(bits ^ 1)), s->options->width);
+    o->y                            = points_measured(y, sigma * synth_random_normal(synth_mix(bits ^ 2)), s->options->height);
+}
+
+/* Visits the views around: counts those that have the point in their frame, or (t) keeps what they see of it. */
+static int points_visit(const struct points_search *s, const struct points_candidate *k, uint64_t seed, struct points_track *t)
+{
+    const int most = k->is_outlier ? 3 : MOST_VIEWS, here = (int)points_square(s, k->p), hx = here % s->nx, hy = here / s->nx;
+    int       found = 0;
+    for (int square = 0; square < 9; square++) {
+        const int qx = hx + square % 3 - 1, qy = hy + square / 3 - 1;
+        size_t    at;
+        if (qx < 0 || qy < 0 || qx >= s->nx || qy >= s->ny) continue;
+        at = (size_t)qy * (size_t)s->nx + (size_t)qx;
+        for (uint32_t i = s->first[at]; i < s->first[at + 1]; i++) {
+            const int      view = (int)s->list[i], is_source = view == k->source;
+            const uint64_t bits = synth_bits(seed, 5, (uint64_t)view);
+            double         x, y;
+            if (!points_in_frame(s, k, view, &x, &y)) continue;
+            found++;
+            if (!t || (!is_source && (synth_unit(bits) >= k->chance || t->count + 1 >= most))) continue; /* the source has a place kept */
+            if (points_in_sight(s, k, view)) points_observe(s, k, view, bits, x, y, t);
+        }
+    }
+    return found;
+}
+
+static int points_by_view(const void *a, const void *b)
+{
+    const struct synth_observation *x = a, *y = b;
+    return x->view < y->view ? -1 : x->view > y->view;
+}
+
+static void points_colour(const struct points_search *s, const struct points_candidate *k, double range, struct points_track *t)
+{
+    const v3     clean    = synth_shade(s->world, k->p, range / s->path->camera[k->source].f);
+    const double value[3] = {clean.x, clean.y, clean.z};
+    for (int c = 0; c < 3; c++) t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
+}
+
+/* A random pixel's point. 0: nothing there, or fewer than `least` views have it. */
+static int points_try(const struct points_search *s, uint64_t number, uint64_t attempt, int least, struct points_track *t)
+{
+    const uint64_t             seed = synth_bits(s->options->seed ^ 0x9017, number, attempt);
+    struct points_candidate    k    = {.source = (int)(number % (uint64_t)s->path->count)};
+    const struct synth_camera *c    = &s->path->camera[k.source];
+    const double               u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
+    const v3                   ray   = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
+    double                     range = synth_cast(s->world, c->centre, ray, SYNTH_FAR);
+    int                        found;
+    if (range < 0) return 0;
+    k.is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
+    if (k.is_outlier) range *= 0.6 + 0.8 * synth_unit(synth_bits(seed, 2, 0));
+    k.p    = v3_along(c->centre, ray, range);
+    k.side = v3_scale(ray, -1);
+    if (!s->options->write_images) k.normal = synth_normal(s->world, k.p, 0.02);
+    found         = points_visit(s, &k, seed, NULL);
+    k.chance      = synth_min(DETECTED, 0.75 * MOST_VIEWS / synth_max(found, 1));
+    t->position   = k.p;
+    t->is_outlier = k.is_outlier;
+    t->count      = 0;
+    if (found >= least) points_visit(s, &k, seed, t);
+    if (t->count < least) return 0;
+    qsort(t->seen, (size_t)t->count, sizeof *t->seen, points_by_view);
+    if (!s->options->write_images) points_colour(s, &k, range, t);
+    return 1;
+}
+
+static void points_make(const struct points_search *s, uint64_t number, struct points_track *t)
+{
+    t->count = 0;
+    for (uint64_t attempt = 0; attempt < ATTEMPTS; attempt++)
+        if (points_try(s, number, attempt, attempt < PICKY_ATTEMPTS ? 3 : 2, t)) return;
+    t->count = 0;
+}
+
+/* ---------------------------------------------------------------- all points */
+
+static float points_error(const struct synth_path *path, const struct points_track *t)
+{
+    double sum = 0;
+    for (int i = 0; i < t->count; i++) {
+        double x, y, z;
+        synth_project(&path->camera[t->seen[i].view], t->position, &x, &y, &z);
+        sum += hypot(x - t->seen[i].x, y - t->seen[i].y);
+    }
+    return (float)(sum / t->count);
+}
+
+static int points_append(struct synth_points *out, const struct synth_path *path, const struct points_track *t, size_t *capacity)
+{
+    struct synth_point *p = &out->point[out->count];
+    if (t->count == 0) return 1;
+    if (out->observation_count + MOST_VIEWS > *capacity) {
+        const size_t more  = *capacity + *capacity / 2 + 4 * CHUNK;
+        void        *grown = realloc(out->observation, more * sizeof *out->observation);
+        if (!grown) return 0;
+        out->observation = grown;
+        *capacity        = more;
+    }
+    *p = (struct synth_point){.position = t->position, .first = out->observation_count, .error = points_error(path, t)};
+    p->count      = (uint16_t)t->count;
+    p->is_outlier = (uint8_t)t->is_outlier;
+    for (int c = 0; c < 3; c++) p->sum[c] = (uint16_t)(t->rgb[c] * t->count);
+    memcpy(out->observation + out->observation_count, t->seen, (size_t)t->count * sizeof *t->seen);
+    out->observation_count += (size_t)t->count;
+    out->count++;
+    return 1;
+}
+
+/* Points by view, and each observation's place in its view's list, stray keypoints between them counted. */
+static int points_index(struct synth_points *out, uint64_t seed, int views)
+{
+    uint64_t *next  = calloc((size_t)views + 1, sizeof *next);
+    out->views      = views;
+    out->view_first = calloc((size_t)views + 1, sizeof *out->view_first);
+    out->by_view    = malloc((out->observation_count + 1) * sizeof *out->by_view);
+    if (!next || !out->view_first || !out->by_view) {
+        free(next);
+        return 0;
+    }
+    for (size_t i = 0; i < out->observation_count; i++) out->view_first[out->observation[i].view + 1]++;
+    for (int v = 0; v < views; v++) out->view_first[v + 1] += out->view_first[v];
+    for (size_t i = 0; i < out->count; i++) {
+        const struct synth_point *p = &out->point[i];
+        for (int k = 0; k < p->count; k++) {
+            struct synth_observation *o     = &out->observation[p->first + (size_t)k];
+            const uint64_t            place = next[o->view]; /* low half: observations so far; high half: with strays */
+            const uint64_t            at = place & 0xffffffffu, index = place >> 32;
+            out->by_view[out->view_first[o->view] + at] = (uint32_t)i;
+            o->index                                    = (uint32_t)index;
+            next[o->view]                               = (at + 1) | (index + 1 + (uint64_t)synth_stray(seed, (int)o->view, at)) << 32;
+        }
+    }
+    free(next);
+    return 1;
+}
+
+static oxl_result points_fill(const struct points_search *s, uint64_t wanted, struct points_track *tracks, struct synth_points *out)
+{
+    const synth_options *o        = s->options;
+    size_t               capacity = 0;
+    for (uint64_t from = 0; from < wanted; from += CHUNK) {
+        const int chunk = wanted - from < CHUNK ? (int)(wanted - from) : CHUNK;
+#pragma omp parallel for schedule(dynamic, 32)
+        for (int i = 0; i < chunk; i++) points_make(s, from + (uint64_t)i, &tracks[i]);
+        for (int i = 0; i < chunk; i++)
+            if (!points_append(out, s->path, &tracks[i], &capacity)) return OXL_ERR_MEMORY;
+        if (o->progress && o->progress(o->user, "points", (long)(from + (uint64_t)chunk), (long)wanted)) return OXL_ERR_INTERRUPTED;
+    }
+    return OXL_OK;
+}
+
+oxl_result synth_points_create(const synth_options *o, const struct synth_world *world, const struct synth_path *path,
+                               const struct synth_water *water, struct synth_points *out)
+{
+    const uint64_t       wanted = o->points > 0 ? (uint64_t)o->points : 400 * (uint64_t)o->views;
+    struct points_search s      = {.options = o, .world = world, .path = path, .water = water};
+    struct points_track *tracks = malloc(CHUNK * sizeof *tracks);
+    oxl_result           rc     = OXL_ERR_MEMORY;
+    *out                        = (struct synth_points){.point = calloc((size_t)wanted, sizeof *out->point)};
+    if (!tracks || !out->point || !points_search_create(&s)) goto done;
+    memset(tracks, 0, CHUNK * sizeof *tracks);
+    rc = points_fill(&s, wanted, tracks, out);
+    if (rc == OXL_OK && !points_index(out, o->seed, o->views)) rc = OXL_ERR_MEMORY;
+done:
+    free(tracks);
+    free(s.first);
+    free(s.list);
+    if (rc != OXL_OK) synth_points_free(out);
+    return rc;
+}
+
+void synth_points_free(struct synth_points *p)
+{
+    free(p->point);
+    free(p->observation);
+    free(p->view_first);
+    free(p->by_view);
+    *p = (struct synth_points){0};
+}
+
+const struct synth_observation *synth_observation_in(const struct synth_points *p, size_t point, int view)
+{
+    const struct synth_observation *o = p->observation + p->point[point].first;
+    while (o->view != (uint32_t)view) o++;
+    return o;
+}
+
+int synth_stray(uint64_t seed, int view, size_t k)
+{
+    return synth_bits(seed ^ 0x57a9, (uint64_t)view, k) % 4 == 0;
+}
+
+/* Bilinear, 0..255. */
+static unsigned points_sample(const oxl_image *image, int channel, double x, double y)
+{
+    const int    ix = (int)synth_clamp(x - 0.5, 0, image->width - 2), iy = (int)synth_clamp(y - 0.5, 0, image->height - 2);
+    const double fx = synth_clamp(x - 0.5 - ix, 0, 1), fy = synth_clamp(y - 0.5 - iy, 0, 1);
+    const size_t width = (size_t)image->width;
+    const float *at    = image->rgb + ((size_t)channel * (size_t)image->height + (size_t)iy) * width + (size_t)ix;
+    return (unsigned)(255 * synth_lerp(synth_lerp(at[0], at[1], fx), synth_lerp(at[width], at[width + 1], fx), fy) + 0.5);
+}
+
+void synth_points_collect(struct synth_points *p, int view, const oxl_image *photograph)
+{
+    for (size_t i = p->view_first[view]; i < p->view_first[view + 1]; i++) {
+        const struct synth_observation *o = synth_observation_in(p, p->by_view[i], view);
+        for (int c = 0; c < 3; c++)
+            p->point[p->by_view[i]].sum[c] = (uint16_t)(p->point[p->by_view[i]].sum[c] + points_sample(photograph, c, o->x, o->y));
+    }
+}

@@ -1,0 +1,461 @@
+/* synth_world.c - where things stand: seabed, rocks, corals, starfish, a wreck, as one distance function.
+ *
+ * The ground is a height field: swell, reef patches and sand ripples, baked once and read back through a cubic B-spline, whose
+ * slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing): displaced ellipsoids, boxes, and limbs
+ * melted together. A grid of cells lists what comes near each.
+ *
+ * Invariant: synth_distance never promises more way than there is: a thing that a cell does not list is at least SYNTH_NEAR
+ * away from the whole cell.
+ */
+#include "synth.h"
+
+#include <stdlib.h>
+
+#define SYNTH_CELL   0.5  /* metres */
+#define SYNTH_NEAR   0.25 /* metres; shading asks for distances up to this */
+#define SYNTH_RELIEF 1.2  /* metres: no object stands higher over the ground */
+#define BAKED_STEP   0.02 /* metres, at most MAX_BAKED samples */
+#define MAX_BAKED    48e6
+
+/* ---------------------------------------------------------------- the ground */
+
+/* 0 on sand, 1 on the reef. */
+static double world_reef(uint32_t seed, double x, double y)
+{
+    const double warp = 0.8 * synth_noise2(seed + 40, x / 1.7, y / 1.7);
+    return synth_step(0.02, 0.5, synth_fbm2(seed + 41, x + warp, y - warp, 4.5, 0.9, 0.5, 1e-3));
+}
+
+/* Crests of sand, 28 cm apart, that bend and fade in patches. */
+static double world_ripples(uint32_t seed, double x, double y)
+{
+    const double bend = 2.2 * synth_noise2(seed + 50, x / 1.3, y / 1.3) + 0.7 * synth_noise2(seed + 51, x / 0.45, y / 0.45);
+    const double size = synth_step(-0.5, 0.5, synth_noise2(seed + 52, x / 2.3, y / 2.3));
+    const double wave = sin((0.83 * x + 0.56 * y) * (2 * SYNTH_PI / 0.28) + bend);
+    return (0.005 + 0.012 * size) * (1 - fabs(wave)) * 1.6;
+}
+
+static double world_height(uint32_t seed, double x, double y)
+{
+    const double swell = 0.30 * synth_noise2(seed + 30, x / 8, y / 8) + 0.10 * synth_noise2(seed + 31, x / 2.7, y / 2.7);
+    const double reef  = world_reef(seed, x, y);
+    double       rough = 0;
+    if (reef > 0) {
+        const double ridges = 1 - fabs(synth_fbm2(seed + 60, x, y, 1.1, 0.3, 0.5, 1e-3));
+        rough               = 0.42 * ridges * ridges + 0.07 * synth_fbm2(seed + 65, x, y, 0.4, 0.05, 0.55, 1e-3);
+    }
+    return swell + reef * (rough - 0.1) + (1 - reef) * world_ripples(seed, x, y);
+}
+
+static int world_bake(struct synth_world *w, double half)
+{
+    w->step = synth_max(BAKED_STEP, 2 * half / sqrt(MAX_BAKED));
+    w->x0 = w->y0 = -half;
+    w->nx = w->ny = (int)(2 * half / w->step) + 2;
+    w->height     = malloc((size_t)w->nx * (size_t)w->ny * sizeof *w->height);
+    if (!w->height) return 0;
+#pragma omp parallel for schedule(dynamic, 16)
+    for (int j = 0; j < w->ny; j++)
+        for (int i = 0; i < w->nx; i++)
+            w->height[(size_t)j * (size_t)w->nx + (size_t)i] = (float)world_height(w->seed, w->x0 + i * w->step, w->y0 + j * w->step);
+    return 1;
+}
+
+/* Weights of the four samples around t in 0..1: the uniform cubic B-spline. */
+static void world_spline(double t, double weight[4])
+{
+    const double s = 1 - t;
+    weight[0]      = s * s * s / 6;
+    weight[1]      = (4 - 6 * t * t + 3 * t * t * t) / 6;
+    weight[2]      = (4 - 6 * s * s + 3 * s * s * s) / 6;
+    weight[3]      = t * t * t / 6;
+}
+
+double synth_ground(const struct synth_world *w, double x, double y)
+{
+    const double gx = (x - w->x0) / w->step, gy = (y - w->y0) / w->step;
+    const int    ix = synth_floor(gx), iy = synth_floor(gy);
+    double       wx[4], wy[4], sum = 0;
+    if (ix < 1 || iy < 1 || ix + 2 >= w->nx || iy + 2 >= w->ny) return world_height(w->seed, x, y);
+    world_spline(gx - ix, wx);
+    world_spline(gy - iy, wy);
+    for (int j = 0; j < 4; j++) {
+        const float *row = w->height + (size_t)(iy - 1 + j) * (size_t)w->nx + (size_t)(ix - 1);
+        sum += wy[j] * (wx[0] * row[0] + wx[1] * row[1] + wx[2] * row[2] + wx[3] * row[3]);
+    }
+    return sum;
+}
+
+/* ---------------------------------------------------------------- distances to simple bodies */
+
+static double world_ellipsoid(v3 p, v3 axes) /* first order: exact at the surface, short elsewhere */
+{
+    const v3     q  = v3_of(p.x / axes.x, p.y / axes.y, p.z / axes.z);
+    const v3     r  = v3_of(q.x / axes.x, q.y / axes.y, q.z / axes.z);
+    const double k0 = v3_length(q), k1 = v3_length(r);
+    return k0 < 1e-6 ? -synth_min(axes.x, synth_min(axes.y, axes.z)) : k0 * (k0 - 1) / k1;
+}
+
+static double world_box(v3 p, v3 half, double rounding)
+{
+    const v3 q       = v3_of(fabs(p.x) - half.x + rounding, fabs(p.y) - half.y + rounding, fabs(p.z) - half.z + rounding);
+    const v3 outside = v3_of(synth_max(q.x, 0), synth_max(q.y, 0), synth_max(q.z, 0));
+    return v3_length(outside) + synth_min(synth_max(q.x, synth_max(q.y, q.z)), 0) - rounding;
+}
+
+static double world_limb(v3 p, v3 a, v3 b, double radius_a, double radius_b)
+{
+    const v3     pa = v3_sub(p, a), ba = v3_sub(b, a);
+    const double t = synth_clamp(v3_dot(pa, ba) / v3_dot(ba, ba), 0, 1);
+    return v3_length(v3_along(pa, ba, -t)) - synth_lerp(radius_a, radius_b, t);
+}
+
+/* A round bar along x. */
+static double world_bar(v3 p, double radius, double half)
+{
+    const double across = sqrt(p.y * p.y + p.z * p.z) - radius, along = fabs(p.x) - half;
+    return synth_min(synth_max(across, along), 0) + sqrt(synth_max(across, 0) * synth_max(across, 0) + synth_max(along, 0) * synth_max(along, 0));
+}
+
+static double world_melt(double a, double b, double width) /* a smooth minimum */
+{
+    const double h = synth_max(width - fabs(a - b), 0) / width;
+    return synth_min(a, b) - h * h * width * 0.25;
+}
+
+/* ---------------------------------------------------------------- the wreck */
+
+static void world_nearer(double *least, double d, enum synth_material *material, enum synth_material of)
+{
+    if (d < *least) {
+        *least    = d;
+        *material = of;
+    }
+}
+
+/* A small coaster, 4.4 m long, in its own frame: x to the bow, z up, deck at 0. The hull is a shell with ribs, torn open on
+ * one side and half full of silt; on it a deck, a cabin with windows, a boiler, a funnel and the fallen mast. */
+static double world_wreck(v3 p, enum synth_material *material)
+{
+    const v3     stretched = v3_of(p.x - synth_clamp(p.x, -0.9, 0.9), p.y, p.z);
+    const double skin      = world_ellipsoid(stretched, v3_of(1.3, 0.75, 0.7));
+    const double gunwale   = p.z - 0.16 - 0.03 * p.x * p.x;
+    const double tear      = 0.5 - v3_length(v3_of(p.x + 0.1, p.y + 0.8, 1.2 * (p.z + 0.1)));
+    const double rib       = fabs(p.x - 0.36 * floor(p.x / 0.36 + 0.5)) - 0.025;
+    const v3     cabin     = v3_sub(p, v3_of(-1.0, 0, 0.34));
+    const double window    = world_box(v3_of(cabin.x - 0.32 * floor(cabin.x / 0.32 + 0.5), cabin.y, cabin.z - 0.08), v3_of(0.09, 1, 0.1), 0.01);
+    const double door      = world_box(v3_sub(cabin, v3_of(0.5, 0.1, -0.05)), v3_of(0.3, 0.13, 0.25), 0.01);
+    const v3     funnel    = v3_of(p.z - 0.45 - 0.2 * p.x, p.y - 0.12, p.x + 0.25);
+    const double deck      = synth_max(world_box(v3_sub(p, v3_of(1.3, 0, 0)), v3_of(0.95, 0.8, 0.022), 0.005), skin + 0.01);
+    const double hatch     = world_box(v3_sub(p, v3_of(1.15, 0.1, 0)), v3_of(0.2, 0.22, 0.2), 0.01);
+    double       d         = synth_max(synth_max(fabs(skin) - 0.022, gunwale), tear);
+    *material              = SYNTH_STEEL;
+    world_nearer(&d, synth_max(synth_max(rib, fabs(skin + 0.05) - 0.03), gunwale + 0.04), material, SYNTH_STEEL);
+    world_nearer(&d, synth_max(skin + 0.01, p.z + 0.3 + 0.05 * sin(3 * p.x) * cos(4 * p.y)), material, SYNTH_SAND);
+    world_nearer(&d, synth_max(deck, -hatch), material, SYNTH_WOOD);
+    world_nearer(&d, synth_max(synth_max(fabs(world_box(cabin, v3_of(0.5, 0.42, 0.36), 0.03)) - 0.015, -window), -door), material,
+                 SYNTH_STEEL);
+    world_nearer(&d, world_bar(v3_sub(p, v3_of(0.1, 0, -0.1)), 0.25, 0.36) - 0.02, material, SYNTH_STEEL);
+    world_nearer(&d, synth_max(fabs(world_bar(funnel, 0.13, 0.42)) - 0.012, funnel.x - 0.4), material, SYNTH_STEEL);
+    world_nearer(&d, world_limb(p, v3_of(0.7, 0.25, 0.12), v3_of(2.3, 1.75, -0.42), 0.06, 0.035), material, SYNTH_WOOD);
+    return 0.8 * d;
+}
+
+v3 synth_wreck_frame(const struct synth_world *w, v3 p)
+{
+    const v3      q = v3_sub(p, w->wreck);
+    const double *t = w->turn;
+    return v3_of(t[0] * q.x + t[1] * q.y + t[2] * q.z, t[3] * q.x + t[4] * q.y + t[5] * q.z, t[6] * q.x + t[7] * q.y + t[8] * q.z);
+}
+
+/* It lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
+static void world_lay_wreck(struct synth_world *w, v3 at)
+{
+    const double yaw = 2 * SYNTH_PI * synth_unit(synth_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180, pitch = 5 * SYNTH_PI / 180;
+    const v3     forward = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
+    const v3     level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
+    const v3     left = v3_add(v3_scale(level, cos(heel)), v3_scale(upright, sin(heel))), up = v3_cross(forward, left);
+    const v3     rows[3] = {forward, left, up};
+    for (int i = 0; i < 3; i++) {
+        w->turn[3 * i]     = rows[i].x;
+        w->turn[3 * i + 1] = rows[i].y;
+        w->turn[3 * i + 2] = rows[i].z;
+    }
+    w->wreck   = v3_of(at.x, at.y, synth_ground(w, at.x, at.y) + 0.34);
+    w->has_wreck = 1;
+}
+
+/* ---------------------------------------------------------------- objects */
+
+static v3 world_object_frame(const struct synth_object *o, v3 p)
+{
+    const v3 q = v3_sub(p, o->centre);
+    return v3_of(o->yaw_cos * q.x + o->yaw_sin * q.y, o->yaw_cos * q.y - o->yaw_sin * q.x, q.z);
+}
+
+static double world_shape(const struct synth_shape *s, v3 q)
+{
+    double d = 1e9;
+    for (int i = 0; i < s->limb_count; i++) {
+        const struct synth_limb *l = &s->limb[i];
+        d                          = world_melt(d, world_limb(q, l->a, l->b, l->radius_a, l->radius_b), s->blend);
+    }
+    return d;
+}
+
+static double world_stone(const struct synth_object *o, v3 q)
+{
+    const double r = o->radius, d = world_ellipsoid(q, o->axes);
+    double       lumps;
+    if (d > 0.5 * r) return d - 0.2 * r;
+    lumps = 0.16 * r * synth_noise3(o->seed, v3_scale(q, 1.7 / r));
+    if (o->material == SYNTH_ROCK) lumps += 0.05 * r * synth_noise3(o->seed + 1, v3_scale(q, 5 / r));
+    return 0.75 * (d + lumps);
+}
+
+static double world_object(const struct synth_world *w, const struct synth_object *o, v3 p)
+{
+    const v3 q = world_object_frame(o, p);
+    if (o->shape == SYNTH_STONE) return world_stone(o, q);
+    if (o->shape == SYNTH_BOX) return world_box(q, o->axes, 0.01);
+    return o->radius * world_shape(&w->shape[o->shape], v3_scale(q, 1 / o->radius));
+}
+
+/* The nearest listed object, or `least` when none is nearer; what is not listed is SYNTH_NEAR beyond the cell's walls. */
+static double world_objects(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
+{
+    const double gx = (p.x - w->x0) / SYNTH_CELL, gy = (p.y - w->y0) / SYNTH_CELL;
+    const int    ix = synth_floor(gx), iy = synth_floor(gy);
+    const double fx = gx - ix, fy = gy - iy;
+    const double wall = SYNTH_CELL * synth_min(synth_min(fx, 1 - fx), synth_min(fy, 1 - fy));
+    size_t       cell;
+    if (ix < 0 || iy < 0 || ix >= w->cells_x || iy >= w->cells_y) return least;
+    least = synth_min(least, wall + SYNTH_NEAR);
+    cell  = (size_t)iy * (size_t)w->cells_x + (size_t)ix;
+    for (uint32_t k = w->cell_first[cell]; k < w->cell_first[cell + 1]; k++) {
+        const struct synth_object *o    = &w->object[w->cell_object[k]];
+        const double               ball = v3_length(v3_sub(p, o->centre)) - o->radius;
+        double                     d;
+        if (ball >= least) continue;
+        d = ball > 0.1 ? ball : world_object(w, o, p);
+        if (d >= least) continue;
+        least    = d;
+        *surface = (struct synth_surface){o->material, o};
+    }
+    return least;
+}
+
+/* Rock where the reef is, with a ragged edge. */
+static enum synth_material world_ground_material(const struct synth_world *w, v3 p)
+{
+    const double ragged = 0.25 * synth_fbm2(w->seed + 70, p.x, p.y, 0.3, 0.02, 0.7, 1e-3);
+    return world_reef(w->seed, p.x, p.y) + ragged > 0.35 ? SYNTH_ROCK : SYNTH_SAND;
+}
+
+double synth_distance(const struct synth_world *w, v3 p, struct synth_surface *surface)
+{
+    const double         above   = p.z - synth_ground(w, p.x, p.y);
+    struct synth_surface nearest = {surface ? world_ground_material(w, p) : SYNTH_SAND, NULL};
+    double               d       = synth_max(0.6 * above, above - 1.3); /* slopes under 50 degrees, heights that differ by less than 1.3 m */
+    if (above < SYNTH_RELIEF + 0.3) d = world_objects(w, p, d, &nearest);
+    else d = synth_min(d, 0.7 * (above - SYNTH_RELIEF));
+    if (w->has_wreck) {
+        const v3     q    = synth_wreck_frame(w, p);
+        const double ball = world_box(q, v3_of(2.5, 1.9, 1.0), 0.1);
+        if (ball < d) {
+            enum synth_material material;
+            const double        wreck = ball > 0.2 ? ball : world_wreck(q, &material);
+            if (wreck < d && ball <= 0.2) nearest = (struct synth_surface){material, NULL};
+            d = synth_min(d, wreck);
+        }
+    }
+    if (surface) *surface = nearest;
+    return d;
+}
+
+/* ---------------------------------------------------------------- making the shapes of limbs */
+
+static struct synth_limb *world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, double radius_b)
+{
+    s->limb[s->limb_count] = (struct synth_limb){a, b, radius_a, radius_b};
+    return &s->limb[s->limb_count++];
+}
+
+/* A bush: stems lean outwards and end in two fingers each. */
+static void world_branching(struct synth_shape *s, uint64_t seed)
+{
+    const int stems = 6 + (int)(3 * synth_unit(synth_bits(seed, 0, 0)));
+    s->blend        = 0.08;
+    for (int i = 0; i < stems; i++) {
+        const double u = synth_unit(synth_bits(seed, 1, (uint64_t)i)), lean = i == 0 ? 0.1 : 0.35 + 0.75 * u;
+        const double turn = 2 * SYNTH_PI * (i + 0.6 * u) / stems;
+        const v3     out  = v3_of(cos(turn) * sin(lean), sin(turn) * sin(lean), cos(lean));
+        const v3     side = v3_of(-sin(turn), cos(turn), 0.3), middle = v3_of(0.5 * out.x, 0.5 * out.y, 0.5 * out.z - 0.15);
+        world_add_limb(s, v3_of(0, 0, -0.3), middle, 0.11, 0.085);
+        world_add_limb(s, middle, v3_along(v3_along(middle, out, 0.42), side, 0.14 + 0.1 * u), 0.085, 0.05);
+        world_add_limb(s, middle, v3_along(v3_along(middle, out, 0.40), side, -0.20 + 0.1 * u), 0.08, 0.045);
+    }
+}
+
+/* Tubes that stand together. */
+static void world_tubes(struct synth_shape *s, uint64_t seed)
+{
+    const int tubes = 4 + (int)(4 * synth_unit(synth_bits(seed, 0, 1)));
+    s->blend        = 0.06;
+    for (int i = 0; i < tubes; i++) {
+        const double turn = 2 * SYNTH_PI * i / tubes, tall = 0.25 + 0.55 * synth_unit(synth_bits(seed, 2, (uint64_t)i));
+        const v3     foot = v3_of(0.22 * cos(turn), 0.22 * sin(turn), -0.4);
+        world_add_limb(s, foot, v3_of(1.9 * foot.x, 1.9 * foot.y, tall - 0.1), 0.11, 0.16);
+    }
+}
+
+/* A table on a stem, fringed with short fingers. */
+static void world_table(struct synth_shape *s, uint64_t seed)
+{
+    s->blend = 0.12;
+    world_add_limb(s, v3_of(0, 0, -0.5), v3_of(0, 0, 0.1), 0.14, 0.12);
+    for (int i = 0; i < 22; i++) {
+        const double radius = 0.82 * sqrt((i + 0.5) / 22), turn = 2.39996 * i; /* the sunflower's spiral */
+        const v3     at     = v3_of(radius * cos(turn), radius * sin(turn), 0.1 + 0.08 * synth_unit(synth_bits(seed, 3, (uint64_t)i)));
+        world_add_limb(s, v3_of(0.8 * at.x, 0.8 * at.y, 0.05), v3_of(at.x, at.y, at.z + 0.1), 0.12, 0.07);
+    }
+}
+
+static void world_star(struct synth_shape *s, uint64_t seed)
+{
+    s->blend = 0.1;
+    for (int i = 0; i < 5; i++) {
+        const double turn = 2 * SYNTH_PI * (i + 0.25 * synth_unit(synth_bits(seed, 4, (uint64_t)i))) / 5;
+        world_add_limb(s, v3_of(0, 0, 0.06), v3_of(0.85 * cos(turn), 0.85 * sin(turn), -0.05), 0.2, 0.08);
+    }
+}
+
+static void world_make_shapes(struct synth_world *w)
+{
+    for (int i = 0; i < SYNTH_SHAPES; i++) {
+        const uint64_t seed = synth_bits(w->seed, 8, (uint64_t)i);
+        if (i < 4) world_branching(&w->shape[i], seed);
+        else if (i < 7) world_tubes(&w->shape[i], seed);
+        else if (i < 10) world_table(&w->shape[i], seed);
+        else world_star(&w->shape[i], seed);
+    }
+}
+
+/* ---------------------------------------------------------------- strewing objects */
+
+struct world_kind {
+    enum synth_material material;
+    int                 shape, shapes; /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
+    double              density;       /* tries on a square metre */
+    double              on_sand, on_reef; /* share of the tries that settle */
+    double              small, large;  /* radius, metres */
+    double              sunk;          /* radii that the centre lies under the ground; negative: above */
+};
+
+static const struct world_kind world_kinds[] = {
+    {SYNTH_ROCK, SYNTH_STONE, 1, 0.5, 0.08, 0.9, 0.15, 0.5, 0.1},
+    {SYNTH_BRAIN_CORAL, SYNTH_STONE, 1, 1.2, 0.01, 0.8, 0.10, 0.32, 0.1},
+    {SYNTH_BRANCH_CORAL, 0, 4, 1.6, 0.01, 0.9, 0.12, 0.32, -0.3},
+    {SYNTH_BRANCH_CORAL, 7, 3, 0.5, 0.0, 0.9, 0.20, 0.45, -0.4},
+    {SYNTH_SPONGE, 4, 3, 0.8, 0.02, 0.7, 0.12, 0.30, -0.3},
+    {SYNTH_STARFISH, 10, 2, 0.35, 0.8, 0.15, 0.07, 0.12, 0.0},
+    {SYNTH_PEBBLE, SYNTH_STONE, 1, 7.0, 0.45, 0.6, 0.015, 0.06, 0.1},
+    {SYNTH_WOOD, SYNTH_BOX, 1, 0.03, 0.5, 0.1, 0.2, 0.5, -0.02},
+};
+
+enum { WORLD_KINDS = sizeof world_kinds / sizeof *world_kinds };
+
+/* Whether try number i of a kind settles, and where. */
+static int world_settle(const struct synth_world *w, double half, int kind, uint64_t i, struct synth_object *o)
+{
+    const struct world_kind *k    = &world_kinds[kind];
+    const uint64_t           seed = synth_bits(w->seed, 100 + (uint64_t)kind, i);
+    double                   u[8], reef, x, y;
+    for (uint64_t j = 0; j < 8; j++) u[j] = synth_unit(synth_bits(seed, j, 0));
+    x    = half * (2 * u[0] - 1);
+    y    = half * (2 * u[1] - 1);
+    reef = world_reef(w->seed, x, y);
+    if (u[2] > synth_lerp(k->on_sand, k->on_reef, reef)) return 0;
+    if (w->has_wreck && k->large > 0.1) {
+        const v3 q = synth_wreck_frame(w, v3_of(x, y, w->wreck.z));
+        if (fabs(q.x) < 2.3 && fabs(q.y) < 0.9) return 0;
+    }
+    *o          = (struct synth_object){.material = k->material, .shape = k->shape, .seed = (uint32_t)seed};
+    o->radius   = k->small + (k->large - k->small) * u[3] * u[3];
+    o->yaw_cos  = cos(2 * SYNTH_PI * u[4]);
+    o->yaw_sin  = sin(2 * SYNTH_PI * u[4]);
+    o->centre   = v3_of(x, y, synth_ground(w, x, y) - k->sunk * o->radius);
+    o->axes     = v3_scale(v3_of(0.85, 0.55 + 0.25 * u[5], 0.45 + 0.25 * u[6]), o->radius);
+    if (k->shape == SYNTH_BOX) o->axes = v3_scale(v3_of(0.95, 0.12 + 0.1 * u[5], 0.06 + 0.05 * u[6]), o->radius);
+    if (k->shape >= 0) o->shape += (int)(k->shapes * u[7]);
+    return 1;
+}
+
+static int world_strew(struct synth_world *w, double half)
+{
+    size_t most = 0;
+    for (int k = 0; k < WORLD_KINDS; k++) most += (size_t)(world_kinds[k].density * 4 * half * half);
+    w->object = malloc((most + 1) * sizeof *w->object);
+    if (!w->object) return 0;
+    for (int k = 0; k < WORLD_KINDS; k++) {
+        const uint64_t tries = (uint64_t)(world_kinds[k].density * 4 * half * half);
+        for (uint64_t i = 0; i < tries; i++) w->object_count += (size_t)world_settle(w, half, k, i, &w->object[w->object_count]);
+    }
+    return 1;
+}
+
+/* Calls for each cell that an object comes near: counts it, or lists it from the back. */
+static void world_list(struct synth_world *w, int listing)
+{
+    for (size_t i = 0; i < w->object_count; i++) {
+        const struct synth_object *o    = &w->object[i];
+        const double               r    = o->radius + SYNTH_NEAR;
+        const int                  low  = synth_floor((o->centre.x - r - w->x0) / SYNTH_CELL), high = synth_floor((o->centre.x + r - w->x0) / SYNTH_CELL);
+        const int                  from = synth_floor((o->centre.y - r - w->y0) / SYNTH_CELL), to = synth_floor((o->centre.y + r - w->y0) / SYNTH_CELL);
+        for (int y = from < 0 ? 0 : from; y <= to && y < w->cells_y; y++)
+            for (int x = low < 0 ? 0 : low; x <= high && x < w->cells_x; x++) {
+                uint32_t *cell = &w->cell_first[(size_t)y * (size_t)w->cells_x + (size_t)x];
+                if (listing) w->cell_object[--*cell] = (uint32_t)i;
+                else ++*cell;
+            }
+    }
+}
+
+static int world_index(struct synth_world *w, double half)
+{
+    size_t cells;
+    w->cells_x = w->cells_y = (int)(2 * half / SYNTH_CELL) + 1;
+    cells                   = (size_t)w->cells_x * (size_t)w->cells_y;
+    w->cell_first           = calloc(cells + 1, sizeof *w->cell_first);
+    if (!w->cell_first) return 0;
+    world_list(w, 0);
+    for (size_t i = 0; i < cells; i++) w->cell_first[i + 1] += w->cell_first[i]; /* each now holds its end */
+    w->cell_object = malloc((w->cell_first[cells] + 1) * sizeof *w->cell_object);
+    if (!w->cell_object) return 0;
+    world_list(w, 1); /* and now its beginning */
+    return 1;
+}
+
+int synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *w)
+{
+    *w = (struct synth_world){.seed = (uint32_t)synth_mix(seed), .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
+    if (!world_bake(w, half)) goto failed;
+    world_lay_wreck(w, wreck);
+    world_make_shapes(w);
+    if (!world_strew(w, half) || !world_index(w, half)) goto failed;
+    for (int i = 0; i < w->nx * w->ny; i++) w->top = synth_max(w->top, w->height[i]);
+    w->top = synth_max(w->top, 0.45) + SYNTH_RELIEF; /* 0.45: the highest swell beyond what is baked */
+    return 1;
+failed:
+    synth_world_free(w);
+    return 0;
+}
+
+void synth_world_free(struct synth_world *w)
+{
+    free(w->height);
+    free(w->object);
+    free(w->cell_first);
+    free(w->cell_object);
+    *w = (struct synth_world){0};
+}
