@@ -66,9 +66,9 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* What is wrong with a JPEG that stb (2.27) would not notice: it paints the missing rest of a cut file grey and says nothing,
- * and it trusts the counts of a Huffman table and a second frame header. Steps from marker to marker up to the end marker;
- * a preview within a segment is stepped over with it. NULL when all is well. */
+/* What is wrong with a JPEG, as far as its segments show; NULL: nothing. stb 2.27 trusts the counts of a Huffman table, which
+ * then overrun its buffers, and takes a second frame header after it has taken memory for the first; and it calls a file that
+ * ends too early "expected marker". Steps from marker to marker; a preview within a segment is stepped over with it. */
 static const char *image_jpeg_fault(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;

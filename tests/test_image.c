@@ -142,7 +142,7 @@ TEST(image_that_is_none_is_refused_by_name)
 /* Small photographs of every kind: baseline with 4:2:0 and a preview in its EXIF segment, progressive, and a PNG. */
 static const char *const image_kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg", "tests/data/photo.png"};
 
-/* stb alone takes a cut JPEG for whole and paints the rest grey. A PNG is whole without its last chunk, IEND, of 12 bytes. */
+/* A PNG is whole without its last chunk, IEND, of 12 bytes. */
 TEST(image_cut_anywhere_is_refused)
 {
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
@@ -160,6 +160,32 @@ TEST(image_cut_anywhere_is_refused)
         CHECK(taken == 0);
         os_release_file(test_ctx, &whole);
     }
+}
+
+/* Where a marker stands in a JPEG. */
+static char *image_marker(char *bytes, size_t size, unsigned char marker)
+{
+    for (size_t i = 0; i + 1 < size; i++)
+        if ((unsigned char)bytes[i] == 0xff && (unsigned char)bytes[i + 1] == marker) return bytes + i;
+    return NULL;
+}
+
+TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
+{
+    struct os_file_map whole;
+    char              *bytes, *tables, *frame;
+    CHECK_OK(os_read_file(test_ctx, "tests/data/progressive.jpg", &whole));
+    bytes = oxl_alloc(test_ctx, whole.size, 1);
+    memcpy(bytes, whole.data, whole.size);
+    tables = image_marker(bytes, whole.size, 0xc4);
+    memset(tables + 5, 255, 16); /* 4080 symbols */
+    image_refused(image_bytes("tables.jpg", bytes, whole.size), "a Huffman table is damaged");
+    memcpy(bytes, whole.data, whole.size);
+    frame    = image_marker(bytes, whole.size, 0xdb); /* a quantisation table becomes a second frame header */
+    frame[1] = (char)0xc2;
+    image_refused(image_bytes("frames.jpg", bytes, whole.size), "");
+    oxl_free(test_ctx, bytes);
+    os_release_file(test_ctx, &whole);
 }
 
 TEST(image_with_flipped_bits_is_read_or_refused_but_never_worse)

@@ -111,6 +111,23 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
     CHECK_TEXT(scene_log, "1 cameras stand far from all others");
 }
 
+/* Two thirds of the points in front of the cameras were seen by none of them: haze. */
+TEST(scene_depths_are_of_points_that_were_seen)
+{
+    const char *path   = scene_survey("s", 9, 0, 1);
+    struct text points = {.ctx = test_ctx};
+    oxl_scene  *scene;
+    for (int i = 0; i < 4; i++) text_add(&points, "%d %d 0 10 1 2 3 0.5 11 0 12 0\n", i, i);
+    for (int i = 4; i < 12; i++) text_add(&points, "%d %d 0 30 1 2 3 0.5 10 0\n", i, i); /* image 10 is for the test */
+    test_write("s/sparse/0/points3D.txt", points.data);
+    text_free(&points);
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK_CLOSE(scene_depth_quantile(scene, 0), 10, 1e-9);
+    CHECK_CLOSE(scene_depth_quantile(scene, 1), 10, 1e-9);
+    CHECK_CLOSE(scene_near_plane(scene), 2, 1e-9);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(scene_of_one_photograph_trains_on_it_and_has_an_extent)
 {
     oxl_scene *scene;
