@@ -173,17 +173,18 @@ static char *image_marker(char *bytes, size_t size, unsigned char marker)
 TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
 {
     struct os_file_map whole;
-    char              *bytes, *tables, *frame;
+    char              *bytes;
+    ptrdiff_t          frame, length;
     CHECK_OK(os_read_file(test_ctx, "tests/data/progressive.jpg", &whole));
-    bytes = oxl_alloc(test_ctx, whole.size, 1);
+    bytes = oxl_alloc(test_ctx, 2 * whole.size, 1);
     memcpy(bytes, whole.data, whole.size);
-    tables = image_marker(bytes, whole.size, 0xc4);
-    memset(tables + 5, 255, 16); /* 4080 symbols */
+    memset(image_marker(bytes, whole.size, 0xc4) + 5, 255, 16); /* a table of 4080 symbols */
     image_refused(image_bytes("tables.jpg", bytes, whole.size), "a Huffman table is damaged");
     memcpy(bytes, whole.data, whole.size);
-    frame    = image_marker(bytes, whole.size, 0xdb); /* a quantisation table becomes a second frame header */
-    frame[1] = (char)0xc2;
-    image_refused(image_bytes("frames.jpg", bytes, whole.size), "");
+    frame  = image_marker(bytes, whole.size, 0xc2) - bytes; /* a frame header twice */
+    length = 2 + ((unsigned char)bytes[frame + 2] << 8 | (unsigned char)bytes[frame + 3]);
+    memcpy(bytes + frame + length, whole.data + frame, whole.size - (size_t)frame);
+    image_refused(image_bytes("frames.jpg", bytes, whole.size + (size_t)length), "two frame headers");
     oxl_free(test_ctx, bytes);
     os_release_file(test_ctx, &whole);
 }
