@@ -59,6 +59,7 @@ OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_
 
 OXL_INTERNAL void density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count)
 {
+    (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)count; i++)
         if (renderer_saw(r, (size_t)i)) {
