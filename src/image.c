@@ -54,14 +54,14 @@ static int image_is_jpeg(const struct os_file_map *file)
     return file->size > 4 && memcmp(file->data, "\xff\xd8\xff", 3) == 0;
 }
 
-/* Huffman tables (ITU T.81 B.2.4.2): a class, 16 counts, as many symbols; again. */
+/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class, 16 counts, as many symbols; again. */
 static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end)
 {
-    while (end - p >= 17) {
+    while (p < end) {
         int symbols = 0;
-        for (int i = 1; i <= 16; i++) symbols += p[i];
-        if (symbols > 256) return 0;
-        p += OXL_MIN(17 + symbols, end - p);
+        for (int i = 1; i <= 16 && end - p >= 17; i++) symbols += p[i];
+        if (symbols > 256 || 17 + symbols > end - p) return 0;
+        p += 17 + symbols;
     }
     return 1;
 }
@@ -91,6 +91,7 @@ static const char *image_jpeg_fault(const struct os_file_map *file)
 static oxl_result image_check_header(oxl_context *ctx, const char *path, const struct os_file_map *file, int *width, int *height)
 {
     const unsigned char *data = (const unsigned char *)file->data;
+    const char          *fault;
     int                  channels;
     *width = *height = 0;
     if (file->size > INT_MAX)
@@ -100,6 +101,10 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
                         "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
                         "under the same name in images.txt",
                         path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
+    fault = image_is_jpeg(file) ? image_jpeg_fault(file) : NULL; /* before stb sees a byte */
+    if (fault)
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
+                        path, file->size, fault);
     if (!stbi_info_from_memory(data, (int)file->size, width, height, &channels))
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the header is damaged (%s)\nfix: copy the file again, or remove it", path,
                         stbi_failure_reason());
@@ -127,18 +132,11 @@ OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int cha
     struct os_file_map file = {0};
     oxl_result         rc   = os_read_file(ctx, path, &file);
     const stbi_uc     *data = (const stbi_uc *)file.data;
-    const char        *fault;
     int                w, h, in_file;
     *out = (struct pixels){0};
     if (rc != OXL_OK) goto done;
     rc = image_check_header(ctx, path, &file, &w, &h);
     if (rc != OXL_OK) goto done;
-    fault = image_is_jpeg(&file) ? image_jpeg_fault(&file) : NULL;
-    if (fault) {
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
-                      path, file.size, fault);
-        goto done;
-    }
     *out = (struct pixels){.width = w, .height = h, .channels = channels};
     if (stbi_is_16_bit_from_memory(data, (int)file.size))
         out->data =

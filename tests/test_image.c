@@ -172,9 +172,12 @@ static char *image_marker(char *bytes, size_t size, unsigned char marker)
 
 TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
 {
+    /* a table before the frame header, its 16 counts beyond the end of its segment */
+    static const char  early[] = "\xff\xd8\xff\xc4\x00\x03\x00\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff";
     struct os_file_map whole;
     char              *bytes;
     ptrdiff_t          frame, length;
+    image_refused(image_bytes("early.jpg", early, sizeof early - 1), "a Huffman table is damaged");
     CHECK_OK(os_read_file(test_ctx, "tests/data/progressive.jpg", &whole));
     bytes = oxl_alloc(test_ctx, 2 * whole.size, 1);
     memcpy(bytes, whole.data, whole.size);
