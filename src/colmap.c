@@ -37,7 +37,7 @@ static uint32_t *colmap_index_slot(const struct colmap_index *x, const void *row
 
 static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, const void *rows, size_t stride, size_t count)
 {
-    struct colmap_index grown = {.slots = OXL_MAX((size_t)64, 2 * x->slots)};
+    struct colmap_index grown = {.slots = OXL_MAX((size_t)64, 4 * x->slots)};
     if (count < UINT32_MAX) grown.slot = oxl_calloc(ctx, grown.slots, sizeof *grown.slot);
     if (!grown.slot) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu ids", count);
     for (size_t row = 0; row < count; row++)
@@ -463,8 +463,9 @@ static oxl_result colmap_read_second_line(struct colmap_reader *r, int keep, str
 
 static oxl_result colmap_read_images(struct colmap_reader *r, int keep_observations)
 {
-    struct colmap *out = r->out;
-    oxl_result     rc  = OXL_OK;
+    struct colmap *out   = r->out;
+    const size_t   guess = keep_observations ? r->file.size / 22 : 0; /* "851.868 0.985 12345 ": grown later, if at all */
+    oxl_result rc = oxl_reserve(r->ctx, (void **)&out->observation, &r->observation_capacity, guess, sizeof *out->observation);
     while (rc == OXL_OK && colmap_next_record(r)) {
         struct colmap_image image = {.first_observation = out->observation_count};
         rc                        = colmap_read_pose(r, &image);
@@ -525,7 +526,7 @@ static oxl_result colmap_read_point(struct colmap_reader *r, struct colmap_point
 static oxl_result colmap_read_points(struct colmap_reader *r)
 {
     struct colmap *out = r->out;
-    oxl_result     rc  = OXL_OK;
+    oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->track, &r->track_capacity, r->file.size / 20, sizeof *out->track);
     while (rc == OXL_OK && colmap_next_record(r)) {
         struct colmap_point point = {.first_track = out->track_count};
         rc                        = colmap_read_point(r, &point);
@@ -550,31 +551,33 @@ static oxl_result colmap_read_points(struct colmap_reader *r)
 
 /* ---------------------------------------------------------------- the three together */
 
-static int colmap_has_file(oxl_context *ctx, const char *folder, const char *name)
+static oxl_result colmap_find_file(oxl_context *ctx, const char *folder, const char *name, int *found)
 {
-    char     *path  = oxl_path_join(ctx, folder, name);
-    const int found = path && os_is_file(path);
+    char *path = oxl_path_join(ctx, folder, name);
+    if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to look for %s", folder, name);
+    *found = os_is_file(path);
     oxl_free(ctx, path);
-    return found;
+    return OXL_OK;
 }
 
 static oxl_result colmap_check_folder(oxl_context *ctx, const char *folder)
 {
-    static const char *const name[3] = {"cameras.txt", "images.txt", "points3D.txt"};
+    static const char *const name[4] = {"cameras.txt", "images.txt", "points3D.txt", "cameras.bin"};
     const char              *quote   = strpbrk(folder, " '()&;$") ? "\"" : "";
-    for (int i = 0; i < 3; i++) {
-        if (colmap_has_file(ctx, folder, name[i])) continue;
-        if (colmap_has_file(ctx, folder, "cameras.bin"))
-            return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s: seen a binary COLMAP model (cameras.bin) without %s, wanted the text files\n"
-                            "fix: colmap model_converter --input_path %s%s%s --output_path %s%s%s --output_type TXT",
-                            folder, name[i], quote, folder, quote, quote, folder, quote);
+    int                      found[4], i = 0;
+    oxl_result               rc = OXL_OK;
+    for (i = 0; i < 4 && rc == OXL_OK; i++) rc = colmap_find_file(ctx, folder, name[i], &found[i]);
+    if (rc != OXL_OK || (found[0] && found[1] && found[2])) return rc;
+    for (i = 0; found[i]; i++) {}
+    if (found[3])
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: %s is not there, wanted a COLMAP text export: cameras.txt, images.txt and points3D.txt\n"
-                        "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
-                        folder, name[i]);
-    }
-    return OXL_OK;
+                        "%s: seen a binary COLMAP model (cameras.bin) without %s, wanted the text files\n"
+                        "fix: colmap model_converter --input_path %s%s%s --output_path %s%s%s --output_type TXT",
+                        folder, name[i], quote, folder, quote, quote, folder, quote);
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: %s is not there, wanted a COLMAP text export: cameras.txt, images.txt and points3D.txt\n"
+                    "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
+                    folder, name[i]);
 }
 
 static oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)

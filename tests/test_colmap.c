@@ -1,0 +1,611 @@
+/* test_colmap.c - the text export with its traps: what is read, what is mended, what is refused and with which words. */
+#include <locale.h>
+
+static const char colmap_good_cameras[] = "# Camera list\n"
+                                          "1 PINHOLE 640 480 500.5 501.5 320 240\n"
+                                          "3 OPENCV 1280 960 900 901 640 480 0.1 -0.02 1e-3 -2e-4\n";
+static const char colmap_good_images[]  = "# Image list\n"
+                                          "7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n"
+                                          "10.5 20.25 4 30 -0.5 -1\n"
+                                          "2 0.8 0.6 0 0 1 2 3 3 dive 1/IMG 0001.JPG\n"
+                                          "\n"
+                                          "5 0 0 0 1 0 0 0 1 c.png\n"
+                                          "1.5 2.5 9\n";
+static const char colmap_good_points[]  = "# 3D point list\n"
+                                          "9 1.5 -2.5 3 255 0 128 0.25 5 0\n"
+                                          "4 1e2 0 -0.125 1 2 3 -1 7 0 2 11\n";
+
+/* Without the fsync of test_write: the loops below write a thousand files. */
+static void colmap_file(const char *name, const char *text)
+{
+    FILE *file = fopen(test_path(name), "wb");
+    CHECK(file && fputs(text, file) >= 0 && fclose(file) == 0);
+}
+
+/* Any of the three may be NULL: not written. */
+static oxl_result colmap_try(const char *cameras, const char *images, const char *points, struct colmap *out)
+{
+    CHECK_OK(os_make_folder(test_ctx, test_path("model")));
+    if (cameras) colmap_file("model/cameras.txt", cameras);
+    if (images) colmap_file("model/images.txt", images);
+    if (points) colmap_file("model/points3D.txt", points);
+    return colmap_read(test_ctx, test_path("model"), 1, out);
+}
+
+/* The input is refused, and `out` is zeroed; returns what was said. */
+static const char *colmap_refused(const char *cameras, const char *images, const char *points)
+{
+    const struct colmap zero = {0};
+    struct colmap       c;
+    CHECK(colmap_try(cameras, images, points, &c) == OXL_ERR_INPUT);
+    CHECK(memcmp(&c, &zero, sizeof c) == 0);
+    CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+    return oxl_error_text(test_ctx);
+}
+
+static const char *colmap_refused_cameras(const char *cameras)
+{
+    return colmap_refused(cameras, colmap_good_images, colmap_good_points);
+}
+
+static const char *colmap_refused_images(const char *images)
+{
+    return colmap_refused(colmap_good_cameras, images, colmap_good_points);
+}
+
+static const char *colmap_refused_points(const char *points)
+{
+    return colmap_refused(colmap_good_cameras, colmap_good_images, points);
+}
+
+/* Counts the warnings and keeps the last. */
+static struct {
+    int  count;
+    char last[512];
+} colmap_warned;
+
+static void colmap_hear(void *user, oxl_log_level level, const char *text)
+{
+    (void)user;
+    if (level != OXL_LOG_WARNING) return;
+    colmap_warned.count++;
+    snprintf(colmap_warned.last, sizeof colmap_warned.last, "%s", text);
+}
+
+static void colmap_listen(void)
+{
+    memset(&colmap_warned, 0, sizeof colmap_warned);
+    test_ctx->options.log = colmap_hear;
+}
+
+static int colmap_same(const struct colmap *a, const struct colmap *b)
+{
+    int same = a->camera_count == b->camera_count && a->image_count == b->image_count && a->point_count == b->point_count &&
+               a->observation_count == b->observation_count && a->track_count == b->track_count && a->names_size == b->names_size;
+    for (size_t i = 0; same && i < a->camera_count; i++) {
+        struct colmap_camera x = a->camera[i], y = b->camera[i];
+        same = x.id == y.id && x.model == y.model && x.width == y.width && x.height == y.height &&
+               memcmp(x.parameter, y.parameter, sizeof x.parameter) == 0;
+    }
+    for (size_t i = 0; same && i < a->image_count; i++) {
+        struct colmap_image x = a->image[i], y = b->image[i];
+        same = x.id == y.id && x.camera_id == y.camera_id && x.name == y.name && x.first_observation == y.first_observation &&
+               x.observation_count == y.observation_count && memcmp(x.rotation, y.rotation, sizeof x.rotation) == 0 &&
+               memcmp(x.translation, y.translation, sizeof x.translation) == 0;
+    }
+    for (size_t i = 0; same && i < a->point_count; i++) {
+        struct colmap_point x = a->point[i], y = b->point[i];
+        same = x.id == y.id && x.error == y.error && memcmp(x.rgb, y.rgb, 3) == 0 && x.track_count == y.track_count &&
+               x.first_track == y.first_track && memcmp(x.position, y.position, sizeof x.position) == 0;
+    }
+    return same && memcmp(a->names, b->names, a->names_size) == 0 &&
+           (a->track_count == 0 || memcmp(a->track, b->track, a->track_count * sizeof *a->track) == 0) &&
+           (a->observation_count == 0 ||
+            memcmp(a->observation, b->observation, a->observation_count * sizeof *a->observation) == 0);
+}
+
+/* The good model, changed in a way that must not matter, reads as before; `warnings` oddities are mended. */
+static void colmap_check_same(const char *cameras, const char *images, const char *points, size_t warnings)
+{
+    struct colmap good, seen;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &good));
+    CHECK_OK(colmap_try(cameras, images, points, &seen));
+    CHECK(colmap_same(&good, &seen));
+    CHECK(seen.warnings == warnings);
+    colmap_free(test_ctx, &good);
+    colmap_free(test_ctx, &seen);
+}
+
+/* Every `from` becomes `to`. */
+static const char *colmap_replaced(const char *text, char from, const char *to)
+{
+    static char ring[3][2048];
+    static int  next;
+    char       *out = ring[next++ % 3], *p = out;
+    for (; *text; text++) {
+        if (*text == from) p += sprintf(p, "%s", to);
+        else *p++ = *text;
+    }
+    *p = 0;
+    return out;
+}
+
+/* ---------------------------------------------------------------- what is read */
+
+TEST(colmap_cameras_are_read_as_written)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    CHECK(c.camera_count == 2 && c.warnings == 0);
+    CHECK(c.camera[0].id == 1 && c.camera[0].width == 640 && c.camera[0].height == 480 && c.camera[0].line == 2);
+    CHECK(strcmp(camera_model_at(c.camera[0].model)->name, "PINHOLE") == 0 && c.camera[0].parameter_count == 4);
+    CHECK_CLOSE(c.camera[0].parameter[1], 501.5, 0);
+    CHECK(c.camera[1].id == 3 && c.camera[1].parameter_count == 8 && c.camera[1].line == 3);
+    CHECK_CLOSE(c.camera[1].parameter[7], -2e-4, 0);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_images_are_read_as_written_in_the_order_of_the_file)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    CHECK(c.image_count == 3 && c.observation_count == 3);
+    CHECK(c.image[0].id == 7 && c.image[0].camera_id == 1 && c.image[0].line == 2 && c.image[0].observation_count == 2);
+    CHECK_CLOSE(c.image[0].translation[1], -1.5, 0);
+    CHECK_CLOSE(c.observation[1].y, -0.5, 0);
+    CHECK(c.observation[0].point == 4 && c.observation[1].point == -1);
+    CHECK(c.image[1].id == 2 && c.image[1].camera_id == 3 && c.image[1].observation_count == 0);
+    CHECK_CLOSE(c.image[1].rotation[1], 0.6, 0);
+    CHECK(c.image[2].id == 5 && c.image[2].first_observation == 2 && c.image[2].observation_count == 1);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_name_is_the_rest_of_the_line)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    CHECK_TEXT(c.names + c.image[1].name, "dive 1/IMG 0001.JPG");
+    CHECK(strlen(c.names + c.image[1].name) == 19);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_points_are_read_as_written_with_their_tracks)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    CHECK(c.point_count == 2 && c.track_count == 3);
+    CHECK(c.point[0].id == 9 && c.point[0].rgb[0] == 255 && c.point[0].rgb[1] == 0 && c.point[0].rgb[2] == 128);
+    CHECK_CLOSE(c.point[0].error, 0.25, 0);
+    CHECK_CLOSE(c.point[1].position[0], 100, 0);
+    CHECK(c.point[0].first_track == 0 && c.point[0].track_count == 1 && c.track[0].image == 5 && c.track[0].observation == 0);
+    CHECK(c.point[1].first_track == 1 && c.point[1].track_count == 2 && c.track[2].image == 2 && c.track[2].observation == 11);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_without_observations_all_else_is_the_same)
+{
+    struct colmap with, without;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &with));
+    CHECK_OK(colmap_read(test_ctx, test_path("model"), 0, &without));
+    CHECK(without.observation_count == 0 && without.image_count == 3 && without.image[2].line == with.image[2].line);
+    CHECK(without.point_count == 2 && without.track_count == 3);
+    colmap_free(test_ctx, &with);
+    colmap_free(test_ctx, &without);
+}
+
+TEST(colmap_an_export_without_points_is_read)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "# nothing\n", &c));
+    CHECK(c.point_count == 0 && c.image_count == 3);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_real_surveys_are_read_without_a_warning)
+{
+    const char   *path = test_shared("data/caliterra/sparse/0");
+    struct colmap c;
+    if (!path) SKIP("no shared data");
+    CHECK_OK(colmap_read(test_ctx, path, 1, &c));
+    CHECK(c.image_count == 75 && c.point_count == 28366 && c.track_count == 229775 && c.warnings == 0);
+    colmap_free(test_ctx, &c);
+}
+
+/* ---------------------------------------------------------------- what must not matter */
+
+TEST(colmap_carriage_returns_tabs_and_doubled_spaces_do_not_matter)
+{
+    colmap_check_same(colmap_replaced(colmap_good_cameras, '\n', "\r\n"), colmap_replaced(colmap_good_images, '\n', "\r\n"),
+                      colmap_replaced(colmap_good_points, '\n', " \r\n"), 0);
+    colmap_check_same(colmap_replaced(colmap_good_cameras, ' ', "\t "), colmap_replaced(colmap_good_images, '\n', " \t\n\t "),
+                      colmap_replaced(colmap_good_points, ' ', "  "), 0);
+}
+
+TEST(colmap_comments_and_blank_lines_before_records_do_not_matter)
+{
+    colmap_check_same("\n# a\n\n1 PINHOLE 640 480 500.5 501.5 320 240\n# b\n"
+                      "3 OPENCV 1280 960 900 901 640 480 0.1 -0.02 1e-3 -2e-4\n\n",
+                      "# a\n\n7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n10.5 20.25 4 30 -0.5 -1\n# b\n\n"
+                      "2 0.8 0.6 0 0 1 2 3 3 dive 1/IMG 0001.JPG\n\n\n\n5 0 0 0 1 0 0 0 1 c.png\n1.5 2.5 9\n\n",
+                      "\n9 1.5 -2.5 3 255 0 128 0.25 5 0\n\n# x\n4 1e2 0 -0.125 1 2 3 -1 7 0 2 11\n", 0);
+}
+
+TEST(colmap_a_byte_order_mark_does_not_matter)
+{
+    colmap_check_same("\xEF\xBB\xBF"
+                      "1 PINHOLE 640 480 500.5 501.5 320 240\n3 OPENCV 1280 960 900 901 640 480 0.1 -0.02 1e-3 -2e-4\n",
+                      colmap_good_images, colmap_good_points, 0);
+}
+
+TEST(colmap_the_last_line_may_lack_its_end)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try("1 PINHOLE 640 480 500 500 320 240", "7 1 0 0 0 0.5 -1.5 2 1 b.jpg", "9 1 2 3 4 5 6 0.5 7 0", &c));
+    CHECK(c.image_count == 1 && c.point_count == 1 && c.warnings == 0);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_exponents_of_three_digits_are_read)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try("1 PINHOLE 640 480 5.0e+002 500 320 240\n", "7 1 1.5e-002 0 0 0 0 0 1 b.jpg\n", "", &c));
+    CHECK_CLOSE(c.camera[0].parameter[0], 500, 0);
+    CHECK_CLOSE(c.image[0].rotation[1], 0.015, 0);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_an_unsigned_minus_one_is_no_match)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 b.jpg\n1 2 18446744073709551615 3 4 5\n", "", &c));
+    CHECK(c.observation_count == 2 && c.observation[0].point == -1 && c.observation[1].point == 5);
+    colmap_free(test_ctx, &c);
+}
+
+/* ---------------------------------------------------------------- what is mended, with a warning */
+
+TEST(colmap_missing_lines_of_2d_points_are_noticed)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras,
+                        "7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n2 0.8 0.6 0 0 1 2 3 3 dive 1/IMG 0001.JPG\n# a\n5 0 0 0 1 0 0 0 1 c.png\n",
+                        colmap_good_points, &c));
+    CHECK(c.image_count == 3 && c.image[1].id == 2 && c.image[2].id == 5 && c.observation_count == 0 && c.warnings == 2);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_missing_lines_of_2d_points_are_noticed_when_names_are_numbers)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras,
+                        "7 1 0 0 0 0.5 -1.5 2 1 0001\n2 0.8 0.6 0 0 1 2 3 3 0002\n5 0 0 0 1 0 0 0 1 0003 4\n", colmap_good_points,
+                        &c));
+    CHECK(c.image_count == 3 && c.warnings == 2);
+    CHECK_TEXT(c.names + c.image[2].name, "0003 4");
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_2d_points_of_whole_numbers_are_not_taken_for_an_image)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0.5 -1.5 2 1 b.jpg\n2 1 0 0 0 1 2 3 1 7 8 9\n", "", &c));
+    CHECK(c.image_count == 1 && c.observation_count == 4 && c.warnings == 0);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_2d_point_that_is_not_finite_keeps_its_place)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 b.jpg\n1 -nan(ind) 4 3 4 5\n", "", &c));
+    CHECK(c.observation_count == 2 && c.observation[0].point == -1 && c.observation[1].point == 5 && c.warnings == 1);
+    CHECK_CLOSE(c.observation[0].y, 0, 0);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_point_that_is_not_finite_is_left_out)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 nan 3 4 5 6 0.5 7 0\n8 1 2 3 4 5 6 0.5 7 0\n", &c));
+    CHECK(c.point_count == 1 && c.point[0].id == 8 && c.point[0].first_track == 0 && c.track_count == 1 && c.warnings == 1);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_reprojection_error_that_is_not_finite_becomes_unknown)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 -nan(ind) 7 0\n", &c));
+    CHECK(c.point_count == 1 && c.track_count == 1 && c.warnings == 1);
+    CHECK_CLOSE(c.point[0].error, -1, 0);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_track_entry_of_an_unknown_image_is_left_out)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 0.5 7 0 99 3 5 1\n", &c));
+    CHECK(c.point[0].track_count == 2 && c.track_count == 2 && c.track[1].image == 5 && c.warnings == 1);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_quaternion_of_another_length_is_read_with_a_warning)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, "7 2 0 0 0 0 0 0 1 b.jpg\n", "", &c));
+    CHECK_CLOSE(c.image[0].rotation[0], 2, 0);
+    CHECK(c.warnings == 1);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_warnings_name_file_and_line_and_are_cut_after_ten_of_a_kind)
+{
+    struct text   points = {.ctx = test_ctx};
+    struct colmap c;
+    colmap_listen();
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 nan 7 0\n", &c));
+    CHECK(colmap_warned.count == 1);
+    CHECK_TEXT(colmap_warned.last, "points3D.txt:1: ");
+    colmap_free(test_ctx, &c);
+    for (int i = 0; i < 25; i++) text_add(&points, "%d 1 2 3 4 5 6 nan 7 0\n", i);
+    colmap_listen();
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &c));
+    CHECK(colmap_warned.count == 11 && c.warnings == 25);
+    CHECK_TEXT(colmap_warned.last, "points3D.txt: 15 more like it");
+    colmap_free(test_ctx, &c);
+    text_free(&points);
+}
+
+/* ---------------------------------------------------------------- what is refused */
+
+TEST(colmap_a_missing_file_is_named)
+{
+    CHECK_TEXT(colmap_refused(NULL, NULL, NULL), "cameras.txt is not there");
+    CHECK_TEXT(colmap_refused(colmap_good_cameras, NULL, NULL), "images.txt is not there");
+    CHECK_TEXT(colmap_refused(NULL, colmap_good_images, NULL), "points3D.txt is not there");
+}
+
+TEST(colmap_for_a_binary_model_the_command_is_given)
+{
+    char wanted[1400];
+    test_write("model/cameras.bin", "");
+    snprintf(wanted, sizeof wanted, "colmap model_converter --input_path %s --output_path %s --output_type TXT",
+             test_path("model"), test_path("model"));
+    CHECK_TEXT(colmap_refused(NULL, NULL, NULL), wanted);
+}
+
+TEST(colmap_an_unknown_camera_model_leads_to_the_undistorter)
+{
+    const char *text = colmap_refused_cameras("# x\n1 THIN_PRISM_FISHEYE 640 480 1 2 3 4 5 6 7 8 9 10 11 12\n");
+    CHECK_TEXT(text, "cameras.txt:2: seen 'THIN_PRISM_FISHEYE'");
+    CHECK_TEXT(text, "SIMPLE_PINHOLE");
+    CHECK_TEXT(text, "colmap image_undistorter");
+}
+
+TEST(colmap_sizes_and_focal_lengths_must_be_positive)
+{
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 0 480 500 500 320 240\n"), "cameras.txt:1: seen '0', wanted WIDTH");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 -480 500 500 320 240\n"), "seen '-480', wanted HEIGHT");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 99999999999 480 500 500 320 240\n"), "seen '99999999999', wanted WIDTH");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 -500 320 240\n"), "seen '-500', wanted a focal length");
+    CHECK_TEXT(colmap_refused_cameras("1 SIMPLE_RADIAL 640 480 0 320 240 0\n"), "seen '0', wanted a focal length");
+}
+
+TEST(colmap_intrinsics_must_be_finite_and_as_many_as_the_model_has)
+{
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 -nan(ind) 500 320 240\n"),
+               "seen '-nan(ind)', wanted PARAMS, a finite number");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 500 320\n"), "seen the end of the line, wanted PARAMS");
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 500 320 240 0.1\n"), "seen '0.1', wanted the end of the line");
+}
+
+TEST(colmap_each_id_comes_once)
+{
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500 500 320 240\n1 PINHOLE 640 480 500 500 320 240\n"),
+               "cameras.txt:2: camera id 1 was there before");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 1 a\n\n8 1 0 0 0 0 0 0 1 b\n\n7 1 0 0 0 0 0 0 1 c\n"),
+               "images.txt:5: image id 7 was there before");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5\n8 1 2 3 4 5 6 0.5\n9 1 2 3 4 5 6 0.5\n"),
+               "points3D.txt:3: point id 9 was there before");
+}
+
+TEST(colmap_an_image_without_its_camera_is_refused_with_the_ids_that_are_there)
+{
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 9 b.jpg\n"),
+               "images.txt:1: camera id 9 is not in cameras.txt (ids there: 2 from 1 to 3)");
+    CHECK_TEXT(
+        colmap_refused("1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 500 500 320 240\n", "7 1 0 0 0 0 0 0 9 b.jpg\n", ""),
+        "(ids there: 1-2)");
+}
+
+TEST(colmap_a_pose_must_be_finite_and_a_rotation)
+{
+    CHECK_TEXT(colmap_refused_images("7 nan 0 0 0 0 0 0 1 b.jpg\n"), "images.txt:1: seen 'nan', wanted QW, a finite number");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 inf 0 1 b.jpg\n"), "seen 'inf', wanted TY, a finite number");
+    CHECK_TEXT(colmap_refused_images("7 0 0 0 0 0 0 0 1 b.jpg\n"), "seen the quaternion 0 0 0 0");
+    CHECK_TEXT(colmap_refused_images("7 1e200 1e200 0 0 0 0 0 1 b.jpg\n"), "wanted a rotation");
+}
+
+TEST(colmap_a_truncated_line_is_named)
+{
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0\n"), "images.txt:1: seen the end of the line, wanted TZ");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 1\n"), "images.txt:1: seen the end of the line, wanted NAME");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 b.jpg\n"), "images.txt:1: seen 'b.jpg', wanted CAMERA_ID");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 1 b.jpg\n1.5 2.5 3 4.5 5.5\n"),
+               "images.txt:2: seen the end of the line, wanted POINT3D_ID");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5\n"), "points3D.txt:1: seen the end of the line, wanted B");
+}
+
+TEST(colmap_a_track_comes_in_pairs)
+{
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 0 5\n"),
+               "points3D.txt:1: seen the end of the line, wanted POINT2D_IDX");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 -1\n"), "seen '-1', wanted POINT2D_IDX");
+}
+
+TEST(colmap_colours_are_bytes)
+{
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 256 6 0.5\n"), "points3D.txt:1: seen '256', wanted G, an integer from 0 to 255");
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 0.5 5 6 0.5\n"), "seen '0.5', wanted R");
+}
+
+TEST(colmap_a_decimal_comma_is_explained)
+{
+    CHECK_TEXT(colmap_refused_cameras("1 PINHOLE 640 480 500,25 500,5 320 240\n"),
+               "cameras.txt:1: seen '500,25', a decimal comma");
+    CHECK_TEXT(colmap_refused_images("7 0,99 0,01 0 0 0 0 0 1 b.jpg\n"), "LC_ALL=C");
+    CHECK_TEXT(colmap_refused_images("7 1 0 0 0 0 0 0 1 b.jpg\n10,5 20,5 -1\n"), "images.txt:2: seen '10,5', a decimal comma");
+    CHECK_TEXT(colmap_refused_points("9 1,5 2 3 4 5 6 0.5\n"), "points3D.txt:1: seen '1,5', a decimal comma");
+}
+
+TEST(colmap_no_name_leads_out_of_the_image_folder)
+{
+    static const char *const bad[]  = {"/etc/passwd",   "\\\\host\\x.jpg", "C:\\x.jpg", "../x.jpg",
+                                       "a/../../x.jpg", "a\\..\\x.jpg",    "a/..",      ".."};
+    static const char *const good[] = {"a..b.jpg", "..a/b.jpg", "a/...jpg", "a../b"};
+    char                     images[200];
+    struct colmap            c;
+    for (size_t i = 0; i < OXL_COUNT(bad); i++) {
+        snprintf(images, sizeof images, "7 1 0 0 0 0 0 0 1 %s\n", bad[i]);
+        CHECK_TEXT(colmap_refused_images(images), "images.txt:1: seen the name");
+        CHECK_TEXT(oxl_error_text(test_ctx), bad[i]);
+    }
+    for (size_t i = 0; i < OXL_COUNT(good); i++) {
+        snprintf(images, sizeof images, "7 1 0 0 0 0 0 0 1 %s\n", good[i]);
+        CHECK_OK(colmap_try(colmap_good_cameras, images, "", &c));
+        colmap_free(test_ctx, &c);
+    }
+}
+
+TEST(colmap_files_without_cameras_or_images_are_refused)
+{
+    CHECK_TEXT(colmap_refused_cameras("# nothing\n"), "cameras.txt:1: seen the end of the file, wanted a camera");
+    CHECK_TEXT(colmap_refused_images(""), "wanted an image");
+}
+
+TEST(colmap_text_in_utf16_is_explained)
+{
+    CHECK_TEXT(colmap_refused_cameras("\xFF\xFE"
+                                      "1"),
+               "UTF-16");
+}
+
+/* ---------------------------------------------------------------- what must not happen */
+
+TEST(colmap_a_file_cut_at_any_byte_is_read_or_refused_with_a_text)
+{
+    struct colmap c;
+    char          cut[sizeof colmap_good_images + sizeof colmap_good_points];
+    for (size_t n = 0; n < sizeof colmap_good_images; n++) {
+        snprintf(cut, sizeof cut, "%.*s", (int)n, colmap_good_images);
+        test_ctx->error[0] = 0;
+        if (colmap_try(colmap_good_cameras, cut, colmap_good_points, &c) != OXL_OK)
+            CHECK_TEXT(oxl_error_text(test_ctx), "images.txt:");
+        colmap_free(test_ctx, &c);
+    }
+    for (size_t n = 0; n < sizeof colmap_good_points; n++) {
+        snprintf(cut, sizeof cut, "%.*s", (int)n, colmap_good_points);
+        test_ctx->error[0] = 0;
+        if (colmap_try(colmap_good_cameras, colmap_good_images, cut, &c) != OXL_OK)
+            CHECK_TEXT(oxl_error_text(test_ctx), "points3D.txt:");
+        colmap_free(test_ctx, &c);
+    }
+}
+
+/* One byte changed at a time, to each of those that steer the reader: for the sanitizers. */
+TEST(colmap_a_changed_byte_never_breaks_the_reader)
+{
+    static const char steer[] = "\n\t -.,#9eX\\";
+    struct colmap     c;
+    char              images[sizeof colmap_good_images];
+    for (size_t n = 0; n + 1 < sizeof images; n++) {
+        memcpy(images, colmap_good_images, sizeof images);
+        images[n] = steer[n % (sizeof steer - 1)];
+        if (colmap_try(colmap_good_cameras, images, colmap_good_points, &c) != OXL_OK)
+            CHECK_TEXT(oxl_error_text(test_ctx), "fix: ");
+        colmap_free(test_ctx, &c);
+    }
+}
+
+/* Allocations that fail from the n-th on. */
+static struct {
+    void *(*reallocate)(void *user, void *old, size_t size);
+    int left;
+} colmap_scarce;
+
+static void *colmap_reallocate(void *user, void *old, size_t size)
+{
+    if (size > 0 && colmap_scarce.left-- <= 0) return NULL;
+    return colmap_scarce.reallocate(user, old, size);
+}
+
+TEST(colmap_when_memory_runs_out_nothing_leaks_and_it_is_said)
+{
+    struct colmap c;
+    oxl_result    rc = OXL_ERR_MEMORY;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    colmap_free(test_ctx, &c);
+    colmap_scarce.reallocate     = test_ctx->options.reallocate;
+    test_ctx->options.reallocate = colmap_reallocate;
+    for (int n = 0; n < 200 && rc != OXL_OK; n++) {
+        colmap_scarce.left = n;
+        rc                 = colmap_read(test_ctx, test_path("model"), 1, &c);
+        CHECK(rc == OXL_OK || (rc == OXL_ERR_MEMORY && !c.camera && !c.names));
+    }
+    CHECK_OK(rc);
+    test_ctx->options.reallocate = colmap_scarce.reallocate;
+    colmap_free(test_ctx, &c);
+}
+
+/* ---------------------------------------------------------------- writing */
+
+static void colmap_check_written(const struct colmap *c)
+{
+    struct colmap back;
+    CHECK_OK(colmap_write(test_ctx, test_path("deep/copy"), c));
+    CHECK_OK(colmap_read(test_ctx, test_path("deep/copy"), 1, &back));
+    CHECK(colmap_same(c, &back));
+    CHECK(back.warnings == 0);
+    colmap_free(test_ctx, &back);
+}
+
+TEST(colmap_what_is_written_reads_back_the_same)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    c.image[0].translation[0] = 0.1 + 0.2; /* needs all 17 digits */
+    c.point[0].position[2]    = -4.9e-324;
+    colmap_check_written(&c);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_real_survey_written_reads_back_the_same)
+{
+    const char   *path = test_shared("data/subvo_pool_distorted/sparse/0");
+    struct colmap c;
+    if (!path) SKIP("no shared data");
+    CHECK_OK(colmap_read(test_ctx, path, 1, &c));
+    colmap_check_written(&c);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_model_without_points_and_observations_is_written)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 b.jpg\n\n", "", &c));
+    colmap_check_written(&c);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_written_numbers_have_points_in_every_locale)
+{
+    struct colmap      c;
+    struct os_file_map file;
+    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8") && !setlocale(LC_NUMERIC, "fr_FR.UTF-8"))
+        SKIP("no locale with a decimal comma is installed");
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    colmap_check_written(&c);
+    setlocale(LC_NUMERIC, "C");
+    CHECK_OK(os_read_file(test_ctx, test_path("deep/copy/cameras.txt"), &file));
+    CHECK_TEXT(file.data, "1 PINHOLE 640 480 500.5 501.5 320 240\n");
+    os_release_file(test_ctx, &file);
+    colmap_free(test_ctx, &c);
+}

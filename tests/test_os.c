@@ -1,0 +1,183 @@
+/* test_os.c - files appear whole or not at all. */
+#include <signal.h>
+
+static int os_count_entry_total;
+
+static void os_count_entry(void *user, const char *name)
+{
+    os_count_entry_total++;
+    if (user && strcmp(user, name) == 0) os_count_entry_total += 100;
+}
+
+/* Entries of the test's folder, + 100 when one is called `name`. */
+static int os_entries(const char *name)
+{
+    char wanted[64] = "";
+    if (name) snprintf(wanted, sizeof wanted, "%s", name);
+    os_count_entry_total = 0;
+    CHECK_OK(os_list_folder(test_ctx, test_folder(), os_count_entry, wanted));
+    return os_count_entry_total;
+}
+
+static int os_file_holds(const char *path, const char *text)
+{
+    struct os_file_map file;
+    int                same;
+    CHECK_OK(os_read_file(test_ctx, path, &file));
+    same = file.data && file.size == strlen(text) && memcmp(file.data, text, file.size + 1) == 0;
+    os_release_file(test_ctx, &file);
+    return same;
+}
+
+TEST(os_a_written_file_reads_back_with_a_zero_behind_it)
+{
+    const char *path = test_path("a");
+    CHECK_OK(os_write_file(test_ctx, path, "one\0two", 7));
+    {
+        struct os_file_map file;
+        CHECK_OK(os_read_file(test_ctx, path, &file));
+        CHECK(file.size == 7 && memcmp(file.data, "one\0two", 8) == 0);
+        os_release_file(test_ctx, &file);
+        CHECK(!file.data && file.size == 0);
+    }
+}
+
+TEST(os_an_empty_file_is_no_error)
+{
+    const char *path = test_path("a");
+    CHECK_OK(os_write_file(test_ctx, path, NULL, 0));
+    CHECK(os_is_file(path));
+    CHECK(os_file_holds(path, ""));
+}
+
+TEST(os_writing_replaces_what_was_there_and_leaves_nothing_else)
+{
+    const char *path = test_path("a");
+    CHECK_OK(os_write_file(test_ctx, path, "a long first text", 17));
+    CHECK_OK(os_write_file(test_ctx, path, "second", 6));
+    CHECK(os_file_holds(path, "second"));
+    CHECK(os_entries("a") == 101);
+}
+
+TEST(os_a_discarded_writer_leaves_the_old_file)
+{
+    const char      *path = test_write("a", "old");
+    struct os_writer writer;
+    CHECK_OK(os_writer_open(test_ctx, path, &writer));
+    fputs("new", writer.file);
+    CHECK(os_writer_close(test_ctx, &writer, OXL_ERR_INTERRUPTED) == OXL_ERR_INTERRUPTED);
+    CHECK(os_file_holds(path, "old"));
+    CHECK(os_entries("a") == 101);
+}
+
+TEST(os_the_new_file_is_not_seen_before_it_is_whole)
+{
+    const char      *path = test_write("a", "old");
+    struct os_writer writer;
+    CHECK_OK(os_writer_open(test_ctx, path, &writer));
+    fputs("new", writer.file);
+    fflush(writer.file);
+    CHECK(os_file_holds(path, "old"));
+    CHECK_OK(os_writer_close(test_ctx, &writer, OXL_OK));
+    CHECK(os_file_holds(path, "new"));
+}
+
+#ifndef _WIN32
+/* A limit on the size of files stands for the full disk: write fails in the same way, at the same place. */
+static void os_limit_file_size(rlim_t size, struct rlimit *old)
+{
+    struct rlimit limit;
+    signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, old);
+    limit = (struct rlimit){.rlim_cur = size, .rlim_max = old->rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limit);
+}
+
+TEST(os_a_full_disk_is_noticed_and_the_old_file_stays)
+{
+    static char      data[100000];
+    const char      *path = test_write("a", "old");
+    struct rlimit    old;
+    oxl_result       rc;
+    struct os_writer writer;
+    os_limit_file_size(4096, &old);
+    rc = os_write_file(test_ctx, path, data, sizeof data); /* fails in fwrite */
+    setrlimit(RLIMIT_FSIZE, &old);
+    CHECK(rc == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), path);
+    CHECK_TEXT(oxl_error_text(test_ctx), "cannot write: File too large");
+
+    os_limit_file_size(100, &old);
+    CHECK_OK(os_writer_open(test_ctx, path, &writer));
+    fwrite(data, 1, 200, writer.file); /* buffered: fails in fflush */
+    rc = os_writer_close(test_ctx, &writer, OXL_OK);
+    setrlimit(RLIMIT_FSIZE, &old);
+    CHECK(rc == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), "cannot write: File too large");
+
+    os_limit_file_size(4096, &old);
+    CHECK_OK(os_writer_open(test_ctx, path, &writer));
+    fwrite(data, 1, sizeof data, writer.file); /* nobody looked at its result */
+    rc = os_writer_close(test_ctx, &writer, OXL_OK);
+    setrlimit(RLIMIT_FSIZE, &old);
+    CHECK(rc == OXL_ERR_IO);
+    CHECK(os_file_holds(path, "old"));
+    CHECK(os_entries("a") == 101);
+}
+#endif
+
+TEST(os_a_file_that_cannot_be_opened_is_named)
+{
+    struct os_file_map file;
+    CHECK(os_read_file(test_ctx, test_path("nothing"), &file) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "/nothing: cannot open: No such file");
+    CHECK(os_write_file(test_ctx, test_path("no/such/folder"), "x", 1) == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), "/no/such/folder: cannot write: No such file");
+}
+
+TEST(os_a_folder_is_not_read_as_a_file)
+{
+    struct os_file_map file;
+    CHECK(os_read_file(test_ctx, test_folder(), &file) != OXL_OK);
+    CHECK_TEXT(oxl_error_text(test_ctx), test_folder());
+    CHECK(!os_is_file(test_folder()) && os_is_folder(test_folder()));
+}
+
+TEST(os_folders_are_made_with_their_parents_and_twice)
+{
+    CHECK_OK(os_make_folder(test_ctx, test_path("a/b//c/")));
+    CHECK_OK(os_make_folder(test_ctx, test_path("a/b/c")));
+    CHECK(os_is_folder(test_path("a/b/c")) && !os_is_file(test_path("a/b/c")));
+}
+
+TEST(os_a_file_in_the_way_of_a_folder_is_named)
+{
+    const char *path = test_write("a", "");
+    CHECK(os_make_folder(test_ctx, test_path("a/b")) == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), path);
+    CHECK(os_make_folder(test_ctx, path) == OXL_ERR_IO);
+}
+
+TEST(os_a_listing_names_every_entry_but_the_folder_itself)
+{
+    test_write("one", "");
+    test_write("two words", "");
+    CHECK_OK(os_make_folder(test_ctx, test_path("three")));
+    CHECK(os_entries("two words") == 103);
+    CHECK(os_entries("three") == 103);
+    CHECK(os_list_folder(test_ctx, test_path("nothing"), os_count_entry, NULL) == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), "/nothing");
+}
+
+TEST(os_the_clock_goes_forward_and_memory_use_is_seen)
+{
+    const double before = os_seconds();
+    const size_t rss    = os_peak_rss();
+    const size_t size   = rss + ((size_t)32 << 20);
+    char        *memory = oxl_alloc(test_ctx, size, 1);
+    CHECK(memory != NULL);
+    if (memory) memset(memory, 1, size);
+    CHECK(os_peak_rss() == 0 || os_peak_rss() >= rss + ((size_t)24 << 20));
+    CHECK(os_seconds() >= before);
+    oxl_free(test_ctx, memory);
+}
