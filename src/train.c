@@ -5,8 +5,11 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define TRAIN_SH_EVERY  (1.0 / 30) /* of the run: one more band (1000 of 30 000 iterations [Kerbl 2023]) */
-#define TRAIN_SMOOTHING 0.02       /* of loss and PSNR in progress reports: about the last 50 views */
+#define TRAIN_SH_EVERY (1.0 / 30) /* of the run: one more band (1000 of 30 000 iterations [Kerbl 2023]) */
+#define TRAIN_WARM_UP  500        /* iterations before the first densification, unless a quarter of the run is less */
+#define TRAIN_RESET_LEAST \
+    3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
+#define TRAIN_SMOOTHING 0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
 {
@@ -64,16 +67,20 @@ static void train_rates(const struct train *t, float rate[OXL_PLANES])
                                      : o->rate_sh;
 }
 
-static int train_every(int step, double share, int iterations)
+/* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
+ * photographs must be learned before gradients say where detail is missing, and a reset must be made up for. */
+static int train_densifies(const struct train *t)
 {
-    const int every = OXL_MAX(1, (int)(share * iterations + 0.5));
-    return step % every == 0;
+    const oxl_train_options *o    = t->options;
+    const double             from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(TRAIN_WARM_UP, 0.25 * o->iterations));
+    return t->step >= from && t->step <= o->densify_until * o->iterations && t->step % o->densify_every == 0;
 }
 
-static int train_in_densification(const struct train *t)
+static int train_resets_opacity(const struct train *t)
 {
-    const oxl_train_options *o = t->options;
-    return t->step > o->densify_from * (float)o->iterations && t->step <= o->densify_until * (float)o->iterations;
+    const oxl_train_options *o     = t->options;
+    const int                every = (int)OXL_MAX(TRAIN_RESET_LEAST, o->reset_opacity_every * o->iterations);
+    return o->reset_opacity_every > 0 && t->step <= o->densify_until * o->iterations && t->step % every == 0;
 }
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
@@ -176,12 +183,11 @@ static oxl_result train_densify(struct train *t)
 
 static oxl_result train_density(struct train *t)
 {
-    const oxl_train_options *o  = t->options;
-    oxl_result               rc = OXL_OK;
-    if (t->step > o->densify_until * (float)o->iterations) return OXL_OK;
+    oxl_result rc = OXL_OK;
+    if (t->step > t->options->densify_until * t->options->iterations) return OXL_OK;
     density_observe(t->ctx, t->density, t->renderer, t->model->count);
-    if (train_in_densification(t) && t->step % o->densify_every == 0) rc = train_densify(t);
-    if (rc == OXL_OK && train_every(t->step, o->reset_opacity_every, o->iterations) && o->reset_opacity_every > 0) {
+    if (train_densifies(t)) rc = train_densify(t);
+    if (rc == OXL_OK && train_resets_opacity(t)) {
         density_reset_opacity(t->model, &t->first, &t->second);
         t->resets++;
     }
