@@ -18,7 +18,7 @@
 #include <omp.h>
 #endif
 
-#define EDGE_COLOUR 0.06 /* display values: pixels that differ more from a neighbour are drawn from four rays */
+#define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are drawn from four rays */
 #define EDGE_DEPTH  0.02 /* share of the depth */
 
 struct synth_run {
@@ -38,14 +38,8 @@ struct synth_run {
 
 synth_options synth_options_default(void)
 {
-    return (synth_options){.views        = 40,
-                           .width        = 400,
-                           .height       = 260,
-                           .water        = "1C",
-                           .path         = "lawnmower",
-                           .noise        = 1.5,
-                           .seed         = 1,
-                           .write_images = 1};
+    return (synth_options){
+        .views = 40, .width = 400, .height = 260, .water = "1C", .path = "lawnmower", .noise = 1.5, .seed = 1, .write_images = 1};
 }
 
 static oxl_result synth_fail(struct synth_run *s, oxl_result rc, const char *what, const char *detail)
@@ -61,9 +55,11 @@ static oxl_result synth_check(struct synth_run *s)
     if (o->views < 2 || o->views > 1000000) return synth_fail(s, OXL_ERR_USAGE, "synth: 2 to 1000000 views can be made", "");
     if (o->width < 16 || o->height < 16 || o->width > 8192 || o->height > 8192)
         return synth_fail(s, OXL_ERR_USAGE, "synth: photographs can have 16 to 8192 px a side", "");
-    if (!(o->extent >= 0 && o->extent <= 2000)) return synth_fail(s, OXL_ERR_USAGE, "synth: the extent can be 0 to 2000 metres", "");
+    if (!(o->extent >= 0 && o->extent <= 2000))
+        return synth_fail(s, OXL_ERR_USAGE, "synth: the extent can be 0 to 2000 metres", "");
     if (!(o->noise >= 0 && o->noise <= 100)) return synth_fail(s, OXL_ERR_USAGE, "synth: the noise can be 0 to 100 levels", "");
-    if (o->points < 0 || o->points > 100000000) return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
+    if (o->points < 0 || o->points > 100000000)
+        return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
     for (int i = 0; i < 3; i++)
         if (!(fabs(o->origin[i]) <= 8e6)) return synth_fail(s, OXL_ERR_USAGE, "synth: the origin can lie 8000 km off", "");
     if (strcmp(o->path, "lawnmower") != 0 && strcmp(o->path, "orbit") != 0)
@@ -139,9 +135,9 @@ static v3 synth_trace(const struct synth_run *s, const struct synth_camera *c, d
 
 static void synth_set(oxl_image *image, size_t at, v3 colour)
 {
-    const size_t plane        = (size_t)image->width * (size_t)image->height;
-    image->rgb[at]            = (float)colour.x;
-    image->rgb[at + plane]    = (float)colour.y;
+    const size_t plane         = (size_t)image->width * (size_t)image->height;
+    image->rgb[at]             = (float)colour.x;
+    image->rgb[at + plane]     = (float)colour.y;
     image->rgb[at + 2 * plane] = (float)colour.z;
 }
 
@@ -159,23 +155,25 @@ static int synth_differs(const struct synth_run *s, size_t a, size_t b)
     const float *rgb = s->photograph.rgb, za = s->depth[a], zb = s->depth[b];
     if (fabsf(za - zb) > EDGE_DEPTH * (za + zb)) return 1;
     for (int c = 0; c < 3; c++)
-        if (fabsf(rgb[a + (size_t)c * synth_plane(s->options)] - rgb[b + (size_t)c * synth_plane(s->options)]) > EDGE_COLOUR) return 1;
+        if (fabsf(rgb[a + (size_t)c * synth_plane(s->options)] - rgb[b + (size_t)c * synth_plane(s->options)]) > EDGE_COLOUR)
+            return 1;
     return 0;
 }
 
-/* The clean photograph: where neighbours differ, the mean of four rays, else the one that is there. */
+/* The clean photograph: where neighbours differ, the mean of four rays, the one that is there among them. */
 static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
-    const size_t width = (size_t)c->width, plane = synth_plane(s->options);
+    static const double around[3][2] = {{0.50, 0.12}, {0.83, 0.69}, {0.17, 0.69}};
+    const size_t        width = (size_t)c->width, plane = synth_plane(s->options);
     for (int x = 0; x < c->width; x++) {
         const size_t at     = (size_t)y * width + (size_t)x;
         const float *rgb    = s->photograph.rgb;
         v3           colour = v3_of(rgb[at], rgb[at + plane], rgb[at + 2 * plane]);
-        const int    edge = (x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
-                         (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width));
-        if (edge) colour = v3_of(0, 0, 0);
-        for (int k = 0; edge && k < 4; k++)
-            colour = v3_along(colour, synth_trace(s, c, x + 0.25 + 0.5 * (k & 1), y + 0.25 + 0.5 * (k >> 1), 0.5, NULL), 0.25);
+        if ((x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
+            (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width))) {
+            for (int k = 0; k < 3; k++) colour = v3_add(colour, synth_trace(s, c, x + around[k][0], y + around[k][1], 0.5, NULL));
+            colour = v3_scale(colour, 0.25);
+        }
         synth_set(&s->clean, at, colour);
     }
 }
@@ -235,7 +233,8 @@ static oxl_result synth_views(struct synth_run *s)
     for (int i = 0; i < o->views && rc == OXL_OK; i++) {
         rc = synth_view(s, i);
         if (rc == OXL_OK) synth_points_collect(&s->points, i, &s->photograph);
-        if (rc == OXL_OK && synth_stopped(o, "photographs", i + 1, o->views)) rc = synth_fail(s, OXL_ERR_INTERRUPTED, "synth: stopped", "");
+        if (rc == OXL_OK && synth_stopped(o, "photographs", i + 1, o->views))
+            rc = synth_fail(s, OXL_ERR_INTERRUPTED, "synth: stopped", "");
     }
     return rc;
 }
@@ -256,10 +255,11 @@ static int synth_write_water(const struct synth_run *s, const char *path)
 {
     struct synth_file f;
     synth_file_open(&f, path);
-    synth_file_text(&f, "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
-                        "# I, J: values of images/ and truth/clean/ over 255, as they stand in the PNG files, no gamma removed\n"
-                        "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
-                        "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\n");
+    synth_file_text(&f,
+                    "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
+                    "# I, J: values of images/ and truth/clean/ over 255, as they stand in the PNG files, no gamma removed\n"
+                    "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
+                    "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\n");
     synth_file_text(&f, "type ");
     synth_file_text(&f, s->water.name);
     synth_file_text(&f, "\n");
@@ -277,17 +277,18 @@ static int synth_write_model(const struct synth_run *s, const char *path)
     const synth_options *o = s->options;
     struct synth_file    f;
     synth_file_open(&f, path);
-    synth_file_text(&f, "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
-                        "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
-                        "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
-                        "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
-                        "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-                        "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
-                        "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
-                        "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
-                        "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-                        "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n"
-                        "seed ");
+    synth_file_text(&f,
+                    "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
+                    "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
+                    "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
+                    "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
+                    "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
+                    "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
+                    "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
+                    "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
+                    "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
+                    "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n"
+                    "seed ");
     synth_file_integer(&f, o->seed);
     synth_file_text(&f, "\npath ");
     synth_file_text(&f, o->path);
@@ -295,7 +296,8 @@ static int synth_write_model(const struct synth_run *s, const char *path)
     synth_file_integer(&f, (uint64_t)o->views);
     synth_file_text(&f, "\n");
     synth_triple(&f, "origin", o->origin);
-    synth_triple(&f, "wreck", (double[3]){s->world.wreck.x + o->origin[0], s->world.wreck.y + o->origin[1], s->world.wreck.z + o->origin[2]});
+    synth_triple(&f, "wreck",
+                 (double[3]){s->world.wreck.x + o->origin[0], s->world.wreck.y + o->origin[1], s->world.wreck.z + o->origin[2]});
     synth_triple(&f, "sun", (double[3]){s->world.sun.x, s->world.sun.y, s->world.sun.z});
     return synth_file_close(&f);
 }

@@ -35,8 +35,9 @@ enum synth_material {
 };
 
 struct synth_limb { /* a cone with round ends */
-    v3     a, b;
+    v3     a, way;  /* from one end to the other */
     double radius_a, radius_b;
+    double per_square; /* 1 / |way|^2 */
 };
 
 struct synth_shape { /* limbs melted together, within the unit sphere */
@@ -56,13 +57,18 @@ struct synth_object {
 };
 enum { SYNTH_STONE = -1, SYNTH_BOX = -2, SYNTH_SHAPES = 12 };
 
+struct synth_near { /* an object's sphere, side by side with its neighbours' in memory */
+    float    x, y, z, radius;
+    uint32_t object;
+};
+
 struct synth_world {
-    uint32_t seed;
-    int      has_wreck;
-    v3       wreck;    /* its centre, at the height of its deck */
-    double   turn[9];  /* world to wreck, row-major */
-    double   top;      /* nothing stands higher, metres */
-    v3       sun;      /* unit, towards it */
+    uint32_t          seed;
+    v3                wreck;   /* its centre, at the height of its deck */
+    double            turn[9]; /* world to wreck, row-major */
+    struct synth_limb mast;    /* in the wreck's frame */
+    double            top;     /* nothing stands higher, metres */
+    v3                sun;     /* unit, towards it */
 
     double x0, y0, step; /* baked heights: first sample and spacing, metres */
     int    nx, ny;
@@ -72,8 +78,9 @@ struct synth_world {
     struct synth_object *object;
     size_t               object_count;
     int                  cells_x, cells_y; /* of SYNTH_CELL metres, from (x0, y0) */
-    uint32_t            *cell_first;       /* (cells_x cells_y + 1) into cell_object */
-    uint32_t            *cell_object;      /* objects that come near each cell */
+    uint32_t            *cell_first;       /* (cells_x cells_y + 1) into near */
+    struct synth_near   *near;             /* objects that come near each cell */
+    float               *ceiling;          /* (cells_y,cells_x) metres: no object within 1 m of the cell stands higher */
 };
 
 struct synth_surface { /* what is nearest to a point */
@@ -94,9 +101,9 @@ v3     synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wre
 /* Range to the first surface along a unit direction, or -1 when there is none before `far`. */
 double synth_cast(const struct synth_world *world, v3 from, v3 direction, double far);
 /* Outward normal at a surface point; waves finer than the footprint (metres) are left out. */
-v3 synth_normal(const struct synth_world *world, v3 p, double footprint);
+v3     synth_normal(const struct synth_world *world, v3 p, double footprint);
 /* Display colour 0..1 of a surface point in clear water. */
-v3 synth_shade(const struct synth_world *world, v3 p, double footprint);
+v3     synth_shade(const struct synth_world *world, v3 p, double footprint);
 
 /* ---------------------------------------------------------------- synth_path.c */
 
@@ -121,7 +128,7 @@ void synth_path_settle(struct synth_path *path, const struct synth_world *world)
 void synth_path_free(struct synth_path *path);
 v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
 /* Pixel and camera z of a world point; 0 when it lies behind. */
-int synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
+int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
 
 /* ---------------------------------------------------------------- water, in synth.c */
 
@@ -167,7 +174,7 @@ void       synth_points_free(struct synth_points *points);
 /* The observation of a point in a view that sees it. */
 const struct synth_observation *synth_observation_in(const struct synth_points *points, size_t point, int view);
 /* Keypoints without a point that stand after the k-th observation of a view: 0 or 1. */
-int synth_stray(uint64_t seed, int view, size_t k);
+int                             synth_stray(uint64_t seed, int view, size_t k);
 
 /* ---------------------------------------------------------------- synth_colmap.c */
 
@@ -198,6 +205,6 @@ void synth_file_integer(struct synth_file *f, uint64_t value);
 void synth_file_fixed(struct synth_file *f, double value, int decimals); /* |value| x 10^decimals < 9e18 */
 int  synth_file_close(struct synth_file *f);                             /* 1: all is written */
 /* float32 little endian, rows from the bottom: Debevec's portable float map. */
-int synth_write_pfm(const char *path, const float *value, int width, int height);
+int  synth_write_pfm(const char *path, const float *value, int width, int height);
 
 #endif

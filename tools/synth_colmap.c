@@ -38,12 +38,12 @@ void synth_image_name(int view, char name[32])
 /* w x y z, w >= 0 (Shepperd 1978: divides by the largest of the four). */
 static void colmap_quaternion(const double r[9], double q[4])
 {
-    const double t[4] = {r[0] + r[4] + r[8], r[0] - r[4] - r[8], r[4] - r[0] - r[8], r[8] - r[0] - r[4]};
+    const double t[4]    = {r[0] + r[4] + r[8], r[0] - r[4] - r[8], r[4] - r[0] - r[8], r[8] - r[0] - r[4]};
     const double d[4][4] = {{0, r[7] - r[5], r[2] - r[6], r[3] - r[1]},
                             {r[7] - r[5], 0, r[1] + r[3], r[2] + r[6]},
                             {r[2] - r[6], r[1] + r[3], 0, r[5] + r[7]},
                             {r[3] - r[1], r[2] + r[6], r[5] + r[7], 0}};
-    int          most = 0;
+    int          most    = 0;
     double       size;
     for (int i = 1; i < 4; i++)
         if (t[i] > t[most]) most = i;
@@ -106,7 +106,8 @@ static void colmap_keypoint(struct synth_file *f, int is_first, double x, double
     synth_file_text(f, " ");
 }
 
-static void colmap_view(struct synth_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids ids, int view)
+static void colmap_view(struct synth_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids ids,
+                        int view)
 {
     const size_t first = points->view_first[view];
     for (size_t k = 0; k < points->view_first[view + 1] - first; k++) {
@@ -121,15 +122,17 @@ static void colmap_view(struct synth_file *f, const synth_options *o, const stru
     synth_file_text(f, "\n");
 }
 
-static int colmap_write_images(const synth_options *o, const struct synth_path *path, const struct synth_points *points, const char *name)
+static int colmap_write_images(const synth_options *o, const struct synth_path *path, const struct synth_points *points,
+                               const char *name)
 {
     const struct synth_ids views = synth_ids_for((uint64_t)path->count), ids = synth_ids_for(points->count);
     struct synth_file      f;
     synth_file_open(&f, name);
-    synth_file_text(&f, "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
-                        "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
-    colmap_mean(&f, "# Number of images: ", (uint64_t)path->count, ", mean observations per image: ",
-                (double)points->observation_count / path->count);
+    synth_file_text(&f,
+                    "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+                    "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
+    colmap_mean(&f, "# Number of images: ", (uint64_t)path->count,
+                ", mean observations per image: ", (double)points->observation_count / path->count);
     for (int i = 0; i < path->count; i++) {
         char image[32];
         synth_image_name(i, image);
@@ -173,8 +176,8 @@ static int colmap_write_points(const synth_options *o, const struct synth_points
     synth_file_open(&f, name);
     synth_file_text(&f, "# 3D point list with one line of data per point:\n"
                         "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
-    colmap_mean(&f, "# Number of points: ", points->count, ", mean track length: ",
-                points->count > 0 ? (double)points->observation_count / (double)points->count : 0);
+    colmap_mean(&f, "# Number of points: ", points->count,
+                ", mean track length: ", points->count > 0 ? (double)points->observation_count / (double)points->count : 0);
     for (size_t i = 0; i < points->count; i++) {
         synth_file_integer(&f, synth_id(ids, i));
         colmap_point(&f, o, points, views, &points->point[i]);

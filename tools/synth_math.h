@@ -176,7 +176,8 @@ static inline double synth_visible_share(double wavelength, double footprint)
 
 /* Sums of octaves from `wavelength` (metres) down to `finest`, each `gain` times the one before; octaves finer than the pixel
  * (footprint, metres) fade out instead of flickering. The turn by 37 degrees keeps lattices from lining up. */
-static inline double synth_fbm2(uint32_t seed, double x, double y, double wavelength, double finest, double gain, double footprint)
+static inline double synth_fbm2(uint32_t seed, double x, double y, double wavelength, double finest, double gain,
+                                double footprint)
 {
     double sum = 0, amplitude = 1;
     for (double w = wavelength; w >= finest; w *= 0.47) {

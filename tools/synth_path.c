@@ -27,9 +27,9 @@ static double path_waver(const synth_options *o, int view, uint64_t what, double
 /* Looks along `forward`; the top of the photograph towards `up`; turned around the line of sight by `roll`. */
 static void path_aim(struct synth_camera *c, v3 forward, v3 up, double roll)
 {
-    const v3     z = v3_unit(forward), level = v3_unit(v3_cross(z, up)), down = v3_cross(z, level);
-    const v3     x = v3_add(v3_scale(level, cos(roll)), v3_scale(down, sin(roll))), y = v3_cross(z, x);
-    const v3     rows[3] = {x, y, z};
+    const v3 z = v3_unit(forward), level = v3_unit(v3_cross(z, up)), down = v3_cross(z, level);
+    const v3 x = v3_add(v3_scale(level, cos(roll)), v3_scale(down, sin(roll))), y = v3_cross(z, x);
+    const v3 rows[3] = {x, y, z};
     for (int i = 0; i < 3; i++) {
         c->rotation[3 * i]     = rows[i].x;
         c->rotation[3 * i + 1] = rows[i].y;
@@ -48,14 +48,14 @@ static void path_lawnmower(const synth_options *o, struct synth_path *path)
         struct synth_camera *c     = &path->camera[i];
         const int64_t        views = o->views;
         const int            row   = (int)(i * (int64_t)rows / views);
-        const int first = (int)((row * views + rows - 1) / rows), after = (int)(((row + 1) * views + rows - 1) / rows);
-        const double along   = after - first > 1 ? (double)(i - first) / (after - first - 1) - 0.5 : 0;
-        const double across  = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
-        const double there   = row % 2 ? -1 : 1; /* to and fro */
-        const double heading = path_waver(o, i, 0, 3 * degree), pitch = TILT * degree + path_waver(o, i, 1, 2 * degree);
-        const v3     ahead   = v3_of(there * sin(heading), there * cos(heading), 0);
-        c->centre            = v3_of(width * across + path_waver(o, i, 2, 0.05), there * length * along + path_waver(o, i, 3, 0.05),
-                                     ALTITUDE + path_waver(o, i, 4, 0.1));
+        const int            first = (int)((row * views + rows - 1) / rows), after = (int)(((row + 1) * views + rows - 1) / rows);
+        const double         along   = after - first > 1 ? (double)(i - first) / (after - first - 1) - 0.5 : 0;
+        const double         across  = rows > 1 ? (double)row / (rows - 1) - 0.5 : 0;
+        const double         there   = row % 2 ? -1 : 1; /* to and fro */
+        const double         heading = path_waver(o, i, 0, 3 * degree), pitch = TILT * degree + path_waver(o, i, 1, 2 * degree);
+        const v3             ahead = v3_of(there * sin(heading), there * cos(heading), 0);
+        c->centre = v3_of(width * across + path_waver(o, i, 2, 0.05), there * length * along + path_waver(o, i, 3, 0.05),
+                          ALTITUDE + path_waver(o, i, 4, 0.1));
         path_aim(c, v3_add(v3_scale(ahead, sin(pitch)), v3_of(0, 0, -cos(pitch))), ahead, path_waver(o, i, 5, 2 * degree));
     }
     path->wreck = v3_of(0.18 * width, 0.12 * length, 0);
@@ -66,12 +66,12 @@ static void path_orbit(const synth_options *o, struct synth_path *path)
     const double radius = o->extent > 0 ? 0.5 * o->extent : 4.2;
     const int    rings = o->views >= 16 ? 2 : 1, first = (o->views + rings - 1) / rings;
     for (int i = 0; i < o->views; i++) {
-        struct synth_camera *c     = &path->camera[i];
-        const int            ring  = i / first;
-        const double         turn  = 2 * SYNTH_PI * ((i % first) + 0.5 * ring) / (ring ? o->views - first : first);
-        const double         out   = (ring ? 0.8 : 1) * radius + path_waver(o, i, 0, 0.1);
-        const v3 target = v3_of(path_waver(o, i, 1, 0.15), path_waver(o, i, 2, 0.15), 0.25);
-        c->centre       = v3_of(out * cos(turn), out * sin(turn), (ring ? 1.15 : 0.8) * radius + path_waver(o, i, 3, 0.1));
+        struct synth_camera *c      = &path->camera[i];
+        const int            ring   = i / first;
+        const double         turn   = 2 * SYNTH_PI * ((i % first) + 0.5 * ring) / (ring ? o->views - first : first);
+        const double         out    = (ring ? 0.8 : 1) * radius + path_waver(o, i, 0, 0.1);
+        const v3             target = v3_of(path_waver(o, i, 1, 0.15), path_waver(o, i, 2, 0.15), 0.25);
+        c->centre = v3_of(out * cos(turn), out * sin(turn), (ring ? 1.15 : 0.8) * radius + path_waver(o, i, 3, 0.1));
         path_aim(c, v3_sub(target, c->centre), v3_of(0, 0, 1), path_waver(o, i, 4, 2 * degree));
     }
 }

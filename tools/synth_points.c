@@ -19,7 +19,7 @@
 #define OUTLIER_SHARE 0.01
 #define OUTLIER_NOISE 1.5 /* px */
 #define FRAME         2.0 /* px at the border where no feature is found */
-enum { MOST_VIEWS = 64, ATTEMPTS = 12, PICKY_ATTEMPTS = 6, CHUNK = 8192 };
+enum { MOST_VIEWS = 64, MOST_SIGHTINGS = 512, ATTEMPTS = 12, PICKY_ATTEMPTS = 6, CHUNK = 8192 };
 
 struct points_track { /* one point as it is made */
     v3                       position;
@@ -43,7 +43,8 @@ struct points_search { /* cameras by the square of ground that they stand over *
 
 static size_t points_square(const struct points_search *s, v3 p)
 {
-    const int x = (int)synth_clamp((p.x - s->x0) / s->side, 0, s->nx - 1), y = (int)synth_clamp((p.y - s->y0) / s->side, 0, s->ny - 1);
+    const int x = (int)synth_clamp((p.x - s->x0) / s->side, 0, s->nx - 1),
+              y = (int)synth_clamp((p.y - s->y0) / s->side, 0, s->ny - 1);
     return (size_t)y * (size_t)s->nx + (size_t)x;
 }
 
@@ -67,9 +68,13 @@ static int points_search_create(struct points_search *s)
 /* ---------------------------------------------------------------- one point */
 
 struct points_candidate {
-    v3     p, normal, side; /* the point; its normal; from where it was first seen, unit */
-    int    source, is_outlier;
-    double chance;
+    v3  p, normal, side; /* the point; its normal; from where it was first seen, unit */
+    int source, is_outlier;
+};
+
+struct points_sighting {
+    int    view;
+    double x, y; /* px, exact */
 };
 
 /* Whether a view has the point in its frame and from a similar side. */
@@ -86,7 +91,7 @@ static int points_in_sight(const struct points_search *s, const struct points_ca
 {
     const v3     way   = v3_sub(k->p, s->path->camera[view].centre);
     const double range = v3_length(way);
-    if (view == k->source || k->is_outlier) return 1;
+    if (k->is_outlier) return 1;
     if (!s->options->write_images) return -v3_dot(k->normal, way) > FACING * range;
     return synth_cast(s->world, s->path->camera[view].centre, v3_scale(way, 1 / range), 0.997 * range - 0.004) < 0;
 }
@@ -96,8 +101,8 @@ static float points_measured(double exact, double noise, int size) /* as a text 
     return (float)(floor(synth_clamp(exact + noise, 0.001, size - 0.001) * 1000 + 0.5) / 1000);
 }
 
-static void points_observe(const struct points_search *s, const struct points_candidate *k, int view, uint64_t bits, double x, double y,
-                           struct points_track *t)
+static void points_observe(const struct points_search *s, const struct points_candidate *k, int view, uint64_t bits, double x,
+                           double y, struct points_track *t)
 {
     const double              sigma = k->is_outlier ? OUTLIER_NOISE : NOISE;
     struct synth_observation *o     = &t->seen[t->count++];
@@ -106,27 +111,39 @@ static void points_observe(const struct points_search *s, const struct points_ca
     o->y                            = points_measured(y, sigma * synth_random_normal(synth_mix(bits ^ 2)), s->options->height);
 }
 
-/* Visits the views around: counts those that have the point in their frame, or (t) keeps what they see of it. */
-static int points_visit(const struct points_search *s, const struct points_candidate *k, uint64_t seed, struct points_track *t)
+/* Lists the views around that have the point in their frame. */
+static int points_list(const struct points_search *s, const struct points_candidate *k, struct points_sighting *list)
 {
-    const int most = k->is_outlier ? 3 : MOST_VIEWS, here = (int)points_square(s, k->p), hx = here % s->nx, hy = here / s->nx;
+    const int here = (int)points_square(s, k->p), hx = here % s->nx, hy = here / s->nx;
     int       found = 0;
     for (int square = 0; square < 9; square++) {
         const int qx = hx + square % 3 - 1, qy = hy + square / 3 - 1;
         size_t    at;
         if (qx < 0 || qy < 0 || qx >= s->nx || qy >= s->ny) continue;
         at = (size_t)qy * (size_t)s->nx + (size_t)qx;
-        for (uint32_t i = s->first[at]; i < s->first[at + 1]; i++) {
-            const int      view = (int)s->list[i], is_source = view == k->source;
-            const uint64_t bits = synth_bits(seed, 5, (uint64_t)view);
-            double         x, y;
-            if (!points_in_frame(s, k, view, &x, &y)) continue;
-            found++;
-            if (!t || (!is_source && (synth_unit(bits) >= k->chance || t->count + 1 >= most))) continue; /* the source has a place kept */
-            if (points_in_sight(s, k, view)) points_observe(s, k, view, bits, x, y, t);
+        for (uint32_t i = s->first[at]; i < s->first[at + 1] && found < MOST_SIGHTINGS; i++) {
+            list[found].view = (int)s->list[i];
+            found += points_in_frame(s, k, list[found].view, &list[found].x, &list[found].y);
         }
     }
     return found;
+}
+
+/* Of these views the source has the point, and each other one by chance, if nothing is in its way. */
+static void points_detect(const struct points_search *s, const struct points_candidate *k, uint64_t seed,
+                          const struct points_sighting *list, int found, struct points_track *t)
+{
+    const double chance = synth_min(DETECTED, DETECTED * MOST_VIEWS / found);
+    const int    most   = k->is_outlier ? 3 : MOST_VIEWS;
+    int          others = 0;
+    for (int i = 0; i < found; i++) {
+        const uint64_t bits = synth_bits(seed, 5, (uint64_t)list[i].view);
+        if (list[i].view != k->source) {
+            if (others + 1 >= most || synth_unit(bits) >= chance || !points_in_sight(s, k, list[i].view)) continue;
+            others++;
+        }
+        points_observe(s, k, list[i].view, bits, list[i].x, list[i].y, t);
+    }
 }
 
 static int points_by_view(const void *a, const void *b)
@@ -139,7 +156,8 @@ static void points_colour(const struct points_search *s, const struct points_can
 {
     const v3     clean    = synth_shade(s->world, k->p, range / s->path->camera[k->source].f);
     const double value[3] = {clean.x, clean.y, clean.z};
-    for (int c = 0; c < 3; c++) t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
+    for (int c = 0; c < 3; c++)
+        t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
 }
 
 /* A random pixel's point. 0: nothing there, or fewer than `least` views have it. */
@@ -149,8 +167,9 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
     struct points_candidate    k    = {.source = (int)(number % (uint64_t)s->path->count)};
     const struct synth_camera *c    = &s->path->camera[k.source];
     const double               u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
-    const v3                   ray   = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
+    const v3                   ray = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
     double                     range = synth_cast(s->world, c->centre, ray, SYNTH_FAR);
+    struct points_sighting     list[MOST_SIGHTINGS];
     int                        found;
     if (range < 0) return 0;
     k.is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
@@ -158,12 +177,11 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
     k.p    = v3_along(c->centre, ray, range);
     k.side = v3_scale(ray, -1);
     if (!s->options->write_images) k.normal = synth_normal(s->world, k.p, 0.02);
-    found         = points_visit(s, &k, seed, NULL);
-    k.chance      = synth_min(DETECTED, 0.75 * MOST_VIEWS / synth_max(found, 1));
+    found         = points_list(s, &k, list);
     t->position   = k.p;
     t->is_outlier = k.is_outlier;
     t->count      = 0;
-    if (found >= least) points_visit(s, &k, seed, t);
+    if (found >= least) points_detect(s, &k, seed, list, found, t);
     if (t->count < least) return 0;
     qsort(t->seen, (size_t)t->count, sizeof *t->seen, points_by_view);
     if (!s->options->write_images) points_colour(s, &k, range, t);
@@ -202,8 +220,8 @@ static int points_append(struct synth_points *out, const struct synth_path *path
         out->observation = grown;
         *capacity        = more;
     }
-    *p = (struct synth_point){.position = t->position, .first = out->observation_count, .error = points_error(path, t)};
-    p->count      = (uint16_t)t->count;
+    *p       = (struct synth_point){.position = t->position, .first = out->observation_count, .error = points_error(path, t)};
+    p->count = (uint16_t)t->count;
     p->is_outlier = (uint8_t)t->is_outlier;
     for (int c = 0; c < 3; c++) p->sum[c] = (uint16_t)(t->rgb[c] * t->count);
     memcpy(out->observation + out->observation_count, t->seen, (size_t)t->count * sizeof *t->seen);
@@ -233,14 +251,15 @@ static int points_index(struct synth_points *out, uint64_t seed, int views)
             const uint64_t            at = place & 0xffffffffu, index = place >> 32;
             out->by_view[out->view_first[o->view] + at] = (uint32_t)i;
             o->index                                    = (uint32_t)index;
-            next[o->view]                               = (at + 1) | (index + 1 + (uint64_t)synth_stray(seed, (int)o->view, at)) << 32;
+            next[o->view] = (at + 1) | (index + 1 + (uint64_t)synth_stray(seed, (int)o->view, at)) << 32;
         }
     }
     free(next);
     return 1;
 }
 
-static oxl_result points_fill(const struct points_search *s, uint64_t wanted, struct points_track *tracks, struct synth_points *out)
+static oxl_result points_fill(const struct points_search *s, uint64_t wanted, struct points_track *tracks,
+                              struct synth_points *out)
 {
     const synth_options *o        = s->options;
     size_t               capacity = 0;
@@ -250,7 +269,8 @@ static oxl_result points_fill(const struct points_search *s, uint64_t wanted, st
         for (int i = 0; i < chunk; i++) points_make(s, from + (uint64_t)i, &tracks[i]);
         for (int i = 0; i < chunk; i++)
             if (!points_append(out, s->path, &tracks[i], &capacity)) return OXL_ERR_MEMORY;
-        if (o->progress && o->progress(o->user, "points", (long)(from + (uint64_t)chunk), (long)wanted)) return OXL_ERR_INTERRUPTED;
+        if (o->progress && o->progress(o->user, "points", (long)(from + (uint64_t)chunk), (long)wanted))
+            return OXL_ERR_INTERRUPTED;
     }
     return OXL_OK;
 }
@@ -311,6 +331,7 @@ void synth_points_collect(struct synth_points *p, int view, const oxl_image *pho
     for (size_t i = p->view_first[view]; i < p->view_first[view + 1]; i++) {
         const struct synth_observation *o = synth_observation_in(p, p->by_view[i], view);
         for (int c = 0; c < 3; c++)
-            p->point[p->by_view[i]].sum[c] = (uint16_t)(p->point[p->by_view[i]].sum[c] + points_sample(photograph, c, o->x, o->y));
+            p->point[p->by_view[i]].sum[c] =
+                (uint16_t)(p->point[p->by_view[i]].sum[c] + points_sample(photograph, c, o->x, o->y));
     }
 }

@@ -71,32 +71,37 @@ v3 synth_normal(const struct synth_world *w, v3 p, double footprint)
 
 /* ---------------------------------------------------------------- colours (linear light, 0..1) */
 
-/* Specks on a grid of cells, one in each at most; 1 within a speck. size: cell, metres. share: of the cells that have one. */
+/* Specks of many sizes, one in each cell of a grid at most, that hide the grid by where they lie in it; 1 within a speck.
+ * size: cell, metres. share: of the cells that have one. */
 static double shade_specks(uint32_t seed, double x, double y, double size, double share, double footprint, uint32_t *which)
 {
     const int      ix = synth_floor(x / size), iy = synth_floor(y / size);
-    const uint32_t h      = synth_lattice(seed, ix, iy, 7);
-    const double   radius = 0.10 + 0.2 * (h >> 24) / 255., dx = x / size - ix - 0.35 - 0.3 * (h & 255) / 255.;
-    const double   dy = y / size - iy - 0.35 - 0.3 * (h >> 8 & 255) / 255.;
-    *which            = h;
+    const uint32_t h = synth_lattice(seed, ix, iy, 7), k = synth_lattice(seed, ix, iy, 8);
+    const double   odd = (h >> 24) / 255., radius = 0.04 + 0.16 * odd * odd * odd, free = 1 - 2.4 * radius;
+    const double   dx = x / size - ix - 0.5 - free * ((h & 255) / 255. - 0.5),
+                 dy   = y / size - iy - 0.5 - free * ((h >> 8 & 255) / 255. - 0.5);
+    const double turn = (k & 255) * (SYNTH_PI / 256), along = dx * cos(turn) + dy * sin(turn),
+                 across = dy * cos(turn) - dx * sin(turn);
+    *which              = k;
     if ((h >> 16 & 255) > 255 * share) return 0;
-    return synth_visible_share(3 * radius * size, footprint) * synth_step(radius * 1.15, radius * 0.85, sqrt(dx * dx + dy * dy));
+    return synth_visible_share(4 * radius * size, footprint) *
+           synth_step(radius * 1.15, radius * 0.85, sqrt(along * along + (1 + 0.01 * (k >> 24)) * across * across));
 }
 
 static v3 shade_sand(const struct synth_world *w, v3 p, double footprint)
 {
     const uint32_t seed   = w->seed + 400;
-    const double   patch  = synth_fbm2(seed, p.x, p.y, 1.9, 0.3, 0.6, footprint);
-    const double   grain  = synth_fbm2(seed + 8, p.x, p.y, 0.16, 0.002, 0.85, footprint);
-    const double   algae  = synth_step(0.1, 0.8, synth_fbm2(seed + 16, p.x, p.y, 0.8, 0.05, 0.65, footprint));
-    v3             colour = v3_scale(v3_of(0.60, 0.49, 0.33), 1 + 0.14 * patch + 0.13 * grain);
+    const double   patch  = synth_fbm2(seed, p.x, p.y, 1.9, 0.15, 0.65, footprint);
+    const double   grain  = synth_fbm2(seed + 8, p.x, p.y, 0.11, 0.002, 0.9, footprint);
+    const double   algae  = synth_step(0.0, 0.9, synth_fbm2(seed + 16, p.x, p.y, 0.8, 0.02, 0.75, footprint));
+    v3             colour = v3_scale(v3_of(0.47, 0.38, 0.255), synth_clamp(1 + 0.22 * patch + 0.22 * grain, 0.2, 1.8));
     uint32_t       which;
     double         speck;
-    colour = v3_mix(colour, v3_of(0.24, 0.24, 0.12), 0.5 * algae);
-    speck  = shade_specks(seed + 24, p.x, p.y, 0.05, 0.3, footprint, &which); /* shells and grit */
-    colour = v3_mix(colour, which & 1024 ? v3_of(0.85, 0.80, 0.72) : v3_of(0.20, 0.16, 0.13), 0.85 * speck);
-    speck  = shade_specks(seed + 25, p.y, p.x, 0.018, 0.35, footprint, &which);
-    return v3_mix(colour, which & 1024 ? v3_of(0.80, 0.72, 0.62) : v3_of(0.22, 0.17, 0.13), 0.7 * speck);
+    colour = v3_mix(colour, v3_of(0.17, 0.17, 0.085), 0.65 * algae);
+    speck  = shade_specks(seed + 24, p.x, p.y, 0.11, 0.5, footprint, &which); /* shells and grit */
+    colour = v3_mix(colour, which & 3072 ? v3_of(0.15, 0.12, 0.10) : v3_of(0.72, 0.66, 0.58), 0.85 * speck);
+    speck  = shade_specks(seed + 25, p.y, p.x, 0.031, 0.6, footprint, &which);
+    return v3_mix(colour, which & 1024 ? v3_of(0.62, 0.54, 0.46) : v3_of(0.15, 0.12, 0.10), 0.7 * speck);
 }
 
 static v3 shade_rock(const struct synth_world *w, v3 p, double footprint)
@@ -105,12 +110,10 @@ static v3 shade_rock(const struct synth_world *w, v3 p, double footprint)
     const double   tone   = synth_fbm3(seed, p, 0.5, 0.003, 0.75, footprint);
     const double   algae  = synth_fbm3(seed + 10, p, 0.6, 0.02, 0.7, footprint);
     const double   crust  = synth_fbm3(seed + 20, p, 0.35, 0.01, 0.65, footprint);
-    v3             colour = v3_scale(v3_of(0.26, 0.23, 0.20), synth_clamp(1 + 0.5 * tone, 0.2, 2));
-    uint32_t       which;
-    colour = v3_mix(colour, v3_scale(v3_of(0.20, 0.24, 0.07), 1 + 0.5 * tone), 0.8 * synth_step(0.05, 0.6, algae));
-    colour = v3_mix(colour, v3_of(0.45, 0.20, 0.30), 0.75 * synth_step(0.45, 0.7, crust));  /* coralline crust */
-    colour = v3_mix(colour, v3_of(0.60, 0.35, 0.10), 0.75 * synth_step(0.5, 0.75, -crust)); /* encrusting sponge */
-    return v3_mix(colour, v3_of(0.70, 0.66, 0.55), 0.8 * shade_specks(seed + 30, p.x + p.z, p.y + p.z, 0.06, 0.25, footprint, &which));
+    v3             colour = v3_scale(v3_of(0.26, 0.23, 0.20), synth_clamp(1 + 0.6 * tone, 0.2, 2));
+    colour                = v3_mix(colour, v3_scale(v3_of(0.20, 0.24, 0.07), 1 + 0.5 * tone), 0.8 * synth_step(0.05, 0.6, algae));
+    colour                = v3_mix(colour, v3_of(0.45, 0.20, 0.30), 0.75 * synth_step(0.45, 0.7, crust)); /* coralline crust */
+    return v3_mix(colour, v3_of(0.60, 0.35, 0.10), 0.75 * synth_step(0.5, 0.75, -crust));                 /* encrusting sponge */
 }
 
 static v3 shade_coral(const struct synth_object *o, v3 p, double footprint)
@@ -122,9 +125,11 @@ static v3 shade_coral(const struct synth_object *o, v3 p, double footprint)
     const v3        colour  = v3_scale(hues[o->seed >> 3 & 7], synth_clamp(1 + 0.3 * tone, 0.3, 1.8));
     if (o->material == SYNTH_BRAIN_CORAL) { /* dark valleys */
         const double maze = fabs(synth_fbm3(o->seed + 9, p, 0.05, 0.02, 0.5, footprint));
-        return v3_scale(colour, synth_lerp(0.8, 0.55 + 0.75 * synth_step(0.02, 0.25, maze), synth_visible_share(0.04, footprint)));
+        return v3_scale(colour,
+                        synth_lerp(0.8, 0.55 + 0.75 * synth_step(0.02, 0.25, maze), synth_visible_share(0.04, footprint)));
     }
-    if (o->material == SYNTH_BRANCH_CORAL) return v3_mix(colour, v3_of(0.85, 0.80, 0.70), 0.5 * synth_step(0.35, 0.85, up)); /* pale tips */
+    if (o->material == SYNTH_BRANCH_CORAL)
+        return v3_mix(colour, v3_of(0.85, 0.80, 0.70), 0.5 * synth_step(0.35, 0.85, up)); /* pale tips */
     return colour;
 }
 
@@ -138,7 +143,8 @@ static v3 shade_sponge(const struct synth_object *o, v3 p, double footprint)
 static v3 shade_starfish(const struct synth_object *o, v3 p, double footprint)
 {
     const double dots = synth_noise3(o->seed, v3_scale(p, 1 / 0.012)) * synth_visible_share(0.012, footprint);
-    return v3_mix(o->seed & 64 ? v3_of(0.70, 0.18, 0.06) : v3_of(0.20, 0.22, 0.55), v3_of(0.85, 0.70, 0.5), synth_step(0.15, 0.5, dots));
+    return v3_mix(o->seed & 64 ? v3_of(0.70, 0.18, 0.06) : v3_of(0.20, 0.22, 0.55), v3_of(0.85, 0.70, 0.5),
+                  synth_step(0.15, 0.5, dots));
 }
 
 static v3 shade_steel(const struct synth_world *w, v3 p, double footprint)
@@ -158,10 +164,11 @@ static v3 shade_wood(const struct synth_world *w, v3 p, double footprint)
     const v3     q     = synth_wreck_frame(w, p);
     const double fibre = synth_fbm3(w->seed + 500, v3_of(0.12 * q.x, q.y, q.z), 0.05, 0.003, 0.8, footprint);
     const double plank = q.y / 0.12 - floor(q.y / 0.12), tone = synth_noise2(w->seed + 510, floor(q.y / 0.12) * 1.7, 0.5);
-    const double gap   = synth_step(0.10, 0.04, synth_min(plank, 1 - plank)) * synth_visible_share(0.05, footprint);
-    const v3     wood  = v3_scale(v3_of(0.27, 0.20, 0.13), synth_clamp(1 + 0.4 * fibre + 0.4 * tone, 0.2, 2));
-    return v3_scale(v3_mix(wood, v3_of(0.25, 0.28, 0.14), 0.6 * synth_step(0, 0.7, synth_fbm3(w->seed + 520, p, 0.3, 0.02, 0.7, footprint))),
-                    1 - 0.7 * gap);
+    const double gap  = synth_step(0.10, 0.04, synth_min(plank, 1 - plank)) * synth_visible_share(0.05, footprint);
+    const v3     wood = v3_scale(v3_of(0.27, 0.20, 0.13), synth_clamp(1 + 0.4 * fibre + 0.4 * tone, 0.2, 2));
+    return v3_scale(
+        v3_mix(wood, v3_of(0.25, 0.28, 0.14), 0.6 * synth_step(0, 0.7, synth_fbm3(w->seed + 520, p, 0.3, 0.02, 0.7, footprint))),
+        1 - 0.7 * gap);
 }
 
 static v3 shade_albedo(const struct synth_world *w, v3 p, struct synth_surface s, double footprint)
@@ -175,7 +182,8 @@ static v3 shade_albedo(const struct synth_world *w, v3 p, struct synth_surface s
     case SYNTH_STARFISH: return shade_starfish(s.object, p, footprint);
     case SYNTH_PEBBLE:
         return v3_scale(v3_mix(v3_of(0.40, 0.37, 0.33), v3_of(0.62, 0.48, 0.36), (s.object->seed >> 8 & 255) / 255.),
-                        (0.5 + 0.8 * (s.object->seed >> 16 & 255) / 255.) * (1 + 0.25 * synth_fbm3(s.object->seed, p, 0.03, 0.003, 0.8, footprint)));
+                        (0.5 + 0.8 * (s.object->seed >> 16 & 255) / 255.) *
+                            (1 + 0.25 * synth_fbm3(s.object->seed, p, 0.03, 0.003, 0.8, footprint)));
     default: return shade_coral(s.object, p, footprint);
     }
 }
@@ -185,13 +193,13 @@ static v3 shade_albedo(const struct synth_world *w, v3 p, struct synth_surface s
 /* 0 in shadow, 1 in the sun; the nearest miss over its distance is how much of the sun's disc is covered. */
 static double shade_sunlit(const struct synth_world *w, v3 p)
 {
-    double lit = 1, t = 0.008;
+    double lit = 1, t = 0.02;
     for (int i = 0; i < 48 && lit > 0.01; i++) {
         const v3     at = v3_along(p, w->sun, t);
         const double d  = synth_distance(w, at, NULL);
-        if (at.z > w->top || t > 4) break;
-        lit = synth_min(lit, 9 * d / t);
-        t += synth_clamp(d, 0.008, 0.5);
+        if (at.z > w->top || t > 3) break;
+        lit = synth_min(lit, 8 * d / t);
+        t += synth_clamp(d, 0.01, 1);
     }
     lit = synth_clamp(lit, 0, 1);
     return lit * lit * (3 - 2 * lit);
@@ -200,11 +208,11 @@ static double shade_sunlit(const struct synth_world *w, v3 p)
 /* 1 in the open; less where surfaces stand closer along the normal than they would on a plane. */
 static double shade_open(const struct synth_world *w, v3 p, v3 normal)
 {
-    static const double reach[3] = {0.035, 0.10, 0.24}, share[3] = {0.35, 0.4, 0.45};
+    static const double reach[2] = {0.05, 0.2}, share[2] = {0.45, 0.5};
     double              open = 1;
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 2; i++) {
         const double d = synth_distance(w, v3_along(p, normal, reach[i]), NULL);
-        open -= share[i] * (1 - synth_clamp(d / (0.6 * reach[i]), 0, 1)); /* 0.6: distances to the ground are cautious */
+        open -= share[i] * (1 - synth_clamp(d / (0.75 * reach[i]), 0, 1)); /* 0.75: distances to the ground are cautious */
     }
     return synth_clamp(open, 0.1, 1);
 }

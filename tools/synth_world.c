@@ -11,11 +11,11 @@
 
 #include <stdlib.h>
 
-#define SYNTH_CELL   0.5  /* metres */
-#define SYNTH_NEAR   0.25 /* metres; shading asks for distances up to this */
-#define SYNTH_RELIEF 1.2  /* metres: no object stands higher over the ground */
-#define BAKED_STEP   0.02 /* metres, at most MAX_BAKED samples */
-#define MAX_BAKED    48e6
+#define SYNTH_CELL 0.5  /* metres */
+#define SYNTH_NEAR 0.25 /* metres; shading asks for distances up to this */
+#define TALLEST    1.3  /* metres: nothing stands higher over the ground */
+#define BAKED_STEP 0.02 /* metres, at most MAX_BAKED samples */
+#define MAX_BAKED  48e6
 
 /* ---------------------------------------------------------------- the ground */
 
@@ -57,7 +57,8 @@ static int world_bake(struct synth_world *w, double half)
 #pragma omp parallel for schedule(dynamic, 16)
     for (int j = 0; j < w->ny; j++)
         for (int i = 0; i < w->nx; i++)
-            w->height[(size_t)j * (size_t)w->nx + (size_t)i] = (float)world_height(w->seed, w->x0 + i * w->step, w->y0 + j * w->step);
+            w->height[(size_t)j * (size_t)w->nx + (size_t)i] =
+                (float)world_height(w->seed, w->x0 + i * w->step, w->y0 + j * w->step);
     return 1;
 }
 
@@ -103,18 +104,25 @@ static double world_box(v3 p, v3 half, double rounding)
     return v3_length(outside) + synth_min(synth_max(q.x, synth_max(q.y, q.z)), 0) - rounding;
 }
 
-static double world_limb(v3 p, v3 a, v3 b, double radius_a, double radius_b)
+static struct synth_limb world_make_limb(v3 a, v3 b, double radius_a, double radius_b)
 {
-    const v3     pa = v3_sub(p, a), ba = v3_sub(b, a);
-    const double t = synth_clamp(v3_dot(pa, ba) / v3_dot(ba, ba), 0, 1);
-    return v3_length(v3_along(pa, ba, -t)) - synth_lerp(radius_a, radius_b, t);
+    const v3 way = v3_sub(b, a);
+    return (struct synth_limb){a, way, radius_a, radius_b, 1 / v3_dot(way, way)};
+}
+
+static double world_limb(v3 p, const struct synth_limb *l)
+{
+    const v3     pa = v3_sub(p, l->a);
+    const double t  = synth_clamp(v3_dot(pa, l->way) * l->per_square, 0, 1);
+    return v3_length(v3_along(pa, l->way, -t)) - synth_lerp(l->radius_a, l->radius_b, t);
 }
 
 /* A round bar along x. */
 static double world_bar(v3 p, double radius, double half)
 {
     const double across = sqrt(p.y * p.y + p.z * p.z) - radius, along = fabs(p.x) - half;
-    return synth_min(synth_max(across, along), 0) + sqrt(synth_max(across, 0) * synth_max(across, 0) + synth_max(along, 0) * synth_max(along, 0));
+    return synth_min(synth_max(across, along), 0) +
+           sqrt(synth_max(across, 0) * synth_max(across, 0) + synth_max(along, 0) * synth_max(along, 0));
 }
 
 static double world_melt(double a, double b, double width) /* a smooth minimum */
@@ -133,56 +141,68 @@ static void world_nearer(double *least, double d, enum synth_material *material,
     }
 }
 
-/* A small coaster, 4.4 m long, in its own frame: x to the bow, z up, deck at 0. The hull is a shell with ribs, torn open on
- * one side and half full of silt; on it a deck, a cabin with windows, a boiler, a funnel and the fallen mast. */
-static double world_wreck(v3 p, enum synth_material *material)
+/* A small coaster, 4.4 m long, in its own frame: x to the bow, z up, deck at 0. First the hull: a shell with ribs, torn open
+ * on one side, half full of silt, and a deck with a hatch. */
+static double world_hull(v3 p, enum synth_material *material)
 {
     const v3     stretched = v3_of(p.x - synth_clamp(p.x, -0.9, 0.9), p.y, p.z);
     const double skin      = world_ellipsoid(stretched, v3_of(1.3, 0.75, 0.7));
     const double gunwale   = p.z - 0.16 - 0.03 * p.x * p.x;
     const double tear      = 0.5 - v3_length(v3_of(p.x + 0.1, p.y + 0.8, 1.2 * (p.z + 0.1)));
-    const double rib       = fabs(p.x - 0.36 * floor(p.x / 0.36 + 0.5)) - 0.025;
-    const v3     cabin     = v3_sub(p, v3_of(-1.0, 0, 0.34));
-    const double window    = world_box(v3_of(cabin.x - 0.32 * floor(cabin.x / 0.32 + 0.5), cabin.y, cabin.z - 0.08), v3_of(0.09, 1, 0.1), 0.01);
-    const double door      = world_box(v3_sub(cabin, v3_of(0.5, 0.1, -0.05)), v3_of(0.3, 0.13, 0.25), 0.01);
-    const v3     funnel    = v3_of(p.z - 0.45 - 0.2 * p.x, p.y - 0.12, p.x + 0.25);
+    const double rib       = fabs(p.x - 0.36 * synth_floor(p.x / 0.36 + 0.5)) - 0.025;
     const double deck      = synth_max(world_box(v3_sub(p, v3_of(1.3, 0, 0)), v3_of(0.95, 0.8, 0.022), 0.005), skin + 0.01);
-    const double hatch     = world_box(v3_sub(p, v3_of(1.15, 0.1, 0)), v3_of(0.2, 0.22, 0.2), 0.01);
     double       d         = synth_max(synth_max(fabs(skin) - 0.022, gunwale), tear);
     *material              = SYNTH_STEEL;
     world_nearer(&d, synth_max(synth_max(rib, fabs(skin + 0.05) - 0.03), gunwale + 0.04), material, SYNTH_STEEL);
-    world_nearer(&d, synth_max(skin + 0.01, p.z + 0.3 + 0.05 * sin(3 * p.x) * cos(4 * p.y)), material, SYNTH_SAND);
-    world_nearer(&d, synth_max(deck, -hatch), material, SYNTH_WOOD);
-    world_nearer(&d, synth_max(synth_max(fabs(world_box(cabin, v3_of(0.5, 0.42, 0.36), 0.03)) - 0.015, -window), -door), material,
-                 SYNTH_STEEL);
+    world_nearer(&d, synth_max(skin + 0.01, p.z + 0.34 - 0.06 * p.x * p.y), material, SYNTH_SAND);
+    if (deck < d) {
+        const double hatch = world_box(v3_sub(p, v3_of(1.15, 0.1, 0)), v3_of(0.2, 0.22, 0.2), 0.01);
+        world_nearer(&d, synth_max(deck, -hatch), material, SYNTH_WOOD);
+    }
+    return d;
+}
+
+/* What stands on it: a cabin with windows and a door, a boiler, a leaning funnel. */
+static double world_upper_works(v3 p, double least, enum synth_material *material)
+{
+    const v3     cabin = v3_sub(p, v3_of(-1.0, 0, 0.34)), funnel = v3_of(p.z - 0.45 - 0.2 * p.x, p.y - 0.12, p.x + 0.25);
+    const double walls = fabs(world_box(cabin, v3_of(0.5, 0.42, 0.36), 0.03)) - 0.015;
+    double       d     = least;
+    if (walls < d) {
+        const double across = cabin.x - 0.32 * synth_floor(cabin.x / 0.32 + 0.5);
+        const double window = world_box(v3_of(across, cabin.y, cabin.z - 0.08), v3_of(0.09, 1, 0.1), 0.01);
+        const double door   = world_box(v3_sub(cabin, v3_of(0.5, 0.1, -0.05)), v3_of(0.3, 0.13, 0.25), 0.01);
+        world_nearer(&d, synth_max(synth_max(walls, -window), -door), material, SYNTH_STEEL);
+    }
     world_nearer(&d, world_bar(v3_sub(p, v3_of(0.1, 0, -0.1)), 0.25, 0.36) - 0.02, material, SYNTH_STEEL);
     world_nearer(&d, synth_max(fabs(world_bar(funnel, 0.13, 0.42)) - 0.012, funnel.x - 0.4), material, SYNTH_STEEL);
-    world_nearer(&d, world_limb(p, v3_of(0.7, 0.25, 0.12), v3_of(2.3, 1.75, -0.42), 0.06, 0.035), material, SYNTH_WOOD);
-    return 0.8 * d;
+    return d;
 }
 
 v3 synth_wreck_frame(const struct synth_world *w, v3 p)
 {
     const v3      q = v3_sub(p, w->wreck);
     const double *t = w->turn;
-    return v3_of(t[0] * q.x + t[1] * q.y + t[2] * q.z, t[3] * q.x + t[4] * q.y + t[5] * q.z, t[6] * q.x + t[7] * q.y + t[8] * q.z);
+    return v3_of(t[0] * q.x + t[1] * q.y + t[2] * q.z, t[3] * q.x + t[4] * q.y + t[5] * q.z,
+                 t[6] * q.x + t[7] * q.y + t[8] * q.z);
 }
 
 /* It lies at a random heading, heeled over by 13 degrees, its bow 5 degrees up. */
 static void world_lay_wreck(struct synth_world *w, v3 at)
 {
-    const double yaw = 2 * SYNTH_PI * synth_unit(synth_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180, pitch = 5 * SYNTH_PI / 180;
-    const v3     forward = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
-    const v3     level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
-    const v3     left = v3_add(v3_scale(level, cos(heel)), v3_scale(upright, sin(heel))), up = v3_cross(forward, left);
-    const v3     rows[3] = {forward, left, up};
+    const double yaw = 2 * SYNTH_PI * synth_unit(synth_bits(w->seed, 7, 1)), heel = 13 * SYNTH_PI / 180,
+                 pitch = 5 * SYNTH_PI / 180;
+    const v3 forward   = v3_of(cos(yaw) * cos(pitch), sin(yaw) * cos(pitch), sin(pitch));
+    const v3 level = v3_of(-sin(yaw), cos(yaw), 0), upright = v3_cross(forward, level);
+    const v3 left = v3_add(v3_scale(level, cos(heel)), v3_scale(upright, sin(heel))), up = v3_cross(forward, left);
+    const v3 rows[3] = {forward, left, up};
     for (int i = 0; i < 3; i++) {
         w->turn[3 * i]     = rows[i].x;
         w->turn[3 * i + 1] = rows[i].y;
         w->turn[3 * i + 2] = rows[i].z;
     }
-    w->wreck   = v3_of(at.x, at.y, synth_ground(w, at.x, at.y) + 0.34);
-    w->has_wreck = 1;
+    w->wreck = v3_of(at.x, at.y, synth_ground(w, at.x, at.y) + 0.34);
+    w->mast  = world_make_limb(v3_of(0.7, 0.25, 0.12), v3_of(2.3, 1.75, -0.42), 0.06, 0.035); /* fallen over the side */
 }
 
 /* ---------------------------------------------------------------- objects */
@@ -197,8 +217,8 @@ static double world_shape(const struct synth_shape *s, v3 q)
 {
     double d = 1e9;
     for (int i = 0; i < s->limb_count; i++) {
-        const struct synth_limb *l = &s->limb[i];
-        d                          = world_melt(d, world_limb(q, l->a, l->b, l->radius_a, l->radius_b), s->blend);
+        const double limb = world_limb(q, &s->limb[i]);
+        if (limb < d + s->blend) d = world_melt(d, limb, s->blend);
     }
     return d;
 }
@@ -221,23 +241,30 @@ static double world_object(const struct synth_world *w, const struct synth_objec
     return o->radius * world_shape(&w->shape[o->shape], v3_scale(q, 1 / o->radius));
 }
 
-/* The nearest listed object, or `least` when none is nearer; what is not listed is SYNTH_NEAR beyond the cell's walls. */
+/* The nearest listed object, or `least` when none is nearer. What is not listed lies SYNTH_NEAR beyond the cell's walls, and
+ * under the cell's ceiling or 1 m away. */
 static double world_objects(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
 {
     const double gx = (p.x - w->x0) / SYNTH_CELL, gy = (p.y - w->y0) / SYNTH_CELL;
     const int    ix = synth_floor(gx), iy = synth_floor(gy);
     const double fx = gx - ix, fy = gy - iy;
-    const double wall = SYNTH_CELL * synth_min(synth_min(fx, 1 - fx), synth_min(fy, 1 - fy));
+    const double wall = SYNTH_CELL * synth_min(synth_min(fx, 1 - fx), synth_min(fy, 1 - fy)) + SYNTH_NEAR;
     size_t       cell;
+    double       over;
     if (ix < 0 || iy < 0 || ix >= w->cells_x || iy >= w->cells_y) return least;
-    least = synth_min(least, wall + SYNTH_NEAR);
-    cell  = (size_t)iy * (size_t)w->cells_x + (size_t)ix;
+    cell = (size_t)iy * (size_t)w->cells_x + (size_t)ix;
+    over = synth_min(p.z - w->ceiling[cell], 1);
+    if (over > wall) return synth_min(least, over);
+    least = synth_min(least, wall);
     for (uint32_t k = w->cell_first[cell]; k < w->cell_first[cell + 1]; k++) {
-        const struct synth_object *o    = &w->object[w->cell_object[k]];
-        const double               ball = v3_length(v3_sub(p, o->centre)) - o->radius;
+        const struct synth_near   *near = &w->near[k];
+        const double               dx = p.x - near->x, dy = p.y - near->y, dz = p.z - near->z;
+        const double               square = dx * dx + dy * dy + dz * dz, reach = least + near->radius;
+        const struct synth_object *o = &w->object[near->object];
         double                     d;
-        if (ball >= least) continue;
-        d = ball > 0.1 ? ball : world_object(w, o, p);
+        if (reach < 0 || square >= reach * reach) continue;
+        d = sqrt(square) - near->radius;
+        if (d < 0.04) d = world_object(w, o, p);
         if (d >= least) continue;
         least    = d;
         *surface = (struct synth_surface){o->material, o};
@@ -252,33 +279,57 @@ static enum synth_material world_ground_material(const struct synth_world *w, v3
     return world_reef(w->seed, p.x, p.y) + ragged > 0.35 ? SYNTH_ROCK : SYNTH_SAND;
 }
 
+/* Height over the ground. Far up the nearest baked sample will do: it is off by less than the 3 cm taken away. */
+static double world_above(const struct synth_world *w, v3 p)
+{
+    const int ix = synth_floor((p.x - w->x0) / w->step + 0.5), iy = synth_floor((p.y - w->y0) / w->step + 0.5);
+    if (ix >= 0 && iy >= 0 && ix < w->nx && iy < w->ny) {
+        const double above = p.z - w->height[(size_t)iy * (size_t)w->nx + (size_t)ix] - 1.5 * w->step;
+        if (above > 0.2) return above;
+    }
+    return p.z - synth_ground(w, p.x, p.y);
+}
+
+static double world_wreck_near(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
+{
+    const v3            away  = v3_sub(p, w->wreck);
+    const double        reach = synth_max(least, 0) + 3.3; /* metres: half the diagonal of the box below */
+    enum synth_material material;
+    v3                  q;
+    double              d;
+    if (v3_dot(away, away) >= reach * reach) return least;
+    q = synth_wreck_frame(w, p);
+    d = world_limb(q, &w->mast);
+    if (d < least) {
+        *surface = (struct synth_surface){SYNTH_WOOD, NULL};
+        least    = d;
+    }
+    d = world_box(q, v3_of(2.25, 0.8, 0.9), 0.1);
+    if (d >= least) return least;
+    if (d > 0.1) return d;
+    d = world_hull(q, &material);
+    d = 0.8 * world_upper_works(q, d, &material);
+    if (d >= least) return least;
+    *surface = (struct synth_surface){material, NULL};
+    return d;
+}
+
 double synth_distance(const struct synth_world *w, v3 p, struct synth_surface *surface)
 {
-    const double         above   = p.z - synth_ground(w, p.x, p.y);
+    const double         above   = world_above(w, p);
     struct synth_surface nearest = {surface ? world_ground_material(w, p) : SYNTH_SAND, NULL};
-    double               d       = synth_max(0.6 * above, above - 1.3); /* slopes under 50 degrees, heights that differ by less than 1.3 m */
-    if (above < SYNTH_RELIEF + 0.3) d = world_objects(w, p, d, &nearest);
-    else d = synth_min(d, 0.7 * (above - SYNTH_RELIEF));
-    if (w->has_wreck) {
-        const v3     q    = synth_wreck_frame(w, p);
-        const double ball = world_box(q, v3_of(2.5, 1.9, 1.0), 0.1);
-        if (ball < d) {
-            enum synth_material material;
-            const double        wreck = ball > 0.2 ? ball : world_wreck(q, &material);
-            if (wreck < d && ball <= 0.2) nearest = (struct synth_surface){material, NULL};
-            d = synth_min(d, wreck);
-        }
-    }
+    double               d       = synth_max(0.75 * above, above - 1.3); /* slopes of 41 degrees, heights that differ by 1.3 m */
+    d                            = world_objects(w, p, d, &nearest);
+    d                            = world_wreck_near(w, p, d, &nearest);
     if (surface) *surface = nearest;
     return d;
 }
 
 /* ---------------------------------------------------------------- making the shapes of limbs */
 
-static struct synth_limb *world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, double radius_b)
+static void world_add_limb(struct synth_shape *s, v3 a, v3 b, double radius_a, double radius_b)
 {
-    s->limb[s->limb_count] = (struct synth_limb){a, b, radius_a, radius_b};
-    return &s->limb[s->limb_count++];
+    s->limb[s->limb_count++] = world_make_limb(a, b, radius_a, radius_b);
 }
 
 /* A bush: stems lean outwards and end in two fingers each. */
@@ -316,7 +367,7 @@ static void world_table(struct synth_shape *s, uint64_t seed)
     world_add_limb(s, v3_of(0, 0, -0.5), v3_of(0, 0, 0.1), 0.14, 0.12);
     for (int i = 0; i < 22; i++) {
         const double radius = 0.82 * sqrt((i + 0.5) / 22), turn = 2.39996 * i; /* the sunflower's spiral */
-        const v3     at     = v3_of(radius * cos(turn), radius * sin(turn), 0.1 + 0.08 * synth_unit(synth_bits(seed, 3, (uint64_t)i)));
+        const v3 at = v3_of(radius * cos(turn), radius * sin(turn), 0.1 + 0.08 * synth_unit(synth_bits(seed, 3, (uint64_t)i)));
         world_add_limb(s, v3_of(0.8 * at.x, 0.8 * at.y, 0.05), v3_of(at.x, at.y, at.z + 0.1), 0.12, 0.07);
     }
 }
@@ -345,11 +396,11 @@ static void world_make_shapes(struct synth_world *w)
 
 struct world_kind {
     enum synth_material material;
-    int                 shape, shapes; /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
-    double              density;       /* tries on a square metre */
+    int                 shape, shapes;    /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
+    double              density;          /* tries on a square metre */
     double              on_sand, on_reef; /* share of the tries that settle */
-    double              small, large;  /* radius, metres */
-    double              sunk;          /* radii that the centre lies under the ground; negative: above */
+    double              small, large;     /* radius, metres */
+    double              sunk;             /* radii that the centre lies under the ground; negative: above */
 };
 
 static const struct world_kind world_kinds[] = {
@@ -376,16 +427,16 @@ static int world_settle(const struct synth_world *w, double half, int kind, uint
     y    = half * (2 * u[1] - 1);
     reef = world_reef(w->seed, x, y);
     if (u[2] > synth_lerp(k->on_sand, k->on_reef, reef)) return 0;
-    if (w->has_wreck && k->large > 0.1) {
+    if (k->large > 0.1) {
         const v3 q = synth_wreck_frame(w, v3_of(x, y, w->wreck.z));
         if (fabs(q.x) < 2.3 && fabs(q.y) < 0.9) return 0;
     }
-    *o          = (struct synth_object){.material = k->material, .shape = k->shape, .seed = (uint32_t)seed};
-    o->radius   = k->small + (k->large - k->small) * u[3] * u[3];
-    o->yaw_cos  = cos(2 * SYNTH_PI * u[4]);
-    o->yaw_sin  = sin(2 * SYNTH_PI * u[4]);
-    o->centre   = v3_of(x, y, synth_ground(w, x, y) - k->sunk * o->radius);
-    o->axes     = v3_scale(v3_of(0.85, 0.55 + 0.25 * u[5], 0.45 + 0.25 * u[6]), o->radius);
+    *o         = (struct synth_object){.material = k->material, .shape = k->shape, .seed = (uint32_t)seed};
+    o->radius  = k->small + (k->large - k->small) * u[3] * u[3];
+    o->yaw_cos = cos(2 * SYNTH_PI * u[4]);
+    o->yaw_sin = sin(2 * SYNTH_PI * u[4]);
+    o->centre  = v3_of(x, y, synth_ground(w, x, y) - k->sunk * o->radius);
+    o->axes    = v3_scale(v3_of(0.85, 0.55 + 0.25 * u[5], 0.45 + 0.25 * u[6]), o->radius);
     if (k->shape == SYNTH_BOX) o->axes = v3_scale(v3_of(0.95, 0.12 + 0.1 * u[5], 0.06 + 0.05 * u[6]), o->radius);
     if (k->shape >= 0) o->shape += (int)(k->shapes * u[7]);
     return 1;
@@ -410,15 +461,44 @@ static void world_list(struct synth_world *w, int listing)
     for (size_t i = 0; i < w->object_count; i++) {
         const struct synth_object *o    = &w->object[i];
         const double               r    = o->radius + SYNTH_NEAR;
-        const int                  low  = synth_floor((o->centre.x - r - w->x0) / SYNTH_CELL), high = synth_floor((o->centre.x + r - w->x0) / SYNTH_CELL);
-        const int                  from = synth_floor((o->centre.y - r - w->y0) / SYNTH_CELL), to = synth_floor((o->centre.y + r - w->y0) / SYNTH_CELL);
+        const struct synth_near    near = {(float)o->centre.x, (float)o->centre.y, (float)o->centre.z, (float)o->radius + 1e-4f,
+                                           (uint32_t)i};
+        const int                  low  = synth_floor((o->centre.x - r - w->x0) / SYNTH_CELL),
+                  high                  = synth_floor((o->centre.x + r - w->x0) / SYNTH_CELL);
+        const int from                  = synth_floor((o->centre.y - r - w->y0) / SYNTH_CELL),
+                  to                    = synth_floor((o->centre.y + r - w->y0) / SYNTH_CELL);
         for (int y = from < 0 ? 0 : from; y <= to && y < w->cells_y; y++)
             for (int x = low < 0 ? 0 : low; x <= high && x < w->cells_x; x++) {
                 uint32_t *cell = &w->cell_first[(size_t)y * (size_t)w->cells_x + (size_t)x];
-                if (listing) w->cell_object[--*cell] = (uint32_t)i;
+                if (listing) w->near[--*cell] = near;
                 else ++*cell;
             }
     }
+}
+
+static float world_highest(const struct synth_world *w, size_t cell)
+{
+    float top = -1e9f;
+    for (uint32_t k = w->cell_first[cell]; k < w->cell_first[cell + 1]; k++) top = fmaxf(top, w->near[k].z + w->near[k].radius);
+    return top;
+}
+
+static int world_raise_ceilings(struct synth_world *w)
+{
+    const int reach = (int)(1 / SYNTH_CELL);
+    w->ceiling      = malloc((size_t)w->cells_x * (size_t)w->cells_y * sizeof *w->ceiling);
+    if (!w->ceiling) return 0;
+    for (int i = 0; i < w->cells_x * w->cells_y; i++) w->ceiling[i] = -1e9f;
+    for (int y = 0; y < w->cells_y; y++)
+        for (int x = 0; x < w->cells_x; x++) {
+            const float top = world_highest(w, (size_t)y * (size_t)w->cells_x + (size_t)x);
+            for (int v = y < reach ? 0 : y - reach; v <= y + reach && v < w->cells_y; v++)
+                for (int u = x < reach ? 0 : x - reach; u <= x + reach && u < w->cells_x; u++) {
+                    float *ceiling = &w->ceiling[(size_t)v * (size_t)w->cells_x + (size_t)u];
+                    *ceiling       = fmaxf(*ceiling, top);
+                }
+        }
+    return 1;
 }
 
 static int world_index(struct synth_world *w, double half)
@@ -430,10 +510,10 @@ static int world_index(struct synth_world *w, double half)
     if (!w->cell_first) return 0;
     world_list(w, 0);
     for (size_t i = 0; i < cells; i++) w->cell_first[i + 1] += w->cell_first[i]; /* each now holds its end */
-    w->cell_object = malloc((w->cell_first[cells] + 1) * sizeof *w->cell_object);
-    if (!w->cell_object) return 0;
+    w->near = malloc((w->cell_first[cells] + 1) * sizeof *w->near);
+    if (!w->near) return 0;
     world_list(w, 1); /* and now its beginning */
-    return 1;
+    return world_raise_ceilings(w);
 }
 
 int synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *w)
@@ -444,7 +524,7 @@ int synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world 
     world_make_shapes(w);
     if (!world_strew(w, half) || !world_index(w, half)) goto failed;
     for (int i = 0; i < w->nx * w->ny; i++) w->top = synth_max(w->top, w->height[i]);
-    w->top = synth_max(w->top, 0.45) + SYNTH_RELIEF; /* 0.45: the highest swell beyond what is baked */
+    w->top = synth_max(w->top, 0.45) + TALLEST; /* 0.45: the highest swell beyond what is baked */
     return 1;
 failed:
     synth_world_free(w);
@@ -456,6 +536,7 @@ void synth_world_free(struct synth_world *w)
     free(w->height);
     free(w->object);
     free(w->cell_first);
-    free(w->cell_object);
+    free(w->near);
+    free(w->ceiling);
     *w = (struct synth_world){0};
 }
