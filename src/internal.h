@@ -179,7 +179,7 @@ struct colmap_track { /* one (IMAGE_ID, POINT2D_IDX) */
 struct colmap_point {
     int64_t  id;
     double   position[3]; /* world */
-    double   error;
+    double   error; /* px; -1: unknown */
     uint8_t  rgb[3];
     uint32_t track_count;
     size_t   first_track; /* in colmap.track */
@@ -201,7 +201,8 @@ struct colmap {
     size_t                     warnings; /* oddities that were mended and logged */
 };
 
-/* Reads cameras.txt, images.txt and points3D.txt of a folder. keep_observations = 0 skips the 2D points. */
+/* Reads cameras.txt, images.txt and points3D.txt of a folder; colmap.c says what is promised of them. keep_observations = 0
+ * skips the 2D points. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
 OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c); /* %.17g */
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
