@@ -111,13 +111,16 @@ $(BUILD)/modules/%.o: %.c $(BUILD)/flags
 	@mkdir -p $(@D)
 	$(CC) $(FLAGS) -Werror -DOXL_MODULES -MMD -MP -c $< -o $@
 
-dist: $(BUILD)/flags ## dist/oceanxl.[hc], the library in two files, and dist/single/oceanxl.h, in one; both are tried
-	tools/dist.sh dist
-	@mkdir -p $(BUILD)/dist
-	$(CC) $(FLAGS) -Werror -Idist examples/one_gaussian.c dist/oceanxl.c -o $(BUILD)/dist/pair $(LIBS)
-	$(CC) $(FLAGS) -Werror -Idist/single -DOCEANXL_IMPLEMENTATION examples/one_gaussian.c -o $(BUILD)/dist/single $(LIBS)
+dist: $(BUILD)/dist/pair $(BUILD)/dist/single ## dist/oceanxl.[hc], the library in two files, and dist/single/oceanxl.h, in one; both are tried
 	$(BUILD)/dist/pair
 	$(BUILD)/dist/single
+$(BUILD)/dist/pair: examples/one_gaussian.c dist/oceanxl.c
+	$(CC) $(FLAGS) -Werror -Idist $^ -o $@ $(LIBS)
+$(BUILD)/dist/single: examples/one_gaussian.c dist/single/oceanxl.h
+	$(CC) $(FLAGS) -Werror -Idist/single -DOCEANXL_IMPLEMENTATION $< -o $@ $(LIBS)
+dist/oceanxl.c dist/single/oceanxl.h &: tools/dist.sh oceanxl.c oceanxl.h $(wildcard src/*) $(BUILD)/flags
+	@mkdir -p $(BUILD)/dist
+	tools/dist.sh dist
 
 format: ## clang-format on our sources
 	clang-format -i $(OURS)
