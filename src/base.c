@@ -1,4 +1,4 @@
-/* base.c - context, errors, memory, growing text, number parsing, random numbers.
+/* base.c - context, errors, memory, growing text, random numbers.
  *
  * Invariant: every byte that the library holds was given by ctx->options.reallocate, so that a caller can count it, limit it
  * or make it fail.

@@ -9,7 +9,8 @@
 #define TRAIN_WARM_UP  500        /* iterations before the first densification, unless a quarter of the run is less */
 #define TRAIN_RESET_LEAST \
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
-#define TRAIN_SMOOTHING 0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+#define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
+#define TRAIN_SMOOTHING     0.02  /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
 {
@@ -208,10 +209,24 @@ static oxl_result train_bands(struct train *t)
 
 /* ---------------------------------------------------------------- the run */
 
+/* One Gaussian a point; without points, random ones in front of the cameras. */
+static oxl_result train_first_model(struct train *t)
+{
+    oxl_point *random = NULL;
+    oxl_result rc;
+    if (oxl_scene_point_count(t->scene) > 0)
+        return oxl_model_from_points(t->ctx, oxl_scene_points(t->scene), oxl_scene_point_count(t->scene), 0, t->model);
+    oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones", TRAIN_RANDOM_POINTS);
+    rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
+    if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, t->model);
+    oxl_free(t->ctx, random);
+    return rc;
+}
+
 static oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx = t->ctx;
-    oxl_result   rc  = oxl_model_from_points(ctx, oxl_scene_points(t->scene), oxl_scene_point_count(t->scene), 0, t->model);
+    oxl_result   rc  = train_first_model(t);
     if (rc != OXL_OK) return rc;
     memcpy(t->model->origin, oxl_scene_origin(t->scene), sizeof t->model->origin);
     t->render            = oxl_render_options_default();

@@ -1,0 +1,255 @@
+/* test_train.c - density control row by row, and small runs of the whole loop. */
+
+/* ---------------------------------------------------------------- density */
+
+/* Four Gaussians 1 apart; statistics as if each had been seen once with the given gradient. */
+struct density_case {
+    oxl_model       model, first, second;
+    struct density *density;
+};
+
+static struct density_case density_case(const float gradient[4])
+{
+    struct density_case c;
+    CHECK_OK(oxl_model_create(test_ctx, 4, 1, &c.model));
+    CHECK_OK(oxl_model_create(test_ctx, 4, 1, &c.first));
+    CHECK_OK(oxl_model_create(test_ctx, 4, 1, &c.second));
+    CHECK_OK(density_create(test_ctx, &c.density));
+    CHECK_OK(density_clear(test_ctx, c.density, 4));
+    for (int i = 0; i < 4; i++) {
+        for (int k = 0; k < oxl_model_planes(&c.model); k++) c.first.plane[k][i] = c.second.plane[k][i] = 7;
+        c.model.plane[OXL_MEAN][i] = (float)i;
+        c.density->gradient[i]     = gradient[i];
+        c.density->views[i]        = 1;
+        for (int a = 0; a < 3; a++) c.model.plane[OXL_LOG_SCALE + a][i] = i % 2 ? -1.0f : -7.0f; /* odd ones are large */
+    }
+    return c;
+}
+
+static void density_case_free(struct density_case *c)
+{
+    oxl_model_free(test_ctx, &c->model);
+    oxl_model_free(test_ctx, &c->first);
+    oxl_model_free(test_ctx, &c->second);
+    density_free(test_ctx, c->density);
+}
+
+static struct density_change density_run(struct density_case *c, struct density_rules rules)
+{
+    struct density_change change;
+    CHECK_OK(density_control(test_ctx, c->density, &c->model, &c->first, &c->second, &rules, &change));
+    return change;
+}
+
+TEST(density_clones_small_rows_and_splits_large_ones_beside_their_parent)
+{
+    struct density_case         c = density_case((float[]){1, 1, 0, 0});
+    const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .seed = 1, .step = 100});
+    const float                *x = c.model.plane[OXL_MEAN], *s = c.model.plane[OXL_LOG_SCALE];
+    CHECK(d.cloned == 1 && d.split == 1 && d.removed == 0 && c.model.count == 6 && c.first.count == 6);
+    CHECK(x[0] == 0 && x[1] == 0);                                     /* the clone, an exact copy */
+    CHECK(x[2] != x[3] && fabsf(x[2] - 1) < 2 && fabsf(x[3] - 1) < 2); /* two samples of the split one */
+    CHECK_CLOSE(s[2], -1 - log(1.6), 1e-6);
+    CHECK_CLOSE(s[3], -1 - log(1.6), 1e-6);
+    CHECK(x[4] == 2 && x[5] == 3);
+    CHECK(c.first.plane[0][0] == 7 && c.first.plane[0][1] == 0); /* the parent keeps its moments, new rows start at 0 */
+    CHECK(c.second.plane[5][2] == 0 && c.second.plane[5][3] == 0 && c.second.plane[5][4] == 7);
+    density_case_free(&c);
+}
+
+TEST(density_removes_faint_rows_and_such_as_are_not_finite)
+{
+    struct density_case   c = density_case((float[]){0, 0, 0, 1});
+    struct density_change d;
+    c.model.plane[OXL_OPACITY][0]  = -6; /* 0.0025 */
+    c.model.plane[OXL_MEAN + 1][1] = INFINITY;
+    c.model.plane[OXL_SH + 11][3]  = NAN; /* although its gradient would have it grow */
+    d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .seed = 1, .step = 100});
+    CHECK(d.removed == 3 && c.model.count == 1 && c.model.plane[OXL_MEAN][0] == 2);
+    density_case_free(&c);
+}
+
+TEST(density_removes_large_rows_only_after_a_reset)
+{
+    struct density_case c = density_case((float[]){0, 0, 0, 0});
+    CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .seed = 1, .step = 100}).removed == 0);
+    CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .remove_large = 1, .seed = 1, .step = 100})
+              .removed == 2);
+    density_case_free(&c);
+}
+
+TEST(density_cap_lets_those_with_the_largest_gradients_grow)
+{
+    struct density_case         c = density_case((float[]){1, 4, 2, 3});
+    const struct density_change d =
+        density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .cap = 6, .seed = 1, .step = 1});
+    CHECK(c.model.count == 6 && d.split == 2 && d.cloned == 0);
+    density_case_free(&c);
+}
+
+TEST(density_reset_lowers_opacity_to_a_hundredth_and_forgets_its_moments)
+{
+    struct density_case c         = density_case((float[]){0, 0, 0, 0});
+    c.model.plane[OXL_OPACITY][1] = -5.5f;
+    density_reset_opacity(&c.model, &c.first, &c.second);
+    CHECK_CLOSE(1 / (1 + exp(-c.model.plane[OXL_OPACITY][0])), 0.01, 1e-6);
+    CHECK(c.model.plane[OXL_OPACITY][1] == -5.5f && c.first.plane[OXL_OPACITY][2] == 0 && c.first.plane[OXL_MEAN][2] == 7);
+    density_case_free(&c);
+}
+
+/* ---------------------------------------------------------------- the loop */
+
+/* Seven views of a coloured plane, drawn by our own renderer from a known model: points near the truth, wrong colours. */
+static oxl_scene *train_scene(int views)
+{
+    enum { SIDE = 48, GRID = 12 };
+    oxl_model  truth;
+    oxl_view   view[16];
+    oxl_image  image[16];
+    oxl_point  point[GRID * GRID];
+    oxl_scene *scene = NULL;
+    CHECK_OK(oxl_model_create(test_ctx, GRID * GRID, 0, &truth));
+    for (int i = 0; i < GRID * GRID; i++) {
+        const double x = (i % GRID - 5.5) * 0.3, y = (i / GRID - 5.5) * 0.3;
+        truth.plane[OXL_MEAN][i]     = (float)x;
+        truth.plane[OXL_MEAN + 1][i] = (float)y;
+        truth.plane[OXL_OPACITY][i]  = 4;
+        for (int a = 0; a < 3; a++) {
+            truth.plane[OXL_LOG_SCALE + a][i] = -1.8f;
+            truth.plane[OXL_SH + a][i]        = (float)(3 * random_unit(random_bits(4, (uint64_t)i, (uint64_t)a)) - 1.5);
+        }
+        point[i] = (oxl_point){.position = {x + 0.02, y - 0.02, 0.01}, .rgb = {128, 128, 128}};
+    }
+    for (int v = 0; v < views; v++) {
+        static char names[16][16];
+        snprintf(names[v], sizeof names[v], "v%02d.png", v);
+        view[v] = (oxl_view){
+            names[v],
+            {SIDE, SIDE, 50, 50, SIDE / 2.0, SIDE / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.2 * (v - 3), 0.1 * (v % 3), 3}},
+            v == 3};
+        CHECK_OK(oxl_render(test_ctx, &truth, &view[v].camera, NULL, &image[v], NULL));
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, point, GRID * GRID, &scene));
+    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
+    oxl_model_free(test_ctx, &truth);
+    return scene;
+}
+
+static oxl_train_options train_options(int iterations)
+{
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
+    o.iterations        = iterations;
+    o.sh_degree         = 1;
+    return o;
+}
+
+static double train_psnr(oxl_scene *scene, const oxl_model *model)
+{
+    oxl_metrics metrics;
+    double      psnr;
+    CHECK_OK(oxl_evaluate(test_ctx, model, scene, OXL_SPLIT_TEST, &metrics));
+    psnr = metrics.psnr;
+    oxl_metrics_free(test_ctx, &metrics);
+    return psnr;
+}
+
+TEST(train_learns_views_that_it_has_not_seen)
+{
+    oxl_scene        *scene   = train_scene(7);
+    oxl_train_options options = train_options(300);
+    oxl_model         start, model;
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &start));
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK(train_psnr(scene, &start) < 15);
+    CHECK(train_psnr(scene, &model) > 25);
+    CHECK(model.sh_degree == 1);
+    oxl_model_free(test_ctx, &start);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+static int train_same(const oxl_model *a, const oxl_model *b)
+{
+    int same = a->count == b->count && a->sh_degree == b->sh_degree;
+    for (int k = 0; same && k < oxl_model_planes(a); k++) same = !memcmp(a->plane[k], b->plane[k], a->count * sizeof(float));
+    return same;
+}
+
+TEST(train_gives_the_same_bytes_with_1_2_and_7_threads)
+{
+    oxl_scene        *scene   = train_scene(7);
+    oxl_train_options options = train_options(160); /* densifies at 100 */
+    oxl_model         model[3];
+    for (int i = 0; i < 3; i++) {
+        test_ctx->threads     = i == 0 ? 1 : i == 1 ? 2 : 7;
+        options.densify_until = 0.9f;
+        CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model[i]));
+    }
+    CHECK(model[0].count != oxl_scene_point_count(scene));
+    CHECK(train_same(&model[0], &model[1]) && train_same(&model[0], &model[2]));
+    for (int i = 0; i < 3; i++) oxl_model_free(test_ctx, &model[i]);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(train_depends_on_the_seed)
+{
+    oxl_scene        *scene   = train_scene(7);
+    oxl_train_options options = train_options(20);
+    oxl_model         a, b;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &a));
+    test_ctx->options.seed = 2;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &b));
+    CHECK(!train_same(&a, &b));
+    oxl_model_free(test_ctx, &a);
+    oxl_model_free(test_ctx, &b);
+    oxl_scene_free(test_ctx, scene);
+}
+
+static int train_stop_at_7(void *user, const oxl_progress *progress)
+{
+    *(int *)user = progress->iteration;
+    return progress->iteration == 7;
+}
+
+TEST(train_stops_when_the_callback_asks_and_leaves_a_usable_model)
+{
+    oxl_scene         *scene   = train_scene(7);
+    oxl_train_options  options = train_options(100);
+    int                last    = 0;
+    const oxl_callback stop    = {train_stop_at_7, &last};
+    oxl_model          model;
+    CHECK(oxl_train(test_ctx, scene, &options, &stop, &model) == OXL_ERR_INTERRUPTED);
+    CHECK(last == 7 && model.count == oxl_scene_point_count(scene));
+    CHECK_TEXT(oxl_error_text(test_ctx), "interrupted at iteration 7 of 100");
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(train_without_points_starts_from_random_ones)
+{
+    oxl_scene        *with = train_scene(4), *scene = NULL;
+    oxl_train_options options = train_options(3);
+    oxl_view          view[4];
+    oxl_image         image[4];
+    oxl_model         model;
+    for (int v = 0; v < 4; v++) {
+        view[v] = *oxl_scene_view(with, v);
+        CHECK_OK(oxl_scene_image(test_ctx, with, v, &image[v]));
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 4, NULL, 0, &scene));
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK(model.count > 1000);
+    for (int v = 0; v < 4; v++) oxl_image_free(test_ctx, &image[v]);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+    oxl_scene_free(test_ctx, with);
+}
+
+TEST(train_refuses_options_that_make_no_sense)
+{
+    oxl_scene        *scene   = train_scene(2);
+    oxl_train_options options = train_options(0);
+    oxl_model         model;
+    CHECK(oxl_train(test_ctx, scene, &options, NULL, &model) == OXL_ERR_USAGE && model.count == 0);
+    oxl_scene_free(test_ctx, scene);
+}
