@@ -5,7 +5,7 @@
  *     synth_shade.c   rays, light and colour
  *     synth_path.c    where the camera flies
  *     synth_points.c  sparse points with tracks
- *     synth_colmap.c  the three text files
+ *     synth_export.c  the three text files
  *     synth_file.c    numbers into files, fast and the same in every locale
  *
  * Frame: x east, y north, z up, metres, zero in the middle of the survey; options.origin is added at export.
@@ -176,7 +176,7 @@ const struct synth_observation *synth_observation_in(const struct synth_points *
 /* Keypoints without a point that stand after the k-th observation of a view: 0 or 1. */
 int                             synth_stray(uint64_t seed, int view, size_t k);
 
-/* ---------------------------------------------------------------- synth_colmap.c */
+/* ---------------------------------------------------------------- synth_export.c */
 
 struct synth_ids { /* sparse and unordered, as COLMAP's: id(i) = 1 + (i x stride) mod modulus, one to one */
     uint64_t stride, modulus;

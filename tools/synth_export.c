@@ -1,4 +1,4 @@
-/* synth_colmap.c - the three text files, in the layout of COLMAP's documentation ("Output Format").
+/* synth_export.c - the three text files, in the layout of COLMAP's documentation ("Output Format").
  *
  * Ids are sparse and unordered, keypoints without a point stand between the others, as in real exports: readers that count on
  * more are wrong. Invariant: both ways round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
@@ -7,7 +7,7 @@
 
 enum { CAMERA_ID = 3 };
 
-static uint64_t colmap_common_divisor(uint64_t a, uint64_t b)
+static uint64_t export_common_divisor(uint64_t a, uint64_t b)
 {
     while (b > 0) {
         const uint64_t rest = a % b;
@@ -21,7 +21,7 @@ struct synth_ids synth_ids_for(uint64_t count)
 {
     struct synth_ids ids = {.modulus = count + count / 2 + 7};
     ids.stride           = (uint64_t)(0.381966 * (double)ids.modulus) | 1;
-    while (colmap_common_divisor(ids.stride, ids.modulus) != 1) ids.stride += 2;
+    while (export_common_divisor(ids.stride, ids.modulus) != 1) ids.stride += 2;
     return ids;
 }
 
@@ -36,7 +36,7 @@ void synth_image_name(int view, char name[32])
 }
 
 /* w x y z, w >= 0 (Shepperd 1978: divides by the largest of the four). */
-static void colmap_quaternion(const double r[9], double q[4])
+static void export_quaternion(const double r[9], double q[4])
 {
     const double t[4]    = {r[0] + r[4] + r[8], r[0] - r[4] - r[8], r[4] - r[0] - r[8], r[8] - r[0] - r[4]};
     const double d[4][4] = {{0, r[7] - r[5], r[2] - r[6], r[3] - r[1]},
@@ -53,7 +53,7 @@ static void colmap_quaternion(const double r[9], double q[4])
         for (int i = 0; i < 4; i++) q[i] = -q[i];
 }
 
-static void colmap_numbers(struct synth_file *f, const double *value, int count, int decimals)
+static void export_numbers(struct synth_file *f, const double *value, int count, int decimals)
 {
     for (int i = 0; i < count; i++) {
         synth_file_text(f, " ");
@@ -61,7 +61,7 @@ static void colmap_numbers(struct synth_file *f, const double *value, int count,
     }
 }
 
-static void colmap_mean(struct synth_file *f, const char *what, uint64_t count, const char *mean, double value)
+static void export_mean(struct synth_file *f, const char *what, uint64_t count, const char *mean, double value)
 {
     synth_file_text(f, what);
     synth_file_integer(f, count);
@@ -70,7 +70,7 @@ static void colmap_mean(struct synth_file *f, const char *what, uint64_t count, 
     synth_file_text(f, "\n");
 }
 
-static int colmap_write_cameras(const struct synth_path *path, const char *name)
+static int export_write_cameras(const struct synth_path *path, const char *name)
 {
     const struct synth_camera *c = &path->camera[0];
     struct synth_file          f;
@@ -82,22 +82,22 @@ static int colmap_write_cameras(const struct synth_path *path, const char *name)
     synth_file_integer(&f, (uint64_t)c->width);
     synth_file_text(&f, " ");
     synth_file_integer(&f, (uint64_t)c->height);
-    colmap_numbers(&f, (double[4]){c->f, c->f, c->cx, c->cy}, 4, 9);
+    export_numbers(&f, (double[4]){c->f, c->f, c->cx, c->cy}, 4, 9);
     synth_file_text(&f, "\n");
     return synth_file_close(&f);
 }
 
-static void colmap_pose(struct synth_file *f, const struct synth_camera *c, const double origin[3])
+static void export_pose(struct synth_file *f, const struct synth_camera *c, const double origin[3])
 {
     const double *r = c->rotation, at[3] = {c->centre.x + origin[0], c->centre.y + origin[1], c->centre.z + origin[2]};
     double        q[4], t[3];
-    colmap_quaternion(r, q);
+    export_quaternion(r, q);
     for (int i = 0; i < 3; i++) t[i] = -(r[3 * i] * at[0] + r[3 * i + 1] * at[1] + r[3 * i + 2] * at[2]);
-    colmap_numbers(f, q, 4, 15);
-    colmap_numbers(f, t, 3, 9);
+    export_numbers(f, q, 4, 15);
+    export_numbers(f, t, 3, 9);
 }
 
-static void colmap_keypoint(struct synth_file *f, int is_first, double x, double y)
+static void export_keypoint(struct synth_file *f, int is_first, double x, double y)
 {
     if (!is_first) synth_file_text(f, " ");
     synth_file_fixed(f, x, 3);
@@ -106,23 +106,23 @@ static void colmap_keypoint(struct synth_file *f, int is_first, double x, double
     synth_file_text(f, " ");
 }
 
-static void colmap_view(struct synth_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids ids,
+static void export_view(struct synth_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids ids,
                         int view)
 {
     const size_t first = points->view_first[view];
     for (size_t k = 0; k < points->view_first[view + 1] - first; k++) {
         const struct synth_observation *at = synth_observation_in(points, points->by_view[first + k], view);
         const uint64_t                  h  = synth_bits(o->seed, 300 + k, (uint64_t)view);
-        colmap_keypoint(f, k == 0, at->x, at->y);
+        export_keypoint(f, k == 0, at->x, at->y);
         synth_file_integer(f, synth_id(ids, points->by_view[first + k]));
         if (!synth_stray(o->seed, view, k)) continue;
-        colmap_keypoint(f, 0, synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
+        export_keypoint(f, 0, synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
         synth_file_text(f, "-1");
     }
     synth_file_text(f, "\n");
 }
 
-static int colmap_write_images(const synth_options *o, const struct synth_path *path, const struct synth_points *points,
+static int export_write_images(const synth_options *o, const struct synth_path *path, const struct synth_points *points,
                                const char *name)
 {
     const struct synth_ids views = synth_ids_for((uint64_t)path->count), ids = synth_ids_for(points->count);
@@ -131,28 +131,28 @@ static int colmap_write_images(const synth_options *o, const struct synth_path *
     synth_file_text(&f,
                     "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
                     "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
-    colmap_mean(&f, "# Number of images: ", (uint64_t)path->count,
+    export_mean(&f, "# Number of images: ", (uint64_t)path->count,
                 ", mean observations per image: ", (double)points->observation_count / path->count);
     for (int i = 0; i < path->count; i++) {
         char image[32];
         synth_image_name(i, image);
         synth_file_integer(&f, synth_id(views, (uint64_t)i));
-        colmap_pose(&f, &path->camera[i], o->origin);
+        export_pose(&f, &path->camera[i], o->origin);
         synth_file_text(&f, " ");
         synth_file_integer(&f, CAMERA_ID);
         synth_file_text(&f, " ");
         synth_file_text(&f, image);
         synth_file_text(&f, "\n");
-        colmap_view(&f, o, points, ids, i);
+        export_view(&f, o, points, ids, i);
     }
     return synth_file_close(&f);
 }
 
-static void colmap_point(struct synth_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids views,
+static void export_point(struct synth_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids views,
                          const struct synth_point *p)
 {
     const double at[3] = {p->position.x + o->origin[0], p->position.y + o->origin[1], p->position.z + o->origin[2]};
-    colmap_numbers(f, at, 3, 6);
+    export_numbers(f, at, 3, 6);
     for (int c = 0; c < 3; c++) {
         synth_file_text(f, " ");
         synth_file_integer(f, (p->sum[c] + p->count / 2u) / p->count);
@@ -169,18 +169,18 @@ static void colmap_point(struct synth_file *f, const synth_options *o, const str
     synth_file_text(f, "\n");
 }
 
-static int colmap_write_points(const synth_options *o, const struct synth_points *points, const char *name)
+static int export_write_points(const synth_options *o, const struct synth_points *points, const char *name)
 {
     const struct synth_ids views = synth_ids_for((uint64_t)points->views), ids = synth_ids_for(points->count);
     struct synth_file      f;
     synth_file_open(&f, name);
     synth_file_text(&f, "# 3D point list with one line of data per point:\n"
                         "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
-    colmap_mean(&f, "# Number of points: ", points->count,
+    export_mean(&f, "# Number of points: ", points->count,
                 ", mean track length: ", points->count > 0 ? (double)points->observation_count / (double)points->count : 0);
     for (size_t i = 0; i < points->count; i++) {
         synth_file_integer(&f, synth_id(ids, i));
-        colmap_point(&f, o, points, views, &points->point[i]);
+        export_point(&f, o, points, views, &points->point[i]);
     }
     return synth_file_close(&f);
 }
@@ -190,10 +190,10 @@ oxl_result synth_colmap_write(const synth_options *o, const struct synth_path *p
 {
     int written;
     snprintf(failed, failed_size, "%s/cameras.txt", folder);
-    written = colmap_write_cameras(path, failed);
+    written = export_write_cameras(path, failed);
     if (written) snprintf(failed, failed_size, "%s/points3D.txt", folder);
-    written = written && colmap_write_points(o, points, failed);
+    written = written && export_write_points(o, points, failed);
     if (written) snprintf(failed, failed_size, "%s/images.txt", folder);
-    written = written && colmap_write_images(o, path, points, failed);
+    written = written && export_write_images(o, path, points, failed);
     return written ? OXL_OK : OXL_ERR_IO;
 }

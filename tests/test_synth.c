@@ -1,0 +1,375 @@
+/* test_synth.c - the synthetic survey is what it says it is: poses, points, tracks, depth and water agree with each other. */
+#include "../tools/synth.c"
+#include "../tools/synth_export.c"
+#include "../tools/synth_file.c"
+#include "../tools/synth_path.c"
+#include "../tools/synth_points.c"
+#include "../tools/synth_shade.c"
+#include "../tools/synth_world.c"
+
+static synth_options synth_test_options(const char *name)
+{
+    synth_options o = synth_options_default();
+    o.out           = test_path(name);
+    o.views         = 6;
+    o.width         = 96;
+    o.height        = 64;
+    return o;
+}
+
+/* Makes the survey and reads its text files back as any reader would. */
+static void synth_test_make(const synth_options *o, struct colmap *survey)
+{
+    char       error[300], folder[600];
+    oxl_result rc = synth_run(test_ctx, o, error, sizeof error);
+    CHECK(rc == OXL_OK);
+    if (rc != OXL_OK) printf("  %s\n", error);
+    snprintf(folder, sizeof folder, "%s/sparse/0", o->out);
+    CHECK_OK(colmap_read(test_ctx, folder, 1, survey));
+}
+
+static const struct colmap_image *synth_test_image(const struct colmap *c, int64_t id)
+{
+    for (size_t i = 0; i < c->image_count; i++)
+        if (c->image[i].id == id) return &c->image[i];
+    return NULL;
+}
+
+/* x_c = R(q) x + t, from the formula of the quaternion's rotation: x + 2 w (v x x) + 2 v x (v x x). */
+static void synth_test_to_camera(const struct colmap_image *image, const double p[3], double out[3])
+{
+    const double *q = image->rotation;
+    const v3      v = {q[1], q[2], q[3]}, x = {p[0], p[1], p[2]}, once = v3_cross(v, x), twice = v3_cross(v, once);
+    const v3      y = v3_along(v3_along(x, once, 2 * q[0]), twice, 2);
+    out[0]          = y.x + image->translation[0];
+    out[1]          = y.y + image->translation[1];
+    out[2]          = y.z + image->translation[2];
+}
+
+/* Where a point should be seen, minus where it was; *z gets its depth. */
+static void synth_test_residual(const struct colmap *c, const struct colmap_point *p, const struct colmap_track *t, double out[2],
+                                double *z)
+{
+    const struct colmap_image *image = synth_test_image(c, t->image);
+    const double              *k     = c->camera[0].parameter;
+    double                     q[3];
+    out[0] = out[1] = 1e9;
+    CHECK(image && t->observation >= 0 && (size_t)t->observation < image->observation_count);
+    if (!image || (size_t)t->observation >= image->observation_count) return;
+    synth_test_to_camera(image, p->position, q);
+    out[0] = k[0] * q[0] / q[2] + k[2] - c->observation[image->first_observation + (size_t)t->observation].x;
+    out[1] = k[1] * q[1] / q[2] + k[3] - c->observation[image->first_observation + (size_t)t->observation].y;
+    *z     = q[2];
+}
+
+static void synth_test_outliers(const char *survey, struct os_file_map *out)
+{
+    char path[600];
+    snprintf(path, sizeof path, "%s/truth/outliers.txt", survey);
+    CHECK_OK(os_read_file(test_ctx, path, out));
+}
+
+static int synth_test_is_outlier(const struct os_file_map *outliers, int64_t id)
+{
+    char line[40];
+    snprintf(line, sizeof line, "\n%lld\n", (long long)id);
+    return outliers->data && strstr(outliers->data, line) != NULL;
+}
+
+TEST(synth_tracks_and_observations_name_each_other_both_ways)
+{
+    const synth_options o      = synth_test_options("survey");
+    struct colmap       survey = {0};
+    size_t              named  = 0;
+    synth_test_make(&o, &survey);
+    CHECK(survey.image_count == 6 && survey.camera_count == 1);
+    CHECK(survey.point_count > 6 * 350);
+    for (size_t i = 0; i < survey.point_count; i++)
+        for (uint32_t k = 0; k < survey.point[i].track_count; k++) {
+            const struct colmap_track *t     = &survey.track[survey.point[i].first_track + k];
+            const struct colmap_image *image = synth_test_image(&survey, t->image);
+            CHECK(image && (size_t)t->observation < image->observation_count);
+            if (!image || (size_t)t->observation >= image->observation_count) continue;
+            CHECK(survey.observation[image->first_observation + (size_t)t->observation].point == survey.point[i].id);
+        }
+    for (size_t i = 0; i < survey.observation_count; i++) named += survey.observation[i].point >= 0;
+    CHECK(named == survey.track_count);
+    CHECK(survey.observation_count > named + named / 5); /* keypoints without a point stand between them */
+    colmap_free(test_ctx, &survey);
+}
+
+TEST(synth_ids_are_sparse_unordered_and_different)
+{
+    enum { COUNT = 1000 };
+    const struct synth_ids ids             = synth_ids_for(COUNT);
+    unsigned char          seen[2 * COUNT] = {0};
+    int                    falls           = 0;
+    for (uint64_t i = 0; i < COUNT; i++) {
+        const uint64_t id = synth_id(ids, i);
+        CHECK(id >= 1 && id < 2 * COUNT && !seen[id]);
+        if (id < 2 * COUNT) seen[id] = 1;
+        falls += i > 0 && id < synth_id(ids, i - 1);
+    }
+    CHECK(falls > COUNT / 10);
+}
+
+TEST(synth_every_view_sees_hundreds_of_points_and_most_points_have_three_views)
+{
+    const synth_options o      = synth_test_options("survey");
+    struct colmap       survey = {0};
+    size_t              three  = 0;
+    synth_test_make(&o, &survey);
+    for (size_t i = 0; i < survey.image_count; i++) CHECK(survey.image[i].observation_count >= 300);
+    for (size_t i = 0; i < survey.point_count; i++) {
+        CHECK(survey.point[i].track_count >= 2);
+        three += survey.point[i].track_count >= 3;
+    }
+    CHECK(three > survey.point_count * 8 / 10);
+    colmap_free(test_ctx, &survey);
+}
+
+/* Also far from the origin, where floats would be off by decimetres. */
+static void synth_test_reprojection(const synth_options *o)
+{
+    struct os_file_map list   = {0};
+    struct colmap      survey = {0};
+    double             square = 0;
+    size_t             count = 0, outliers = 0;
+    synth_test_make(o, &survey);
+    synth_test_outliers(o->out, &list);
+    for (size_t i = 0; i < survey.point_count; i++) {
+        const struct colmap_point *p    = &survey.point[i];
+        const int                  odd  = synth_test_is_outlier(&list, p->id);
+        double                     mean = 0;
+        outliers += (size_t)odd;
+        for (uint32_t k = 0; k < p->track_count; k++) {
+            double r[2], z;
+            synth_test_residual(&survey, p, &survey.track[p->first_track + k], r, &z);
+            mean += hypot(r[0], r[1]) / p->track_count;
+            CHECK(hypot(r[0], r[1]) < (odd ? 9 : 1.8));
+            if (!odd) square += r[0] * r[0] + r[1] * r[1], count += 2;
+        }
+        CHECK_CLOSE(mean, p->error, 1e-3);
+    }
+    CHECK_CLOSE(sqrt(square / (double)count), 0.3, 0.01);
+    CHECK(outliers > 0 && outliers < survey.point_count / 40);
+    os_release_file(test_ctx, &list);
+    colmap_free(test_ctx, &survey);
+}
+
+TEST(synth_points_reproject_onto_their_observations_within_the_stated_noise)
+{
+    synth_options o = synth_test_options("survey");
+    synth_test_reprojection(&o);
+    o              = synth_test_options("survey far off");
+    o.origin[0]    = 431500;
+    o.origin[1]    = 4581200;
+    o.origin[2]    = -32;
+    o.write_images = 0;
+    synth_test_reprojection(&o);
+    CHECK(!os_is_folder(test_path("survey far off/images")));
+}
+
+/* (H,W) depths of a view, rows from the top; free() it. */
+static float *synth_test_depth(const synth_options *o, const char *name)
+{
+    const size_t       count = (size_t)o->width * (size_t)o->height;
+    float             *depth = malloc(count * sizeof *depth);
+    struct os_file_map map   = {0};
+    char               path[600], header[64];
+    snprintf(path, sizeof path, "%s/truth/depth/%.9s.pfm", o->out, name);
+    CHECK_OK(os_read_file(test_ctx, path, &map));
+    snprintf(header, sizeof header, "Pf\n%d %d\n-1.0\n", o->width, o->height);
+    CHECK(map.size == strlen(header) + 4 * count && memcmp(map.data, header, strlen(header)) == 0);
+    for (size_t i = 0; depth && i < count && map.size == strlen(header) + 4 * count; i++) {
+        const size_t row = i / (size_t)o->width, at = ((size_t)o->height - 1 - row) * (size_t)o->width + i % (size_t)o->width;
+        const unsigned char *b    = (const unsigned char *)map.data + strlen(header) + 4 * i;
+        const uint32_t       bits = b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
+        memcpy(&depth[at], &bits, 4);
+    }
+    os_release_file(test_ctx, &map);
+    return depth;
+}
+
+TEST(synth_points_lie_where_the_depth_maps_say)
+{
+    struct os_file_map  list    = {0};
+    const synth_options o       = synth_test_options("survey");
+    struct colmap       survey  = {0};
+    size_t              checked = 0, near = 0;
+    synth_test_make(&o, &survey);
+    synth_test_outliers(o.out, &list);
+    for (size_t v = 0; v < survey.image_count; v++) {
+        float *depth = synth_test_depth(&o, survey.names + survey.image[v].name);
+        for (size_t i = 0; depth && i < survey.point_count; i++)
+            for (uint32_t k = 0; k < survey.point[i].track_count; k++) {
+                const struct colmap_track       *t = &survey.track[survey.point[i].first_track + k];
+                const struct colmap_observation *s =
+                    &survey.observation[survey.image[v].first_observation + (size_t)t->observation];
+                double r[2], z = 0;
+                if (t->image != survey.image[v].id || synth_test_is_outlier(&list, survey.point[i].id)) continue;
+                synth_test_residual(&survey, &survey.point[i], t, r, &z);
+                checked++;
+                near += fabs(z - depth[(size_t)s->y * (size_t)o.width + (size_t)s->x]) < 0.03 * z;
+            }
+        free(depth);
+    }
+    CHECK(checked > 5000);
+    CHECK(near > checked * 95 / 100); /* the others stand beside a step: a pixel is 3 cm wide here */
+    os_release_file(test_ctx, &list);
+    colmap_free(test_ctx, &survey);
+}
+
+static void synth_test_water_text(const char *survey, const char *name, double out[3])
+{
+    char               path[600];
+    struct os_file_map map = {0};
+    const char        *at;
+    snprintf(path, sizeof path, "%s/truth/water.txt", survey);
+    CHECK_OK(os_read_file(test_ctx, path, &map));
+    at = map.data ? strstr(map.data, name) : NULL;
+    CHECK(at && sscanf(at + strlen(name), "%lf %lf %lf", &out[0], &out[1], &out[2]) == 3);
+    os_release_file(test_ctx, &map);
+}
+
+/* The formula again, from the files alone. */
+TEST(synth_photographs_are_clean_pictures_behind_the_stated_water_within_noise)
+{
+    synth_options o         = synth_test_options("survey");
+    struct colmap survey    = {0};
+    double        direct[3] = {0}, scatter[3] = {0}, veil[3] = {0}, square = 0, sum = 0;
+    size_t        count = 0;
+    o.water             = "5C";
+    synth_test_make(&o, &survey);
+    synth_test_water_text(o.out, "\nbD ", direct);
+    synth_test_water_text(o.out, "\nbB ", scatter);
+    synth_test_water_text(o.out, "\nBinf ", veil);
+    for (size_t v = 0; v < survey.image_count; v++) {
+        const char   *name       = survey.names + survey.image[v].name;
+        const double *k          = survey.camera[0].parameter;
+        float        *depth      = synth_test_depth(&o, name);
+        oxl_image     photograph = {0}, clean = {0};
+        char          path[600];
+        snprintf(path, sizeof path, "%s/images/%s", o.out, name);
+        CHECK_OK(oxl_image_read(test_ctx, path, &photograph));
+        snprintf(path, sizeof path, "%s/truth/clean/%s", o.out, name);
+        CHECK_OK(oxl_image_read(test_ctx, path, &clean));
+        CHECK(photograph.width == 96 && photograph.height == 64 && clean.width == 96 && clean.height == 64);
+        for (int i = 0; clean.rgb && photograph.rgb && i < 96 * 64; i++) {
+            const double x = (i % 96 + 0.5 - k[2]) / k[0], y = (i / 96 + 0.5 - k[3]) / k[1],
+                         z = depth[i] * sqrt(1 + x * x + y * y);
+            CHECK(depth[i] > 0.5 && depth[i] < 6);
+            for (int c = 0; c < 3; c++) {
+                const double wanted = clean.rgb[c * 96 * 64 + i] * exp(-direct[c] * z) + veil[c] * (1 - exp(-scatter[c] * z));
+                const double off    = 255 * (photograph.rgb[c * 96 * 64 + i] - wanted);
+                CHECK(fabs(off) < 6 * o.noise + 1);
+                square += off * off;
+                sum += off;
+                count++;
+            }
+        }
+        oxl_image_free(test_ctx, &photograph);
+        oxl_image_free(test_ctx, &clean);
+        free(depth);
+    }
+    CHECK_CLOSE(sum / (double)count, 0, 0.05);
+    CHECK_CLOSE(sqrt(square / (double)count), sqrt(o.noise * o.noise + 2 / 12.),
+                0.1); /* both pictures are rounded: 1/12 each, at most */
+    colmap_free(test_ctx, &survey);
+}
+
+static int synth_test_same_files(const char *a, const char *b, const char *name)
+{
+    struct os_file_map x = {0}, y = {0};
+    char               path[2][600];
+    int                same;
+    snprintf(path[0], sizeof path[0], "%s/%s", a, name);
+    snprintf(path[1], sizeof path[1], "%s/%s", b, name);
+    CHECK_OK(os_read_file(test_ctx, path[0], &x));
+    CHECK_OK(os_read_file(test_ctx, path[1], &y));
+    same = x.size == y.size && x.size > 0 && memcmp(x.data, y.data, x.size) == 0;
+    os_release_file(test_ctx, &x);
+    os_release_file(test_ctx, &y);
+    return same;
+}
+
+TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_another_seed)
+{
+    static const char *const files[] = {"sparse/0/cameras.txt", "sparse/0/images.txt",       "sparse/0/points3D.txt",
+                                        "truth/outliers.txt",   "truth/depth/IMG_00004.pfm", "images/IMG_00004.png",
+                                        "truth/model.txt",      "truth/clean/IMG_00004.png"};
+    synth_options one = synth_test_options("one"), three = synth_test_options("three"), other = synth_test_options("other");
+    struct colmap survey = {0};
+    one.threads          = 1;
+    three.threads        = 3;
+    other.seed           = 2;
+    one.path = three.path = other.path = "orbit";
+    one.views = three.views = other.views = 5;
+    one.extent = three.extent = other.extent = 4;
+    synth_test_make(&one, &survey);
+    colmap_free(test_ctx, &survey);
+    synth_test_make(&three, &survey);
+    colmap_free(test_ctx, &survey);
+    synth_test_make(&other, &survey);
+    colmap_free(test_ctx, &survey);
+    for (size_t i = 0; i < OXL_COUNT(files); i++) {
+        CHECK(synth_test_same_files(one.out, three.out, files[i]));
+        CHECK(i == 0 || !synth_test_same_files(one.out, other.out, files[i]));
+    }
+}
+
+TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
+{
+    char          error[300];
+    synth_options o = synth_test_options("survey");
+    o.water         = "4C";
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK_TEXT(error, "none I IA");
+    CHECK_TEXT(error, "4C");
+    o      = synth_test_options("survey");
+    o.path = "spiral";
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK_TEXT(error, "lawnmower and orbit");
+    o       = synth_test_options("survey");
+    o.views = 1;
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK(!os_is_folder(test_path("survey")));
+    test_write("in the way", "a file where a folder should be");
+    o = synth_test_options("in the way");
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_IO);
+}
+
+static int synth_test_stop(void *user, const char *what, long done, long total)
+{
+    (void)total;
+    return strcmp(what, user) == 0 && done >= 2;
+}
+
+TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
+{
+    char          error[300];
+    synth_options o = synth_test_options("survey");
+    o.progress      = synth_test_stop;
+    o.user          = "photographs";
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);
+    CHECK(os_is_file(test_path("survey/images/IMG_00001.png")));
+    CHECK(!os_is_file(test_path("survey/images/IMG_00002.png")));
+    CHECK(!os_is_file(test_path("survey/sparse/0/images.txt")));
+}
+
+TEST(synth_numbers_are_written_as_meant)
+{
+    static const double value[] = {0, -0.0004, -1.5, 0.9996, 12.3456, 4581200.125};
+    struct synth_file   f;
+    struct os_file_map  map = {0};
+    synth_file_open(&f, test_path("numbers"));
+    for (size_t i = 0; i < OXL_COUNT(value); i++) {
+        synth_file_fixed(&f, value[i], 3);
+        synth_file_text(&f, " ");
+    }
+    synth_file_integer(&f, 0);
+    CHECK(synth_file_close(&f));
+    CHECK_OK(os_read_file(test_ctx, test_path("numbers"), &map));
+    CHECK(map.data && strcmp(map.data, "0.000 0.000 -1.500 1.000 12.346 4581200.125 0") == 0);
+    os_release_file(test_ctx, &map);
+}
