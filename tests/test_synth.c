@@ -98,6 +98,25 @@ TEST(synth_tracks_and_observations_name_each_other_both_ways)
     colmap_free(test_ctx, &survey);
 }
 
+TEST(synth_quaternions_turn_as_their_matrices_whichever_component_is_largest)
+{
+    static const double quaternion[][4] = {
+        {0.9, 0.3, -0.2, 0.24}, {0.1, 0.9, 0.4, -0.1}, {0.2, -0.1, 0.95, 0.2}, {0.05, 0.3, 0.1, 0.94}};
+    for (size_t i = 0; i < OXL_COUNT(quaternion); i++) {
+        struct colmap_image image = {.rotation = {0}};
+        double              matrix[9], q[4], length = 0;
+        for (int k = 0; k < 4; k++) length += quaternion[i][k] * quaternion[i][k];
+        for (int k = 0; k < 4; k++) image.rotation[k] = quaternion[i][k] / sqrt(length);
+        for (int k = 0; k < 3; k++) {
+            double unit[3] = {k == 0, k == 1, k == 2}, column[3];
+            synth_test_to_camera(&image, unit, column);
+            for (int j = 0; j < 3; j++) matrix[3 * j + k] = column[j];
+        }
+        export_quaternion(matrix, q);
+        for (int k = 0; k < 4; k++) CHECK_CLOSE(q[k], image.rotation[k], 1e-14);
+    }
+}
+
 TEST(synth_ids_are_sparse_unordered_and_different)
 {
     enum { COUNT = 1000 };
