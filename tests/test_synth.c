@@ -371,6 +371,8 @@ TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
     o.progress      = synth_test_stop;
     o.user          = "photographs";
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);
+    test_write("survey/sparse/0/images.txt", "of an earlier run");
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);
     CHECK(os_is_file(test_path("survey/images/IMG_00001.png")));
     CHECK(!os_is_file(test_path("survey/images/IMG_00002.png")));
     CHECK(!os_is_file(test_path("survey/sparse/0/images.txt")));

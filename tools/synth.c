@@ -52,6 +52,7 @@ static oxl_result synth_check(struct synth_run *s)
 {
     const synth_options *o = s->options;
     if (!o->out || !o->out[0]) return synth_fail(s, OXL_ERR_USAGE, "synth: no folder given\nfix: -o FOLDER", "");
+    if (strlen(o->out) > 900) return synth_fail(s, OXL_ERR_USAGE, "synth: the folder's name is longer than 900 letters", "");
     if (o->views < 2 || o->views > 1000000) return synth_fail(s, OXL_ERR_USAGE, "synth: 2 to 1000000 views can be made", "");
     if (o->width < 16 || o->height < 16 || o->width > 8192 || o->height > 8192)
         return synth_fail(s, OXL_ERR_USAGE, "synth: photographs can have 16 to 8192 px a side", "");
@@ -340,7 +341,10 @@ static oxl_result synth_make_folders(struct synth_run *s)
         snprintf(path, sizeof path, "%s/%s", s->options->out, folders[i]);
         rc = oxl_make_folder(s->ctx, path);
     }
-    return rc == OXL_OK ? OXL_OK : synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+    if (rc != OXL_OK) return synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+    snprintf(path, sizeof path, "%s/sparse/0/images.txt", s->options->out);
+    remove(path); /* of an earlier run: it would belong to other photographs should this one be stopped */
+    return OXL_OK;
 }
 
 static oxl_result synth_make_points(struct synth_run *s)

@@ -4,8 +4,8 @@
  * slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing): displaced ellipsoids, boxes, and limbs
  * melted together. A grid of cells lists what comes near each.
  *
- * Invariant: synth_distance never promises more way than there is: a thing that a cell does not list is at least SYNTH_NEAR
- * away from the whole cell.
+ * Invariant: synth_distance promises no more way to an object than there is: what a cell does not list is at least SYNTH_NEAR away from
+ * the whole cell. For the ground it is an estimate; a ray that steps under a steep slope is told so and steps back.
  */
 #include "synth.h"
 
@@ -293,7 +293,7 @@ static double world_above(const struct synth_world *w, v3 p)
 static double world_wreck_near(const struct synth_world *w, v3 p, double least, struct synth_surface *surface)
 {
     const v3            away  = v3_sub(p, w->wreck);
-    const double        reach = synth_max(least, 0) + 3.3; /* metres: half the diagonal of the box below */
+    const double        reach = synth_max(least, 0) + 3.3; /* metres: nothing of it lies farther from its centre */
     enum synth_material material;
     v3                  q;
     double              d;
