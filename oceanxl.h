@@ -250,10 +250,10 @@ OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
 
 typedef struct oxl_train_options {
-    int    iterations;    /* one photograph each */
-    int    sh_degree;     /* 0..3: bands at the end of the run */
-    int    max_gaussians; /* a cap on their number; 0: none */
-    double max_seconds;   /* stop in good order after this long; 0: no limit */
+    int iterations;     /* one photograph each */
+    int sh_degree;      /* 0..3: bands at the end of the run */
+    int max_gaussians;  /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
+    double max_seconds; /* stop in good order after this long; 0: no limit */
     float  background[3];
     float  ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
@@ -261,7 +261,7 @@ typedef struct oxl_train_options {
     /* density control, as fractions of the run and steps */
     float  densify_from, densify_until; /* 0.025, 0.5 */
     int    densify_every;               /* 100 */
-    float  densify_gradient;            /* 2e-4, of dL/d(mean) in units of half an image */
+    float  densify_gradient;            /* 2e-4 (draft 4e-4), of dL/d(mean) in units of half an image */
     float  reset_opacity_every;         /* 0.1 of the run */
 } oxl_train_options;
 
@@ -305,12 +305,12 @@ typedef struct oxl_survey {
     int    cameras, cameras_distorted;
     int    width, height; /* of the largest view as trained, px */
     size_t points, observations;
-    double mean_track, mean_error;         /* images a point, reprojection error in px */
-    double bounds_min[3], bounds_max[3];   /* 1st to 99th percentile of the points, world coordinates */
-    double extent;                         /* see oxl_scene_extent */
-    double gaussians;                      /* predicted at the end of the run */
-    double memory, seconds;                /* predicted: peak in bytes, duration on ctx's threads */
-    double memory_free;                    /* now; 0: unknown */
+    double mean_track, mean_error;        /* images a point, reprojection error in px */
+    double bounds_min[3], bounds_max[3];  /* 1st to 99th percentile of the points, world coordinates */
+    double extent;                        /* see oxl_scene_extent */
+    double gaussians;                     /* predicted at the end of the run */
+    double memory, seconds;               /* predicted: peak in bytes, duration on ctx's threads */
+    double memory_free;                   /* now; 0: unknown */
     char   cameras_text[160], text[2048]; /* "1 x OPENCV 1920 x 1080, distorted"; the report in lines for people */
 } oxl_survey;
 

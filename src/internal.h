@@ -37,14 +37,14 @@
 #define OXL_INTERNAL static
 #endif
 
-#define OXL_COUNT(array)     (sizeof(array) / sizeof *(array))
-#define OXL_MIN(a, b)        ((a) < (b) ? (a) : (b))
-#define OXL_MAX(a, b)        ((a) > (b) ? (a) : (b))
-#define OXL_SWAP(type, a, b) \
-    do { \
-        const type swapped = (a); \
-        (a) = (b); \
-        (b) = swapped; \
+#define OXL_COUNT(array) (sizeof(array) / sizeof *(array))
+#define OXL_MIN(a, b)    ((a) < (b) ? (a) : (b))
+#define OXL_MAX(a, b)    ((a) > (b) ? (a) : (b))
+#define OXL_SWAP(type, a, b)          \
+    do {                              \
+        const type swapped = (a);     \
+        (a)                = (b);     \
+        (b)                = swapped; \
     } while (0)
 #define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
 
@@ -85,10 +85,10 @@ struct text {
     size_t       size, capacity;
     int          failed;
 };
-OXL_INTERNAL void text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
-OXL_INTERNAL void text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-OXL_INTERNAL void text_add_number(struct text *t, double value);       /* shortest that reads back; null when not finite */
-OXL_INTERNAL void text_free(struct text *t);
+OXL_INTERNAL void       text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
+OXL_INTERNAL void       text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
+OXL_INTERNAL void       text_add_number(struct text *t, double value);       /* shortest that reads back; null when not finite */
+OXL_INTERNAL void       text_free(struct text *t);
 /* Hands the text over as fresh memory and empties t; OXL_ERR_MEMORY when it had failed to grow. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
@@ -179,7 +179,7 @@ struct colmap_track { /* one (IMAGE_ID, POINT2D_IDX) */
 struct colmap_point {
     int64_t  id;
     double   position[3]; /* world */
-    double   error; /* px; -1: unknown */
+    double   error;       /* px; -1: unknown */
     uint8_t  rgb[3];
     uint32_t track_count;
     size_t   first_track; /* in colmap.track */
@@ -256,7 +256,7 @@ OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, con
 OXL_INTERNAL void       image_photo_free(oxl_context *ctx, struct photo *photo);
 OXL_INTERNAL void       image_from_photo(const struct photo *photo, float *rgb, float *weight); /* weight may be NULL */
 /* The other way, into memory that photo has already; weight of 0.5 and less is masked. */
-OXL_INTERNAL void image_to_photo(const oxl_image *image, struct photo *photo);
+OXL_INTERNAL void       image_to_photo(const oxl_image *image, struct photo *photo);
 
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
@@ -271,7 +271,7 @@ OXL_INTERNAL const char *find_base_name(const char *path); /* what follows the l
 
 /* ---------------------------------------------------------------- measure.c: robust measures of a survey */
 
-struct measure_view { /* a training view */
+struct measure_view {        /* a training view */
     int64_t           image; /* IMAGE_ID, for tracks */
     const oxl_camera *camera;
 };
@@ -284,8 +284,8 @@ OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position,
 OXL_INTERNAL oxl_result measure_camera_radius(oxl_context *ctx, const struct measure_view *views, size_t count, double *radius);
 /* An ascending sample of the depths (camera z) of points in the views that saw them by their tracks, or, when there are no
  * tracks (from arrays: points alone), in the views that have them in their picture. Sorts views by image. */
-OXL_INTERNAL oxl_result measure_depths(oxl_context *ctx, struct measure_view *views, size_t count, const oxl_point *points, size_t n,
-                                       const struct colmap *c, const double origin[3], double **out, size_t *out_count);
+OXL_INTERNAL oxl_result measure_depths(oxl_context *ctx, struct measure_view *views, size_t count, const oxl_point *points,
+                                       size_t n, const struct colmap *c, const double origin[3], double **out, size_t *out_count);
 
 /* ---------------------------------------------------------------- scene.c: from the files to views, points and photographs */
 
@@ -302,7 +302,7 @@ OXL_INTERNAL const struct photo       *scene_photo(oxl_context *ctx, oxl_scene *
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
 OXL_INTERNAL double                    scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
-OXL_INTERNAL double scene_near_plane(const oxl_scene *scene);
+OXL_INTERNAL double                    scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
@@ -348,7 +348,7 @@ OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply 
 /* target: one for each of the element's properties. */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target);
 OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);
-OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);             /* -1: not there */
+OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);              /* -1: not there */
 OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: not there, or a list */
 
 /* ---------------------------------------------------------------- model.c: planes of Gaussians */
@@ -385,23 +385,23 @@ OXL_INTERNAL const float *renderer_image(const struct renderer *r); /* (3,H,W) *
 struct renderer_loss {
     double total, l1, ssim, mse;
 };
-OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight, float ssim_weight,
-                                      struct renderer_loss *out);
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                      float ssim_weight, struct renderer_loss *out);
 
 /* The gradient of the model that was drawn last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
  * rows of packs out of sight are left alone. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
 
 /* Adam on the rows seen by the last view. rates (planes) as they apply at this step; step counts from 1. */
-OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient, oxl_model *first,
-                                oxl_model *second, const float *rates, int step);
+OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
+                                oxl_model *first, oxl_model *second, const float *rates, int step);
 
 /* What the last view saw of row i. */
 OXL_INTERNAL int   renderer_saw(const struct renderer *r, size_t row);
 OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
-OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row);        /* px: of the contour alpha = 1/255, the longer side */
+OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row); /* px: of the contour alpha = 1/255, the longer side */
 
-struct renderer_counts { /* of the last view */
+struct renderer_counts {                   /* of the last view */
     size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image that the footprints ask for */
 };
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
@@ -426,9 +426,14 @@ OXL_INTERNAL void       density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
 OXL_INTERNAL void       density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count);
 /* Judges every row, rebuilds the model and its moments, clears the statistics. */
-OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
-                                        const struct density_rules *rules, struct density_change *out);
+OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
+                                        oxl_model *second, const struct density_rules *rules, struct density_change *out);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second);
+
+/* ---------------------------------------------------------------- train.c */
+
+/* The most Gaussians that training may make of a scene. */
+OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options);
 
 /* ---------------------------------------------------------------- metrics.c */
 

@@ -49,7 +49,7 @@ static double survey_pixels(const oxl_scene *scene, oxl_survey *s)
     return pixels;
 }
 
-static void survey_predict(const oxl_context *ctx, const oxl_job_options *o, double pixels, oxl_survey *s)
+static void survey_predict(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, double pixels, oxl_survey *s)
 {
     const int    views = OXL_MAX(1, s->train_views + s->test_views), degree = o->train.sh_degree;
     const double planes  = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
@@ -59,14 +59,14 @@ static void survey_predict(const oxl_context *ctx, const oxl_job_options *o, dou
     const double largest = (double)s->width * s->height;
     double       step;
     s->gaussians = OXL_MAX(SURVEY_GROWTH * (double)s->points, SURVEY_LEAST_GAUSSIANS);
-    if (o->train.max_gaussians > 0) s->gaussians = OXL_MIN(s->gaussians, (double)o->train.max_gaussians);
-    step = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
+    s->gaussians = OXL_MIN(s->gaussians, (double)train_cap(scene, &o->train));
+    step         = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
            (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * s->gaussians) / ctx->threads;
     s->seconds = o->train.iterations * step;
     if (o->train.max_seconds > 0) s->seconds = OXL_MIN(s->seconds, o->train.max_seconds);
     /* parameters, gradient and two moments are planes of 4 bytes */
     s->memory = SURVEY_PROGRAM_BYTES + photos + largest * SURVEY_PIXEL_BYTES + s->gaussians * (16 * planes + SURVEY_SPLAT_BYTES) +
-                (double)s->observations * sizeof(struct colmap_observation);
+                (double)s->observations * sizeof(struct colmap_track);
     s->memory_free = (double)os_memory_free();
 }
 
@@ -100,7 +100,9 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     survey_say(s, "place        %.4g x %.4g x %.4g units (1st to 99th percentile of the points); extent of the cameras %.4g\n",
                s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1], s->bounds_max[2] - s->bounds_min[2],
                s->extent);
-    survey_say(s, "prediction   %.0f thousand Gaussians, %.2f GB of memory", s->gaussians / 1e3, s->memory / 1e9);
+    survey_say(s, s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
+               s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
+    survey_say(s, ", %.2f GB of memory", s->memory / 1e9);
     if (s->memory_free > 0) survey_say(s, " (%.1f GB are free)", s->memory_free / 1e9);
     survey_say(s, ", ");
     survey_say_duration(s, s->seconds);
@@ -117,7 +119,7 @@ static void survey_write_warnings(oxl_survey *s)
     if (s->mean_error > 2)
         survey_say(s, "warning: a reprojection error of %.1f px blurs everything (good: under 1); run bundle_adjuster\n",
                    s->mean_error);
-    if (s->train_views < 10) survey_say(s, "warning: %d photographs to train with are few; expect holes\n", s->train_views);
+    if (s->train_views < 10) survey_say(s, "warning: with only %d to train with, expect holes\n", s->train_views);
     if (s->test_views == 0) survey_say(s, "warning: nothing is held out, so the metrics are of training photographs\n");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
         survey_say(s, "warning: memory may not suffice; try --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
@@ -146,7 +148,7 @@ OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, cons
     }
     survey_cameras(scene_colmap(scene), out);
     pixels = survey_pixels(scene, out);
-    survey_predict(ctx, options, pixels, out);
+    survey_predict(ctx, scene, options, pixels, out);
     survey_write_facts(ctx, out);
     survey_write_warnings(out);
 }

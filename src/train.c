@@ -9,6 +9,7 @@
 #define TRAIN_WARM_UP  500        /* iterations before the first densification, unless a quarter of the run is less */
 #define TRAIN_RESET_LEAST \
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
+#define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
 #define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
 #define TRAIN_SMOOTHING     0.02  /* of loss and PSNR in progress reports: about the last 50 views */
 
@@ -29,7 +30,8 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .densify_every       = 100,
                            .densify_gradient    = 2e-4f,
                            .reset_opacity_every = 0.1f};
-    if (preset == OXL_PRESET_DRAFT) o.iterations = 2000;
+    if (preset == OXL_PRESET_DRAFT)
+        o.iterations = 2000, o.densify_gradient = 4e-4f; /* half the growth: 2000 iterations cannot train more */
     if (preset == OXL_PRESET_PAPER) o.iterations = 40000;
     return o;
 }
@@ -155,6 +157,18 @@ static oxl_result train_on_view(struct train *t, int view)
 
 /* ---------------------------------------------------------------- how many Gaussians */
 
+/* More Gaussians than the photographs can determine learn the photographs by heart. Never below the number of points. */
+OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options)
+{
+    double pixels = 0;
+    if (options->max_gaussians > 0) return (size_t)options->max_gaussians;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_view *view = oxl_scene_view(scene, i);
+        if (!view->is_test) pixels += (double)view->camera.width * view->camera.height;
+    }
+    return OXL_MAX(oxl_scene_point_count(scene), (size_t)(pixels / TRAIN_PIXELS_EACH));
+}
+
 static oxl_result train_resize(struct train *t)
 {
     oxl_model_free(t->ctx, &t->gradient);
@@ -167,7 +181,7 @@ static oxl_result train_densify(struct train *t)
     const struct density_rules rules = {.gradient     = o->densify_gradient,
                                         .extent       = oxl_scene_extent(t->scene),
                                         .remove_large = t->resets > 0,
-                                        .cap          = (size_t)o->max_gaussians,
+                                        .cap          = train_cap(t->scene, o),
                                         .seed         = t->ctx->options.seed,
                                         .step         = t->step};
     struct density_change      change;

@@ -282,6 +282,8 @@ TEST(scene_photographs_in_memory_stay_within_the_cache)
         CHECK(photo && photo->rgb[0] == view + 1);
         CHECK(scene->cached <= 2 * one);
     }
+    oxl_scene_free(test_ctx, scene);
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     scene_photo(test_ctx, scene, 0);
     scene_photo(test_ctx, scene, 1);
     scene_photo(test_ctx, scene, 0);

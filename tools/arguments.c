@@ -85,7 +85,7 @@ static const struct option {
     {"How it is trained", "--max-time", "TIME", DURATION, FIELD(max_time), IN(TRAIN) | IN(CHECK),
      "stop in good order after 90s, 20m or 8h (no limit)"},
     {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), IN(TRAIN) | IN(CHECK),
-     "never more than this many; 0: no limit (0)"},
+     "never more than this many (one for every 60 training pixels)"},
     {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), IN(TRAIN) | IN(CHECK),
      "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
     {"The program", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN) | IN(SYNTH),
