@@ -7,6 +7,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 /* ---------------------------------------------------------------- standard error: log lines and the progress */
 
@@ -24,11 +25,16 @@ struct console {
 };
 
 static volatile sig_atomic_t stop_asked;
+static time_t                stop_time;
 
+/* A second Ctrl-C is meant; one in the same breath is an echo: timeout, for one, signals the program and then its group. */
 static void on_signal(int number)
 {
+    const time_t now = time(NULL);
+    if (!stop_asked) stop_time = now;
+    signal(number, now > stop_time + 1 ? SIG_DFL : on_signal);
+    if (now > stop_time + 1) raise(number);
     stop_asked = 1;
-    signal(number, SIG_DFL); /* a second Ctrl-C is meant */
 }
 
 static void catch_signals(void)
