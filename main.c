@@ -2,6 +2,9 @@
  *
  * Results go to standard output, everything else to standard error. The words and the help are in tools/arguments.c.
  */
+#ifndef _DEFAULT_SOURCE
+#define _DEFAULT_SOURCE 1 /* glibc's signal() in strict C99 drops the handler at the first signal; with this it stays */
+#endif
 #include "tools/tools.h"
 
 #include <signal.h>
