@@ -102,7 +102,11 @@ static void run(const char *name, void (*body)(void))
     oxl_context_free(test_ctx);
     remove_folder();
     if (blocks_held != 0 && !test_failed++) printf("  %ld blocks of memory were not given back\n", blocks_held);
-    printf("%s %s%s%s\n", test_failed ? "FAIL" : test_skip ? "skip" : "ok  ", name, test_skip ? ": " : "", test_skip ? test_skip : "");
+    printf("%s %s%s%s\n",
+           test_failed ? "FAIL"
+           : test_skip ? "skip"
+                       : "ok  ",
+           name, test_skip ? ": " : "", test_skip ? test_skip : "");
 }
 
 int main(int argc, char **argv)

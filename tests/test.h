@@ -16,48 +16,48 @@ extern const char  *test_skip;   /* why the running test was skipped, or NULL */
 
 #define TEST(name) static void test_##name(void)
 
-#define CHECK(condition)                                                                          \
-    do {                                                                                          \
-        if (!(condition)) {                                                                       \
-            test_failed++;                                                                        \
-            printf("  %s:%d: not true: %s\n", __FILE__, __LINE__, #condition);                    \
-        }                                                                                         \
+#define CHECK(condition)                                                       \
+    do {                                                                       \
+        if (!(condition)) {                                                    \
+            test_failed++;                                                     \
+            printf("  %s:%d: not true: %s\n", __FILE__, __LINE__, #condition); \
+        }                                                                      \
     } while (0)
 
-#define CHECK_OK(call)                                                                            \
-    do {                                                                                          \
-        oxl_result check_rc = (call);                                                             \
-        if (check_rc != OXL_OK) {                                                                 \
-            test_failed++;                                                                        \
+#define CHECK_OK(call)                                                                                          \
+    do {                                                                                                        \
+        oxl_result check_rc = (call);                                                                           \
+        if (check_rc != OXL_OK) {                                                                               \
+            test_failed++;                                                                                      \
             printf("  %s:%d: %s gave %d: %s\n", __FILE__, __LINE__, #call, check_rc, oxl_error_text(test_ctx)); \
-        }                                                                                         \
+        }                                                                                                       \
     } while (0)
 
 /* |a - b| <= tolerance; not-a-number fails. */
-#define CHECK_CLOSE(a, b, tolerance)                                                              \
-    do {                                                                                          \
-        const double check_a = (a), check_b = (b);                                                \
-        if (!(fabs(check_a - check_b) <= (tolerance))) {                                          \
-            test_failed++;                                                                        \
+#define CHECK_CLOSE(a, b, tolerance)                                                                                 \
+    do {                                                                                                             \
+        const double check_a = (a), check_b = (b);                                                                   \
+        if (!(fabs(check_a - check_b) <= (tolerance))) {                                                             \
+            test_failed++;                                                                                           \
             printf("  %s:%d: %s = %.9g, wanted %s = %.9g within %g\n", __FILE__, __LINE__, #a, check_a, #b, check_b, \
-                   (double)(tolerance));                                                          \
-        }                                                                                         \
+                   (double)(tolerance));                                                                             \
+        }                                                                                                            \
     } while (0)
 
 /* The text holds the words. */
-#define CHECK_TEXT(text, words)                                                                   \
-    do {                                                                                          \
-        const char *check_text = (text);                                                          \
-        if (!strstr(check_text, (words))) {                                                       \
-            test_failed++;                                                                        \
+#define CHECK_TEXT(text, words)                                                                    \
+    do {                                                                                           \
+        const char *check_text = (text);                                                           \
+        if (!strstr(check_text, (words))) {                                                        \
+            test_failed++;                                                                         \
             printf("  %s:%d: \"%s\" is not in \"%s\"\n", __FILE__, __LINE__, (words), check_text); \
-        }                                                                                         \
+        }                                                                                          \
     } while (0)
 
-#define SKIP(why)                                                                                 \
-    do {                                                                                          \
-        test_skip = (why);                                                                        \
-        return;                                                                                   \
+#define SKIP(why)          \
+    do {                   \
+        test_skip = (why); \
+        return;            \
     } while (0)
 
 /* A fresh folder for the running test's files; removed afterwards. */
