@@ -111,7 +111,7 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     o.near_plane = in->near_plane;
     bench_check(ctx, render_begin(ctx, r, &in->model, &in->camera, &o));
     t[0] = os_seconds();
-    render_project(ctx, r, r->bins.packs);
+    render_project(ctx, r);
     t[1] = os_seconds();
     bench_check(ctx, bin_splats(ctx, &r->bins, in->camera.width, in->camera.height));
     t[2] = os_seconds();

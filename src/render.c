@@ -96,17 +96,29 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t co
 
 /* ---------------------------------------------------------------- forward */
 
-static void render_project(oxl_context *ctx, struct renderer *r, size_t packs)
+static int64_t render_tasks(const struct renderer *r)
 {
-    const int64_t tasks = (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
+    return (int64_t)((r->bins.packs + RENDER_TASK - 1) / RENDER_TASK);
+}
+
+static struct project_job render_project_job(struct renderer *r, int64_t task)
+{
+    return (struct project_job){.in         = r->in,
+                                .lens       = &r->lens,
+                                .first_pack = (size_t)task * RENDER_TASK,
+                                .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
+                                .splat      = r->splat,
+                                .visible    = r->visible,
+                                .sums       = (const float(*)[SPLAT_SUMS])r->sums,
+                                .dmean2d    = r->dmean2d};
+}
+
+static void render_project(oxl_context *ctx, struct renderer *r)
+{
+    const int64_t tasks = render_tasks(r);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
-        const struct project_job job = {.in         = r->in,
-                                        .lens       = &r->lens,
-                                        .first_pack = (size_t)task * RENDER_TASK,
-                                        .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, packs),
-                                        .splat      = r->splat,
-                                        .visible    = r->visible};
+        const struct project_job job = render_project_job(r, task);
         project_forward(ctx->isa, &job);
     }
 }
@@ -154,7 +166,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
 {
     oxl_result rc = render_begin(ctx, r, model, camera, options);
     if (rc != OXL_OK) return rc;
-    render_project(ctx, r, r->bins.packs);
+    render_project(ctx, r);
     rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_tiles(ctx, r);
     return rc;
@@ -193,19 +205,11 @@ static void render_tiles_backward(oxl_context *ctx, struct renderer *r, const fl
 
 static void render_project_backward(oxl_context *ctx, struct renderer *r, const struct gaussians *out)
 {
-    const size_t  packs = r->bins.packs;
-    const int64_t tasks = (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
+    const int64_t tasks = render_tasks(r);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
-        const struct project_job job = {.in         = r->in,
-                                        .lens       = &r->lens,
-                                        .first_pack = (size_t)task * RENDER_TASK,
-                                        .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, packs),
-                                        .splat      = r->splat,
-                                        .visible    = r->visible,
-                                        .sums       = (const float(*)[SPLAT_SUMS])r->sums,
-                                        .out        = *out,
-                                        .dmean2d    = r->dmean2d};
+        struct project_job job = render_project_job(r, task);
+        job.out                = *out;
         project_backward(ctx->isa, &job);
     }
 }
@@ -249,7 +253,7 @@ OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model 
     for (int64_t task = 0; task < tasks; task++) {
         struct adam_job job = all;
         job.first_pack      = (size_t)task * RENDER_TASK;
-        job.end_pack        = OXL_MIN((size_t)(task + 1) * RENDER_TASK, packs);
+        job.end_pack        = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs);
         adam_step(ctx->isa, &job);
     }
 }

@@ -48,9 +48,9 @@ struct train {
     int                      views, step;
     int                      resets;
     float                   *target, *weight; /* the photograph of this step: (3,H,W), (H,W) */
+    int                      masked;          /* whether weight holds its mask */
     size_t                   target_capacity, weight_capacity;
     double                   started, loss, psnr; /* smoothed */
-    size_t                   removed_views;
 };
 
 /* ---------------------------------------------------------------- the schedule */
@@ -113,12 +113,13 @@ static oxl_result train_next_photo(struct train *t, int *view)
             t->view[slot] = t->view[--t->views];
             continue;
         }
-        pixels = (size_t)photo->width * (size_t)photo->height;
-        rc     = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
-        if (rc == OXL_OK && photo->mask) {
+        pixels    = (size_t)photo->width * (size_t)photo->height;
+        rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+        t->masked = photo->mask != NULL;
+        if (rc == OXL_OK && t->masked) {
             rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
         }
-        if (rc == OXL_OK) image_from_photo(photo, t->target, photo->mask ? t->weight : NULL);
+        if (rc == OXL_OK) image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
         return rc;
     }
     return oxl_fail(t->ctx, OXL_ERR_INPUT, "none of the training photographs can be read");
@@ -128,13 +129,11 @@ static oxl_result train_next_photo(struct train *t, int *view)
 static oxl_result train_on_view(struct train *t, int view)
 {
     const oxl_camera    *camera = &oxl_scene_view(t->scene, view)->camera;
-    const struct photo  *photo  = scene_photo(t->ctx, t->scene, view);
     float                rate[OXL_PLANES];
     struct renderer_loss loss;
     oxl_result           rc = renderer_forward(t->ctx, t->renderer, t->model, camera, &t->render);
     if (rc == OXL_OK) {
-        rc = renderer_loss(t->ctx, t->renderer, t->target, photo && photo->mask ? t->weight : NULL, t->options->ssim_weight,
-                           &loss);
+        rc = renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, t->options->ssim_weight, &loss);
     }
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
