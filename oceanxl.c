@@ -17,6 +17,8 @@
 #include "src/measure.c" /* robust measures: bounds, the cameras' radius, depths */
 #include "src/scene.c"   /* from the files to views, points and photographs */
 
+#include "src/partition.c" /* balanced blocks of a survey too large for one */
+
 /* the model */
 #include "src/ply.c"       /* a small PLY reader */
 #include "src/model.c"     /* planes of Gaussians: create, grow, start from points */

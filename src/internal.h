@@ -306,6 +306,29 @@ OXL_INTERNAL double                    scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
+/* ---------------------------------------------------------------- partition.c: balanced blocks of a survey */
+
+struct partition_box { /* half-open, low <= x < high, in the partition's frame; outer faces are infinite */
+    double low[3], high[3];
+};
+struct partition_block {
+    struct partition_box box;      /* its home: every place belongs to exactly one block */
+    struct partition_box expanded; /* wider by 5 % of its size on each side: what is trained */
+    struct partition_box finite;   /* the home cut at the trimmed extents of the points: what is drawn, and its size */
+    size_t               points, start_points;     /* at home; to start from: those in `expanded` and what its views see */
+    int                  base_views, border_views; /* training views by overlap [OceanXL sec. 3.1, BlockGaussian] */
+};
+struct partition {
+    double                  rotation[9]; /* rows: the principal axes, longest first; frame = R (world - origin) */
+    double                  origin[3];   /* world */
+    double                  extent[3];   /* l1 >= l2 >= l3, trimmed */
+    int                     dimensions;  /* 2: the third axis is never cut; 3 */
+    int                     block_count;
+    struct partition_block *block;
+};
+OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3]);
+OXL_INTERNAL int  partition_contains(const struct partition_box *box, const double frame[3]);
+
 /* ---------------------------------------------------------------- ply.c: a small PLY reader */
 
 enum { PLY_NAME = 64 };
