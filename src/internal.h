@@ -415,6 +415,10 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
  * rows of packs out of sight are left alone. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
 
+/* How much each Gaussian matters to S = the sum over pixels and channels of drgb (3,H,W) x the image drawn last: adds to score[row], for
+ * each row seen, the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
+OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
+
 /* Adam on the rows seen by the last view. rates (planes) as they apply at this step; step counts from 1. */
 OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
                                 oxl_model *first, oxl_model *second, const float *rates, int step);

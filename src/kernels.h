@@ -273,12 +273,16 @@ struct raster_job {
     real               background[3];
     real              *rgb;           /* (3,H,W) */
     real              *transmittance; /* (H,W) what is left of the light behind the last splat */
+    /* backward and score: */
+    const real        *drgb; /* (3,H,W) dL/d(rgb) */
     /* backward alone: */
-    const real        *drgb;  /* (3,H,W) dL/d(rgb) */
     real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
+    /* score alone, with drgb = dS/d(rgb): */
+    real *score; /* (slots) sum of (o dS/dalpha)^2, written for each of the tile's pairs */
 };
 OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
+OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 
 /* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */
 

@@ -1,4 +1,4 @@
-/* raster.c - splats to pixels, and the pixels' gradients back to the splats.
+/* raster.c - splats to pixels, the pixels' gradients back to the splats, and how much each splat matters.
  *
  * A tile is 16 blocks of 4 x 4 pixels; a block is one vector of AVX-512, two of AVX2. Compositing front to back (Kerbl et al.
  * 2023, eq. 3):
@@ -7,6 +7,7 @@
  * Backward runs in forward order, so it takes the same branches and needs no division to undo T. With g = dL/dC and the pixel's
  * whole light S = g . C known, and s the part of S up to and including splat i,
  *     dL/dalpha_i = T_i (g . c_i) - (S - s) / (1 - alpha_i).
+ * A splat's score is the sum over its pixels of (o_i dS/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply", arXiv 2602.24136].
  *
  * A pixel that has ended keeps its T as a negative number: any further splat then fails the test T (1 - alpha) >= 1e-4 by itself.
  *
@@ -288,6 +289,44 @@ SIMD_INLINE int raster_sum(const int fused, const struct raster_grid *grid, cons
     return item;
 }
 
+/* Pass 2 for the score: value becomes dS/dalpha, 0 where the clamp at ALPHA_MAX holds or nothing was drawn. */
+SIMD_INLINE void raster_slope(const int fused, struct raster_batch *batch, int items, real *tile_t, struct raster_gradients *d)
+{
+    for (int i = 0; i < items; i++) {
+        const int at     = batch->block[i] * PACK;
+        real *restrict t = tile_t + at, *restrict behind = d->behind + at;
+        const real *restrict gr = d->g[0] + at, *restrict gg = d->g[1] + at, *restrict gb = d->g[2] + at;
+        real *restrict value = batch->value[i];
+        const real *colour   = batch->colour[batch->of[i]];
+        const real  red = colour[0], green = colour[1], blue = colour[2];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const struct raster_share p     = raster_share(fused, value[l], t[l]);
+            const real                light = muladd(fused, gr[l], red, muladd(fused, gg[l], green, gb[l] * blue)); /* g . c */
+            const real                rest  = muladd(fused, -p.weight, light, behind[l]);
+            const real                whole = muladd(fused, t[l], light, -rest / (1 - p.alpha));
+            const real                drawn = p.weight > 0 ? whole : 0;
+            value[l]                        = value[l] < ALPHA_MAX ? drawn : 0;
+            behind[l]                       = rest;
+            t[l]                            = p.t;
+        }
+    }
+}
+
+/* Pass 3 for the score: pair n's sum of (o dS/dalpha)^2; *item moves past its items. */
+SIMD_INLINE real raster_square(const int fused, const struct raster_batch *batch, int n, int *item)
+{
+    const real o = real_exp2(fused, batch->peak[n]);
+    real       sum[PACK];
+    memset(sum, 0, sizeof sum);
+    for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1, ++*item) {
+        const real *restrict slope = batch->value[*item];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) sum[l] = muladd(fused, slope[l], slope[l], sum[l]);
+    }
+    return o * o * raster_add_lanes(sum);
+}
+
 /* ---------------------------------------------------------------- one tile */
 
 static void raster_close(const struct raster_job *job, const struct raster_tile *tile, struct raster_pixels *p)
@@ -356,5 +395,29 @@ SIMD_BODY void raster_backward_body(const int fused, const struct raster_job *jo
     for (; pair < tile.end; pair++) memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
 }
 
+SIMD_BODY void raster_score_body(const int fused, const struct raster_job *job)
+{
+    const struct raster_tile tile  = raster_tile(job);
+    const struct pair       *pair  = tile.pair;
+    uint32_t                 alive = 0xFFFF;
+    struct raster_grid       grid;
+    real                     t[TILE_PIXELS];
+    struct raster_gradients  d;
+    struct raster_batch      batch;
+    raster_grid(&grid);
+    raster_open(job, &tile, t);
+    raster_open_backward(job, &tile, &d);
+    for (; pair < tile.end && alive; pair += RASTER_BATCH) {
+        const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
+        raster_collect(job, &tile, pair, pairs, alive, &batch);
+        raster_evaluate(fused, &grid, batch.items, &batch);
+        raster_slope(fused, &batch, batch.items, t, &d);
+        for (int n = 0, item = 0; n < pairs; n++) job->score[pair[n].slot] = raster_square(fused, &batch, n, &item);
+        alive = raster_alive(t);
+    }
+    for (; pair < tile.end; pair++) job->score[pair->slot] = 0;
+}
+
 SIMD_DISPATCH(OXL_INTERNAL, raster_forward, struct raster_job)
 SIMD_DISPATCH(OXL_INTERNAL, raster_backward, struct raster_job)
+SIMD_DISPATCH(OXL_INTERNAL, raster_score, struct raster_job)

@@ -17,9 +17,11 @@ struct renderer {
     float           *dmean2d; /* (count) */
     float           *rgb, *drgb, *transmittance;
     float (*sums)[SPLAT_SUMS];
+    float              *score; /* (slots) */
     struct bins         bins;
     struct loss_scratch loss;
-    size_t splat_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity, transmittance_capacity, sums_capacity;
+    size_t splat_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity, transmittance_capacity, sums_capacity,
+        score_capacity;
 };
 
 oxl_render_options oxl_render_options_default(void)
@@ -45,6 +47,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->drgb);
     oxl_free(ctx, r->transmittance);
     oxl_free(ctx, r->sums);
+    oxl_free(ctx, r->score);
     oxl_free(ctx, r);
 }
 
@@ -133,7 +136,8 @@ static struct raster_job render_raster_job(struct renderer *r, uint32_t tile, co
                                .rgb           = r->rgb,
                                .transmittance = r->transmittance,
                                .drgb          = drgb,
-                               .sums          = r->sums};
+                               .sums          = r->sums,
+                               .score         = r->score};
 }
 
 static void render_tiles(oxl_context *ctx, struct renderer *r)
@@ -228,6 +232,28 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     if (rc != OXL_OK) return rc;
     render_tiles_backward(ctx, r, drgb ? drgb : r->drgb);
     render_project_backward(ctx, r, &out);
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- score */
+
+OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
+{
+    const int  tiles = r->bins.tiles_x * r->bins.tiles_y;
+    oxl_result rc    = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
+    if (rc != OXL_OK) return rc;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int i = 0; i < tiles; i++) {
+        const struct raster_job job = render_raster_job(r, r->bins.tile_order[i], drgb);
+        raster_score(ctx->isa, &job);
+    }
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* slots in their order: part of the result */
+        const struct splat *s   = &r->splat[r->bins.order[i]];
+        float               sum = 0;
+        for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++) sum += r->score[slot];
+        score[r->bins.order[i]] += sum;
+    }
     return OXL_OK;
 }
 

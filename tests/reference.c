@@ -122,6 +122,13 @@
 #define raster_backward_base   raster_backward_base_f64
 #define raster_backward_avx2   raster_backward_avx2_f64
 #define raster_backward_avx512 raster_backward_avx512_f64
+#define raster_slope           raster_slope_f64
+#define raster_square          raster_square_f64
+#define raster_score           raster_score_f64
+#define raster_score_body      raster_score_body_f64
+#define raster_score_base      raster_score_base_f64
+#define raster_score_avx2      raster_score_avx2_f64
+#define raster_score_avx512    raster_score_avx512_f64
 
 #define loss_job               loss_job_f64
 #define loss_value             loss_value_f64
@@ -270,6 +277,20 @@ static void reference_backward(struct reference *r, const double *drgb)
     project_backward(ISA_BASE, &project);
 }
 
+/* The score of the view drawn last, added to score (count). */
+static void reference_score(struct reference *r, const double *drgb, double *score)
+{
+    struct raster_job raster = {.bins = &r->bins, .width = r->lens.width, .height = r->lens.height, .rgb = r->rgb, .drgb = drgb};
+    raster.score             = reference_array(r->bins.slot_count);
+    for (raster.tile = 0; raster.tile < r->bins.tiles_x * r->bins.tiles_y; raster.tile++) raster_score(ISA_BASE, &raster);
+    for (size_t i = 0; i < r->bins.visible_count; i++) {
+        const struct splat *s = &r->splat[r->bins.order[i]];
+        for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
+            score[r->bins.order[i]] += raster.score[slot];
+    }
+    free(raster.score);
+}
+
 /* Back to float: who uses the reference from here on says so by the suffix, of types, functions and members alike. */
 #undef OXL_REFERENCE
 #undef real
@@ -384,6 +405,13 @@ static void reference_backward(struct reference *r, const double *drgb)
 #undef raster_backward_base
 #undef raster_backward_avx2
 #undef raster_backward_avx512
+#undef raster_slope
+#undef raster_square
+#undef raster_score
+#undef raster_score_body
+#undef raster_score_base
+#undef raster_score_avx2
+#undef raster_score_avx512
 #undef loss_job
 #undef loss_value
 #undef loss_scratch

@@ -79,6 +79,109 @@ TEST(raster_draws_images_of_odd_sizes)
     }
 }
 
+/* ---------------------------------------------------------------- the score */
+
+/* One pixel's share of every row's score, plainly: dS/dalpha from all that lies behind, summed anew for each splat. */
+static void raster_plain_score(const struct reference *r, const double *drgb, int x, int y, double *score)
+{
+    const int pixels = r->lens_f64.width * r->lens_f64.height, at = y * r->lens_f64.width + x;
+    uint32_t  drawn[1000];
+    double    alpha[1000], opacity[1000], before[1000], light[1000], t = 1;
+    int       n = 0;
+    for (size_t i = 0; i < r->bins_f64.visible_count; i++) {
+        const struct splat_f64 *s  = &r->splat_f64[r->bins_f64.order[i]];
+        const double            dy = y + 0.5 - s->v, w = x + 0.5 - s->u + s->k * dy;
+        const double            value = exp2(s->peak - s->a * w * w - s->e * dy * dy), a = OXL_MIN(0.99, value);
+        if (value < 1.0 / 255) continue;
+        if (t * (1 - a) < 1e-4) break;
+        drawn[n] = r->bins_f64.order[i], alpha[n] = a, before[n] = t, light[n] = 0;
+        opacity[n] = value < 0.99 ? exp2(s->peak) : 0; /* the clamp stops the derivative */
+        for (int c = 0; c < 3; c++) light[n] += drgb[c * pixels + at] * s->colour[c];
+        t *= 1 - a;
+        n++;
+    }
+    for (int i = 0; i < n; i++) {
+        double slope = before[i] * light[i], through = before[i];
+        for (int j = i + 1; j < n; j++) {
+            slope -= through * alpha[j] * light[j];
+            through *= 1 - alpha[j];
+        }
+        for (int c = 0; c < 3; c++) slope -= through * drgb[c * pixels + at] * r->background[c];
+        score[drawn[i]] += opacity[i] * slope * opacity[i] * slope;
+    }
+}
+
+enum { SCORE_COUNT = 600, SCORE_WIDTH = 61, SCORE_HEIGHT = 47 };
+
+static void raster_score_case(struct reference *r, double *drgb)
+{
+    raster_scene(r, SCORE_COUNT, SCORE_WIDTH, SCORE_HEIGHT);
+    for (int c = 0; c < 3; c++) r->background[c] = 0.3 * c;
+    for (int i = 0; i < 3 * SCORE_WIDTH * SCORE_HEIGHT; i++)
+        drgb[i] = (float)(1 + 0.3 * random_unit(random_bits(4, (uint64_t)i, 0)));
+    reference_forward(test_ctx, r);
+}
+
+TEST(raster_score_is_the_sum_of_squared_slopes_of_every_pixel)
+{
+    struct reference r;
+    static double    drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], score[SCORE_COUNT], plain[SCORE_COUNT];
+    double           largest = 0;
+    raster_score_case(&r, drgb);
+    memset(score, 0, sizeof score), memset(plain, 0, sizeof plain);
+    reference_score(&r, drgb, score);
+    for (int y = 0; y < SCORE_HEIGHT; y++)
+        for (int x = 0; x < SCORE_WIDTH; x++) raster_plain_score(&r, drgb, x, y, plain);
+    for (int i = 0; i < SCORE_COUNT; i++) largest = OXL_MAX(largest, plain[i]);
+    CHECK(largest > 1);
+    for (int i = 0; i < SCORE_COUNT; i++) CHECK_CLOSE(score[i], plain[i], 1e-10 * largest);
+    reference_free(test_ctx, &r);
+}
+
+/* The float door against double, and against itself with other threads and another vector width. */
+TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
+{
+    const oxl_camera camera = {
+        SCORE_WIDTH, SCORE_HEIGHT, 50, 50, SCORE_WIDTH / 2.0, SCORE_HEIGHT / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    const int          threads = test_ctx->threads, isa = test_ctx->isa;
+    struct reference   r;
+    struct renderer   *renderer;
+    oxl_model          m;
+    oxl_render_options options = oxl_render_options_default();
+    static double      drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], exact[SCORE_COUNT];
+    static float       narrow[3 * SCORE_WIDTH * SCORE_HEIGHT], score[3][SCORE_COUNT];
+    double             total = 0, off = 0;
+    memset(exact, 0, sizeof exact), memset(score, 0, sizeof score);
+    raster_score_case(&r, drgb);
+    reference_score(&r, drgb, exact);
+    for (size_t i = 0; i < OXL_COUNT(narrow); i++) narrow[i] = (float)drgb[i];
+    for (int c = 0; c < 3; c++) options.background[c] = (float)r.background[c];
+    CHECK_OK(oxl_model_create(test_ctx, SCORE_COUNT, 0, &m));
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        for (size_t i = 0; i < m.count; i++) m.plane[k][i] = (float)r.in.plane[k][i];
+    CHECK_OK(renderer_create(test_ctx, &renderer));
+    CHECK_OK(renderer_forward(test_ctx, renderer, &m, &camera, &options));
+    test_ctx->threads = 1;
+    CHECK_OK(renderer_score(test_ctx, renderer, narrow, score[0]));
+    test_ctx->threads = 7;
+    test_ctx->isa     = OXL_MIN(isa, ISA_AVX2);
+    for (int twice = 0; twice < 2; twice++) CHECK_OK(renderer_score(test_ctx, renderer, narrow, score[1 + twice]));
+    CHECK_OK(renderer_score(test_ctx, renderer, narrow, score[2]));
+    test_ctx->threads = threads;
+    test_ctx->isa     = isa;
+    CHECK(!memcmp(score[0], score[1], sizeof score[0]));
+    for (int i = 0; i < SCORE_COUNT; i++) {
+        CHECK(score[2][i] == 2 * score[0][i]);
+        total += exact[i], off += fabs(score[0][i] - exact[i]);
+    }
+    CHECK(off < 1e-3 * total); /* a decision that falls the other way in float moves a pixel's share */
+    renderer_free(test_ctx, renderer);
+    oxl_model_free(test_ctx, &m);
+    reference_free(test_ctx, &r);
+}
+
+/* ---------------------------------------------------------------- what else it draws */
+
 TEST(raster_shows_the_background_where_there_is_nothing)
 {
     const oxl_camera   camera  = {20, 10, 30, 30, 10, 5, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
