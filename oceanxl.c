@@ -22,6 +22,7 @@
 /* the model */
 #include "src/ply.c"       /* a small PLY reader */
 #include "src/model.c"     /* planes of Gaussians: create, grow, start from points */
+#include "src/merge.c"     /* the models of blocks become one */
 #include "src/modelfile.c" /* models as PLY and .splat */
 
 /* one photograph's error walks back into the Gaussians */

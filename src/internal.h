@@ -387,6 +387,14 @@ OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
 
+/* ---------------------------------------------------------------- merge.c: the models of blocks become one */
+
+/* Appends those Gaussians of a block's model whose centres lie in its home, about into's origin. `into` starts as an empty model
+ * that has the origin of the whole; its SH degree grows to the largest that comes, missing bands are zero. So the blocks' models
+ * can be read, merged and freed one after the other, in the order of the blocks. On failure `into` holds what it held. */
+OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
+                                    oxl_model *into);
+
 /* ---------------------------------------------------------------- modelfile.c: models as PLY and .splat */
 
 /* What oxl_model_write does with file_degree 3; with the model's own degree only the bands carried are written. */
