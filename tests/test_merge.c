@@ -64,7 +64,7 @@ TEST(merge_keeps_each_gaussian_of_overlapping_blocks_exactly_once)
 
 TEST(merge_goes_by_block_and_keeps_the_order_within_one)
 {
-    const double           zero[3] = {0, 0, 0}, origin[3] = {3, -2, 1};
+    const double           zero[3] = {0, 0, 0}, origin[3] = {-1, 0.5, 1};
     struct partition_block block[3];
     struct partition       p;
     oxl_model              cloud = merge_test_cloud(MERGE_TEST_COUNT, 0, origin), merged = merge_test_empty(origin);
