@@ -35,9 +35,10 @@
 #include "src/render.c"  /* the chain of the five above behind one door */
 
 /* the run */
-#include "src/density.c" /* clone, split, prune, reset */
-#include "src/train.c"   /* the loop: it reads like the paper's algorithm */
-#include "src/metrics.c" /* PSNR, SSIM, evaluation */
+#include "src/checkpoint.c" /* the state of a run in a file, so that a run that was killed goes on where it was */
+#include "src/density.c"    /* clone, split, prune, reset */
+#include "src/train.c"      /* the loop: it reads like the paper's algorithm */
+#include "src/metrics.c"    /* PSNR, SSIM, evaluation */
 
 /* the whole job */
 #include "src/survey.c" /* what a survey holds, and what training it would take */

@@ -57,6 +57,14 @@ OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_
     return OXL_OK;
 }
 
+OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t count)
+{
+    if (a->reading && a->rc == OXL_OK) a->rc = density_clear(a->ctx, d, count);
+    if (a->rc != OXL_OK) return;
+    archive_floats(a, d->gradient, count);
+    archive_floats(a, d->views, count);
+}
+
 OXL_INTERNAL void density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count)
 {
     (void)ctx; /* without OpenMP */

@@ -134,6 +134,10 @@ struct os_writer {
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc); /* rc != OXL_OK: discard */
 
+OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
+OXL_INTERNAL int   os_rename(const char *from, const char *to); /* over what `to` was; 0: done */
+OXL_INTERNAL int   os_remove(const char *path);                 /* 0: done */
+
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
@@ -441,6 +445,8 @@ struct renderer_counts {                   /* of the last view */
 };
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 
+struct archive; /* checkpoint.c */
+
 /* ---------------------------------------------------------------- density.c: clone, split, prune, reset */
 
 struct density; /* statistics since the last control */
@@ -465,7 +471,48 @@ OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl
                                         oxl_model *second, const struct density_rules *rules, struct density_change *out);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second);
 
+/* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
+
+/* Goes both ways: a module lists its state once, and the archive writes it or reads it back. After a failure, calls do nothing.
+ * Counts are read before what they count, and are checked against what is left of the file. */
+struct archive {
+    oxl_context *ctx;
+    int          reading;
+    const char  *path;
+    FILE        *file;
+    uint64_t     sum, left; /* of the bytes written; bytes still to read */
+    oxl_result   rc;
+};
+OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value);
+OXL_INTERNAL void archive_int(struct archive *a, int *value);
+OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
+OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
+OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
+OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
+OXL_INTERNAL void archive_text(struct archive *a, struct text *t);             /* reading: the text is replaced */
+OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);          /* reading: the model is replaced */
+OXL_INTERNAL int  archive_holds(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
+
+typedef void            checkpoint_state(struct archive *a, void *user);
+/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key` says what the run depends on. */
+OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
+                                         void *user);
+/* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
+OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
+                                        void *user, int *found);
+OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder);
+
 /* ---------------------------------------------------------------- train.c */
+
+/* Where a run keeps its state. */
+struct train_place {
+    const char  *folder; /* of the checkpoints */
+    const char  *key;    /* what the result depends on */
+    struct text *log;    /* the caller's, kept with the state */
+};
+/* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
+OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                                  const oxl_callback *callback, const struct train_place *place, oxl_model *out);
 
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options);

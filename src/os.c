@@ -33,12 +33,12 @@ static enum os_kind os_kind_of(const char *path, uint64_t *size)
     return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_NOTHING;
 }
 
-static FILE *os_open(const char *path, const char *mode)
+OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 {
     return fopen(path, mode);
 }
 
-static int os_remove(const char *path)
+OXL_INTERNAL int os_remove(const char *path)
 {
     return unlink(path);
 }
@@ -49,7 +49,7 @@ static int os_sync(FILE *file)
     return fsync(fileno(file)) == 0 || errno == EINVAL ? 0 : -1;
 }
 
-static int os_replace(const char *from, const char *to)
+OXL_INTERNAL int os_rename(const char *from, const char *to)
 {
     return rename(from, to);
 }
@@ -161,7 +161,7 @@ static enum os_kind os_kind_of(const char *path, uint64_t *size)
     return data.dwFileAttributes & FILE_ATTRIBUTE_DIRECTORY ? OS_FOLDER : OS_FILE;
 }
 
-static FILE *os_open(const char *path, const char *mode)
+OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 {
     wchar_t wide[OS_PATH_MAX], wide_mode[8];
     for (int i = 0; i < 8; i++) {
@@ -171,7 +171,7 @@ static FILE *os_open(const char *path, const char *mode)
     return _wfopen(os_wide(path, wide), wide_mode);
 }
 
-static int os_remove(const char *path)
+OXL_INTERNAL int os_remove(const char *path)
 {
     wchar_t wide[OS_PATH_MAX];
     return os_done(DeleteFileW(os_wide(path, wide)));
@@ -182,7 +182,7 @@ static int os_sync(FILE *file)
     return _commit(_fileno(file));
 }
 
-static int os_replace(const char *from, const char *to)
+OXL_INTERNAL int os_rename(const char *from, const char *to)
 {
     wchar_t a[OS_PATH_MAX], b[OS_PATH_MAX];
     return os_done(MoveFileExW(os_wide(from, a), os_wide(to, b), MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH));
@@ -375,7 +375,7 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
         failed = 1;
         error  = errno;
     }
-    if (!failed && os_replace(writer->temporary, writer->path) != 0) {
+    if (!failed && os_rename(writer->temporary, writer->path) != 0) {
         failed = 1;
         error  = errno;
     }

@@ -11,6 +11,8 @@
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
 #define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
 #define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
+#define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
+#define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
 #define TRAIN_SMOOTHING     0.02  /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
@@ -37,21 +39,32 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
 }
 
 struct train {
-    oxl_context             *ctx;
-    oxl_scene               *scene;
-    const oxl_train_options *options;
-    oxl_render_options       render;
-    oxl_model               *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
-    struct renderer         *renderer;
-    struct density          *density;
-    int                     *view; /* (views) training views in this epoch's order */
-    int                      views, step;
-    int                      resets;
-    float                   *target, *weight; /* the photograph of this step: (3,H,W), (H,W) */
-    int                      masked;          /* whether weight holds its mask */
-    size_t                   target_capacity, weight_capacity;
-    double                   started, loss, psnr; /* smoothed */
+    oxl_context              *ctx;
+    oxl_scene                *scene;
+    const oxl_train_options  *options;
+    oxl_render_options        render;
+    oxl_model                *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
+    struct renderer          *renderer;
+    struct density           *density;
+    int                      *view; /* (views) training views in this epoch's order */
+    int                       views, step;
+    int                       resets;
+    float                    *target, *weight; /* the photograph of this step: (3,H,W), (H,W) */
+    int                       masked;          /* whether weight holds its mask */
+    size_t                    target_capacity, weight_capacity;
+    double                    loss, psnr; /* smoothed */
+    int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
+    double                    begun;      /* when it did */
+    double                    seconds;    /* that others had spent on the run before */
+    const struct train_place *place;      /* of its checkpoints, or NULL */
+    int                       saved_step; /* of the last checkpoint, */
+    double                    saved_at;   /* and when it was */
 };
+
+static double train_seconds(const struct train *t)
+{
+    return t->seconds + os_seconds() - t->begun;
+}
 
 /* ---------------------------------------------------------------- the schedule */
 
@@ -275,16 +288,69 @@ static void train_end(struct train *t)
     oxl_free(ctx, t->weight);
 }
 
+/* ---------------------------------------------------------------- checkpoints */
+
+/* All that the steps to come depend on; the gradient is made anew in each. */
+static void train_archive(struct archive *a, void *user)
+{
+    struct train *t     = user;
+    size_t        views = (size_t)t->views;
+    double        spent = train_seconds(t);
+    archive_int(a, &t->step);
+    archive_int(a, &t->resets);
+    archive_doubles(a, &t->loss, 1);
+    archive_doubles(a, &t->psnr, 1);
+    archive_doubles(a, &spent, 1);
+    archive_size(a, &views);
+    if (a->rc == OXL_OK && views > (size_t)oxl_scene_view_count(t->scene)) a->rc = OXL_ERR_INPUT; /* not with this key */
+    if (a->rc == OXL_OK) archive_ints(a, t->view, views);
+    archive_model(a, t->model);
+    archive_model(a, &t->first);
+    archive_model(a, &t->second);
+    density_archive(a, t->density, t->model->count);
+    archive_text(a, t->place->log);
+    if (!a->reading || a->rc != OXL_OK) return;
+    t->views   = (int)views;
+    t->seconds = spent;
+    a->rc      = train_resize(t);
+}
+
+static oxl_result train_save(struct train *t)
+{
+    t->saved_step = t->step;
+    t->saved_at   = os_seconds();
+    return t->place ? checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t) : OXL_OK;
+}
+
+static int train_save_is_due(const struct train *t)
+{
+    return t->place && t->step < t->options->iterations &&
+           (t->step - t->saved_step >= TRAIN_SAVE_STEPS || os_seconds() - t->saved_at >= TRAIN_SAVE_SECONDS);
+}
+
+static oxl_result train_resume(struct train *t)
+{
+    int        found = 0;
+    oxl_result rc    = OXL_OK;
+    t->saved_at      = t->begun;
+    if (t->place) rc = checkpoint_read(t->ctx, t->place->folder, t->place->key, train_archive, t, &found);
+    if (rc == OXL_OK && found) oxl_log(t->ctx, OXL_LOG_INFO, "going on after iteration %d", t->step);
+    t->saved_step = t->step;
+    return rc;
+}
+
+/* ---------------------------------------------------------------- the loop */
+
 static int train_report(const struct train *t, const oxl_callback *callback)
 {
-    const double seconds  = os_seconds() - t->started;
+    const double seconds = train_seconds(t), here = os_seconds() - t->begun;
     oxl_progress progress = {.iteration    = t->step,
                              .iterations   = t->options->iterations,
                              .gaussians    = t->model->count,
                              .loss         = t->loss,
                              .psnr         = t->psnr,
                              .seconds      = seconds,
-                             .seconds_left = seconds / t->step * (t->options->iterations - t->step),
+                             .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
                              .model        = t->model};
     return callback && callback->progress && callback->progress(callback->user, &progress);
 }
@@ -299,29 +365,54 @@ static oxl_result train_step(struct train *t)
     return rc;
 }
 
-oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
-                     oxl_model *out)
+static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
-    struct train t  = {.ctx = ctx, .scene = scene, .options = options, .model = out, .started = os_seconds()};
-    oxl_result   rc = OXL_OK;
-    *out            = (oxl_model){0};
-    if (options->iterations < 1 || options->sh_degree < 0 || options->sh_degree > 3 || options->densify_every < 1) {
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3, at least 1",
-                        options->iterations, options->sh_degree, options->densify_every);
-    }
-    rc = train_begin(&t);
-    for (t.step = 1; rc == OXL_OK && t.step <= options->iterations; t.step++) {
-        rc = train_step(&t);
-        if (rc == OXL_OK && train_report(&t, callback)) rc = OXL_ERR_INTERRUPTED;
-        if (options->max_seconds > 0 && os_seconds() - t.started > options->max_seconds) {
-            oxl_log(ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t.step,
-                    options->iterations);
-            break;
+    if (o->iterations >= 1 && o->sh_degree >= 0 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE, "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3, at least 1",
+                    o->iterations, o->sh_degree, o->densify_every);
+}
+
+/* Whatever ends the loop early, the state is saved: an order to stop, the time allowed. */
+static oxl_result train_loop(struct train *t, const oxl_callback *callback)
+{
+    const oxl_train_options *o  = t->options;
+    oxl_result               rc = OXL_OK;
+    t->first_step               = t->step;
+    if (t->step > 0 && train_report(t, callback)) return OXL_ERR_INTERRUPTED;
+    while (rc == OXL_OK && t->step < o->iterations) {
+        t->step++;
+        rc = train_step(t);
+        if (rc != OXL_OK) break;
+        if (train_report(t, callback)) {
+            rc = train_save(t);
+            return rc == OXL_OK ? OXL_ERR_INTERRUPTED : rc;
         }
+        if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations) {
+            oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t->step, o->iterations);
+            return train_save(t);
+        }
+        if (train_save_is_due(t)) rc = train_save(t);
     }
-    if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step - 1, options->iterations);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                                  const oxl_callback *callback, const struct train_place *place, oxl_model *out)
+{
+    struct train t  = {.ctx = ctx, .scene = scene, .options = options, .model = out, .begun = os_seconds(), .place = place};
+    oxl_result   rc = train_check(ctx, options);
+    *out            = (oxl_model){0};
+    if (rc == OXL_OK) rc = train_begin(&t);
+    if (rc == OXL_OK) rc = train_resume(&t);
+    if (rc == OXL_OK) rc = train_loop(&t, callback);
+    if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     else if (rc != OXL_OK) oxl_model_free(ctx, out);
     train_end(&t);
     return rc;
+}
+
+oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
+                     oxl_model *out)
+{
+    return train_run(ctx, scene, options, callback, NULL, out);
 }

@@ -1,0 +1,159 @@
+/* test_train_resume.c - a run that was stopped at any step goes on as if nothing had been; a damaged file is noticed. */
+
+struct checkpoint_watch {
+    int stop_at, first; /* iteration: to stop at; of the first report, 0: none yet */
+};
+
+static int checkpoint_stop(void *user, const oxl_progress *progress)
+{
+    struct checkpoint_watch *w = user;
+    if (!w->first) w->first = progress->iteration;
+    return progress->iteration == w->stop_at;
+}
+
+struct checkpoint_case {
+    oxl_scene        *scene;
+    oxl_train_options options;
+    struct text       log;
+    int               first; /* iteration that the last run reported first */
+    oxl_model         whole; /* of a run that nothing disturbed */
+};
+
+static struct checkpoint_case checkpoint_case(void)
+{
+    struct checkpoint_case c      = {train_scene(7), train_options(130), {.ctx = test_ctx}, 0, {0}};
+    c.options.densify_until       = 0.9f; /* at 100: rows, moments and statistics change shape */
+    c.options.reset_opacity_every = 0;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    return c;
+}
+
+static void checkpoint_case_free(struct checkpoint_case *c)
+{
+    oxl_model_free(test_ctx, &c->whole);
+    oxl_scene_free(test_ctx, c->scene);
+    text_free(&c->log);
+}
+
+/* Runs from where the folder's state is to step `until`. */
+static oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out)
+{
+    const struct train_place place = {test_folder(), key, &c->log};
+    struct checkpoint_watch  watch = {until, 0};
+    const oxl_callback       stop  = {checkpoint_stop, &watch};
+    const oxl_result         rc    = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);
+    c->first                       = watch.first;
+    return rc;
+}
+
+TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)
+{
+    static const int       stops[] = {1, 29, 99, 100, 101};
+    struct checkpoint_case c       = checkpoint_case();
+    oxl_model              model;
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(c.whole.count != oxl_scene_point_count(c.scene) && train_same(&model, &c.whole));
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+TEST(checkpoint_keeps_the_callers_log)
+{
+    struct checkpoint_case c = checkpoint_case();
+    oxl_model              model;
+    text_add(&c.log, "iteration,loss\n");
+    CHECK(checkpoint_run(&c, "key", 5, &model) == OXL_ERR_INTERRUPTED);
+    oxl_model_free(test_ctx, &model);
+    text_free(&c.log);
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK_TEXT(c.log.data ? c.log.data : "", "iteration,loss\n");
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+static void checkpoint_change_byte(const char *path, long at)
+{
+    FILE *file = fopen(path, "r+b");
+    int   byte;
+    CHECK(file != NULL);
+    if (!file) return;
+    fseek(file, at, at < 0 ? SEEK_END : SEEK_SET);
+    byte = fgetc(file);
+    fseek(file, at, at < 0 ? SEEK_END : SEEK_SET);
+    fputc(byte ^ 1, file);
+    fclose(file);
+}
+
+static void checkpoint_cut(const char *path, size_t size)
+{
+    struct os_file_map map;
+    FILE              *file;
+    CHECK_OK(os_read_file(test_ctx, path, &map));
+    file = fopen(path, "wb");
+    CHECK(file && fwrite(map.data, 1, OXL_MIN(size, map.size), file) > 0);
+    if (file) fclose(file);
+    os_release_file(test_ctx, &map);
+}
+
+/* Two checkpoints, the newer damaged in each of several places: the run goes on from the older. */
+TEST(checkpoint_that_is_damaged_is_noticed_and_the_one_before_it_used)
+{
+    static const long      places[] = {0, 30, 5000, -1, -20};
+    struct checkpoint_case c        = checkpoint_case();
+    oxl_model              model;
+    for (size_t i = 0; i <= OXL_COUNT(places); i++) {
+        checkpoint_remove(test_ctx, test_folder());
+        for (int step = 10; step <= 20; step += 10) {
+            CHECK(checkpoint_run(&c, "key", step, &model) == OXL_ERR_INTERRUPTED);
+            oxl_model_free(test_ctx, &model);
+        }
+        CHECK(os_is_file(test_path("checkpoint.oxl")) && os_is_file(test_path("checkpoint.prev.oxl")));
+        if (i < OXL_COUNT(places)) checkpoint_change_byte(test_path("checkpoint.oxl"), places[i]);
+        else checkpoint_cut(test_path("checkpoint.oxl"), 4000);
+        CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED && c.first == 10);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole));
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+TEST(checkpoint_of_another_key_is_left_aside)
+{
+    struct checkpoint_case c = checkpoint_case();
+    oxl_model              model;
+    CHECK(checkpoint_run(&c, "key", 10, &model) == OXL_ERR_INTERRUPTED);
+    oxl_model_free(test_ctx, &model);
+    CHECK(checkpoint_run(&c, "other", 1, &model) == OXL_ERR_INTERRUPTED && c.first == 1);
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+static void checkpoint_numbers(struct archive *a, void *user)
+{
+    oxl_model *model = user;
+    archive_model(a, model);
+}
+
+TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
+{
+    oxl_model model = {0}, other = {0};
+    int       found = 0;
+    CHECK_OK(oxl_model_create(test_ctx, 3, 0, &model));
+    model.count = SIZE_MAX / 4096; /* a count from elsewhere, and a right checksum */
+    {
+        struct archive a = {.ctx = test_ctx, .reading = 1, .path = "small", .left = 100};
+        CHECK(!archive_holds(&a, model.count, sizeof(float)) && a.rc == OXL_ERR_INPUT);
+    }
+    model.count = 3;
+    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_numbers, &model));
+    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", checkpoint_numbers, &other, &found));
+    CHECK(found && train_same(&model, &other));
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &other);
+}
