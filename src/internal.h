@@ -447,6 +447,8 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 
 struct archive; /* checkpoint.c */
 
+struct archive; /* checkpoint.c */
+
 /* ---------------------------------------------------------------- density.c: clone, split, prune, reset */
 
 struct density; /* statistics since the last control */
@@ -470,6 +472,7 @@ OXL_INTERNAL void       density_observe(oxl_context *ctx, struct density *d, con
 OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
                                         oxl_model *second, const struct density_rules *rules, struct density_change *out);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void       density_archive(struct archive *a, struct density *d, size_t count);
 
 /* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
 
