@@ -171,34 +171,41 @@ OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view,
 /* A model is a set of planes, one float array of `count` for each number that a Gaussian has: plane[OXL_MEAN + 1][i]
  * is the y of Gaussian i. Values are raw, as the standard PLY holds them: log scale, logit opacity, unnormalised
  * quaternion. Spherical harmonics are coefficient-major: plane[OXL_SH + 3 * k + c] is coefficient k of channel c.
- * Gradients and Adam's moments have the same shape, and so the same type. */
+ * Gradients and Adam's moments have the same shape, and so the same type.
+ *
+ * A row with a second lobe is a difference of Gaussians that share centre, rotation and colour [OceanXL eq. 3-4]:
+ *     alpha = min(.99, o G) - min(.99, o' G'),   o' = o sigmoid(a),   s' = s exp(b) along each axis. */
 enum {
     OXL_MEAN      = 0,  /* x y z, local coordinates */
     OXL_LOG_SCALE = 3,  /* natural log of the standard deviation along each own axis */
     OXL_ROTATION  = 6,  /* w x y z */
     OXL_OPACITY   = 10, /* logit */
     OXL_SH        = 11, /* 3 (degree + 1)^2 planes; colour = max(0, 0.5 + sum of basis x coefficient) */
-    OXL_PLANES    = 59  /* at degree 3 */
+    OXL_LOBE      = 59, /* the second lobe's factors: logit of the opacity's, then log of the scale's along each own axis */
+    OXL_PLANES    = 63
 };
 
 typedef struct oxl_model {
     size_t count, capacity;
+    size_t lobes;             /* rows 0..lobes-1 carry a second lobe; 0: none does, and the planes from OXL_LOBE on are NULL */
     int    sh_degree;         /* 0..3: bands carried; planes past them are NULL */
     double origin[3];         /* world = local + origin */
-    float *plane[OXL_PLANES]; /* (count) each, 64-byte aligned */
+    float *plane[OXL_PLANES]; /* (count) each, (lobes) from OXL_LOBE on; 64-byte aligned */
     void  *memory;            /* what the planes lie in */
 } oxl_model;
 
 /* All zero but the identity rotation. */
 OXL_API oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_model *out);
 OXL_API void       oxl_model_free(oxl_context *ctx, oxl_model *model);
-OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2 */
+OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: those that every row has */
 
 /* One isotropic Gaussian a point, as wide as the mean distance to its 3 nearest neighbours [Kerbl 2023]. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);
 
-/* PLY: any property order and type, ascii and both endians in; the standard 62 float columns, little endian, out.
- * .splat (32 bytes a Gaussian) by its file extension, both ways; it has no SH bands past 0. */
+/* PLY: any property order and type, ascii and both endians in; the standard 62 float columns, little endian, out. Second lobes
+ * follow in an element of their own, `dog`: uint vertex_index, float opacity_factor, scale_factor_0..2, raw. Reading brings
+ * rows with a lobe to the front; both parts keep their order. A file NAME_standard.ply is written without lobes, for any viewer.
+ * .splat (32 bytes a Gaussian) by its file extension, both ways; it has no SH bands past 0 and no lobes. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 

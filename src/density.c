@@ -4,7 +4,8 @@
  * replaced by two samples of itself. Faint ones are removed.
  *
  * Invariants: children stand next to their parent, so rows that are near in memory stay near in space (packs out of sight are
- * skipped whole). Every random number depends on seed, step and row alone. A row with a number that is not finite never survives.
+ * skipped whole); once rows have a second lobe none may grow, so those stay first. Every random number depends on seed, step and
+ * row alone. A row with a number that is not finite never survives.
  */
 #include "internal.h"
 #include "vecmath.h"
@@ -82,6 +83,7 @@ static int density_is_finite(const oxl_model *m, size_t i)
 {
     float sum = 0; /* 0 x anything finite is 0; 0 x inf and 0 x nan are not */
     for (int k = 0; k < oxl_model_planes(m); k++) sum += 0 * m->plane[k][i];
+    for (int k = OXL_LOBE; i < m->lobes && k < OXL_PLANES; k++) sum += 0 * m->plane[k][i];
     return sum == 0;
 }
 
@@ -160,12 +162,17 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
                                   const struct density_rules *rules)
 {
     oxl_model  next;
-    size_t     at = 0;
+    size_t     at = 0, lobes = 0;
     oxl_result rc = oxl_model_create(ctx, new_count, model->sh_degree, &next);
+    for (size_t i = 0; i < model->lobes; i++) lobes += d->verdict[i] != DENSITY_REMOVE;
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, &next, lobes);
+    if (rc != OXL_OK) oxl_model_free(ctx, &next);
     if (rc != OXL_OK) return rc;
     memcpy(next.origin, model->origin, sizeof next.origin);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int k = 0; k < oxl_model_planes(model); k++) density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
+    for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
+        density_copy_plane(d, model->plane[k], model->lobes, next.plane[k], fresh);
     for (size_t i = 0; i < model->count && !fresh; i++) {
         if (d->verdict[i] == DENSITY_SPLIT) {
             density_sample(model, i, &next, at, rules, 0);
@@ -187,6 +194,9 @@ OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_judge(d, model, (size_t)i, rules);
     for (size_t i = 0; i < model->count; i++) kept += d->verdict[i] != DENSITY_REMOVE, growing += d->verdict[i] >= DENSITY_CLONE;
+    if (model->lobes > 0 && growing > 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu of %zu Gaussians would be cloned or split while %zu have a second lobe", growing,
+                        model->count, model->lobes);
     if (rules->cap) density_cap(d, model->count, kept, growing, rules->cap);
     for (size_t i = 0; i < model->count; i++) {
         out->removed += d->verdict[i] == DENSITY_REMOVE;

@@ -390,6 +390,20 @@ OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t
 /* Grows or shrinks the SH bands; new planes are zero. */
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
+/* Keeps the rows whose byte in keep (count) is not 0, in their order, lobes with them; the others are cleared. */
+OXL_INTERNAL void       model_keep_rows(oxl_model *model, const uint8_t *keep);
+
+/* The second lobe. Memory for it is held for the first `lobes` rows alone, up to a whole pack. */
+enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
+#define MODEL_LOBE_RATE_OPACITY 0.025f /* Adam's, of plane OXL_LOBE ["Prune Wisely", code] */
+#define MODEL_LOBE_RATE_SCALE   0.005f /* of OXL_LOBE + 1..3 */
+/* Rows 0..lobes-1 carry one; fresh ones are zero. */
+OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
+OXL_INTERNAL void       model_drop_lobes(oxl_model *model);
+/* Brings the rows whose byte in active (count) is not 0 to the front of all three, each part in its order, and gives them lobes of
+ * these factors and zero moments. first, second: the moments, or both NULL. Done once: the model must have no lobes yet. */
+OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
+                                             const uint8_t *active, float opacity_factor, float scale_factor);
 
 /* ---------------------------------------------------------------- merge.c: the models of blocks become one */
 
@@ -401,7 +415,7 @@ OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p,
 
 /* ---------------------------------------------------------------- modelfile.c: models as PLY and .splat */
 
-/* What oxl_model_write does with file_degree 3; with the model's own degree only the bands carried are written. */
+/* What oxl_model_write does with file_degree 3, lobes included; with the model's own degree only the bands carried are written. */
 OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
 
 /* ---------------------------------------------------------------- render.c: the kernels behind one door */

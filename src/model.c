@@ -1,8 +1,9 @@
-/* model.c - planes of Gaussians: create, grow, copy, start from points.
+/* model.c - planes of Gaussians: create, grow, copy, give some a second lobe, start from points.
  *
  * Sources: Kerbl 2023 (the start from points); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
  * Invariant: one allocation holds all planes, one after the other, each `capacity` floats long. Capacity is a multiple of
  * MODEL_PACK, so each plane starts on a 64-byte line and kernels may read and write whole packs of rows up to capacity.
+ * The planes of the second lobe follow, each as long as the packs that hold rows 0..lobes-1.
  * Rows from count to capacity are finite: model_clear_rows fills them when they are made, and who lowers count leaves rows
  * that were Gaussians once.
  */
@@ -25,18 +26,36 @@ OXL_INTERNAL void model_clear_rows(oxl_model *model, size_t first, size_t end)
     if (end <= first) return;
     for (int p = 0; p < planes; p++) memset(model->plane[p] + first, 0, (end - first) * sizeof(float));
     for (size_t i = first; i < end; i++) model->plane[OXL_ROTATION][i] = 1;
+    for (int p = OXL_LOBE; first < model->lobes && p < OXL_PLANES; p++)
+        memset(model->plane[p] + first, 0, (OXL_MIN(end, model->lobes) - first) * sizeof(float));
 }
 
-/* The model in fresh memory with another capacity or degree; on failure the old one stays as it was. */
-static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capacity, int sh_degree)
+static size_t model_whole_packs(size_t rows)
 {
-    oxl_model m      = {.count = model->count, .sh_degree = sh_degree};
+    return (rows + MODEL_PACK - 1) / MODEL_PACK * MODEL_PACK;
+}
+
+/* Points the lobes' planes at `memory` and takes over what `from` has of them. */
+static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *from)
+{
+    const size_t rows = model_whole_packs(m->lobes), kept = OXL_MIN(m->lobes, from->lobes);
+    for (int k = 0; m->lobes && k < MODEL_LOBE_PLANES; k++) {
+        float *plane = m->plane[OXL_LOBE + k] = memory + (size_t)k * rows;
+        if (kept) memcpy(plane, from->plane[OXL_LOBE + k], kept * sizeof *plane);
+        memset(plane + kept, 0, (rows - kept) * sizeof *plane);
+    }
+}
+
+/* The model in fresh memory with another capacity, degree or number of lobes; on failure the old one stays as it was. */
+static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capacity, int sh_degree, size_t lobes)
+{
+    oxl_model m      = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree};
     const int planes = oxl_model_planes(&m);
     float    *memory = NULL;
-    if (capacity <= SIZE_MAX - MODEL_PACK) {
+    if (capacity < SIZE_MAX / (OXL_PLANES * sizeof *memory) - 2 * MODEL_PACK) {
         /* an odd number of lines: else planes of 2^n rows would all fall into the same set of the cache */
         m.capacity = (((capacity + MODEL_PACK - 1) / MODEL_PACK) | 1) * MODEL_PACK;
-        memory     = oxl_alloc(ctx, m.capacity, (size_t)planes * sizeof *memory);
+        memory     = oxl_alloc(ctx, m.capacity * (size_t)planes + model_whole_packs(lobes) * MODEL_LOBE_PLANES, sizeof *memory);
     }
     if (!memory) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians of %d numbers", capacity, planes);
     m.memory = memory;
@@ -47,6 +66,7 @@ static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capac
         else memset(m.plane[p], 0, m.count * sizeof(float));
     }
     model_clear_rows(&m, m.count, m.capacity);
+    model_lay_out_lobes(&m, memory + (size_t)planes * m.capacity, model);
     oxl_free(ctx, model->memory);
     *model = m;
     return OXL_OK;
@@ -63,7 +83,7 @@ oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_m
     oxl_result rc;
     *out = (oxl_model){0};
     rc   = model_check_degree(ctx, sh_degree);
-    if (rc == OXL_OK) rc = model_lay_out(ctx, out, count, sh_degree);
+    if (rc == OXL_OK) rc = model_lay_out(ctx, out, count, sh_degree, 0);
     if (rc == OXL_OK) out->count = count; /* these rows are clear already */
     return rc;
 }
@@ -78,24 +98,107 @@ void oxl_model_free(oxl_context *ctx, oxl_model *model)
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity)
 {
     if (capacity <= model->capacity) return OXL_OK;
-    return model_lay_out(ctx, model, capacity, model->sh_degree);
+    return model_lay_out(ctx, model, capacity, model->sh_degree, model->lobes);
 }
 
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree)
 {
     const oxl_result rc = model_check_degree(ctx, sh_degree);
     if (rc != OXL_OK || sh_degree == model->sh_degree) return rc;
-    return model_lay_out(ctx, model, model->capacity, sh_degree);
+    return model_lay_out(ctx, model, model->capacity, sh_degree, model->lobes);
 }
 
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to)
 {
-    const oxl_result rc = oxl_model_create(ctx, from->count, from->sh_degree, to);
+    oxl_result rc = oxl_model_create(ctx, from->count, from->sh_degree, to);
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, to, from->lobes);
+    if (rc != OXL_OK) oxl_model_free(ctx, to);
     if (rc != OXL_OK) return rc;
     memcpy(to->origin, from->origin, sizeof to->origin);
     for (int p = 0; p < oxl_model_planes(from) && from->count; p++)
         memcpy(to->plane[p], from->plane[p], from->count * sizeof(float));
+    for (int p = OXL_LOBE; from->lobes && p < OXL_PLANES; p++) memcpy(to->plane[p], from->plane[p], from->lobes * sizeof(float));
     return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- the second lobe */
+
+OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes)
+{
+    if (lobes == model->lobes) return OXL_OK;
+    if (lobes > model->count)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu lobes for %zu Gaussians: wanted at most one each", lobes, model->count);
+    return model_lay_out(ctx, model, model->capacity, model->sh_degree, lobes);
+}
+
+OXL_INTERNAL void model_drop_lobes(oxl_model *model)
+{
+    model->lobes = 0;
+    for (int p = OXL_LOBE; p < OXL_PLANES; p++) model->plane[p] = NULL;
+}
+
+static size_t model_keep_in_plane(float *plane, size_t count, const uint8_t *keep)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < count; i++)
+        if (keep[i]) plane[kept++] = plane[i];
+    return kept;
+}
+
+OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep)
+{
+    const int    planes = oxl_model_planes(model);
+    const size_t count = model->count, lobes = model->lobes;
+    size_t       kept = 0;
+    for (int p = OXL_LOBE; lobes && p < OXL_PLANES; p++) {
+        kept = model_keep_in_plane(model->plane[p], lobes, keep);
+        memset(model->plane[p] + kept, 0, (lobes - kept) * sizeof(float));
+    }
+    model->lobes = kept;
+    if (kept == 0) model_drop_lobes(model);
+    for (int p = 0; p < planes; p++) model->count = model_keep_in_plane(model->plane[p], count, keep);
+    model_clear_rows(model, model->count, count);
+}
+
+/* Active rows first, each part in its order. `other` (count) is scratch. */
+static void model_active_first(oxl_model *model, const uint8_t *active, float *other)
+{
+    for (int p = 0; p < oxl_model_planes(model); p++) {
+        float *plane = model->plane[p];
+        size_t front = 0, back = 0;
+        for (size_t i = 0; i < model->count; i++) {
+            if (active[i]) plane[front++] = plane[i];
+            else other[back++] = plane[i];
+        }
+        if (back) memcpy(plane + front, other, back * sizeof *plane);
+    }
+}
+
+OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
+                                             const uint8_t *active, float opacity_factor, float scale_factor)
+{
+    oxl_model *all[3] = {model, first, second};
+    const int  models = first && second ? 3 : 1;
+    size_t     lobes  = 0;
+    float     *other  = NULL;
+    oxl_result rc     = OXL_OK;
+    if (model->lobes > 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the model has %zu second lobes already", model->lobes);
+    if (!(opacity_factor > 0 && opacity_factor < 1 && scale_factor > 0 && scale_factor <= FLT_MAX))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "second lobes of opacity x %g and scale x %g, wanted factors in (0, 1) and above 0",
+                        (double)opacity_factor, (double)scale_factor);
+    for (size_t i = 0; i < model->count; i++) lobes += active[i] != 0;
+    other = oxl_alloc(ctx, model->count, sizeof *other);
+    if (!other && model->count) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu Gaussians", model->count);
+    for (int m = 0; rc == OXL_OK && m < models; m++) rc = model_set_lobes(ctx, all[m], lobes);
+    for (int m = 0; m < models; m++) {
+        if (rc == OXL_OK) model_active_first(all[m], active, other);
+        else model_drop_lobes(all[m]);
+    }
+    for (size_t i = 0; rc == OXL_OK && i < lobes; i++)
+        for (int k = 0; k < MODEL_LOBE_PLANES; k++)
+            model->plane[OXL_LOBE + k][i] = (float)(k == 0 ? vecmath_logit(opacity_factor) : vecmath_log(scale_factor));
+    oxl_free(ctx, other);
+    return rc;
 }
 
 /* ---------------------------------------------------------------- start from points: rows in Z-order

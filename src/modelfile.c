@@ -1,6 +1,9 @@
-/* modelfile.c - models as files: the standard 3DGS PLY and the 32-byte .splat.
+/* modelfile.c - models as files: the standard 3DGS PLY, with our second element for second lobes, and the 32-byte .splat.
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values); antimatter15's .splat.
+ *
+ *     element dog   byte  0  vertex_index    uint     4  opacity_factor  float     8  scale_factor  3 float
+ *
  * Invariant: a number that is not finite goes neither in nor out. Reading drops such rows and says how many; writing refuses
  * them, since they are the trainer's fault, to be mended there.
  */
@@ -10,7 +13,8 @@
 enum {
     MODELFILE_COLUMNS     = 62,  /* of the standard layout */
     MODELFILE_ROWS        = 256, /* converted at a time */
-    MODELFILE_SPLAT_BYTES = 32
+    MODELFILE_SPLAT_BYTES = 32,
+    MODELFILE_LOBE_BYTES  = 20
 };
 
 static oxl_result modelfile_no_memory(oxl_context *ctx, const char *path)
@@ -52,6 +56,10 @@ static int modelfile_columns(int file_degree, int sh_degree, struct modelfile_co
     return n;
 }
 
+/* The float columns of element dog, one for each plane from OXL_LOBE on. */
+static const char *const MODELFILE_LOBE[MODEL_LOBE_PLANES] = {"opacity_factor", "scale_factor_0", "scale_factor_1",
+                                                              "scale_factor_2"};
+
 /* ---------------------------------------------------------------- rows that are not finite */
 
 static int modelfile_finite(float x)
@@ -59,50 +67,64 @@ static int modelfile_finite(float x)
     return fabsf(x) <= FLT_MAX;
 }
 
+static oxl_result modelfile_check_column(oxl_context *ctx, const char *path, const char *name, const float *plane, size_t rows)
+{
+    for (size_t i = 0; i < rows; i++)
+        if (!modelfile_finite(plane[i]))
+            return oxl_fail(ctx, OXL_ERR_FAILED,
+                            "%s: not written: column %s of row %zu is %f, wanted a finite number\n"
+                            "fix: remove such rows before writing",
+                            path, name, i, (double)plane[i]);
+    return OXL_OK;
+}
+
 static oxl_result modelfile_check_finite(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
 {
     struct modelfile_column column[MODELFILE_COLUMNS];
     const int               columns = modelfile_columns(file_degree, model->sh_degree, column);
+    oxl_result              rc      = OXL_OK;
     for (int i = 0; i < 3; i++)
         if (!(fabs(model->origin[i]) <= DBL_MAX))
             return oxl_fail(ctx, OXL_ERR_FAILED, "%s: not written: the model's origin is not finite", path);
-    for (int c = 0; c < columns; c++)
-        for (size_t i = 0; column[c].plane >= 0 && i < model->count; i++)
-            if (!modelfile_finite(model->plane[column[c].plane][i]))
-                return oxl_fail(ctx, OXL_ERR_FAILED,
-                                "%s: not written: column %s of row %zu is %f, wanted a finite number\n"
-                                "fix: remove such rows before writing",
-                                path, column[c].name, i, (double)model->plane[column[c].plane][i]);
-    return OXL_OK;
+    for (int c = 0; rc == OXL_OK && c < columns; c++)
+        if (column[c].plane >= 0)
+            rc = modelfile_check_column(ctx, path, column[c].name, model->plane[column[c].plane], model->count);
+    for (int k = 0; rc == OXL_OK && k < MODEL_LOBE_PLANES; k++)
+        rc = modelfile_check_column(ctx, path, MODELFILE_LOBE[k], model->plane[OXL_LOBE + k], model->lobes);
+    return rc;
 }
 
 /* Keeps the finite rows in their order. */
-static void modelfile_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
+static oxl_result modelfile_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
-    const int    planes = oxl_model_planes(model);
-    const size_t count  = model->count;
-    size_t       kept   = 0;
-    for (size_t i = 0; i < count; i++) {
-        int finite = 1;
-        for (int p = 0; p < planes; p++) finite &= modelfile_finite(model->plane[p][i]);
-        if (!finite) continue;
-        for (int p = 0; kept < i && p < planes; p++) model->plane[p][kept] = model->plane[p][i];
-        kept++;
-    }
-    model->count = kept;
-    model_clear_rows(model, kept, count);
-    if (kept < count)
+    const size_t count = model->count;
+    uint8_t     *keep  = oxl_alloc(ctx, count + 1, 1);
+    if (!keep) return modelfile_no_memory(ctx, path);
+    memset(keep, 1, count + 1);
+    for (int p = 0; p < oxl_model_planes(model); p++)
+        for (size_t i = 0; i < count; i++) keep[i] &= modelfile_finite(model->plane[p][i]) != 0;
+    for (int k = 0; k < MODEL_LOBE_PLANES; k++)
+        for (size_t i = 0; i < model->lobes; i++) keep[i] &= modelfile_finite(model->plane[OXL_LOBE + k][i]) != 0;
+    model_keep_rows(model, keep);
+    if (model->count < count)
         oxl_log(ctx, OXL_LOG_WARNING, "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path,
-                count - kept, count);
+                count - model->count, count);
+    oxl_free(ctx, keep);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- bytes, whatever the machine's own order */
+
+static void modelfile_put_bits(unsigned char *p, uint32_t bits)
+{
+    for (int i = 0; i < 4; i++) p[i] = (unsigned char)(bits >> 8 * i);
+}
 
 static void modelfile_put_float(unsigned char *p, float value)
 {
     uint32_t bits;
     memcpy(&bits, &value, sizeof bits);
-    for (int i = 0; i < 4; i++) p[i] = (unsigned char)(bits >> 8 * i);
+    modelfile_put_bits(p, bits);
 }
 
 static float modelfile_get_float(const unsigned char *p)
@@ -131,8 +153,13 @@ static oxl_result modelfile_write_header(oxl_context *ctx, const struct os_write
         text_add(&t, " ");
         text_add_number(&t, model->origin[i]);
     }
+    if (model->lobes)
+        text_add(&t, "\ncomment dog: a second lobe, alpha = min(.99, o G) - min(.99, o' G'); raw factors: "
+                     "o' = o sigmoid(opacity_factor), s' = s exp(scale_factor)");
     text_add(&t, "\nelement vertex %zu\n", model->count);
     for (int c = 0; c < columns; c++) text_add(&t, "property float %s\n", column[c].name);
+    if (model->lobes) text_add(&t, "element dog %zu\nproperty uint vertex_index\n", model->lobes);
+    for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++) text_add(&t, "property float %s\n", MODELFILE_LOBE[k]);
     text_add(&t, "end_header\n");
     rc = t.failed ? modelfile_no_memory(ctx, w->path) : modelfile_put(ctx, w, t.data, t.size);
     text_free(&t);
@@ -157,6 +184,18 @@ static oxl_result modelfile_write_rows(oxl_context *ctx, const struct os_writer 
     return rc;
 }
 
+static oxl_result modelfile_write_lobes(oxl_context *ctx, const struct os_writer *w, const oxl_model *model)
+{
+    oxl_result rc = OXL_OK;
+    for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
+        unsigned char row[MODELFILE_LOBE_BYTES];
+        modelfile_put_bits(row, (uint32_t)i);
+        for (int k = 0; k < MODEL_LOBE_PLANES; k++) modelfile_put_float(row + 4 + 4 * k, model->plane[OXL_LOBE + k][i]);
+        rc = modelfile_put(ctx, w, row, sizeof row);
+    }
+    return rc;
+}
+
 OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
 {
     struct modelfile_column column[MODELFILE_COLUMNS];
@@ -167,6 +206,7 @@ OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, 
     if (rc != OXL_OK) return rc;
     rc = modelfile_write_header(ctx, &w, model, column, columns);
     if (rc == OXL_OK) rc = modelfile_write_rows(ctx, &w, model, column, columns);
+    if (rc == OXL_OK) rc = modelfile_write_lobes(ctx, &w, model);
     return os_writer_close(ctx, &w, rc);
 }
 
@@ -241,17 +281,89 @@ static oxl_result modelfile_read_vertices(oxl_context *ctx, const struct ply *pl
     return rc;
 }
 
+/* The rows of element dog: index (rows) as double, factor (4, rows). */
+static oxl_result modelfile_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index, float *factor)
+{
+    const struct ply_element *dog    = &ply->element[element];
+    struct ply_target        *target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
+    oxl_result                rc;
+    if (!target) return modelfile_no_memory(ctx, ply->path);
+    for (int k = -1; k < MODEL_LOBE_PLANES; k++) {
+        const char *name = k < 0 ? "vertex_index" : MODELFILE_LOBE[k];
+        const int   at   = ply_find_property(dog, name);
+        if (at < 0) {
+            rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                          "%s: element dog has no property '%s', wanted vertex_index, opacity_factor and scale_factor_0 to _2\n"
+                          "fix: write the file again with oceanxl, or leave element dog out",
+                          ply->path, name);
+            goto done;
+        }
+        if (k < 0) target[at].as_double = index;
+        else target[at].as_float = factor + (size_t)k * (size_t)dog->rows;
+    }
+    rc = ply_read(ctx, ply, element, target);
+done:
+    oxl_free(ctx, target);
+    return rc;
+}
+
+/* Marks the vertices that element dog names; each at most once. */
+static oxl_result modelfile_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index, size_t rows, size_t vertices,
+                                       uint8_t *active)
+{
+    for (size_t i = 0; i < rows; i++) {
+        if (!(index[i] >= 0 && index[i] < (double)vertices && index[i] == floor(index[i])))
+            return oxl_fail(ctx, OXL_ERR_INPUT,
+                            "%s: element dog, row %zu: vertex_index is %.10g, wanted a whole number below %zu\n"
+                            "fix: the lobes belong to another set of vertices; write the file again with oceanxl",
+                            ply->path, i, index[i], vertices);
+        if (active[(size_t)index[i]]++)
+            return oxl_fail(ctx, OXL_ERR_INPUT,
+                            "%s: element dog, row %zu: vertex_index %.0f was there before, wanted one lobe a vertex\n"
+                            "fix: remove the repeated row",
+                            ply->path, i, index[i]);
+    }
+    return OXL_OK;
+}
+
+static oxl_result modelfile_read_lobes(oxl_context *ctx, const struct ply *ply, int element, oxl_model *model)
+{
+    const size_t rows = (size_t)ply->element[element].rows, vertices = model->count;
+    double      *index  = oxl_alloc(ctx, rows + 1, sizeof *index);
+    float       *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
+    uint8_t     *active = oxl_calloc(ctx, vertices + 1, 1);
+    size_t      *row    = oxl_alloc(ctx, vertices + 1, sizeof *row); /* of a vertex, when it has a lobe */
+    oxl_result   rc     = index && factor && active && row ? OXL_OK : modelfile_no_memory(ctx, ply->path);
+    if (rc == OXL_OK) rc = modelfile_read_factors(ctx, ply, element, index, factor);
+    if (rc == OXL_OK) rc = modelfile_mark_lobes(ctx, ply, index, rows, vertices, active);
+    if (rc == OXL_OK) rc = model_activate_lobes(ctx, model, NULL, NULL, active, 0.5f, 1);
+    for (size_t i = 0, lobe = 0; rc == OXL_OK && i < vertices; i++) {
+        row[i] = lobe;
+        lobe += active[i];
+    }
+    for (int k = 0; k < MODEL_LOBE_PLANES; k++)
+        for (size_t i = 0; rc == OXL_OK && i < rows; i++)
+            model->plane[OXL_LOBE + k][row[(size_t)index[i]]] = factor[(size_t)k * rows + i];
+    oxl_free(ctx, row);
+    oxl_free(ctx, active);
+    oxl_free(ctx, factor);
+    oxl_free(ctx, index);
+    return rc;
+}
+
 static oxl_result modelfile_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
 {
     struct ply ply;
-    int        vertex;
+    int        vertex, dog;
     oxl_result rc = ply_open(ctx, path, &ply);
     if (rc != OXL_OK) return rc;
     vertex = ply_find_element(&ply, "vertex");
+    dog    = ply_find_element(&ply, "dog");
     if (vertex >= 0) rc = modelfile_read_vertices(ctx, &ply, vertex, out);
     else
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
                       ply.elements);
+    if (rc == OXL_OK && dog >= 0) rc = modelfile_read_lobes(ctx, &ply, dog, out);
     if (rc == OXL_OK) modelfile_read_origin(ctx, &ply, out->origin);
     ply_close(ctx, &ply);
     return rc;
@@ -377,14 +489,29 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     oxl_result rc;
     *out = (oxl_model){0};
     rc   = modelfile_ends_in(path, ".splat") ? modelfile_read_splat(ctx, path, out) : modelfile_read_ply(ctx, path, out);
-    if (rc == OXL_OK) modelfile_drop_rows(ctx, path, out);
-    else oxl_model_free(ctx, out);
+    if (rc == OXL_OK) rc = modelfile_drop_rows(ctx, path, out);
+    if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
+}
+
+/* The model without its lobes; it borrows the planes. */
+static oxl_model modelfile_standard(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    oxl_model plain = *model;
+    if (model->lobes)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format has no place for the second lobes of %zu of %zu Gaussians", path,
+                model->lobes, model->count);
+    model_drop_lobes(&plain);
+    return plain;
 }
 
 oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
+    const int splat = modelfile_ends_in(path, ".splat");
+    if (splat || modelfile_ends_in(path, "_standard.ply")) {
+        const oxl_model plain = modelfile_standard(ctx, path, model);
+        return splat ? modelfile_write_splat(ctx, path, &plain) : modelfile_write_ply(ctx, path, &plain, 3);
+    }
     if (modelfile_ends_in(path, ".ply")) return modelfile_write_ply(ctx, path, model, 3);
-    if (modelfile_ends_in(path, ".splat")) return modelfile_write_splat(ctx, path, model);
     return oxl_fail(ctx, OXL_ERR_USAGE, "%s: wanted a name that ends in .ply or .splat", path);
 }

@@ -26,7 +26,7 @@ static void gradient_smooth_scene(struct reference *r, int count, int degree)
     for (int c = 0; c < 3; c++) r->background[c] = 0.2 + 0.2 * c;
     for (int i = 0; i < count; i++)
         for (int k = 0; k < OXL_SH + 3 * (degree + 1) * (degree + 1); k++) {
-            const double u    = gradient_random(5, (uint64_t)(i * OXL_PLANES + k), -1, 1);
+            const double u    = gradient_random(5, (uint64_t)(i * OXL_LOBE + k), -1, 1);
             r->in.plane[k][i] = k < OXL_LOG_SCALE  ? 0.3 * u
                                 : k < OXL_ROTATION ? 0.5 + 0.3 * u
                                 : k < OXL_OPACITY  ? u + (k == OXL_ROTATION)
@@ -89,7 +89,7 @@ TEST(gradient_agrees_with_finite_differences_for_every_parameter_type)
     CHECK(gradient_worst(test_ctx, &r, OXL_ROTATION, OXL_OPACITY) < 1e-8);
     CHECK(gradient_worst(test_ctx, &r, OXL_OPACITY, OXL_SH) < 1e-8);
     CHECK(gradient_worst(test_ctx, &r, OXL_SH, OXL_SH + 3) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_SH + 3, OXL_PLANES) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_SH + 3, OXL_LOBE) < 1e-8);
     reference_free(test_ctx, &r);
 }
 
@@ -127,7 +127,7 @@ static void gradient_ordinary_scene(struct reference *r, int count, int degree)
     r->lens_f64 = reference_lens(&camera, 0.2);
     for (int i = 0; i < count; i++)
         for (int k = 0; k < OXL_SH + 3 * (degree + 1) * (degree + 1); k++) {
-            const double u    = gradient_random(15, (uint64_t)(i * OXL_PLANES + k), -1, 1);
+            const double u    = gradient_random(15, (uint64_t)(i * OXL_LOBE + k), -1, 1);
             r->in.plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 1.5 * u
                                         : k < OXL_ROTATION ? -2.5 + u
                                         : k < OXL_OPACITY  ? u
@@ -181,7 +181,7 @@ TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
     for (int c = 0; c < 3; c++) options.background[c] = (float)r.background[c];
     CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, &options, drgb, &gradient));
-    for (int k = 0; k < OXL_PLANES; k++) {
+    for (int k = 0; k < OXL_LOBE; k++) {
         double worst = 0, scale = 1e-30;
         for (size_t i = 0; i < m.count; i++) {
             worst = OXL_MAX(worst, fabs(gradient.plane[k][i] - r.gradient.plane[k][i]));

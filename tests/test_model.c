@@ -107,6 +107,184 @@ TEST(model_sizes_and_degrees_that_cannot_be_are_errors)
     CHECK(oxl_model_create(test_ctx, 1, -1, &m) == OXL_ERR_USAGE && !m.memory);
 }
 
+/* ---------------------------------------------------------------- the second lobe */
+
+static int model_test_same_lobes(const oxl_model *a, const oxl_model *b)
+{
+    int same = a->lobes == b->lobes;
+    for (int p = OXL_LOBE; same && p < OXL_PLANES; p++)
+        same = a->lobes ? !memcmp(a->plane[p], b->plane[p], a->lobes * sizeof(float)) : !a->plane[p] && !b->plane[p];
+    return same;
+}
+
+/* Rows 0..lobes-1 with random factors. */
+static oxl_model model_test_lobed(size_t count, int degree, size_t lobes)
+{
+    oxl_model m = model_test_random(count, degree);
+    CHECK_OK(model_set_lobes(test_ctx, &m, lobes));
+    for (int p = OXL_LOBE; lobes && p < OXL_PLANES; p++)
+        for (size_t i = 0; i < lobes; i++) m.plane[p][i] = (float)(4 * model_test_unit(i, (uint64_t)p) - 2);
+    return m;
+}
+
+TEST(model_lobes_are_held_for_whole_packs_of_their_rows_alone_and_survive_growth_and_copies)
+{
+    oxl_model m = model_test_lobed(100, 1, 17), old, none = model_test_random(5, 0);
+    CHECK(!none.plane[OXL_LOBE] && none.lobes == 0);
+    CHECK((float *)m.memory + 23 * m.capacity == m.plane[OXL_LOBE] && m.plane[OXL_LOBE + 1] == m.plane[OXL_LOBE] + 32);
+    for (int p = OXL_LOBE; p < OXL_PLANES; p++)
+        for (int i = 17; i < 32; i++) CHECK((uintptr_t)m.plane[p] % 64 == 0 && m.plane[p][i] == 0);
+    CHECK_OK(model_copy(test_ctx, &m, &old));
+    CHECK(model_test_same(&m, &old) && model_test_same_lobes(&m, &old));
+    CHECK_OK(model_reserve(test_ctx, &m, 1000));
+    CHECK_OK(model_set_degree(test_ctx, &m, 3));
+    CHECK(model_test_same(&m, &old) && model_test_same_lobes(&m, &old));
+    CHECK(model_set_lobes(test_ctx, &m, 101) == OXL_ERR_USAGE);
+    CHECK_OK(model_set_lobes(test_ctx, &m, 20));
+    CHECK(m.lobes == 20 && !memcmp(m.plane[OXL_LOBE + 3], old.plane[OXL_LOBE + 3], 17 * sizeof(float)));
+    CHECK(m.plane[OXL_LOBE + 3][17] == 0);
+    model_drop_lobes(&m);
+    CHECK(m.lobes == 0 && !m.plane[OXL_LOBE] && model_test_same(&m, &old));
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &old);
+    oxl_model_free(test_ctx, &none);
+}
+
+TEST(model_keep_rows_keeps_order_and_lobes)
+{
+    oxl_model m = model_test_lobed(50, 1, 30), old;
+    uint8_t   keep[50];
+    size_t    at = 0, lobes = 0;
+    CHECK_OK(model_copy(test_ctx, &m, &old));
+    for (int i = 0; i < 50; i++) keep[i] = (uint8_t)(i % 3 != 1);
+    model_keep_rows(&m, keep);
+    for (size_t i = 0; i < 50; i++) {
+        if (!keep[i]) continue;
+        for (int p = 0; p < oxl_model_planes(&m); p++) CHECK(m.plane[p][at] == old.plane[p][i]);
+        for (int p = OXL_LOBE; i < 30 && p < OXL_PLANES; p++) CHECK(m.plane[p][at] == old.plane[p][i]);
+        at++;
+        lobes += i < 30;
+    }
+    CHECK(m.count == at && m.lobes == lobes && m.plane[OXL_LOBE][lobes] == 0 && m.plane[OXL_ROTATION][at] == 1);
+    memset(keep, 0, sizeof keep);
+    keep[m.lobes] = 1;
+    model_keep_rows(&m, keep);
+    CHECK(m.count == 1 && m.lobes == 0 && !m.plane[OXL_LOBE]);
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &old);
+}
+
+TEST(model_activation_brings_active_rows_to_the_front_and_keeps_each_rows_numbers)
+{
+    enum { N = 70 };
+    oxl_model m[3], old[3];
+    uint8_t   active[N];
+    size_t    front = 0, back = 0;
+    for (int n = 0; n < 3; n++) {
+        m[n] = model_test_random(N, n % 2 ? 1 : 2);
+        for (size_t i = 0; i < N; i++) m[n].plane[OXL_MEAN][i] = (float)(1000 * n) + (float)i;
+        CHECK_OK(model_copy(test_ctx, &m[n], &old[n]));
+    }
+    for (size_t i = 0; i < N; i++) back += active[i] = (uint8_t)(random_bits(5, i, 0) % 3 == 0);
+    CHECK(model_activate_lobes(test_ctx, &m[0], &m[1], &m[2], active, 1, 1.6f) == OXL_ERR_USAGE && m[0].lobes == 0);
+    CHECK_OK(model_activate_lobes(test_ctx, &m[0], &m[1], &m[2], active, 0.25f, 1.6f));
+    CHECK(m[0].lobes == back && m[1].lobes == back && m[2].lobes == back && back > 10);
+    for (size_t i = 0; i < N; i++) {
+        const size_t at = active[i] ? front++ : back++;
+        for (int n = 0; n < 3; n++)
+            for (int p = 0; p < oxl_model_planes(&m[n]); p++) CHECK(m[n].plane[p][at] == old[n].plane[p][i]);
+        for (int p = OXL_LOBE; active[i] && p < OXL_PLANES; p++) {
+            CHECK_CLOSE(m[0].plane[p][at], p == OXL_LOBE ? log(0.25 / 0.75) : log(1.6), 1e-6);
+            CHECK(m[1].plane[p][at] == 0 && m[2].plane[p][at] == 0);
+        }
+    }
+    CHECK(model_activate_lobes(test_ctx, &m[0], &m[1], &m[2], active, 0.25f, 1.6f) == OXL_ERR_USAGE);
+    for (int n = 0; n < 3; n++) {
+        oxl_model_free(test_ctx, &m[n]);
+        oxl_model_free(test_ctx, &old[n]);
+    }
+}
+
+TEST(model_lobes_come_back_from_a_ply_and_nowhere_else)
+{
+    oxl_model          m = model_test_lobed(300, 3, 77), same, plain;
+    struct os_file_map a, b;
+    m.origin[1] = 0.1;
+    CHECK_OK(oxl_model_write(test_ctx, test_path("m.ply"), &m));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("m.ply"), &same));
+    CHECK(same.lobes == 77 && model_test_same(&same, &m) && model_test_same_lobes(&same, &m));
+    a = model_test_file(test_path("m.ply"));
+    CHECK(a.size > 300 * 248 + 77 * 20 && strstr(a.data, "element dog 77\nproperty uint vertex_index\n"));
+    CHECK(strstr(a.data, "scale_factor_2\nend_header\n") && strstr(a.data, "comment dog: "));
+    os_release_file(test_ctx, &a);
+    model_test_listen();
+    CHECK_OK(oxl_model_write(test_ctx, test_path("m_standard.ply"), &m));
+    CHECK_TEXT(model_test_warning, "second lobes of 77 of 300");
+    model_test_warning[0] = 0;
+    CHECK_OK(model_copy(test_ctx, &m, &plain));
+    model_drop_lobes(&plain);
+    CHECK_OK(oxl_model_write(test_ctx, test_path("plain.ply"), &plain));
+    CHECK(!model_test_warning[0]);
+    a = model_test_file(test_path("m_standard.ply"));
+    b = model_test_file(test_path("plain.ply"));
+    CHECK(a.size == b.size && !memcmp(a.data, b.data, a.size) && !strstr(b.data, "dog"));
+    os_release_file(test_ctx, &a);
+    os_release_file(test_ctx, &b);
+    CHECK_OK(oxl_model_write(test_ctx, test_path("m.splat"), &m));
+    m.plane[OXL_LOBE + 2][70] = INFINITY;
+    CHECK(oxl_model_write(test_ctx, test_path("m.ply"), &m) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(test_ctx), "column scale_factor_1 of row 70");
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &same);
+    oxl_model_free(test_ctx, &plain);
+}
+
+#define MODEL_TEST_LOBED                                                                                                     \
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float f_dc_0\n" \
+    "property float f_dc_1\nproperty float f_dc_2\nproperty float scale_0\nproperty float scale_1\nproperty float scale_2\n" \
+    "property float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\nproperty float opacity\n"       \
+    "element dog 2\nproperty float scale_factor_2\nproperty float scale_factor_1\nproperty float scale_factor_0\n"           \
+    "property %s opacity_factor\nproperty int vertex_index\nend_header\n"                                                    \
+    "0 0 0 0 0 0 0 0 0 1 0 0 0 0\n1 0 0 0 0 0 0 0 0 1 0 0 0 0\n2 0 0 0 0 0 0 0 0 1 0 0 0 0\n3 0 0 0 0 0 0 0 0 1 0 0 0 0\n%s\n"
+
+static const char *model_test_lobed_file(const char *type, const char *rows)
+{
+    static char text[2048];
+    snprintf(text, sizeof text, MODEL_TEST_LOBED, type, rows);
+    return test_write("m.ply", text);
+}
+
+TEST(model_read_takes_lobes_in_any_order_and_brings_their_rows_to_the_front)
+{
+    oxl_model m;
+    CHECK_OK(oxl_model_read(test_ctx, model_test_lobed_file("double", "43 42 41 40 3\n13 12 11 10 1"), &m));
+    CHECK(m.count == 4 && m.lobes == 2);
+    if (m.lobes == 2) {
+        static const float order[4] = {1, 3, 0, 2};
+        for (int i = 0; i < 4; i++) CHECK(m.plane[OXL_MEAN][i] == order[i]);
+        for (int k = 0; k < 4; k++) CHECK(m.plane[OXL_LOBE + k][0] == 10 + k && m.plane[OXL_LOBE + k][1] == 40 + k);
+    }
+    oxl_model_free(test_ctx, &m);
+    CHECK_OK(oxl_model_read(test_ctx, model_test_lobed_file("float", "0 0 0 0 3\n0 nan 0 0 2"), &m));
+    CHECK(m.count == 3 && m.lobes == 1 && m.plane[OXL_MEAN][0] == 3 && m.plane[OXL_MEAN][2] == 1);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(model_read_refuses_lobes_of_vertices_that_are_not_there_or_were_named_before)
+{
+    static const char *const rows[]  = {"0 0 0 0 4\n0 0 0 0 1", "0 0 0 0 1\n0 0 0 0 -1", "0 0 0 0 1\n0 0 0 0 1"};
+    static const char *const words[] = {"row 0: vertex_index is 4, wanted a whole number below 4", "row 1: vertex_index is -1",
+                                        "row 1: vertex_index 1 was there before"};
+    oxl_model                m;
+    for (int i = 0; i < 3; i++) {
+        CHECK(oxl_model_read(test_ctx, model_test_lobed_file("float", rows[i]), &m) == OXL_ERR_INPUT && !m.memory);
+        CHECK_TEXT(oxl_error_text(test_ctx), words[i]);
+        CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+    }
+    CHECK(oxl_model_read(test_ctx, model_test_lobed_file("list uchar float", "0 0 0 1 0 1\n0 0 0 1 0 2"), &m) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "element dog has no property 'opacity_factor'");
+}
+
 /* ---------------------------------------------------------------- start from points */
 
 /* Exact, by trying all pairs, in the model's own rows: positions are floats, so nothing was rounded. */

@@ -57,6 +57,26 @@ TEST(density_clones_small_rows_and_splits_large_ones_beside_their_parent)
     density_case_free(&c);
 }
 
+TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
+{
+    struct density_case   c = density_case((float[]){0, 0, 0, 0});
+    struct density_change d;
+    oxl_model            *all[3] = {&c.model, &c.first, &c.second};
+    struct density_rules  rules  = {.gradient = 0.5, .extent = 1, .seed = 1, .step = 100};
+    for (int n = 0; n < 3; n++) CHECK_OK(model_set_lobes(test_ctx, all[n], 3));
+    for (int i = 0; i < 3; i++) c.model.plane[OXL_LOBE][i] = c.first.plane[OXL_LOBE][i] = (float)(10 + i);
+    c.model.plane[OXL_OPACITY][0]  = -9;
+    c.model.plane[OXL_LOBE + 1][2] = NAN;
+    d                              = density_run(&c, rules);
+    CHECK(d.removed == 2 && c.model.count == 2 && c.model.lobes == 1 && c.first.lobes == 1 && c.second.lobes == 1);
+    CHECK(c.model.plane[OXL_MEAN][0] == 1 && c.model.plane[OXL_MEAN][1] == 3);
+    CHECK(c.model.plane[OXL_LOBE][0] == 11 && c.first.plane[OXL_LOBE][0] == 11);
+    c.density->gradient[1] = 1, c.density->views[1] = 1;
+    CHECK(density_control(test_ctx, c.density, &c.model, &c.first, &c.second, &rules, &d) == OXL_ERR_USAGE);
+    CHECK(c.model.count == 2);
+    density_case_free(&c);
+}
+
 TEST(density_removes_faint_rows_and_such_as_are_not_finite)
 {
     struct density_case   c = density_case((float[]){0, 0, 0, 1});
