@@ -157,7 +157,7 @@ TEST(merge_carries_the_largest_degree_and_fills_missing_bands_with_zero)
         const int end = OXL_SH + 3 * (degree[b] + 1) * (degree[b] + 1);
         CHECK_OK(merge_block(test_ctx, &p, b, &m, &alone));
         for (size_t i = 0; i < alone.count; i++)
-            for (int k = 0; k < OXL_PLANES; k++) CHECK(merged.plane[k][first + i] == (k < end ? alone.plane[k][i] : 0));
+            for (int k = 0; k < OXL_LOBE; k++) CHECK(merged.plane[k][first + i] == (k < end ? alone.plane[k][i] : 0));
         first += alone.count;
         oxl_model_free(test_ctx, &alone);
         oxl_model_free(test_ctx, &m);
