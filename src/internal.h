@@ -519,6 +519,26 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
                                         void *user, int *found);
 OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder);
 
+/* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
+
+struct spsa {
+    double   f[2];           /* f_mid, f_far: the estimate */
+    double   point[2][2];    /* the two points of the pair in progress */
+    double   cost[2];        /* of them, as told */
+    double   cap, stability; /* the most that f may be; Spall's A */
+    double   slopes;         /* sum of the first pairs' |slope|, from which the gain follows */
+    uint64_t seed;
+    int      pair, told; /* pairs finished; costs told of the one in progress */
+    int      first;      /* which of the two points is asked for first */
+};
+/* pairs: how many are expected. */
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], double cap, int pairs, uint64_t seed);
+/* The point to evaluate now; the same until it is told or skipped. */
+OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
+OXL_INTERNAL int  spsa_tell(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
+OXL_INTERNAL void spsa_skip(struct spsa *s);              /* the window did not count: the pair starts again */
+OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s);
+
 /* ---------------------------------------------------------------- train.c */
 
 /* Where a run keeps its state. */

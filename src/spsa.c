@@ -1,0 +1,127 @@
+/* spsa.c - learn the two depth weights from noisy costs, without a gradient (paper sec. 3.2; Spall 1998, "Implementation of the
+ * simultaneous perturbation algorithm for stochastic optimization", IEEE Trans. AES 34(3)).
+ *
+ * Pair k shifts both weights at once by c_k times random signs, once there and once back, and asks for the cost of either point;
+ * their difference, over the distance of the two points, is the gradient's estimate:
+ *     f <- project(f - a_k (cost+ - cost-) / (point+ - point-)),   a_k = a / (A + k + 1)^0.602,   c_k = c / (k + 1)^0.101.
+ * Which of the two is asked for first is random too, so a cost that drifts with time favours neither.
+ *
+ * Invariants: f_far >= f_mid >= 1 and both at most the cap, for the estimate and for every point asked for. What is asked for is a
+ * function of the seed and of the costs told.
+ */
+#include "internal.h"
+#include "vecmath.h"
+
+#define SPSA_GAIN_DECAY     0.602 /* the least that converges in practice [Spall 1998, III.B] */
+#define SPSA_SHIFT_DECAY    0.101
+#define SPSA_SHIFT          0.2 /* c: near the noise of a cost, seen as a change of f */
+#define SPSA_STABILITY      0.1 /* A, as a share of the pairs expected [Spall 1998] */
+#define SPSA_FIRST_STEP     0.1 /* of f: sets the gain a */
+#define SPSA_STEP_MAX       0.25
+#define SPSA_CALIBRATION    8                           /* pairs whose mean slope sets a: one alone may be all noise */
+#define SPSA_STREAM         (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
+#define SPSA_DISTANCE_LEAST 0.5 /* x c_k: where the projection left less between the two points, a difference tells nothing */
+
+static double spsa_power(double base, double exponent)
+{
+    return vecmath_exp(exponent * vecmath_log(base));
+}
+
+/* Into 1 <= f_mid <= f_far <= cap, one after the other: only the order is the paper's. */
+static void spsa_project(double cap, double f[2])
+{
+    f[0] = OXL_CLAMP(f[0], 1.0, cap);
+    f[1] = OXL_CLAMP(f[1], f[0], cap);
+}
+
+static double spsa_shift(const struct spsa *s)
+{
+    return SPSA_SHIFT / spsa_power(s->pair + 1, SPSA_SHIFT_DECAY);
+}
+
+/* The two points of the pair that begins. */
+static void spsa_open_pair(struct spsa *s)
+{
+    const uint64_t bits  = random_bits(s->seed, SPSA_STREAM, (uint64_t)s->pair);
+    const double   shift = spsa_shift(s);
+    for (int i = 0; i < 2; i++) {
+        const double sign = bits >> (63 - i) & 1 ? 1 : -1;
+        s->point[0][i]    = s->f[i] + sign * shift;
+        s->point[1][i]    = s->f[i] - sign * shift;
+    }
+    spsa_project(s->cap, s->point[0]);
+    spsa_project(s->cap, s->point[1]);
+    s->first = (int)(bits >> 61 & 1);
+    s->told  = 0;
+}
+
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], double cap, int pairs, uint64_t seed)
+{
+    memset(s, 0, sizeof *s);
+    s->cap       = OXL_MAX(cap, 1.0);
+    s->stability = SPSA_STABILITY * OXL_MAX(pairs, 0);
+    s->seed      = seed;
+    s->f[0]      = start[0];
+    s->f[1]      = start[1];
+    spsa_project(s->cap, s->f);
+    spsa_open_pair(s);
+}
+
+OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2])
+{
+    memcpy(f, s->point[s->told ? !s->first : s->first], 2 * sizeof *f);
+}
+
+/* a such that the mean step of the first pairs is the first step's size; 0 as long as no cost differed. */
+static double spsa_gain(struct spsa *s, const double slope[2])
+{
+    if (s->pair < SPSA_CALIBRATION) s->slopes += OXL_MAX(fabs(slope[0]), fabs(slope[1]));
+    if (!(s->slopes > 0)) return 0;
+    return SPSA_FIRST_STEP * spsa_power(s->stability + 1, SPSA_GAIN_DECAY) * OXL_MIN(s->pair + 1, SPSA_CALIBRATION) / s->slopes;
+}
+
+static void spsa_step(struct spsa *s)
+{
+    const double least = SPSA_DISTANCE_LEAST * spsa_shift(s);
+    double       slope[2], gain;
+    for (int i = 0; i < 2; i++) {
+        const double distance = s->point[0][i] - s->point[1][i]; /* as projected, not as meant */
+        slope[i]              = fabs(distance) >= least ? (s->cost[0] - s->cost[1]) / distance : 0;
+    }
+    gain = spsa_gain(s, slope) / spsa_power(s->stability + s->pair + 1, SPSA_GAIN_DECAY);
+    for (int i = 0; i < 2; i++) s->f[i] -= OXL_CLAMP(gain * slope[i], -SPSA_STEP_MAX, SPSA_STEP_MAX);
+    spsa_project(s->cap, s->f);
+}
+
+OXL_INTERNAL int spsa_tell(struct spsa *s, double cost)
+{
+    if (!(fabs(cost) <= DBL_MAX)) {
+        spsa_skip(s);
+        return 0;
+    }
+    s->cost[s->told ? !s->first : s->first] = cost;
+    if (!s->told++) return 0;
+    spsa_step(s);
+    s->pair++;
+    spsa_open_pair(s);
+    return 1;
+}
+
+OXL_INTERNAL void spsa_skip(struct spsa *s)
+{
+    s->told = 0; /* halves on both sides of a reset cannot be compared */
+}
+
+OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
+{
+    archive_doubles(a, s->f, 2);
+    archive_doubles(a, s->point[0], 4);
+    archive_doubles(a, s->cost, 2);
+    archive_doubles(a, &s->cap, 1);
+    archive_doubles(a, &s->stability, 1);
+    archive_doubles(a, &s->slopes, 1);
+    archive_u64(a, &s->seed);
+    archive_int(a, &s->pair);
+    archive_int(a, &s->told);
+    archive_int(a, &s->first);
+}

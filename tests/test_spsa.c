@@ -1,0 +1,133 @@
+/* test_spsa.c - the depth weights' search, against costs that are known. */
+
+/* A bowl around (1.6, 2.4) with normal noise of the given deviation; at (1,1) it is 2.3, at (3,4) 4.5. */
+static double spsa_bowl(const double f[2], double noise, uint64_t draw)
+{
+    return (f[0] - 1.6) * (f[0] - 1.6) + (f[1] - 2.4) * (f[1] - 2.4) + noise * density_normal(77, draw, 0);
+}
+
+static struct spsa spsa_run(double mid, double far, int pairs, double noise, uint64_t seed)
+{
+    struct spsa s;
+    double      f[2];
+    spsa_begin(&s, (double[]){mid, far}, 5, pairs, seed);
+    for (int i = 0; i < 2 * pairs; i++) {
+        spsa_ask(&s, f);
+        CHECK(f[0] >= 1 && f[1] >= f[0] && f[1] <= 5);
+        CHECK(s.f[0] >= 1 && s.f[1] >= s.f[0] && s.f[1] <= 5);
+        CHECK(spsa_tell(&s, spsa_bowl(f, noise, (uint64_t)i)) == i % 2);
+    }
+    return s;
+}
+
+TEST(spsa_finds_the_least_of_a_noisy_bowl_from_below_and_from_above)
+{
+    for (uint64_t seed = 1; seed <= 8; seed++)
+        for (int above = 0; above < 2; above++) {
+            const struct spsa s = spsa_run(above ? 3 : 1, above ? 4 : 1, 90, 0.2, seed);
+            CHECK_CLOSE(s.f[0], 1.6, 0.3);
+            CHECK_CLOSE(s.f[1], 2.4, 0.3);
+        }
+}
+
+TEST(spsa_keeps_the_order_and_the_cap_wherever_the_cost_pulls)
+{
+    for (int pull = 0; pull < 4; pull++) { /* down, mid up and far down, mid down and far up, up */
+        struct spsa s;
+        double      f[2];
+        spsa_begin(&s, (double[]){3.1, 0.5}, 5, 50, 3);
+        CHECK(s.f[0] == 3.1 && s.f[1] == 3.1);
+        for (int i = 0; i < 400; i++) {
+            spsa_ask(&s, f);
+            CHECK(f[0] >= 1 && f[1] >= f[0] && f[1] <= 5 && s.f[0] >= 1 && s.f[1] >= s.f[0] && s.f[1] <= 5);
+            spsa_tell(&s, (pull & 1 ? -f[0] : f[0]) + (pull & 2 ? -f[1] : f[1]));
+        }
+        if (pull == 0) CHECK(s.f[0] < 1.3 && s.f[1] < 1.3);
+        if (pull == 3) CHECK(s.f[0] > 4.7);
+    }
+}
+
+TEST(spsa_first_step_is_a_tenth_and_no_step_more_than_a_quarter)
+{
+    struct spsa s;
+    double      f[2], before[2];
+    spsa_begin(&s, (double[]){2, 3}, 5, 50, 1);
+    for (int i = 0; i < 40; i++) {
+        memcpy(before, s.f, sizeof before);
+        spsa_ask(&s, f);
+        spsa_tell(&s,
+                  1e-3 * (f[0] + 3 * f[1]) * (i < 20 ? 1 : -100)); /* whatever the cost's unit; a hundred times steeper later */
+        if (i == 1) CHECK_CLOSE(OXL_MAX(fabs(s.f[0] - 2), fabs(s.f[1] - 3)), 0.1, 1e-12);
+        CHECK(fabs(s.f[0] - before[0]) <= 0.25 + 1e-12);
+    }
+}
+
+/* At f_mid = f_far the projection brings points together: cost differences over next to nothing would be noise, enlarged. */
+TEST(spsa_takes_no_step_along_what_the_projection_took_away)
+{
+    struct spsa s;
+    spsa_begin(&s, (double[]){2, 2.01}, 5, 50, 1);
+    s.point[0][0] = 2.2, s.point[0][1] = 2.2; /* signs + and -: far is pushed up by mid */
+    s.point[1][0] = 1.8, s.point[1][1] = 2.21;
+    s.told = 0, s.first = 0;
+    spsa_tell(&s, 1);
+    spsa_tell(&s, 0);
+    CHECK(s.f[0] < 2 && s.f[1] == 2.01);
+}
+
+static void spsa_state(struct archive *a, void *user)
+{
+    spsa_archive(a, user);
+}
+
+static int spsa_is_same(const struct spsa *a, const struct spsa *b)
+{
+    struct spsa next_a = *a, next_b = *b;
+    spsa_tell(&next_a, 0.5);
+    spsa_tell(&next_b, 0.5);
+    return a->pair == b->pair && !memcmp(a->f, b->f, sizeof a->f) && !memcmp(a->point, b->point, sizeof a->point) &&
+           !memcmp(next_a.f, next_b.f, sizeof a->f) && !memcmp(next_a.point, next_b.point, sizeof a->point);
+}
+
+TEST(spsa_is_a_function_of_the_seed_and_goes_on_from_its_archive)
+{
+    struct spsa a = spsa_run(1.5, 2, 30, 0.2, 5), b = spsa_run(1.5, 2, 30, 0.2, 5), other = spsa_run(1.5, 2, 30, 0.2, 6);
+    int         found = 0;
+    CHECK(spsa_is_same(&a, &b) && memcmp(&a.f, &other.f, sizeof a.f) != 0);
+    spsa_tell(&a, 1); /* in the middle of a pair */
+    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", spsa_state, &a));
+    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", spsa_state, &other, &found));
+    CHECK(found && other.told == 1 && spsa_is_same(&a, &other));
+}
+
+TEST(spsa_drops_a_pair_that_a_skipped_window_or_a_broken_cost_interrupts)
+{
+    struct spsa s;
+    double      first[2], f[2];
+    spsa_begin(&s, (double[]){1.5, 2}, 5, 50, 9);
+    spsa_ask(&s, first);
+    CHECK(spsa_tell(&s, 1) == 0);
+    spsa_skip(&s);
+    spsa_ask(&s, f);
+    CHECK(f[0] == first[0] && f[1] == first[1]);
+    CHECK(spsa_tell(&s, 1) == 0 && spsa_tell(&s, (double)NAN) == 0);
+    spsa_ask(&s, f);
+    CHECK(f[0] == first[0] && f[1] == first[1] && s.pair == 0 && s.f[0] == 1.5);
+}
+
+TEST(spsa_asks_for_either_point_first_as_chance_has_it)
+{
+    struct spsa s;
+    double      f[2];
+    int         plus_first = 0, up_first = 0;
+    spsa_begin(&s, (double[]){3, 3.5}, 6, 40, 1);
+    for (int pair = 0; pair < 40; pair++) {
+        spsa_ask(&s, f);
+        plus_first += f[0] == s.point[0][0];
+        up_first += f[0] > s.f[0];
+        spsa_tell(&s, 0);
+        spsa_tell(&s, 0);
+    }
+    CHECK(plus_first > 10 && plus_first < 30 && up_first > 10 && up_first < 30);
+    CHECK(s.f[0] == 3 && s.f[1] == 3.5); /* costs that do not differ move nothing */
+}
