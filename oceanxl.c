@@ -17,7 +17,12 @@
 #include "src/measure.c" /* robust measures: bounds, the cameras' radius, depths */
 #include "src/scene.c"   /* from the files to views, points and photographs */
 
-#include "src/partition.c" /* balanced blocks of a survey too large for one */
+/* a survey too large for one model becomes blocks */
+#include "src/partition.h"       /* what these files share */
+#include "src/partition_axes.c"  /* the frame in which it is cut */
+#include "src/partition_sight.c" /* who saw which point */
+#include "src/partition.c"       /* the cuts, the guards, which view belongs where */
+#include "src/partition_file.c"  /* partition.txt */
 
 /* the model */
 #include "src/ply.c"       /* a small PLY reader */

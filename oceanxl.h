@@ -294,13 +294,37 @@ typedef struct oxl_callback {
 OXL_API oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
                              oxl_model *out);
 
+/* ---------------------------------------------------------------- blocks */
+
+/* A survey too large for one model is cut into blocks along its principal axes [OceanXL sec. 3.1, Alg. 1]. */
+typedef enum oxl_partition_kind {
+    OXL_PARTITION_AUTO = 0, /* 2D when the third principal extent is less than 0.3 of the second, else 3D */
+    OXL_PARTITION_2D,       /* never cut across the third principal axis */
+    OXL_PARTITION_3D,
+    OXL_PARTITION_NONE /* one block, whatever its size */
+} oxl_partition_kind;
+
+typedef enum oxl_cut {
+    OXL_CUT_BALANCED = 0, /* where both sides hold as equal numbers of points as a cut at 0.3 to 0.7 of the box can make them */
+    OXL_CUT_MIDPOINT      /* at 0.5, as BlockGaussian does: the baseline */
+} oxl_cut;
+
+typedef struct oxl_partition_options {
+    int                block_points; /* a block of more points than this is cut (40000) */
+    oxl_partition_kind kind;         /* (auto) */
+    oxl_cut            cut;          /* (balanced) */
+} oxl_partition_options;
+
+OXL_API oxl_partition_options oxl_partition_options_default(void);
+
 /* ---------------------------------------------------------------- the whole job */
 
 typedef struct oxl_job_options {
-    oxl_scene_options scene;
-    oxl_train_options train;
-    const char       *preset;  /* where they came from; run.json repeats it */
-    int               renders; /* 1: pictures of the held-out views go to OUT/renders (1) */
+    oxl_scene_options     scene;
+    oxl_train_options     train;
+    oxl_partition_options partition;
+    const char           *preset;  /* where they came from; run.json repeats it */
+    int                   renders; /* 1: pictures of the held-out views go to OUT/renders (1) */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);

@@ -299,14 +299,17 @@ struct scene_stats { /* what check and the first message say */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
-OXL_INTERNAL const struct scene_stats *scene_stats_of(const oxl_scene *scene);
-OXL_INTERNAL const struct colmap      *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
+OXL_INTERNAL const struct scene_stats  *scene_stats_of(const oxl_scene *scene);
+OXL_INTERNAL const struct colmap       *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
+/* Of a scene from files: where a view comes from, and whether a point is one of the scene's or absurdly far from its origin. */
+OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view);
+OXL_INTERNAL int                        scene_takes_point(const struct colmap_point *point, const double origin[3]);
 /* Borrowed from the cache until the next call for another view, or NULL with the error set. */
-OXL_INTERNAL const struct photo       *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
+OXL_INTERNAL const struct photo        *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
-OXL_INTERNAL double                    scene_depth_quantile(const oxl_scene *scene, double quantile);
+OXL_INTERNAL double                     scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
-OXL_INTERNAL double                    scene_near_plane(const oxl_scene *scene);
+OXL_INTERNAL double                     scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
@@ -329,9 +332,20 @@ struct partition {
     int                     dimensions;  /* 2: the third axis is never cut; 3 */
     int                     block_count;
     struct partition_block *block;
+    struct partition_plan  *plan; /* which point and view is where, for the export; NULL when read from partition.txt */
 };
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3]);
 OXL_INTERNAL int  partition_contains(const struct partition_box *box, const double frame[3]);
+
+/* Cuts a scene from files into blocks; the scene must outlive the partition. One block when it is small enough, when the options ask for
+ * it, or when there are no tracks to tell what a view sees; the log says which, and on what evidence 2D or 3D was chosen. */
+OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *options,
+                                       struct partition *out);
+OXL_INTERNAL void       partition_free(oxl_context *ctx, struct partition *p);
+
+/* partition_file.c: partition.txt, which reads back to the same bits. */
+OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
+OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
 
 /* ---------------------------------------------------------------- ply.c: a small PLY reader */
 

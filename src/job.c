@@ -25,8 +25,11 @@ struct job {
 oxl_job_options oxl_job_options_default(oxl_preset preset)
 {
     static const char *const names[] = {"draft", "standard", "paper"};
-    return (oxl_job_options){
-        .scene = oxl_scene_options_default(), .train = oxl_train_options_default(preset), .preset = names[preset], .renders = 1};
+    return (oxl_job_options){.scene     = oxl_scene_options_default(),
+                             .train     = oxl_train_options_default(preset),
+                             .partition = oxl_partition_options_default(),
+                             .preset    = names[preset],
+                             .renders   = 1};
 }
 
 /* ---------------------------------------------------------------- files of OUT */

@@ -13,6 +13,7 @@ enum {
     SCENE_NAMED_MISSING = 10, /* missing photographs that are listed by name */
     SCENE_HEADERS       = 16  /* cameras of which the first photograph's size is read: some surveys have one camera for each */
 };
+#define SCENE_FARTHEST       1e15 /* a point farther from the origin is no place */
 #define SCENE_EXTENT         1.1  /* x the radius of the training cameras [Kerbl 2023] */
 #define SCENE_EXTENT_LEAST   1e-3 /* x the median depth; below it, the cameras stand in one place */
 #define SCENE_NEAR           0.2  /* x the depth before which 1 % of the points lie */
@@ -317,6 +318,13 @@ static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
     return rc;
 }
 
+OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const double origin[3])
+{
+    double size = 0;
+    for (int k = 0; k < 3; k++) size += fabs(point->position[k] - origin[k]);
+    return size <= SCENE_FARTHEST; /* not when it is not a number */
+}
+
 static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
 {
     const struct colmap *c = &scene->colmap;
@@ -325,13 +333,11 @@ static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
     for (size_t i = 0; i < c->point_count; i++) {
         const struct colmap_point *from  = &c->point[i];
         oxl_point                  point = {.error = (float)from->error};
-        double                     size  = 0;
         for (int k = 0; k < 3; k++) {
             point.position[k] = from->position[k] - scene->origin[k];
             point.rgb[k]      = from->rgb[k];
-            size += fabs(point.position[k]);
         }
-        if (size <= 1e15) scene->point[scene->point_count++] = point; /* drops not-a-number too */
+        if (scene_takes_point(from, scene->origin)) scene->point[scene->point_count++] = point;
     }
     if (scene->point_count < c->point_count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
@@ -609,4 +615,9 @@ OXL_INTERNAL const struct scene_stats *scene_stats_of(const oxl_scene *scene)
 OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene)
 {
     return scene->from_files ? &scene->colmap : NULL;
+}
+
+OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view)
+{
+    return &scene->colmap.image[scene->source[view].image];
 }

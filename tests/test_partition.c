@@ -1,0 +1,467 @@
+/* test_partition.c - blocks of a survey: homes, balance, frames, views, guards, files. */
+
+/* A survey of n points and views x views cameras on a grid above their middle 98 %, each of which looks down and sees what lies
+ * within `reach` of it. Text files alone. */
+struct partition_test {
+    double *p; /* (n,3) world */
+    int     n, views;
+    double  low[2], high[2], reach;
+};
+
+static char partition_test_log[4096];
+
+static void partition_test_remember(void *user, oxl_log_level level, const char *text)
+{
+    (void)user, (void)level;
+    snprintf(partition_test_log + strlen(partition_test_log), sizeof partition_test_log - strlen(partition_test_log), "%s\n",
+             text);
+}
+
+static void partition_test_listen(void)
+{
+    partition_test_log[0] = 0;
+    test_ctx->options.log = partition_test_remember;
+}
+
+static double partition_test_unit(int i, int k)
+{
+    return random_unit(random_bits(7, (uint64_t)i, (uint64_t)k));
+}
+
+static void partition_test_centre(const struct partition_test *t, int view, double centre[2])
+{
+    const int at[2] = {view % t->views, view / t->views};
+    for (int k = 0; k < 2; k++) centre[k] = t->low[k] + (t->high[k] - t->low[k]) * (at[k] + 0.5) / t->views;
+}
+
+static int partition_test_sees(const struct partition_test *t, int view, int point)
+{
+    double centre[2];
+    partition_test_centre(t, view, centre);
+    return fabs(t->p[3 * point] - centre[0]) < t->reach && fabs(t->p[3 * point + 1] - centre[1]) < t->reach;
+}
+
+static const char *partition_test_survey(const char *name, const struct partition_test *t)
+{
+    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
+    int        *next = calloc((size_t)(t->views * t->views), sizeof *next);
+    char        path[128];
+    for (int v = 0; v < t->views * t->views; v++) {
+        double c[2];
+        int    unmatched = v % 3; /* lists do not begin with points */
+        partition_test_centre(t, v, c);
+        text_add(&images, "%d 0 1 0 0 %.17g %.17g 10 1 dive/v %03d.jpg\n", 100 + 7 * v, -c[0], c[1], v);
+        for (int k = 0; k < unmatched; k++) text_add(&images, "1.5 %d.25 -1 ", k);
+        for (int i = 0; i < t->n; i++)
+            if (partition_test_sees(t, v, i)) text_add(&images, "%d.125 %d.5 %d ", i % 640, i % 480, 2 * i + 1);
+        text_add(&images, "\n");
+        next[v] = unmatched;
+    }
+    for (int i = 0; i < t->n; i++) {
+        text_add(&points, "%d %.17g %.17g %.17g %d 9 200 0.1", 2 * i + 1, t->p[3 * i], t->p[3 * i + 1], t->p[3 * i + 2], i % 256);
+        for (int v = 0; v < t->views * t->views; v++)
+            if (partition_test_sees(t, v, i)) text_add(&points, " %d %d", 100 + 7 * v, next[v]++);
+        text_add(&points, "\n");
+    }
+    snprintf(path, sizeof path, "%s/sparse/0/cameras.txt", name);
+    test_write(path, "1 SIMPLE_RADIAL 640 480 500.5 320 240 0.01\n");
+    snprintf(path, sizeof path, "%s/sparse/0/images.txt", name);
+    test_write(path, images.data);
+    snprintf(path, sizeof path, "%s/sparse/0/points3D.txt", name);
+    test_write(path, points.data);
+    text_free(&images);
+    text_free(&points);
+    free(next);
+    return test_path(name);
+}
+
+static oxl_scene *partition_test_load(const char *path)
+{
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene   = NULL;
+    options.read_images       = 0;
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    return scene;
+}
+
+static oxl_partition_options partition_test_options(int block_points, oxl_cut cut)
+{
+    oxl_partition_options o = oxl_partition_options_default();
+    o.block_points          = block_points;
+    o.cut                   = cut;
+    return o;
+}
+
+/* How many blocks hold a place. */
+static int partition_test_homes(const struct partition *p, const double frame[3])
+{
+    int count = 0;
+    for (int i = 0; i < p->block_count; i++) count += partition_contains(&p->block[i].box, frame);
+    return count;
+}
+
+/* Points, and places on every face, edge and corner, far away too, have one home each. */
+static void partition_test_check_homes(const struct partition *p, const oxl_scene *scene)
+{
+    const struct colmap *c   = scene_colmap(scene);
+    size_t               sum = 0;
+    for (size_t i = 0; i < c->point_count; i++) {
+        double at[3];
+        partition_to_frame(p, c->point[i].position, at);
+        CHECK(partition_test_homes(p, at) == 1);
+        CHECK(partition_contains(&p->block[p->plan->home[i]].box, at));
+    }
+    for (int i = 0; i < p->block_count; i++) sum += p->block[i].points;
+    CHECK(sum == c->point_count);
+    for (int i = 0; i < 2000; i++) {
+        double at[3];
+        for (int k = 0; k < 3; k++) {
+            const struct partition_block *b    = &p->block[(int)(partition_test_unit(i, k) * p->block_count)];
+            const double                  face = partition_test_unit(i, 3 + k) < 0.5 ? b->box.low[k] : b->box.high[k];
+            at[k]                              = fabs(face) <= DBL_MAX ? face : 1e30 * (partition_test_unit(i, 6 + k) - 0.5);
+        }
+        CHECK(partition_test_homes(p, at) == 1);
+    }
+}
+
+enum { PARTITION_TEST_POINTS = 2000 };
+
+/* A reef: half of the points crowd in a corner, some at the same place, a few are absurd. flat: of its height. */
+static void partition_test_reef(struct partition_test *t, double *p, double flat)
+{
+    for (int i = 0; i < PARTITION_TEST_POINTS; i++) {
+        const double crowd = i % 2 ? 1 : 0.15, sx = partition_test_unit(i, 0), sy = partition_test_unit(i, 1);
+        p[3 * i]     = 40 * crowd * sx;
+        p[3 * i + 1] = 25 * crowd * sy;
+        p[3 * i + 2] = flat * partition_test_unit(i, 2);
+        if (i % 7 == 0 && i > 0) memcpy(p + 3 * i, p + 3 * i - 3, 3 * sizeof *p);
+        if (i % 50 == 3) p[3 * i + 2] += 4000 * (partition_test_unit(i, 5) - 0.5);
+    }
+    *t = (struct partition_test){.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 8};
+}
+
+static oxl_scene *partition_test_reef_scene(double flat)
+{
+    static double         p[3 * PARTITION_TEST_POINTS];
+    struct partition_test t;
+    partition_test_reef(&t, p, flat);
+    return partition_test_load(partition_test_survey("reef", &t));
+}
+
+TEST(partition_gives_every_place_exactly_one_home)
+{
+    for (int flat = 0; flat < 2; flat++) {
+        oxl_scene       *scene = partition_test_reef_scene(flat ? 2 : 30);
+        struct partition p;
+        for (int cut = 0; cut < 2; cut++) {
+            const oxl_partition_options o = partition_test_options(150, (oxl_cut)cut);
+            CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+            CHECK(p.block_count > 10 && p.dimensions == (flat ? 2 : 3));
+            partition_test_check_homes(&p, scene);
+            partition_free(test_ctx, &p);
+        }
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+/* Clouds that no cut can divide, or only in one direction. */
+TEST(partition_of_degenerate_clouds_ends_and_leaves_no_hole)
+{
+    static double         cloud[3 * 400];
+    struct partition_test t = {.p = cloud, .n = 400, .views = 4, .low = {-50, -50}, .high = {50, 50}, .reach = 20};
+    for (int kind = 0; kind < 4; kind++) {
+        const oxl_partition_options o = partition_test_options(40, OXL_CUT_BALANCED);
+        struct partition            p;
+        oxl_scene                  *scene;
+        for (int i = 0; i < 400; i++)
+            for (int k = 0; k < 3; k++) {
+                const double line = (i - 200) * 0.2 * (k + 1) / 3, two = i % 2 ? -30 : 31;
+                cloud[3 * i + k] = kind == 0 ? 7.25 : kind == 1 ? line : kind == 2 ? two : i == 0 ? 1e14 : k * 1e-9 * i;
+            }
+        scene = partition_test_load(partition_test_survey("degenerate", &t));
+        CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+        CHECK(p.block_count >= 1 && p.block_count <= 40);
+        if (kind == 1) CHECK(p.block_count > 4 && p.dimensions == 2);
+        if (kind == 2) CHECK(p.block_count == 2);
+        partition_test_check_homes(&p, scene);
+        partition_free(test_ctx, &p);
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+static double partition_test_variation(const struct partition *p)
+{
+    double mean = 0, square = 0;
+    for (int i = 0; i < p->block_count; i++) mean += (double)p->block[i].points / p->block_count;
+    for (int i = 0; i < p->block_count; i++) {
+        const double d = (double)p->block[i].points - mean;
+        square += d * d / p->block_count;
+    }
+    return sqrt(square) / mean;
+}
+
+/* The farther to the right, the fewer points. */
+static oxl_scene *partition_test_skewed_scene(void)
+{
+    static double         p[3 * PARTITION_TEST_POINTS];
+    struct partition_test t = {.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 10};
+    for (int i = 0; i < PARTITION_TEST_POINTS; i++) {
+        const double u = partition_test_unit(i, 0), v = partition_test_unit(i, 1);
+        p[3 * i]     = 40 * u * u * sqrt(u);
+        p[3 * i + 1] = 25 * v * sqrt(v);
+        p[3 * i + 2] = partition_test_unit(i, 2);
+    }
+    return partition_test_load(partition_test_survey("skewed", &t));
+}
+
+TEST(partition_balances_a_crowded_cloud_better_than_midpoints_do)
+{
+    oxl_scene            *scene    = partition_test_skewed_scene();
+    oxl_partition_options balanced = partition_test_options(200, OXL_CUT_BALANCED),
+                          midpoint = partition_test_options(200, OXL_CUT_MIDPOINT);
+    struct partition a, b, c;
+    CHECK_OK(partition_make(test_ctx, scene, &balanced, &a));
+    CHECK_OK(partition_make(test_ctx, scene, &midpoint, &b));
+    CHECK_OK(partition_again(test_ctx, &a, &midpoint, &c));
+    CHECK(partition_test_variation(&a) < 0.7 * partition_test_variation(&b));
+    for (int i = 0; i < a.block_count; i++) CHECK(a.block[i].points <= 200);
+    CHECK(b.block_count == c.block_count && memcmp(b.block, c.block, sizeof *b.block * (size_t)b.block_count) == 0);
+    partition_free(test_ctx, &c);
+    partition_free(test_ctx, &b);
+    partition_free(test_ctx, &a);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* The paper's words, taken one by one, of the first cut. */
+TEST(partition_cuts_at_the_ratio_of_least_imbalance)
+{
+    oxl_scene                  *scene = partition_test_reef_scene(2);
+    const struct colmap        *c     = scene_colmap(scene);
+    const oxl_partition_options o     = partition_test_options(1999, OXL_CUT_BALANCED);
+    struct partition            p;
+    double                      best = 2, cut = 0;
+    CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+    CHECK(p.block_count == 2);
+    for (int k = 0; k <= 20; k++) {
+        const double low = p.plan->finite.low[0], r = (30 + 2 * k) / 100.0, at = low + r * (p.plan->finite.high[0] - low);
+        double       n1 = 0, n2, imbalance;
+        for (size_t i = 0; i < c->point_count; i++) {
+            double frame[3];
+            partition_to_frame(&p, c->point[i].position, frame);
+            n1 += frame[0] < at;
+        }
+        n2        = (double)c->point_count - n1;
+        imbalance = fabs(n1 - n2) / OXL_MAX(n1, n2);
+        if (imbalance < best) best = imbalance, cut = at;
+    }
+    CHECK(p.block[0].box.high[0] == cut && p.block[1].box.low[0] == cut);
+    CHECK(p.block[0].box.low[0] == -INFINITY && p.block[1].box.high[2] == INFINITY);
+    partition_free(test_ctx, &p);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(partition_of_equal_halves_is_cut_in_the_middle)
+{
+    const uint32_t         at[PARTITION_RATIOS + 1] = {[0] = 500, [PARTITION_RATIOS] = 500}; /* nothing between 0.30 and 0.70 */
+    struct partition_build b                        = {.least_points = 100};
+    size_t                 low;
+    CHECK(partition_choose(&b, at, 1000, &low) == 10 && low == 500);
+    b.least_points = 501;
+    CHECK(partition_choose(&b, at, 1000, &low) == -1);
+}
+
+TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say)
+{
+    static double         p[3 * 2000];
+    struct partition_test t = {.p = p, .n = 2000, .views = 5, .low = {-20, -20}, .high = {20, 20}, .reach = 6};
+    for (int cube = 0; cube < 2; cube++) {
+        const double                tilt = 0.3, height = cube ? 20 : 3;
+        const oxl_partition_options o = partition_test_options(100, OXL_CUT_BALANCED);
+        struct partition            q;
+        oxl_scene                  *scene;
+        for (int i = 0; i < 2000; i++) {
+            const double x = 40 * partition_test_unit(i, 0) - 20, y = 24 * partition_test_unit(i, 1) - 12,
+                         z = height * (partition_test_unit(i, 2) - 0.5), far = i % 25 == 1 ? 1e5 : 0; /* 4 % */
+            p[3 * i]     = x * cos(tilt) - z * sin(tilt) + far * (partition_test_unit(i, 3) - 0.5);
+            p[3 * i + 1] = y + far * (partition_test_unit(i, 4) - 0.5);
+            p[3 * i + 2] = x * sin(tilt) + z * cos(tilt) + far * (partition_test_unit(i, 5) - 0.5);
+        }
+        scene = partition_test_load(partition_test_survey("box", &t));
+        CHECK_OK(partition_make(test_ctx, scene, &o, &q));
+        CHECK(q.dimensions == (cube ? 3 : 2));
+        CHECK_CLOSE(q.extent[0], 40, 1.5);
+        CHECK_CLOSE(q.extent[1], 24, 1);
+        CHECK_CLOSE(q.extent[2], height, 1.5);
+        CHECK_CLOSE(fabs(q.rotation[0]), cos(tilt), cube ? 0.05 : 0.01);
+        CHECK_CLOSE(q.rotation[2] * q.rotation[0], sin(tilt) * cos(tilt), cube ? 0.1 : 0.02);
+        CHECK(q.rotation[8] > 0); /* to the cameras */
+        for (int i = 0; i < q.block_count && !cube; i++)
+            CHECK(q.block[i].box.low[2] == -INFINITY && q.block[i].expanded.high[2] == INFINITY);
+        partition_free(test_ctx, &q);
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+/* Counted from the tracks, without the partition's own lists. */
+TEST(partition_assigns_training_views_by_both_rules_and_test_views_never)
+{
+    oxl_scene                  *scene = partition_test_reef_scene(2);
+    const struct colmap        *c     = scene_colmap(scene);
+    const oxl_partition_options o     = partition_test_options(300, OXL_CUT_BALANCED);
+    const int                   views = oxl_scene_view_count(scene);
+    struct partition            p;
+    int                         tests = 0, roles[3] = {0};
+    CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+    for (int v = 0; v < views; v++) {
+        const int64_t id  = scene_source_image(scene, v)->id;
+        size_t        all = 0;
+        for (size_t k = 0; k < c->track_count; k++) all += c->track[k].image == id;
+        tests += oxl_scene_view(scene, v)->is_test;
+        for (int b = 0; b < p.block_count; b++) {
+            const int role = p.plan->role[b * views + v];
+            size_t    both = 0, inside = 0;
+            for (size_t i = 0; i < c->point_count; i++) {
+                double frame[3];
+                partition_to_frame(&p, c->point[i].position, frame);
+                if (!partition_contains(&p.block[b].expanded, frame)) continue;
+                inside++;
+                for (uint32_t k = 0; k < c->point[i].track_count; k++) both += c->track[c->point[i].first_track + k].image == id;
+            }
+            roles[role]++;
+            if (oxl_scene_view(scene, v)->is_test) CHECK(role == PARTITION_OUT);
+            else if ((double)both > 0.3 * (double)all) CHECK(role == PARTITION_BASE);
+            else CHECK(role == ((double)both > 0.1 * (double)inside ? PARTITION_BORDER : PARTITION_OUT));
+        }
+    }
+    CHECK(tests == 8 && roles[PARTITION_BASE] > 20 && roles[PARTITION_BORDER] > 2);
+    partition_free(test_ctx, &p);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(partition_starts_a_block_from_its_wider_box_and_from_what_its_views_see)
+{
+    oxl_scene                  *scene = partition_test_reef_scene(2);
+    const struct colmap        *c     = scene_colmap(scene);
+    const oxl_partition_options o     = partition_test_options(300, OXL_CUT_BALANCED);
+    struct partition            p;
+    CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+    for (int b = 0; b < p.block_count; b++) {
+        const struct partition_block *block = &p.block[b];
+        size_t                        start = 0;
+        for (int k = 0; k < 3; k++) {
+            const double margin = 0.05 * (block->finite.high[k] - block->finite.low[k]);
+            CHECK(block->finite.high[k] > block->finite.low[k]);
+            CHECK(block->expanded.low[k] == block->box.low[k] - margin && block->expanded.high[k] == block->box.high[k] + margin);
+        }
+        for (size_t i = 0; i < c->point_count; i++) {
+            double frame[3];
+            int    in;
+            partition_to_frame(&p, c->point[i].position, frame);
+            in = partition_contains(&block->expanded, frame);
+            for (uint32_t k = 0; k < c->point[i].track_count && !in; k++) {
+                const int v = (int)(c->track[c->point[i].first_track + k].image - 100) / 7; /* named in the order of their ids */
+                in          = p.plan->role[b * oxl_scene_view_count(scene) + v] != PARTITION_OUT;
+            }
+            start += (size_t)in;
+        }
+        CHECK(start == block->start_points && start > block->points);
+    }
+    partition_free(test_ctx, &p);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Points in the right half, to which the cameras never came. */
+TEST(partition_joins_a_block_without_views_to_its_neighbours)
+{
+    static double               p[3 * 1000];
+    struct partition_test       t = {.p = p, .n = 1000, .views = 6, .low = {0, 0}, .high = {18, 10}, .reach = 3};
+    const oxl_partition_options o = partition_test_options(100, OXL_CUT_BALANCED);
+    struct partition            q;
+    oxl_scene                  *scene;
+    for (int i = 0; i < 1000; i++) {
+        p[3 * i]     = 40 * partition_test_unit(i, 0);
+        p[3 * i + 1] = 10 * partition_test_unit(i, 1);
+        p[3 * i + 2] = partition_test_unit(i, 2);
+    }
+    scene = partition_test_load(partition_test_survey("half", &t));
+    partition_test_listen();
+    CHECK_OK(partition_make(test_ctx, scene, &o, &q));
+    CHECK_TEXT(partition_test_log, "joined their neighbours");
+    CHECK_TEXT(partition_test_log, "more than --block-points 100");
+    CHECK(q.block_count > 3);
+    for (int i = 0; i < q.block_count; i++) CHECK(q.block[i].base_views + q.block[i].border_views >= 3); /* of 31: one in ten */
+    partition_test_check_homes(&q, scene);
+    partition_free(test_ctx, &q);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(partition_of_a_small_survey_is_one_block_with_every_training_view)
+{
+    oxl_scene            *scene = partition_test_reef_scene(2);
+    oxl_partition_options o     = partition_test_options(PARTITION_TEST_POINTS, OXL_CUT_BALANCED);
+    for (int asked = 0; asked < 2; asked++) {
+        struct partition p;
+        partition_test_listen();
+        CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+        CHECK(p.block_count == 1 && p.block[0].points == PARTITION_TEST_POINTS && p.block[0].base_views == 56);
+        CHECK(p.block[0].start_points == PARTITION_TEST_POINTS && p.block[0].border_views == 0);
+        CHECK(p.block[0].box.low[1] == -INFINITY && p.block[0].expanded.high[0] == INFINITY);
+        CHECK_TEXT(partition_test_log, "2000 points stay one block");
+        partition_free(test_ctx, &p);
+        o.block_points = 100;
+        o.kind         = OXL_PARTITION_NONE;
+    }
+    o = partition_test_options(0, OXL_CUT_BALANCED);
+    {
+        struct partition p;
+        CHECK(partition_make(test_ctx, scene, &o, &p) == OXL_ERR_USAGE && p.block == NULL);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(partition_file_reads_back_to_the_same_bits_and_does_not_depend_on_threads)
+{
+    oxl_scene                  *scene = partition_test_reef_scene(30);
+    const oxl_partition_options o     = partition_test_options(150, OXL_CUT_BALANCED);
+    struct os_file_map          files[2];
+    for (int i = 0; i < 2; i++) {
+        struct partition p, q;
+        test_ctx->threads = i ? 3 : 1;
+        CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+        CHECK_OK(partition_write(test_ctx, test_path("partition.txt"), &p));
+        CHECK_OK(partition_read(test_ctx, test_path("partition.txt"), &q));
+        CHECK(q.block_count == p.block_count && q.dimensions == p.dimensions && q.plan == NULL);
+        CHECK(memcmp(q.rotation, p.rotation, sizeof p.rotation) == 0 && memcmp(q.origin, p.origin, sizeof p.origin) == 0);
+        CHECK(memcmp(q.extent, p.extent, sizeof p.extent) == 0);
+        for (int b = 0; b < p.block_count; b++) CHECK(memcmp(&q.block[b], &p.block[b], sizeof *p.block) == 0);
+        CHECK_OK(os_read_file(test_ctx, test_path("partition.txt"), &files[i]));
+        partition_free(test_ctx, &p);
+        partition_free(test_ctx, &q);
+    }
+    CHECK(files[0].size == files[1].size && memcmp(files[0].data, files[1].data, files[0].size) == 0);
+    CHECK_TEXT(files[0].data, " -inf ");
+    os_release_file(test_ctx, &files[0]);
+    os_release_file(test_ctx, &files[1]);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(partition_file_that_is_broken_is_explained)
+{
+    static const struct {
+        const char *text, *words;
+    } broken[] = {
+        {"", "wanted FRAME"},
+        {"FRAME 2 1 0 0 0 1\n", "partition.txt:1"},
+        {"# x\nFRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n", "a block or more"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n1 0 0 0\n", "partition.txt:2: seen"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n0 0 0 0 1 1 nan 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1\n", "a number"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n0 0 0 0 1 1 1 0 0 0 1 1 1 -5 1 0 5 0 0 0 1 1 1\n", "a count"},
+        {"FRAME 2 1 0 0 0 1 0 0 0 1 5 5 5 3 2 1\n0 0 0 0 1 1 1 0 0 0 1 1 1 5 1 0 5 0 0 0 1 1 1 9\n", "the end of the line"}};
+    for (size_t i = 0; i < OXL_COUNT(broken); i++) {
+        struct partition p;
+        CHECK(partition_read(test_ctx, test_write("partition.txt", broken[i].text), &p) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), broken[i].words);
+        CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+        CHECK(p.block == NULL && p.block_count == 0);
+    }
+}
