@@ -45,6 +45,7 @@
 #include "src/spsa.c"       /* the search for the depth weights, without a gradient */
 #include "src/train.c"      /* the loop: it reads like the paper's algorithm */
 #include "src/metrics.c"    /* PSNR, SSIM, evaluation */
+#include "src/seam.c"       /* do the borders between blocks show? */
 
 /* the whole job */
 #include "src/survey.c" /* what a survey holds, and what training it would take */

@@ -570,8 +570,22 @@ OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *o
 
 /* ---------------------------------------------------------------- metrics.c */
 
+OXL_INTERNAL double     metrics_shown(float v);                       /* what a screen shows: 0..1 */
+OXL_INTERNAL double     metrics_decibel(double error, double weight); /* PSNR of weighted squared errors; NaN of none */
 /* Adds the members "psnr", "ssim", "count" and "views" (name, psnr, ssim each) of a JSON object, without its braces. */
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
+
+/* ---------------------------------------------------------------- seam.c: do the borders between blocks show? */
+
+#define SEAM_WIDTH 0.02 /* near: this share of the block's size along the axis that the border cuts */
+
+struct seam { /* of all pixels of a split that count: by squared error, not the mean of views; NaN of no pixels */
+    double near_psnr, elsewhere_psnr;
+    size_t near_pixels, elsewhere_pixels;
+};
+OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene,
+                                     oxl_split split, struct seam *out);
+OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a member and its comma: one line of an object */
 
 /* ---------------------------------------------------------------- survey.c: what a survey holds, what training it would take */
 

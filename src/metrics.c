@@ -15,9 +15,15 @@ enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
 #define METRICS_BEST_PSNR 100.0 /* dB, of identical images */
 
 /* Values are clamped to what a screen shows; not-a-number is black, as in a written picture. */
-static double metrics_shown(float v)
+OXL_INTERNAL double metrics_shown(float v)
 {
     return v > 0 ? OXL_MIN((double)v, 1.0) : 0;
+}
+
+OXL_INTERNAL double metrics_decibel(double error, double weight)
+{
+    if (!(weight > 0)) return NAN;
+    return error > 0 ? OXL_MIN(METRICS_BEST_PSNR, -10 / 2.302585092994045684 * vecmath_log(error / weight)) : METRICS_BEST_PSNR;
 }
 
 static oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b)
@@ -62,7 +68,7 @@ oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, do
         weight += row_weight;
     }
     if (!(weight > 0)) return metrics_fail_masked(ctx, "every pixel is masked, so there is no PSNR");
-    *out = error > 0 ? OXL_MIN(METRICS_BEST_PSNR, -10 / 2.302585092994045684 * vecmath_log(error / weight)) : METRICS_BEST_PSNR;
+    *out = metrics_decibel(error, weight);
     return OXL_OK;
 }
 

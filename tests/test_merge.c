@@ -171,16 +171,16 @@ TEST(merge_takes_blocks_that_keep_nothing)
     const double           zero[3] = {0, 0, 0};
     struct partition_block block[3];
     struct partition       p;
-    oxl_model              none = merge_test_empty(zero), merged = merge_test_empty(zero), far = merge_test_cloud(20, 2, zero);
+    oxl_model              none = merge_test_empty(zero), merged = merge_test_empty(zero), away = merge_test_cloud(20, 2, zero);
     merge_test_partition(&p, block, zero);
-    for (size_t i = 0; i < far.count; i++) far.plane[0][i] = far.plane[1][i] = -100;
+    for (size_t i = 0; i < away.count; i++) away.plane[0][i] = away.plane[1][i] = -100;
     CHECK_OK(merge_block(test_ctx, &p, 0, &none, &merged));
-    CHECK_OK(merge_block(test_ctx, &p, 1, &far, &merged));
+    CHECK_OK(merge_block(test_ctx, &p, 1, &away, &merged));
     CHECK(merged.count == 0 && merged.sh_degree == 2);
-    CHECK_OK(merge_block(test_ctx, &p, 0, &far, &merged));
+    CHECK_OK(merge_block(test_ctx, &p, 0, &away, &merged));
     CHECK_OK(merge_block(test_ctx, &p, 2, &none, &merged));
     CHECK(merged.count == 20);
-    oxl_model_free(test_ctx, &far);
+    oxl_model_free(test_ctx, &away);
     oxl_model_free(test_ctx, &none);
     oxl_model_free(test_ctx, &merged);
 }
