@@ -1,7 +1,9 @@
 /* density.c - how many Gaussians, and where: clone, split, prune, reset (Kerbl et al. 2023, sec. 5).
  *
  * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers what it cannot explain: a small one is cloned, a large one
- * replaced by two samples of itself. Faint ones are removed.
+ * replaced by two samples of itself. Faint ones are removed. Under water the gradients of what is far are too small: paper eq. 2 gives
+ * them a weight by depth. Sums are kept for each band of depths apart, so that the weights are chosen when they are needed, and
+ * what is read without them (the second lobes' criterion, eq. 4) costs nothing more.
  *
  * Invariants: children stand next to their parent, so rows that are near in memory stay near in space (packs out of sight are
  * skipped whole); once rows have a second lobe none may grow, so those stay first. Every random number depends on seed, step and
@@ -19,10 +21,13 @@
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_CLONE, DENSITY_SPLIT };
 
 struct density {
-    size_t   capacity;
-    float   *gradient; /* (count) sum over the views of |dL/d(u,v)|, in units of half an image */
-    float   *views;    /* (count) how many saw it */
-    uint8_t *verdict;  /* (count) */
+    size_t capacity;
+    int    banded;
+    float  z_near, z_far; /* where the bands meet, camera z */
+    float *gradient;  /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than z_near */
+    float *mid, *far; /* (count) banded: the same from z_near and from z_far on */
+    float *views;     /* (count) how many saw it, from wherever */
+    uint8_t *verdict; /* (count) */
 };
 
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
@@ -31,31 +36,59 @@ OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
     return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for density control");
 }
 
+static void density_release(oxl_context *ctx, struct density *d)
+{
+    float **const sums[] = {&d->gradient, &d->mid, &d->far, &d->views};
+    for (size_t k = 0; k < OXL_COUNT(sums); k++) {
+        oxl_free(ctx, *sums[k]);
+        *sums[k] = NULL;
+    }
+    oxl_free(ctx, d->verdict);
+    d->verdict  = NULL;
+    d->capacity = 0;
+}
+
 OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d)
 {
     if (!d) return;
-    oxl_free(ctx, d->gradient);
-    oxl_free(ctx, d->views);
-    oxl_free(ctx, d->verdict);
+    density_release(ctx, d);
     oxl_free(ctx, d);
+}
+
+static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t count)
+{
+    const size_t  capacity = count + count / 2;
+    float **const sums[]   = {&d->gradient, &d->views, &d->mid, &d->far};
+    const size_t  wanted   = d->banded ? 4 : 2;
+    int           given    = 1;
+    if (count <= d->capacity) return OXL_OK;
+    density_release(ctx, d);
+    for (size_t k = 0; k < wanted; k++) given &= (*sums[k] = oxl_alloc(ctx, capacity, sizeof **sums[k])) != NULL;
+    d->verdict  = oxl_alloc(ctx, capacity, sizeof *d->verdict);
+    d->capacity = given && d->verdict ? capacity : 0;
+    if (d->capacity) return OXL_OK;
+    density_release(ctx, d);
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the statistics of %zu Gaussians", count);
 }
 
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count)
 {
-    if (count > d->capacity) {
-        const size_t capacity = count + count / 2;
-        oxl_free(ctx, d->gradient);
-        oxl_free(ctx, d->views);
-        oxl_free(ctx, d->verdict);
-        d->gradient = oxl_alloc(ctx, capacity, sizeof *d->gradient);
-        d->views    = oxl_alloc(ctx, capacity, sizeof *d->views);
-        d->verdict  = oxl_alloc(ctx, capacity, sizeof *d->verdict);
-        d->capacity = d->gradient && d->views && d->verdict ? capacity : 0;
-        if (!d->capacity) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the statistics of %zu Gaussians", count);
-    }
+    const oxl_result rc = density_reserve(ctx, d, count);
+    if (rc != OXL_OK) return rc;
     memset(d->gradient, 0, count * sizeof *d->gradient);
     memset(d->views, 0, count * sizeof *d->views);
+    if (d->banded) memset(d->mid, 0, count * sizeof *d->mid);
+    if (d->banded) memset(d->far, 0, count * sizeof *d->far);
     return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far)
+{
+    density_release(ctx, d);
+    d->banded = z_near > 0 && z_far >= z_near;
+    d->z_near = (float)z_near;
+    d->z_far  = (float)z_far;
+    return density_clear(ctx, d, count);
 }
 
 OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t count)
@@ -64,6 +97,14 @@ OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t c
     if (a->rc != OXL_OK) return;
     archive_floats(a, d->gradient, count);
     archive_floats(a, d->views, count);
+    if (d->banded) archive_floats(a, d->mid, count);
+    if (d->banded) archive_floats(a, d->far, count);
+}
+
+/* Where a gradient seen from this depth is added. */
+static float *density_band(const struct density *d, float depth)
+{
+    return !d->banded || depth < d->z_near ? d->gradient : depth < d->z_far ? d->mid : d->far;
 }
 
 OXL_INTERNAL void density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count)
@@ -72,9 +113,24 @@ OXL_INTERNAL void density_observe(oxl_context *ctx, struct density *d, const str
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)count; i++)
         if (renderer_saw(r, (size_t)i)) {
-            d->gradient[i] += renderer_mean_gradient(r, (size_t)i);
+            density_band(d, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
             d->views[i] += 1;
         }
+}
+
+OXL_INTERNAL double density_mean_gradient(const struct density *d, size_t row)
+{
+    const double sum = d->gradient[row] + (d->banded ? (double)d->mid[row] + d->far[row] : 0);
+    return d->views[row] > 0 ? sum / d->views[row] : 0;
+}
+
+/* The weighted sum of the bands, in place of the nearest one's. */
+static void density_weigh(oxl_context *ctx, struct density *d, size_t count, const struct density_rules *rules)
+{
+    (void)ctx;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)count; i++)
+        d->gradient[i] = (float)(d->gradient[i] + rules->f_mid * d->mid[i] + rules->f_far * d->far[i]);
 }
 
 /* ---------------------------------------------------------------- verdicts */
@@ -191,6 +247,7 @@ OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl
     size_t     kept = 0, growing = 0;
     oxl_result rc = OXL_OK;
     *out          = (struct density_change){0};
+    if (d->banded) density_weigh(ctx, d, model->count, rules);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_judge(d, model, (size_t)i, rules);
     for (size_t i = 0; i < model->count; i++) kept += d->verdict[i] != DENSITY_REMOVE, growing += d->verdict[i] >= DENSITY_CLONE;

@@ -466,6 +466,7 @@ OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model 
 /* What the last view saw of row i. */
 OXL_INTERNAL int   renderer_saw(const struct renderer *r, size_t row);
 OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
+OXL_INTERNAL float renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
 OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row); /* px: of the contour alpha = 1/255, the longer side */
 
 struct renderer_counts {                   /* of the last view */
@@ -483,6 +484,7 @@ struct density; /* statistics since the last control */
 
 struct density_rules {
     double   gradient;     /* grow at this mean |dL/d(u,v)|, in units of half an image */
+    double   f_mid, f_far; /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
     double   extent;       /* of the scene */
     int      remove_large; /* after the first opacity reset */
     size_t   cap;          /* on the number of Gaussians; 0: none */
@@ -496,6 +498,10 @@ OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
 OXL_INTERNAL void       density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
 OXL_INTERNAL void       density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count);
+/* From now on gradients are kept apart by the depth at which they were seen; z_near 0: they are not. Clears the statistics. */
+OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
+/* Of a row, over the views that saw it since the statistics were cleared, without weights. */
+OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
 /* Judges every row, rebuilds the model and its moments, clears the statistics. */
 OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
                                         oxl_model *second, const struct density_rules *rules, struct density_change *out);

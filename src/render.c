@@ -294,6 +294,11 @@ OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row)
     return r->dmean2d[row];
 }
 
+OXL_INTERNAL float renderer_depth(const struct renderer *r, size_t row)
+{
+    return r->splat[row].depth;
+}
+
 OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row)
 {
     const struct splat *s = &r->splat[row];

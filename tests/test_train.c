@@ -117,6 +117,92 @@ TEST(density_reset_lowers_opacity_to_a_hundredth_and_forgets_its_moments)
     density_case_free(&c);
 }
 
+/* Rows 0, 1, 2 seen with the same gradient, from near, from the middle and from afar. */
+static struct density_case density_banded_case(void)
+{
+    struct density_case c = density_case((float[]){0, 0, 0, 0});
+    CHECK_OK(density_set_bands(test_ctx, c.density, 4, 2, 4));
+    for (int i = 0; i < 3; i++) {
+        *(density_band(c.density, (float[]){1.9f, 2, 4}[i]) + i) += 0.25f;
+        c.density->views[i] = 1;
+    }
+    return c;
+}
+
+TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
+{
+    for (int i = 0; i < 3; i++) { /* the threshold is met by nobody; by the far one; by the middle one too */
+        struct density_case         c = density_banded_case();
+        const struct density_change d = density_run(
+            &c, (struct density_rules){
+                    .gradient = 0.5, .f_mid = i > 1 ? 2 : 1, .f_far = i > 0 ? 2 : 1.9, .extent = 1, .seed = 1, .step = 1});
+        CHECK(d.cloned == (size_t)(i > 0) && d.split == (size_t)(i > 1)); /* row 2 is small, row 1 large */
+        density_case_free(&c);
+    }
+}
+
+TEST(density_mean_gradient_knows_no_weights)
+{
+    struct density_case c = density_banded_case();
+    c.density->far[0]     = 0.75f; /* seen once more, from afar */
+    c.density->views[0]   = 2;
+    CHECK(density_mean_gradient(c.density, 0) == 0.5 && density_mean_gradient(c.density, 2) == 0.25);
+    CHECK(density_mean_gradient(c.density, 3) == 0);
+    density_case_free(&c);
+}
+
+/* Two Gaussians side by side, 1 and 5 away, drawn and compared with nothing. */
+static void density_observe_two(struct density *d)
+{
+    const oxl_camera         camera  = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    const oxl_render_options options = oxl_render_options_default();
+    struct renderer         *r;
+    oxl_model                model, gradient;
+    float                   *drgb = oxl_calloc(test_ctx, 3 * 32 * 32, sizeof *drgb);
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &model));
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &gradient));
+    CHECK_OK(renderer_create(test_ctx, &r));
+    for (int i = 0; i < 2; i++) {
+        model.plane[OXL_MEAN][i]     = i ? 1.0f : -0.2f;
+        model.plane[OXL_MEAN + 2][i] = i ? 5.0f : 1.0f;
+        for (int a = 0; a < 3; a++) model.plane[OXL_LOG_SCALE + a][i] = -2;
+    }
+    for (int i = 0; i < 32 * 32; i++) drgb[i] = (float)(i % 32);
+    CHECK_OK(renderer_forward(test_ctx, r, &model, &camera, &options));
+    CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
+    density_observe(test_ctx, d, r, 2);
+    renderer_free(test_ctx, r);
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &gradient);
+    oxl_free(test_ctx, drgb);
+}
+
+static void density_two_state(struct archive *a, void *user)
+{
+    density_archive(a, user, 2);
+}
+
+TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
+{
+    struct density *d, *copy;
+    int             found = 0;
+    CHECK_OK(density_create(test_ctx, &d));
+    CHECK_OK(density_create(test_ctx, &copy));
+    CHECK_OK(density_set_bands(test_ctx, d, 2, 2, 4));
+    CHECK_OK(density_set_bands(test_ctx, copy, 2, 2, 4));
+    density_observe_two(d);
+    CHECK(d->gradient[0] > 0 && d->mid[0] == 0 && d->far[0] == 0 && d->views[0] == 1);
+    CHECK(d->gradient[1] == 0 && d->mid[1] == 0 && d->far[1] > 0 && d->views[1] == 1);
+    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", density_two_state, d));
+    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", density_two_state, copy, &found));
+    CHECK(found && copy->far[1] == d->far[1] && copy->gradient[0] == d->gradient[0] && copy->views[1] == 1);
+    CHECK_OK(density_set_bands(test_ctx, d, 2, 0, 0)); /* and without bands all is one sum */
+    density_observe_two(d);
+    CHECK(d->gradient[0] > 0 && d->gradient[1] == copy->far[1] && density_mean_gradient(d, 1) == d->gradient[1]);
+    density_free(test_ctx, d);
+    density_free(test_ctx, copy);
+}
+
 /* ---------------------------------------------------------------- the loop */
 
 /* Seven views of a coloured plane, drawn by our own renderer from a known model: points near the truth, wrong colours. */
