@@ -10,7 +10,11 @@
 #include "src/number.c" /* fast, exact, locale-independent number parsing */
 
 /* the survey comes in */
-#include "src/colmap.c"  /* cameras.txt, images.txt, points3D.txt, as they are */
+#include "src/colmap.h"        /* what the readers of COLMAP's text files share */
+#include "src/colmap_text.c"   /* lines and fields through a window on a file, and what is said of wrong ones */
+#include "src/colmap_points.c" /* points3D.txt, by several threads */
+#include "src/colmap.c"        /* cameras.txt, images.txt, and the three together */
+#include "src/colmap_write.c"  /* the three, written */
 #include "src/camera.c"  /* camera models, undistortion */
 #include "src/image.c"   /* photographs: decode, reduce, undistort, mask */
 #include "src/find.c"    /* where a survey's files are */

@@ -1,4 +1,4 @@
-/* colmap.c - the three text files of a COLMAP model (cameras.txt, images.txt, points3D.txt) as they are, and back.
+/* colmap.c - the three text files of a COLMAP model (cameras.txt, images.txt, points3D.txt) as they are.
  *
  * Source: "Output Format" in COLMAP's documentation, and what other programs that write these files make of it: CR LF, tabs,
  * a missing line of 2D points, decimal commas, -nan(ind). What can be mended is, with a warning; the rest is an error that
@@ -8,210 +8,7 @@
  * all numbers are finite (an unknown reprojection error is -1, as COLMAP writes it); no name leads out of the image folder.
  * Not promised: that points which observations name, and observations which tracks name, are there.
  */
-#include "internal.h"
-
-#include <inttypes.h>
-
-/* ---------------------------------------------------------------- ids */
-
-/* Open addressing over the rows of an array whose elements begin with their int64_t id. */
-struct colmap_index {
-    uint32_t *slot;  /* (slots) row + 1; 0: empty */
-    size_t    slots; /* a power of 2, at least twice the rows */
-};
-
-static int64_t colmap_id_at(const void *rows, size_t stride, size_t row)
-{
-    int64_t id;
-    memcpy(&id, (const char *)rows + row * stride, sizeof id);
-    return id;
-}
-
-/* Where the id is, or the empty slot where it belongs. */
-static uint32_t *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride, int64_t id)
-{
-    size_t s = (size_t)(((uint64_t)id * UINT64_C(0x9E3779B97F4A7C15)) >> 32) & (x->slots - 1); /* Knuth's golden ratio */
-    while (x->slot[s] && colmap_id_at(rows, stride, x->slot[s] - 1) != id) s = (s + 1) & (x->slots - 1);
-    return &x->slot[s];
-}
-
-static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, const void *rows, size_t stride, size_t count)
-{
-    struct colmap_index grown = {.slots = OXL_MAX((size_t)64, 4 * x->slots)};
-    if (count < UINT32_MAX) grown.slot = oxl_calloc(ctx, grown.slots, sizeof *grown.slot);
-    if (!grown.slot) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu ids", count);
-    for (size_t row = 0; row < count; row++)
-        *colmap_index_slot(&grown, rows, stride, colmap_id_at(rows, stride, row)) = (uint32_t)row + 1;
-    oxl_free(ctx, x->slot);
-    *x = grown;
-    return OXL_OK;
-}
-
-/* ---------------------------------------------------------------- the reader: a file, a line, a field */
-
-enum colmap_oddity { ODD_NO_POINTS_LINE, ODD_OBSERVATION, ODD_QUATERNION, ODD_POSITION, ODD_ERROR, ODD_TRACK, ODD_COUNT };
-
-static const char *const colmap_oddity_text[ODD_COUNT] = {
-    "the image before has no line of 2D points; it is taken as empty",
-    "a 2D point without a finite position; it is taken as unmatched",
-    "a quaternion whose length is not 1; it is normalised",
-    "a point without a finite position; it is left out",
-    "a reprojection error that is no finite number; it is taken as unknown",
-    "a track names an image that is not in images.txt; that entry is left out",
-};
-
-enum { COLMAP_LOGGED_MAX = 10 }; /* lines of a kind */
-
-#define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
-#define COLMAP_FIX_SAME   "export all three files from the same COLMAP model"
-
-struct colmap_reader {
-    oxl_context        *ctx;
-    struct colmap      *out;
-    char               *path;
-    struct os_file_map  file;
-    const char         *next;         /* first byte after this line */
-    const char         *cursor, *end; /* what is left of this line, without blanks at its ends */
-    int                 line;         /* from 1 */
-    size_t              odd[ODD_COUNT];
-    struct colmap_index cameras, images, points;
-    size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
-};
-
-static void colmap_warn(struct colmap_reader *r, enum colmap_oddity kind)
-{
-    if (r->odd[kind]++ < COLMAP_LOGGED_MAX)
-        oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_oddity_text[kind]);
-}
-
-static int colmap_is_blank(char c)
-{
-    return c == ' ' || c == '\t';
-}
-
-static int colmap_next_line(struct colmap_reader *r)
-{
-    const char *file_end = r->file.data + r->file.size, *feed;
-    if (r->next == file_end) return 0;
-    feed      = memchr(r->next, '\n', (size_t)(file_end - r->next));
-    r->cursor = r->next;
-    r->end    = feed ? feed : file_end;
-    r->next   = feed ? feed + 1 : file_end;
-    r->line++;
-    while (r->end > r->cursor && (colmap_is_blank(r->end[-1]) || r->end[-1] == '\r')) r->end--;
-    while (r->cursor < r->end && colmap_is_blank(*r->cursor)) r->cursor++;
-    return 1;
-}
-
-/* The next line that is neither blank nor a comment. */
-static int colmap_next_record(struct colmap_reader *r)
-{
-    while (colmap_next_line(r))
-        if (r->cursor < r->end && *r->cursor != '#') return 1;
-    return 0;
-}
-
-/* A field as an error shows it: 'text', cut and printable, or "the end of the line". */
-static const char *colmap_seen(const char *p, const char *end, char out[64])
-{
-    size_t size = 0;
-    if (p == end) return "the end of the line";
-    out[size++] = '\'';
-    while (p < end && !colmap_is_blank(*p) && size < 48) {
-        out[size++] = (unsigned char)*p < 0x20 || *p == 0x7f ? '?' : *p;
-        p++;
-    }
-    snprintf(out + size, 64 - size, "%s'", p < end && !colmap_is_blank(*p) ? "..." : "");
-    return out;
-}
-
-/* 0,5 and the like. */
-static int colmap_has_comma(const char *p, const char *end)
-{
-    for (p++; p + 1 < end && !colmap_is_blank(*p); p++)
-        if (*p == ',' && p[-1] >= '0' && p[-1] <= '9' && p[1] >= '0' && p[1] <= '9') return 1;
-    return 0;
-}
-
-static oxl_result colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind)
-{
-    char        buffer[64];
-    const char *seen = colmap_seen(token, r->end, buffer);
-    if (token < r->end && colmap_has_comma(token, r->end))
-        return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                        "%s:%d: seen %s, a decimal comma, for %s; wanted a decimal point\n"
-                        "fix: the export was made under a locale with decimal commas; make it again with LC_ALL=C in front: "
-                        "LC_ALL=C colmap model_converter --output_type TXT",
-                        r->path, r->line, seen, what);
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: seen %s, wanted %s, %s\nfix: " COLMAP_FIX_EXPORT, r->path, r->line, seen, what,
-                    kind);
-}
-
-/* Field readers leave the cursor behind their field. */
-static void colmap_skip_blanks(struct colmap_reader *r)
-{
-    while (r->cursor < r->end && colmap_is_blank(*r->cursor)) r->cursor++;
-}
-
-static int colmap_at_field_end(const struct colmap_reader *r)
-{
-    return r->cursor == r->end || colmap_is_blank(*r->cursor);
-}
-
-static oxl_result colmap_real(struct colmap_reader *r, const char *what, double *out)
-{
-    const char *token;
-    colmap_skip_blanks(r);
-    token = r->cursor;
-    if (parse_double(&r->cursor, r->end, out) && colmap_at_field_end(r)) return OXL_OK;
-    return colmap_wrong(r, token, what, "a number");
-}
-
-static oxl_result colmap_finite(struct colmap_reader *r, const char *what, double *out)
-{
-    const char *token;
-    oxl_result  rc;
-    colmap_skip_blanks(r);
-    token = r->cursor;
-    rc    = colmap_real(r, what, out);
-    return rc != OXL_OK || fabs(*out) <= DBL_MAX ? rc : colmap_wrong(r, token, what, "a finite number");
-}
-
-static oxl_result colmap_whole(struct colmap_reader *r, const char *what, int64_t low, int64_t high, int64_t *out)
-{
-    const char *token;
-    char        kind[80];
-    colmap_skip_blanks(r);
-    token = r->cursor;
-    if (parse_int64(&r->cursor, r->end, out) && colmap_at_field_end(r) && *out >= low && *out <= high) return OXL_OK;
-    if (low == INT64_MIN) snprintf(kind, sizeof kind, "an integer");
-    else if (high == INT64_MAX) snprintf(kind, sizeof kind, "an integer of at least %" PRId64, low);
-    else snprintf(kind, sizeof kind, "an integer from %" PRId64 " to %" PRId64, low, high);
-    return colmap_wrong(r, token, what, kind);
-}
-
-static oxl_result colmap_id(struct colmap_reader *r, const char *what, int64_t *out)
-{
-    return colmap_whole(r, what, INT64_MIN, INT64_MAX, out);
-}
-
-/* Enters the last of `count` + 1 rows; an id that is there already is an error. */
-static oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride, size_t count,
-                               const char *what)
-{
-    const int64_t id = colmap_id_at(rows, stride, count);
-    uint32_t     *slot;
-    oxl_result    rc = OXL_OK;
-    if (2 * (count + 1) > x->slots) rc = colmap_index_grow(r->ctx, x, rows, stride, count);
-    if (rc != OXL_OK) return rc;
-    slot = colmap_index_slot(x, rows, stride, id);
-    if (*slot)
-        return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                        "%s:%d: %s %" PRId64 " was there before, wanted each id once\nfix: " COLMAP_FIX_EXPORT, r->path, r->line,
-                        what, id);
-    *slot = (uint32_t)count + 1;
-    return OXL_OK;
-}
+#include "colmap.h"
 
 /* ---------------------------------------------------------------- cameras.txt: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[] */
 
@@ -271,6 +68,7 @@ static oxl_result colmap_read_cameras(struct colmap_reader *r)
         rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof camera, out->camera_count, "camera id");
         if (rc == OXL_OK) out->camera_count++;
     }
+    if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->camera_count == 0)
         rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: seen the end of the file, wanted a camera\nfix: " COLMAP_FIX_EXPORT, r->path,
                       r->line);
@@ -449,23 +247,23 @@ static int colmap_is_pose(const struct colmap_reader *r)
 /* The second line. When it is missing, the reader stays before the line that stands in its place. */
 static oxl_result colmap_read_second_line(struct colmap_reader *r, int keep, struct colmap_image *image)
 {
-    const char *next = r->next;
-    const int   line = r->line;
-    if (!colmap_next_line(r)) return OXL_OK;
+    if (!colmap_next_line(r)) return r->rc;
     if (r->cursor < r->end && (*r->cursor == '#' || colmap_is_pose(r))) {
         colmap_warn(r, ODD_NO_POINTS_LINE);
-        r->next = next;
-        r->line = line;
+        r->next = r->cursor;
+        r->line--;
         return OXL_OK;
     }
+    image->points_at   = r->offset + (uint64_t)(r->cursor - r->window);
+    image->points_size = (size_t)(r->end - r->cursor);
     return keep ? colmap_read_observations(r, image) : OXL_OK;
 }
 
 static oxl_result colmap_read_images(struct colmap_reader *r, int keep_observations)
 {
-    struct colmap *out   = r->out;
-    const size_t   guess = keep_observations ? r->file.size / 22 : 0; /* "851.868 0.985 12345 ": grown later, if at all */
-    oxl_result rc = oxl_reserve(r->ctx, (void **)&out->observation, &r->observation_capacity, guess, sizeof *out->observation);
+    struct colmap *out = r->out;
+    const size_t guess = keep_observations ? (size_t)(r->file.size / 22) : 0; /* "851.868 0.985 12345 ": grown later, if at all */
+    oxl_result   rc = oxl_reserve(r->ctx, (void **)&out->observation, &r->observation_capacity, guess, sizeof *out->observation);
     while (rc == OXL_OK && colmap_next_record(r)) {
         struct colmap_image image = {.first_observation = out->observation_count};
         rc                        = colmap_read_pose(r, &image);
@@ -476,76 +274,12 @@ static oxl_result colmap_read_images(struct colmap_reader *r, int keep_observati
         if (rc == OXL_OK) rc = colmap_read_second_line(r, keep_observations, &out->image[out->image_count]);
         if (rc == OXL_OK) out->image_count++;
     }
+    if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->image_count == 0)
         rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
                       "%s:%d: seen the end of the file, wanted an image\nfix: take a model with registered images (sparse/0, "
                       "sparse/1, ...), or " COLMAP_FIX_EXPORT,
                       r->path, r->line);
-    return rc;
-}
-
-/* ---------------------------------------------------------------- points3D.txt: ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)* */
-
-static oxl_result colmap_read_track(struct colmap_reader *r, struct colmap_point *point)
-{
-    struct colmap *out    = r->out;
-    const size_t   needed = out->track_count + (size_t)(r->end - r->cursor) / 4 + 1; /* "0 0 " is the shortest */
-    oxl_result     rc     = oxl_reserve(r->ctx, (void **)&out->track, &r->track_capacity, needed, sizeof *out->track);
-    while (rc == OXL_OK && r->cursor < r->end) {
-        struct colmap_track *t = &out->track[out->track_count];
-        rc                     = colmap_id(r, "IMAGE_ID of a track (IMAGE_ID POINT2D_IDX)", &t->image);
-        if (rc == OXL_OK) rc = colmap_whole(r, "POINT2D_IDX of a track (IMAGE_ID POINT2D_IDX)", 0, INT64_MAX, &t->observation);
-        if (rc != OXL_OK) break;
-        if (*colmap_index_slot(&r->images, out->image, sizeof *out->image, t->image) == 0) {
-            colmap_warn(r, ODD_TRACK);
-            continue;
-        }
-        out->track_count++;
-        point->track_count++;
-    }
-    return rc;
-}
-
-static int colmap_position_is_finite(const double p[3])
-{
-    return fabs(p[0]) <= DBL_MAX && fabs(p[1]) <= DBL_MAX && fabs(p[2]) <= DBL_MAX;
-}
-
-static oxl_result colmap_read_point(struct colmap_reader *r, struct colmap_point *point)
-{
-    static const char *const axis[3] = {"X", "Y", "Z"}, *const channel[3] = {"R", "G", "B"};
-    int64_t    rgb[3] = {0};
-    oxl_result rc     = colmap_id(r, "POINT3D_ID", &point->id);
-    for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = colmap_real(r, axis[i], &point->position[i]);
-    for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = colmap_whole(r, channel[i], 0, 255, &rgb[i]);
-    if (rc == OXL_OK) rc = colmap_real(r, "ERROR", &point->error);
-    for (int i = 0; i < 3; i++) point->rgb[i] = (uint8_t)rgb[i];
-    return rc;
-}
-
-static oxl_result colmap_read_points(struct colmap_reader *r)
-{
-    struct colmap *out = r->out;
-    oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->track, &r->track_capacity, r->file.size / 20, sizeof *out->track);
-    while (rc == OXL_OK && colmap_next_record(r)) {
-        struct colmap_point point = {.first_track = out->track_count};
-        rc                        = colmap_read_point(r, &point);
-        if (rc != OXL_OK) break;
-        if (!colmap_position_is_finite(point.position)) {
-            colmap_warn(r, ODD_POSITION);
-            continue;
-        }
-        if (!(fabs(point.error) <= DBL_MAX)) {
-            colmap_warn(r, ODD_ERROR);
-            point.error = -1;
-        }
-        rc = colmap_read_track(r, &point);
-        if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->point, &r->point_capacity, out->point_count + 1, sizeof point);
-        if (rc != OXL_OK) break;
-        out->point[out->point_count] = point;
-        rc                           = colmap_enter(r, &r->points, out->point, sizeof point, out->point_count, "point id");
-        if (rc == OXL_OK) out->point_count++;
-    }
     return rc;
 }
 
@@ -580,43 +314,15 @@ static oxl_result colmap_check_folder(oxl_context *ctx, const char *folder)
                     folder, name[i]);
 }
 
-static oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
+OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
+                                               struct colmap *out)
 {
-    oxl_result rc;
-    r->path = oxl_path_join(r->ctx, folder, name);
-    if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
-    rc = os_read_file(r->ctx, r->path, &r->file);
-    if (rc != OXL_OK) return rc;
-    r->next = r->file.data;
-    r->line = 0;
-    if (r->file.size >= 3 && memcmp(r->next, "\xEF\xBB\xBF", 3) == 0) r->next += 3; /* the byte order mark of UTF-8 */
-    if (r->file.size >= 2 && (memcmp(r->next, "\xFF\xFE", 2) == 0 || memcmp(r->next, "\xFE\xFF", 2) == 0))
-        return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:1: seen text in UTF-16, wanted ASCII or UTF-8\nfix: save it as UTF-8",
-                        r->path);
-    return OXL_OK;
-}
-
-/* Says how many oddities went unsaid, and lets go of the file. */
-static void colmap_close(struct colmap_reader *r)
-{
-    for (int i = 0; i < ODD_COUNT; i++) {
-        if (r->odd[i] > COLMAP_LOGGED_MAX)
-            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path, r->odd[i] - COLMAP_LOGGED_MAX,
-                    colmap_oddity_text[i]);
-        r->out->warnings += r->odd[i];
-        r->odd[i] = 0;
-    }
-    os_release_file(r->ctx, &r->file);
-    oxl_free(r->ctx, r->path);
-    r->path = NULL;
-}
-
-OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out)
-{
-    struct colmap_reader r = {.ctx = ctx, .out = out};
+    struct colmap_reader r = {.ctx = ctx, .out = out, .window_size = window};
     oxl_result           rc;
     *out = (struct colmap){0};
     rc   = colmap_check_folder(ctx, folder);
+    if (rc == OXL_OK && (out->folder = oxl_strdup(ctx, folder)) == NULL)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its name", folder);
     if (rc == OXL_OK) rc = colmap_open(&r, folder, "cameras.txt");
     if (rc == OXL_OK) rc = colmap_read_cameras(&r);
     colmap_close(&r);
@@ -626,11 +332,16 @@ OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int ke
     if (rc == OXL_OK) rc = colmap_open(&r, folder, "points3D.txt");
     if (rc == OXL_OK) rc = colmap_read_points(&r);
     colmap_close(&r);
+    oxl_free(ctx, r.window);
     oxl_free(ctx, r.cameras.slot);
     oxl_free(ctx, r.images.slot);
-    oxl_free(ctx, r.points.slot);
     if (rc != OXL_OK) colmap_free(ctx, out);
     return rc;
+}
+
+OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out)
+{
+    return colmap_read_in_windows(ctx, folder, keep_observations, COLMAP_WINDOW, out);
 }
 
 OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)
@@ -641,89 +352,47 @@ OXL_INTERNAL void colmap_free(oxl_context *ctx, struct colmap *c)
     oxl_free(ctx, c->point);
     oxl_free(ctx, c->track);
     oxl_free(ctx, c->names);
+    oxl_free(ctx, c->folder);
     *c = (struct colmap){0};
 }
 
-/* ---------------------------------------------------------------- writing; os_writer_close notices what failed */
+/* ---------------------------------------------------------------- one image's 2D points once more */
 
-static void colmap_put(FILE *file, char before, double value)
+OXL_INTERNAL oxl_result colmap_again_open(oxl_context *ctx, const struct colmap *c, struct colmap_again *out)
 {
-    char         text[NUMBER_TEXT_MAX + 1];
-    const size_t size = format_double(text + 1, value);
-    text[0]           = before;
-    fwrite(text, 1, size + 1, file);
+    *out             = (struct colmap_again){.reader = {.ctx = ctx, .window_size = COLMAP_WINDOW}};
+    out->reader.path = oxl_path_join(ctx, c->folder, "images.txt");
+    if (!out->reader.path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its name", c->folder);
+    return os_reader_open(ctx, out->reader.path, &out->reader.file);
 }
 
-static void colmap_write_cameras(FILE *file, const struct colmap *c)
+OXL_INTERNAL oxl_result colmap_again_read(struct colmap_again *again, const struct colmap_image *image)
 {
-    fprintf(file, "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: %zu\n", c->camera_count);
-    for (size_t row = 0; row < c->camera_count; row++) {
-        const struct colmap_camera *k = &c->camera[row];
-        fprintf(file, "%" PRId64 " %s %d %d", k->id, camera_model_at(k->model)->name, k->width, k->height);
-        for (int i = 0; i < k->parameter_count; i++) colmap_put(file, ' ', k->parameter[i]);
-        putc('\n', file);
-    }
+    struct colmap_reader *r    = &again->reader;
+    struct colmap_image   seen = {0};
+    size_t                got  = 0;
+    oxl_result            rc   = oxl_reserve(r->ctx, (void **)&r->window, &r->room, image->points_size + 1, 1);
+    if (rc == OXL_OK) rc = os_reader_seek(r->ctx, &r->file, image->points_at);
+    if (rc == OXL_OK) rc = os_reader_read(r->ctx, &r->file, r->window, image->points_size, &got);
+    if (rc != OXL_OK) return rc;
+    if (got < image->points_size)
+        return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                        "%s:%d: seen the end of the file, wanted 2D points\nfix: the file has changed; run this again", r->path,
+                        image->line + 1);
+    r->window[got]               = 0;
+    r->cursor                    = r->window;
+    r->end                       = r->window + got;
+    r->line                      = image->line + 1;
+    r->out                       = &again->out;
+    again->out.observation_count = 0;
+    return colmap_read_observations(r, &seen);
 }
 
-static void colmap_write_images(FILE *file, const struct colmap *c)
+OXL_INTERNAL void colmap_again_close(struct colmap_again *again)
 {
-    fprintf(file, "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n");
-    fprintf(file, "# Number of images: %zu\n", c->image_count);
-    for (size_t row = 0; row < c->image_count; row++) {
-        const struct colmap_image *k = &c->image[row];
-        fprintf(file, "%" PRId64, k->id);
-        for (int i = 0; i < 4; i++) colmap_put(file, ' ', k->rotation[i]);
-        for (int i = 0; i < 3; i++) colmap_put(file, ' ', k->translation[i]);
-        fprintf(file, " %" PRId64 " %s\n", k->camera_id, c->names + k->name);
-        for (size_t i = 0; i < k->observation_count; i++) {
-            const struct colmap_observation *o = &c->observation[k->first_observation + i];
-            colmap_put(file, ' ', o->x);
-            colmap_put(file, ' ', o->y);
-            fprintf(file, " %" PRId64, o->point);
-        }
-        putc('\n', file);
-    }
-}
-
-static void colmap_write_points(FILE *file, const struct colmap *c)
-{
-    fprintf(file, "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points: %zu\n",
-            c->point_count);
-    for (size_t row = 0; row < c->point_count; row++) {
-        const struct colmap_point *k = &c->point[row];
-        fprintf(file, "%" PRId64, k->id);
-        for (int i = 0; i < 3; i++) colmap_put(file, ' ', k->position[i]);
-        fprintf(file, " %d %d %d", k->rgb[0], k->rgb[1], k->rgb[2]);
-        colmap_put(file, ' ', k->error);
-        for (size_t i = 0; i < k->track_count; i++) {
-            const struct colmap_track *t = &c->track[k->first_track + i];
-            fprintf(file, " %" PRId64 " %" PRId64, t->image, t->observation);
-        }
-        putc('\n', file);
-    }
-}
-
-static oxl_result colmap_write_file(oxl_context *ctx, const char *folder, const char *name, const struct colmap *c,
-                                    void (*write)(FILE *file, const struct colmap *c))
-{
-    struct os_writer writer;
-    char            *path = oxl_path_join(ctx, folder, name);
-    oxl_result       rc   = OXL_OK;
-    if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to write it", name);
-    rc = os_writer_open(ctx, path, &writer);
-    if (rc == OXL_OK) {
-        write(writer.file, c);
-        rc = os_writer_close(ctx, &writer, OXL_OK);
-    }
-    oxl_free(ctx, path);
-    return rc;
-}
-
-OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c)
-{
-    oxl_result rc = os_make_folder(ctx, folder);
-    if (rc == OXL_OK) rc = colmap_write_file(ctx, folder, "cameras.txt", c, colmap_write_cameras);
-    if (rc == OXL_OK) rc = colmap_write_file(ctx, folder, "images.txt", c, colmap_write_images);
-    if (rc == OXL_OK) rc = colmap_write_file(ctx, folder, "points3D.txt", c, colmap_write_points);
-    return rc;
+    oxl_context *ctx  = again->reader.ctx;
+    again->reader.out = &again->out;
+    colmap_close(&again->reader);
+    oxl_free(ctx, again->reader.window);
+    colmap_free(ctx, &again->out);
 }

@@ -123,6 +123,18 @@ struct os_file_map { /* a whole file in memory, read-only; one zero byte follows
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
 
+/* A file piece by piece. `path` is borrowed. */
+struct os_reader {
+    FILE       *file;
+    const char *path;
+    uint64_t    size; /* a hint: a pipe has none, and a file may grow */
+};
+OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out);
+OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
+                                       size_t *got); /* *got < size: the end */
+OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset);
+OXL_INTERNAL void       os_reader_close(struct os_reader *r);
+
 /* Whole or not at all: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
 
@@ -165,19 +177,21 @@ struct colmap_observation {
 };
 
 struct colmap_image {
-    int64_t id;
-    double  rotation[4]; /* w x y z as read */
-    double  translation[3];
-    int64_t camera_id;
-    size_t  name;              /* offset in colmap.names */
-    size_t  first_observation; /* in colmap.observation */
-    size_t  observation_count;
-    int     line;
+    int64_t  id;
+    double   rotation[4]; /* w x y z as read */
+    double   translation[3];
+    int64_t  camera_id;
+    size_t   name;              /* offset in colmap.names */
+    size_t   first_observation; /* in colmap.observation */
+    size_t   observation_count;
+    uint64_t points_at;   /* where the text of its 2D points lies in images.txt, for colmap_again_read */
+    size_t   points_size; /* bytes; 0: none */
+    int      line;
 };
 
-struct colmap_track { /* one (IMAGE_ID, POINT2D_IDX) */
-    int64_t image;
-    int64_t observation;
+struct colmap_track {   /* one (IMAGE_ID, POINT2D_IDX); small: a large survey has a hundred million */
+    uint32_t image_row; /* in colmap.image */
+    uint32_t observation;
 };
 
 struct colmap_point {
@@ -200,6 +214,7 @@ struct colmap {
     size_t                     point_count;
     struct colmap_track       *track;
     size_t                     track_count;
+    char                      *folder;
     char                      *names; /* zero-terminated, one after the other */
     size_t                     names_size;
     size_t                     warnings; /* oddities that were mended and logged */
@@ -208,7 +223,11 @@ struct colmap {
 /* Reads cameras.txt, images.txt and points3D.txt of a folder; colmap.c says what is promised of them. keep_observations = 0
  * skips the 2D points. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
-OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c); /* %.17g */
+/* The same through a window on the files of another size, in bytes: for tests. */
+OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
+                                               struct colmap *out);
+/* colmap_write.c: numbers as %.17g writes them. */
+OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
 
 /* ---------------------------------------------------------------- camera.c: camera models, undistortion */
@@ -275,8 +294,8 @@ OXL_INTERNAL const char *find_base_name(const char *path); /* what follows the l
 
 /* ---------------------------------------------------------------- measure.c: robust measures of a survey */
 
-struct measure_view {        /* a training view */
-    int64_t           image; /* IMAGE_ID, for tracks */
+struct measure_view {            /* a training view */
+    uint32_t          image_row; /* in colmap.image, for tracks */
     const oxl_camera *camera;
 };
 OXL_INTERNAL double     measure_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 of none */

@@ -118,7 +118,7 @@ static void measure_add_depth(struct measure_depths *d, const oxl_camera *c, con
 static int measure_compare_views(const void *a, const void *b)
 {
     const struct measure_view *x = a, *y = b;
-    return (x->image > y->image) - (x->image < y->image);
+    return (x->image_row > y->image_row) - (x->image_row < y->image_row);
 }
 
 /* Every k-th entry of all tracks. */
@@ -130,7 +130,7 @@ static void measure_by_tracks(const struct measure_view *views, size_t count, co
     for (size_t i = 0; i < c->point_count; i++) {
         const double *p = c->point[i].position, local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
         for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-            const struct measure_view *view, wanted = {.image = c->track[c->point[i].first_track + k].image};
+            const struct measure_view *view, wanted = {.image_row = c->track[c->point[i].first_track + k].image_row};
             if (seen++ % step != 0) continue;
             view = bsearch(&wanted, views, count, sizeof *views, measure_compare_views);
             if (view) measure_add_depth(d, view->camera, local); /* NULL: a test view, or one that is missing */

@@ -54,6 +54,11 @@ OXL_INTERNAL int os_rename(const char *from, const char *to)
     return rename(from, to);
 }
 
+static int os_seek(FILE *file, uint64_t offset)
+{
+    return fseeko(file, (off_t)offset, SEEK_SET);
+}
+
 /* Makes the rename itself last through a power cut. Not every file system allows it; the data are safe by then. */
 static void os_sync_folder(const char *path)
 {
@@ -180,6 +185,11 @@ OXL_INTERNAL int os_remove(const char *path)
 static int os_sync(FILE *file)
 {
     return _commit(_fileno(file));
+}
+
+static int os_seek(FILE *file, uint64_t offset)
+{
+    return _fseeki64(file, (int64_t)offset, SEEK_SET);
 }
 
 OXL_INTERNAL int os_rename(const char *from, const char *to)
@@ -324,6 +334,35 @@ OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map)
 {
     oxl_free(ctx, (void *)map->data);
     *map = (struct os_file_map){0};
+}
+
+OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out)
+{
+    *out = (struct os_reader){.file = os_open(path, "rb"), .path = path};
+    if (!out->file) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot open: %s", path, strerror(errno));
+    if (os_kind_of(path, &out->size) != OS_FILE) out->size = 0;
+    setvbuf(out->file, NULL, _IONBF, 0); /* pieces are large: no copy between */
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size, size_t *got)
+{
+    errno = 0;
+    *got  = fread(data, 1, size, r->file);
+    if (*got < size && ferror(r->file)) return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot read: %s", r->path, strerror(errno));
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset)
+{
+    if (os_seek(r->file, offset) == 0) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot seek: %s", r->path, strerror(errno));
+}
+
+OXL_INTERNAL void os_reader_close(struct os_reader *r)
+{
+    if (r->file) fclose(r->file);
+    *r = (struct os_reader){0};
 }
 
 /* ---------------------------------------------------------------- writing */

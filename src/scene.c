@@ -367,8 +367,8 @@ static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
     oxl_result           rc = views ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure %d views", scene->view_count);
     if (rc != OXL_OK) goto done;
     for (int i = 0; i < scene->view_count; i++) {
-        const int64_t image = scene->from_files ? scene->colmap.image[scene->source[i].image].id : i;
-        if (!scene->view[i].is_test) views[count++] = (struct measure_view){image, &scene->view[i].camera};
+        const uint32_t image_row = scene->from_files ? (uint32_t)scene->source[i].image : (uint32_t)i;
+        if (!scene->view[i].is_test) views[count++] = (struct measure_view){image_row, &scene->view[i].camera};
     }
     rc = measure_camera_radius(ctx, views, count, &radius);
     if (rc == OXL_OK)

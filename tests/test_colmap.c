@@ -177,8 +177,10 @@ TEST(colmap_points_are_read_as_written_with_their_tracks)
     CHECK(c.point[0].id == 9 && c.point[0].rgb[0] == 255 && c.point[0].rgb[1] == 0 && c.point[0].rgb[2] == 128);
     CHECK_CLOSE(c.point[0].error, 0.25, 0);
     CHECK_CLOSE(c.point[1].position[0], 100, 0);
-    CHECK(c.point[0].first_track == 0 && c.point[0].track_count == 1 && c.track[0].image == 5 && c.track[0].observation == 0);
-    CHECK(c.point[1].first_track == 1 && c.point[1].track_count == 2 && c.track[2].image == 2 && c.track[2].observation == 11);
+    CHECK(c.point[0].first_track == 0 && c.point[0].track_count == 1 && c.image[c.track[0].image_row].id == 5 &&
+          c.track[0].observation == 0);
+    CHECK(c.point[1].first_track == 1 && c.point[1].track_count == 2 && c.image[c.track[2].image_row].id == 2 &&
+          c.track[2].observation == 11);
     colmap_free(test_ctx, &c);
 }
 
@@ -323,7 +325,7 @@ TEST(colmap_a_track_entry_of_an_unknown_image_is_left_out)
 {
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 0.5 7 0 99 3 5 1\n", &c));
-    CHECK(c.point[0].track_count == 2 && c.track_count == 2 && c.track[1].image == 5 && c.warnings == 1);
+    CHECK(c.point[0].track_count == 2 && c.track_count == 2 && c.image[c.track[1].image_row].id == 5 && c.warnings == 1);
     colmap_free(test_ctx, &c);
 }
 
@@ -553,6 +555,111 @@ TEST(colmap_when_memory_runs_out_nothing_leaks_and_it_is_said)
     CHECK_OK(rc);
     test_ctx->options.reallocate = colmap_scarce.reallocate;
     colmap_free(test_ctx, &c);
+}
+
+/* ---------------------------------------------------------------- windows, pieces, threads */
+
+/* A thousand points of which every 50th has something wrong that is mended. */
+static void colmap_add_points(struct text *t)
+{
+    text_add(t, "# 3D point list\n");
+    for (int i = 0; i < 1000; i++) {
+        text_add(t, "%d %d.%03d -0.5 1e1 %d 2 3 %s", 3 * ((i * 7) % 1000), i, i, i % 256, i % 50 == 7 ? "nan" : "0.25");
+        for (int k = 0; k < i % 6; k++) text_add(t, " %d %d", i % 50 == 9 ? 99 : k % 2 ? 7 : 5, i + k);
+        text_add(t, i % 3 ? "\n" : " \r\n");
+    }
+}
+
+TEST(colmap_the_window_and_the_threads_do_not_matter)
+{
+    struct text   points  = {.ctx = test_ctx};
+    const int     threads = test_ctx->threads;
+    struct colmap whole, parts;
+    colmap_add_points(&points);
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, points.data, &whole));
+    CHECK(whole.point_count == 1000 && whole.warnings > 0);
+    for (size_t window = 1; window < 100000; window += window / 2 + 1) {
+        test_ctx->threads = (int)(window % 4) + 1;
+        CHECK_OK(colmap_read_in_windows(test_ctx, test_path("model"), 1, window, &parts));
+        CHECK(colmap_same(&whole, &parts) && whole.warnings == parts.warnings);
+        colmap_free(test_ctx, &parts);
+    }
+    test_ctx->threads = threads;
+    colmap_free(test_ctx, &whole);
+    text_free(&points);
+}
+
+/* The same words, with the same line, from whichever piece of whichever window. */
+static void colmap_check_refused_in_windows(const char *points, const char *wanted)
+{
+    struct colmap c;
+    CHECK_TEXT(colmap_refused_points(points), wanted);
+    for (size_t window = 1; window < 100000; window += window / 2 + 1) {
+        test_ctx->error[0] = 0;
+        CHECK(colmap_read_in_windows(test_ctx, test_path("model"), 1, window, &c) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), wanted);
+    }
+}
+
+TEST(colmap_an_error_names_its_line_whatever_the_window)
+{
+    struct text points = {.ctx = test_ctx};
+    colmap_add_points(&points); /* 1001 lines */
+    text_add(&points, "5 1 2 3 4 5 6 0.5 7 0\n7 1 2 x 4 5 6 0.5\n7 1 2 y 4 5 6 0.5\n");
+    colmap_check_refused_in_windows(points.data, "points3D.txt:1003: seen 'x', wanted Z");
+    text_free(&points);
+}
+
+TEST(colmap_a_point_id_that_comes_again_names_its_line_whatever_the_window)
+{
+    struct text points = {.ctx = test_ctx};
+    colmap_add_points(&points);
+    text_add(&points, "7 1 2 nan 4 5 6 0.5 7 0\n7 1 2 3 4 5 6 0.5\n\n7 1 2 3 4 5 6 0.5\n"); /* the first of them is left out */
+    colmap_check_refused_in_windows(points.data, "points3D.txt:1005: point id 7 was there before");
+    text_add(&points, "9000000000000000000 1 2 3 4 5 6 0.5\n"); /* too far off for a bit each */
+    colmap_check_refused_in_windows(points.data, "points3D.txt:1005: point id 7 was there before");
+    text_free(&points);
+}
+
+TEST(colmap_point_ids_may_lie_far_apart)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images,
+                        "-9223372036854775808 1 2 3 4 5 6 0.5\n9223372036854775807 1 2 3 4 5 6 0.5\n0 1 2 3 4 5 6 0.5\n", &c));
+    CHECK(c.point_count == 3 && c.point[0].id == INT64_MIN && c.point[1].id == INT64_MAX);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_a_place_in_a_track_has_32_bits)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, "9 1 2 3 4 5 6 0.5 +7 4294967295 0000000005 7\n", &c));
+    CHECK(c.track_count == 2 && c.track[0].observation == 4294967295u && c.image[c.track[1].image_row].id == 5);
+    colmap_free(test_ctx, &c);
+    CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 4294967296\n"), "seen '4294967296', wanted POINT2D_IDX");
+}
+
+TEST(colmap_2d_points_are_read_again_image_by_image)
+{
+    struct colmap       with, without;
+    struct colmap_again again;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_replaced(colmap_good_images, '\n', " \r\n"), colmap_good_points, &with));
+    CHECK_OK(colmap_read_in_windows(test_ctx, test_path("model"), 0, 20, &without));
+    CHECK_OK(colmap_again_open(test_ctx, &without, &again));
+    for (size_t i = without.image_count; i-- > 0;) {
+        const struct colmap_image *image = &with.image[i];
+        CHECK_OK(colmap_again_read(&again, &without.image[i]));
+        CHECK(again.out.observation_count == image->observation_count);
+        for (size_t k = 0; k < OXL_MIN(again.out.observation_count, image->observation_count); k++)
+            CHECK(memcmp(&again.out.observation[k], &with.observation[image->first_observation + k],
+                         sizeof *again.out.observation) == 0);
+    }
+    colmap_file("model/images.txt", "7 1 0 0 0 0 0 0 1 b.jpg\n");
+    CHECK(colmap_again_read(&again, &without.image[2]) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "images.txt:7: ");
+    colmap_again_close(&again);
+    colmap_free(test_ctx, &with);
+    colmap_free(test_ctx, &without);
 }
 
 /* ---------------------------------------------------------------- writing */

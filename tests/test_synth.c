@@ -28,14 +28,6 @@ static void synth_test_make(const synth_options *o, struct colmap *survey)
     CHECK_OK(colmap_read(test_ctx, folder, 1, survey));
 }
 
-static const struct colmap_image *synth_test_image(const struct colmap *c, int64_t id)
-{
-    for (size_t i = 0; i < c->image_count; i++)
-        if (c->image[i].id == id) return &c->image[i];
-    return NULL;
-}
-
-/* x_c = R(q) x + t, from the formula of the quaternion's rotation: x + 2 w (v x x) + 2 v x (v x x). */
 static void synth_test_to_camera(const struct colmap_image *image, const double p[3], double out[3])
 {
     const double *q = image->rotation;
@@ -50,15 +42,15 @@ static void synth_test_to_camera(const struct colmap_image *image, const double 
 static void synth_test_residual(const struct colmap *c, const struct colmap_point *p, const struct colmap_track *t, double out[2],
                                 double *z)
 {
-    const struct colmap_image *image = synth_test_image(c, t->image);
+    const struct colmap_image *image = &c->image[t->image_row];
     const double              *k     = c->camera[0].parameter;
     double                     q[3];
     out[0] = out[1] = 1e9;
-    CHECK(image && t->observation >= 0 && (size_t)t->observation < image->observation_count);
-    if (!image || (size_t)t->observation >= image->observation_count) return;
+    CHECK(t->observation < image->observation_count);
+    if (t->observation >= image->observation_count) return;
     synth_test_to_camera(image, p->position, q);
-    out[0] = k[0] * q[0] / q[2] + k[2] - c->observation[image->first_observation + (size_t)t->observation].x;
-    out[1] = k[1] * q[1] / q[2] + k[3] - c->observation[image->first_observation + (size_t)t->observation].y;
+    out[0] = k[0] * q[0] / q[2] + k[2] - c->observation[image->first_observation + t->observation].x;
+    out[1] = k[1] * q[1] / q[2] + k[3] - c->observation[image->first_observation + t->observation].y;
     *z     = q[2];
 }
 
@@ -87,10 +79,10 @@ TEST(synth_tracks_and_observations_name_each_other_both_ways)
     for (size_t i = 0; i < survey.point_count; i++)
         for (uint32_t k = 0; k < survey.point[i].track_count; k++) {
             const struct colmap_track *t     = &survey.track[survey.point[i].first_track + k];
-            const struct colmap_image *image = synth_test_image(&survey, t->image);
-            CHECK(image && (size_t)t->observation < image->observation_count);
-            if (!image || (size_t)t->observation >= image->observation_count) continue;
-            CHECK(survey.observation[image->first_observation + (size_t)t->observation].point == survey.point[i].id);
+            const struct colmap_image *image = &survey.image[t->image_row];
+            CHECK(t->observation < image->observation_count);
+            if (t->observation >= image->observation_count) continue;
+            CHECK(survey.observation[image->first_observation + t->observation].point == survey.point[i].id);
         }
     for (size_t i = 0; i < survey.observation_count; i++) named += survey.observation[i].point >= 0;
     CHECK(named == survey.track_count);
@@ -223,10 +215,9 @@ TEST(synth_points_lie_where_the_depth_maps_say)
         for (size_t i = 0; depth && i < survey.point_count; i++)
             for (uint32_t k = 0; k < survey.point[i].track_count; k++) {
                 const struct colmap_track       *t = &survey.track[survey.point[i].first_track + k];
-                const struct colmap_observation *s =
-                    &survey.observation[survey.image[v].first_observation + (size_t)t->observation];
-                double r[2], z = 0;
-                if (t->image != survey.image[v].id || synth_test_is_outlier(&list, survey.point[i].id)) continue;
+                const struct colmap_observation *s = &survey.observation[survey.image[v].first_observation + t->observation];
+                double                           r[2], z = 0;
+                if (t->image_row != v || synth_test_is_outlier(&list, survey.point[i].id)) continue;
                 synth_test_residual(&survey, &survey.point[i], t, r, &z);
                 checked++;
                 near += fabs(z - depth[(size_t)s->y * (size_t)o.width + (size_t)s->x]) < 0.03 * z;

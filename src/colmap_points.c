@@ -1,0 +1,306 @@
+/* colmap_points.c - points3D.txt, the file that grows without bounds, by several threads.
+ *
+ *     POINT3D_ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)*
+ *
+ * What the window holds is cut at line ends into a fixed number of pieces, which are read side by side, each into rows of its
+ * own. There nothing is said and nothing allocated: a piece that meets an error or an oddity stops. Then, in the file's order, a
+ * piece that stopped is read once more, aloud, by one thread, and the rows of all are joined.
+ *
+ * Invariant: rows, messages and their line numbers do not depend on threads, pieces or the size of the window.
+ */
+#include "colmap.h"
+
+enum { POINTS_PIECES = 16, POINTS_TEXT_LEAST = 16, POINTS_TRACK_LEAST = 4 }; /* bytes: "0 0 0 0 0 0 0 0\n", "0 0 " */
+
+struct points_piece {
+    struct colmap_reader reader; /* a copy: the same tables of ids, but lines of its own */
+    oxl_result           rc;
+    struct colmap_point *point; /* (points) first_track counts from the piece's first */
+    struct colmap_track *track; /* (tracks) */
+    size_t               points, tracks;
+    size_t               point_row, track_row; /* where they go in colmap */
+};
+
+struct points_rows { /* room for what the window can hold at most; piece by piece in it */
+    struct colmap_point *point;
+    struct colmap_track *track;
+    size_t               point_capacity, track_capacity;
+};
+
+/* ---------------------------------------------------------------- a line */
+
+/* A number of at most 9 digits, as nearly all of a track are. 0: not that plain; the cursor stays. */
+static inline int points_plain(const char **cursor, const char *end, uint32_t *out)
+{
+    const char *p     = *cursor, *first;
+    uint32_t    value = 0, digit;
+    while (p < end && colmap_is_blank(*p)) p++;
+    for (first = p; p < end && (digit = (uint32_t)(unsigned char)*p - '0') < 10; p++) value = 10 * value + digit;
+    if (p == first || p - first > 9 || (p < end && !colmap_is_blank(*p))) return 0;
+    *out    = value;
+    *cursor = p;
+    return 1;
+}
+
+static oxl_result points_read_sighting(struct colmap_reader *r, int64_t *image, uint32_t *observation)
+{
+    const char *p = r->cursor;
+    uint32_t    plain;
+    int64_t     index = 0;
+    oxl_result  rc;
+    if (points_plain(&p, r->end, &plain) && points_plain(&p, r->end, observation)) {
+        *image    = plain;
+        r->cursor = p;
+        return OXL_OK;
+    }
+    rc = colmap_id(r, "IMAGE_ID of a track (IMAGE_ID POINT2D_IDX)", image);
+    if (rc == OXL_OK) rc = colmap_whole(r, "POINT2D_IDX of a track (IMAGE_ID POINT2D_IDX)", 0, UINT32_MAX, &index);
+    *observation = (uint32_t)index;
+    return rc;
+}
+
+static oxl_result points_read_track(struct colmap_reader *r, struct points_piece *to, struct colmap_point *point)
+{
+    oxl_result rc = OXL_OK;
+    while (rc == OXL_OK && r->cursor < r->end) {
+        int64_t  image = 0;
+        uint32_t observation, slot;
+        rc = points_read_sighting(r, &image, &observation);
+        if (rc != OXL_OK) break;
+        slot = *colmap_index_slot(&r->images, r->out->image, sizeof *r->out->image, image);
+        if (slot == 0) {
+            colmap_warn(r, ODD_TRACK);
+            continue;
+        }
+        to->track[to->tracks + point->track_count++] = (struct colmap_track){slot - 1, observation};
+    }
+    return rc;
+}
+
+static int points_is_finite(const double p[3])
+{
+    return fabs(p[0]) <= DBL_MAX && fabs(p[1]) <= DBL_MAX && fabs(p[2]) <= DBL_MAX;
+}
+
+static oxl_result points_read_fields(struct colmap_reader *r, struct colmap_point *point)
+{
+    static const char *const axis[3] = {"X", "Y", "Z"}, *const channel[3] = {"R", "G", "B"};
+    int64_t    rgb[3] = {0};
+    oxl_result rc     = colmap_id(r, "POINT3D_ID", &point->id);
+    for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = colmap_real(r, axis[i], &point->position[i]);
+    for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = colmap_whole(r, channel[i], 0, 255, &rgb[i]);
+    if (rc == OXL_OK) rc = colmap_real(r, "ERROR", &point->error);
+    for (int i = 0; i < 3; i++) point->rgb[i] = (uint8_t)rgb[i];
+    return rc;
+}
+
+/* Adds a row, or none. */
+static oxl_result points_read_record(struct colmap_reader *r, struct points_piece *to)
+{
+    struct colmap_point point = {.first_track = to->tracks};
+    oxl_result          rc    = points_read_fields(r, &point);
+    if (rc != OXL_OK) return rc;
+    if (!points_is_finite(point.position)) {
+        colmap_warn(r, ODD_POSITION);
+        return OXL_OK;
+    }
+    if (!(fabs(point.error) <= DBL_MAX)) {
+        colmap_warn(r, ODD_ERROR);
+        point.error = -1;
+    }
+    rc = points_read_track(r, to, &point);
+    if (rc != OXL_OK) return rc;
+    to->point[to->points++] = point;
+    to->tracks += point.track_count;
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- the pieces of a window */
+
+/* `lines`: those before the piece, where a reader that speaks must know them. */
+static void points_read_piece(struct points_piece *p, const char *begin, int is_quiet, int lines)
+{
+    p->reader.next     = begin;
+    p->reader.line     = lines;
+    p->reader.is_quiet = is_quiet;
+    p->reader.heard    = 0;
+    p->rc              = OXL_OK;
+    p->points = p->tracks = 0;
+    while (p->rc == OXL_OK && !(is_quiet && p->reader.heard) && colmap_next_record(&p->reader))
+        p->rc = points_read_record(&p->reader, p);
+}
+
+/* Behind the last line end before `to`; `from` when there is none. */
+static const char *points_line_begin(const char *from, const char *to)
+{
+    while (to > from && to[-1] != '\n') to--;
+    return to;
+}
+
+/* begin (POINTS_PIECES + 1): pieces are whole lines; the last of the file may lack its end. */
+static void points_cut(const struct colmap_reader *r, const char **begin)
+{
+    const char  *end  = r->at_end ? r->limit : points_line_begin(r->next, r->limit);
+    const size_t size = (size_t)(end - r->next);
+    begin[0]          = r->next;
+    for (size_t i = 1; i < POINTS_PIECES; i++) begin[i] = points_line_begin(begin[i - 1], r->next + size / POINTS_PIECES * i);
+    begin[POINTS_PIECES] = end;
+}
+
+static oxl_result points_reserve_rows(struct colmap_reader *r, struct points_rows *rows)
+{
+    const size_t size = (size_t)(r->limit - r->window);
+    oxl_result   rc = oxl_reserve(r->ctx, (void **)&rows->point, &rows->point_capacity, size / POINTS_TEXT_LEAST + POINTS_PIECES,
+                                  sizeof *rows->point);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(r->ctx, (void **)&rows->track, &rows->track_capacity, size / POINTS_TRACK_LEAST + POINTS_PIECES,
+                         sizeof *rows->track);
+    return rc;
+}
+
+static void points_read_pieces(struct colmap_reader *r, const struct points_rows *rows, const char *const *begin,
+                               struct points_piece *piece)
+{
+#pragma omp parallel for schedule(dynamic) num_threads(r->ctx->threads)
+    for (int i = 0; i < POINTS_PIECES; i++) {
+        const size_t at        = (size_t)(begin[i] - r->window);
+        piece[i].reader        = *r;
+        piece[i].reader.limit  = begin[i + 1];
+        piece[i].reader.at_end = 1;
+        piece[i].point         = rows->point + at / POINTS_TEXT_LEAST + i;
+        piece[i].track         = rows->track + at / POINTS_TRACK_LEAST + i;
+        points_read_piece(&piece[i], begin[i], 1, 0);
+    }
+}
+
+/* Says what silent pieces had to say, and finds the place of each one's rows. */
+static oxl_result points_hear(struct colmap_reader *r, const char *const *begin, struct points_piece *piece)
+{
+    struct colmap *out = r->out;
+    for (int i = 0; i < POINTS_PIECES; i++) {
+        struct points_piece *p = &piece[i];
+        if (p->reader.heard) {
+            memcpy(p->reader.odd, r->odd, sizeof r->odd);
+            points_read_piece(p, begin[i], 0, r->line);
+            memcpy(r->odd, p->reader.odd, sizeof r->odd);
+            p->reader.line -= r->line;
+        }
+        if (p->rc != OXL_OK) return p->rc;
+        r->line += p->reader.line;
+        p->point_row = out->point_count;
+        p->track_row = out->track_count;
+        out->point_count += p->points;
+        out->track_count += p->tracks;
+    }
+    return OXL_OK;
+}
+
+/* The first window tells how many there will be, so that nothing needs to grow. */
+static size_t points_expected(const struct colmap_reader *r, size_t so_far)
+{
+    const double read = (double)(r->next - r->window), expected = 1.05 * (double)so_far * ((double)r->file.size / read);
+    return r->offset == 0 && read > 0 && expected > (double)so_far ? (size_t)expected : so_far;
+}
+
+static oxl_result points_join(struct colmap_reader *r, const struct points_piece *piece)
+{
+    struct colmap *out = r->out;
+    oxl_result     rc =
+        oxl_reserve(r->ctx, (void **)&out->point, &r->point_capacity, points_expected(r, out->point_count), sizeof *out->point);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(r->ctx, (void **)&out->track, &r->track_capacity, points_expected(r, out->track_count),
+                         sizeof *out->track);
+    if (rc != OXL_OK) return rc;
+#pragma omp parallel for schedule(dynamic) num_threads(r->ctx->threads)
+    for (int i = 0; i < POINTS_PIECES; i++) {
+        const struct points_piece *p = &piece[i];
+        for (size_t k = 0; k < p->points; k++) {
+            out->point[p->point_row + k] = p->point[k];
+            out->point[p->point_row + k].first_track += p->track_row;
+        }
+        if (p->tracks) memcpy(out->track + p->track_row, p->track, p->tracks * sizeof *p->track);
+    }
+    return OXL_OK;
+}
+
+static oxl_result points_read_window(struct colmap_reader *r, struct points_rows *rows)
+{
+    struct points_piece piece[POINTS_PIECES];
+    const char         *begin[POINTS_PIECES + 1];
+    oxl_result          rc = points_reserve_rows(r, rows);
+    if (rc != OXL_OK) return rc;
+    points_cut(r, begin);
+    points_read_pieces(r, rows, begin, piece);
+    rc      = points_hear(r, begin, piece);
+    r->next = begin[POINTS_PIECES];
+    return rc == OXL_OK ? points_join(r, piece) : rc;
+}
+
+/* ---------------------------------------------------------------- ids once */
+
+/* The first row whose id an earlier row has; point_count when there is none. One bit for each id between the least and the
+ * largest, unless they lie far apart. */
+static oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row)
+{
+    struct colmap_index far = {.slots = 64};
+    uint64_t           *met = NULL, span = 0;
+    int64_t             low = INT64_MAX, high = INT64_MIN;
+    oxl_result          rc = OXL_OK;
+    for (size_t i = 0; i < c->point_count; i++) {
+        low  = OXL_MIN(low, c->point[i].id);
+        high = OXL_MAX(high, c->point[i].id);
+    }
+    if (c->point_count) span = (uint64_t)high - (uint64_t)low;
+    if (span / 64 <= c->point_count) {
+        met = oxl_calloc(ctx, (size_t)(span / 64) + 1, sizeof *met);
+    } else {
+        while (far.slots < 2 * c->point_count) far.slots *= 2;
+        if (c->point_count < UINT32_MAX) far.slot = oxl_calloc(ctx, far.slots, sizeof *far.slot);
+    }
+    if (!met && !far.slot) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu ids", c->point_count);
+    for (*row = 0; rc == OXL_OK && *row < c->point_count; ++*row) {
+        const uint64_t at = (uint64_t)c->point[*row].id - (uint64_t)low, bit = UINT64_C(1) << (at & 63);
+        uint32_t      *slot = met ? NULL : colmap_index_slot(&far, c->point, sizeof *c->point, c->point[*row].id);
+        if (met ? (met[at / 64] & bit) != 0 : *slot != 0) break;
+        if (met) met[at / 64] |= bit;
+        else *slot = (uint32_t)*row + 1;
+    }
+    oxl_free(ctx, met);
+    oxl_free(ctx, far.slot);
+    return rc;
+}
+
+/* Reads the file once more, line by line, up to the one that gave this row: to name it. */
+static oxl_result points_repeated(struct colmap_reader *r, const struct points_rows *rows, size_t row)
+{
+    struct points_piece one = {.point = rows->point, .track = rows->track};
+    const int64_t       id  = r->out->point[row].id;
+    oxl_result          rc  = os_reader_seek(r->ctx, &r->file, 0);
+    if (rc == OXL_OK) rc = colmap_begin(r);
+    r->is_quiet = 1;
+    for (size_t seen = 0; rc == OXL_OK && seen <= row && colmap_next_record(r); seen += one.points) {
+        one.points = one.tracks = 0;
+        rc                      = points_read_record(r, &one);
+    }
+    r->is_quiet = 0;
+    if (rc == OXL_OK) rc = r->rc;
+    return rc != OXL_OK ? rc : colmap_repeated(r, "point id", id);
+}
+
+/* ---------------------------------------------------------------- the file */
+
+OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r)
+{
+    struct points_rows rows = {0};
+    size_t             row  = 0;
+    oxl_result         rc   = points_read_window(r, &rows);
+    while (rc == OXL_OK && !r->at_end) {
+        rc = colmap_fill(r);
+        if (rc == OXL_OK) rc = points_read_window(r, &rows);
+    }
+    if (rc == OXL_OK) rc = points_find_repeated(r->ctx, r->out, &row);
+    if (rc == OXL_OK && row < r->out->point_count) rc = points_repeated(r, &rows, row);
+    oxl_free(r->ctx, rows.point);
+    oxl_free(r->ctx, rows.track);
+    return rc;
+}

@@ -1,0 +1,260 @@
+/* colmap_text.c - how COLMAP's text files are read: a window that moves over the file, its lines, their fields, and what is said
+ * of those that are wrong.
+ *
+ * Only the window is in memory, so that a file of gigabytes costs no more than what is kept of it.
+ *
+ * Invariant: a message names file:line, what was seen, what was wanted, and one fix. A quiet reader says and allocates nothing.
+ */
+#include "colmap.h"
+
+/* ---------------------------------------------------------------- ids */
+
+static int64_t colmap_id_at(const void *rows, size_t stride, size_t row)
+{
+    int64_t id;
+    memcpy(&id, (const char *)rows + row * stride, sizeof id);
+    return id;
+}
+
+OXL_INTERNAL uint32_t *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride, int64_t id)
+{
+    size_t s = (size_t)(((uint64_t)id * UINT64_C(0x9E3779B97F4A7C15)) >> 32) & (x->slots - 1); /* Knuth's golden ratio */
+    while (x->slot[s] && colmap_id_at(rows, stride, x->slot[s] - 1) != id) s = (s + 1) & (x->slots - 1);
+    return &x->slot[s];
+}
+
+static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, const void *rows, size_t stride, size_t count)
+{
+    struct colmap_index grown = {.slots = OXL_MAX((size_t)64, 4 * x->slots)};
+    if (count < UINT32_MAX) grown.slot = oxl_calloc(ctx, grown.slots, sizeof *grown.slot);
+    if (!grown.slot) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu ids", count);
+    for (size_t row = 0; row < count; row++)
+        *colmap_index_slot(&grown, rows, stride, colmap_id_at(rows, stride, row)) = (uint32_t)row + 1;
+    oxl_free(ctx, x->slot);
+    *x = grown;
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- what is odd, and yet read */
+
+static const char *const colmap_oddity_text[ODD_COUNT] = {
+    "the image before has no line of 2D points; it is taken as empty",
+    "a 2D point without a finite position; it is taken as unmatched",
+    "a quaternion whose length is not 1; it is normalised",
+    "a point without a finite position; it is left out",
+    "a reprojection error that is no finite number; it is taken as unknown",
+    "a track names an image that is not in images.txt; that entry is left out",
+};
+
+enum { COLMAP_LOGGED_MAX = 10 }; /* lines of a kind */
+
+/* ---------------------------------------------------------------- the window */
+
+static oxl_result colmap_widen(struct colmap_reader *r, size_t room)
+{
+    const size_t rest   = r->window ? (size_t)(r->limit - r->window) : 0;
+    char        *window = oxl_regrow(r->ctx, r->window, rest, room, 1);
+    if (!window) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for a window of %zu bytes", r->path, room);
+    r->window = window;
+    r->room   = room;
+    r->next   = window;
+    r->limit  = window + rest;
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r)
+{
+    const size_t rest = (size_t)(r->limit - r->next);
+    size_t       got  = 0;
+    memmove(r->window, r->next, rest);
+    r->offset += (uint64_t)(r->next - r->window);
+    r->next  = r->window;
+    r->limit = r->window + rest;
+    if (rest + 1 == r->room && colmap_widen(r, 2 * r->room) != OXL_OK) return r->rc;
+    r->rc     = os_reader_read(r->ctx, &r->file, r->window + rest, r->room - 1 - rest, &got);
+    r->at_end = got < r->room - 1 - rest;
+    r->limit += got;
+    r->window[rest + got] = 0;
+    return r->rc;
+}
+
+OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
+{
+    size_t wanted;
+    r->path = oxl_path_join(r->ctx, folder, name);
+    if (!r->path) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
+    r->rc = os_reader_open(r->ctx, r->path, &r->file);
+    if (r->rc != OXL_OK) return r->rc;
+    r->limit = r->next = r->window;
+    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* the end is met, and a zero byte follows it */
+    return r->room < wanted && colmap_widen(r, wanted) != OXL_OK ? r->rc : colmap_begin(r);
+}
+
+OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r)
+{
+    r->line   = 0;
+    r->offset = 0;
+    r->limit = r->next = r->window;
+    if (colmap_fill(r) != OXL_OK) return r->rc;
+    if (r->limit - r->next >= 3 && memcmp(r->next, "\xEF\xBB\xBF", 3) == 0) r->next += 3; /* the byte order mark of UTF-8 */
+    if (r->limit - r->next >= 2 && (memcmp(r->next, "\xFF\xFE", 2) == 0 || memcmp(r->next, "\xFE\xFF", 2) == 0))
+        r->rc =
+            oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:1: seen text in UTF-16, wanted ASCII or UTF-8\nfix: save it as UTF-8", r->path);
+    return r->rc;
+}
+
+OXL_INTERNAL void colmap_close(struct colmap_reader *r)
+{
+    for (int i = 0; i < ODD_COUNT; i++) {
+        if (r->odd[i] > COLMAP_LOGGED_MAX)
+            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path, r->odd[i] - COLMAP_LOGGED_MAX,
+                    colmap_oddity_text[i]);
+        r->out->warnings += r->odd[i];
+        r->odd[i] = 0;
+    }
+    os_reader_close(&r->file);
+    oxl_free(r->ctx, r->path);
+    r->path = NULL;
+}
+
+/* ---------------------------------------------------------------- lines and fields */
+
+OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_oddity kind)
+{
+    r->heard = 1;
+    if (r->is_quiet) return;
+    if (r->odd[kind]++ < COLMAP_LOGGED_MAX)
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_oddity_text[kind]);
+}
+
+OXL_INTERNAL int colmap_is_blank(char c)
+{
+    return c == ' ' || c == '\t';
+}
+
+OXL_INTERNAL int colmap_next_line(struct colmap_reader *r)
+{
+    const char *feed;
+    while ((feed = memchr(r->next, '\n', (size_t)(r->limit - r->next))) == NULL && !r->at_end)
+        if (colmap_fill(r) != OXL_OK) return 0;
+    if (r->next == r->limit) return 0;
+    r->cursor = r->next;
+    r->end    = feed ? feed : r->limit;
+    r->next   = feed ? feed + 1 : r->limit;
+    r->line++;
+    while (r->end > r->cursor && (colmap_is_blank(r->end[-1]) || r->end[-1] == '\r')) r->end--;
+    while (r->cursor < r->end && colmap_is_blank(*r->cursor)) r->cursor++;
+    return 1;
+}
+
+OXL_INTERNAL int colmap_next_record(struct colmap_reader *r)
+{
+    while (colmap_next_line(r))
+        if (r->cursor < r->end && *r->cursor != '#') return 1;
+    return 0;
+}
+
+/* 'text', cut and printable, or "the end of the line". */
+OXL_INTERNAL const char *colmap_seen(const char *p, const char *end, char out[64])
+{
+    size_t size = 0;
+    if (p == end) return "the end of the line";
+    out[size++] = '\'';
+    while (p < end && !colmap_is_blank(*p) && size < 48) {
+        out[size++] = (unsigned char)*p < 0x20 || *p == 0x7f ? '?' : *p;
+        p++;
+    }
+    snprintf(out + size, 64 - size, "%s'", p < end && !colmap_is_blank(*p) ? "..." : "");
+    return out;
+}
+
+/* 0,5 and the like. */
+static int colmap_has_comma(const char *p, const char *end)
+{
+    for (p++; p + 1 < end && !colmap_is_blank(*p); p++)
+        if (*p == ',' && p[-1] >= '0' && p[-1] <= '9' && p[1] >= '0' && p[1] <= '9') return 1;
+    return 0;
+}
+
+OXL_INTERNAL oxl_result colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind)
+{
+    char        buffer[64];
+    const char *seen = colmap_seen(token, r->end, buffer);
+    r->heard         = 1;
+    if (r->is_quiet) return OXL_ERR_INPUT;
+    if (token < r->end && colmap_has_comma(token, r->end))
+        return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                        "%s:%d: seen %s, a decimal comma, for %s; wanted a decimal point\n"
+                        "fix: the export was made under a locale with decimal commas; make it again with LC_ALL=C in front: "
+                        "LC_ALL=C colmap model_converter --output_type TXT",
+                        r->path, r->line, seen, what);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: seen %s, wanted %s, %s\nfix: " COLMAP_FIX_EXPORT, r->path, r->line, seen, what,
+                    kind);
+}
+
+OXL_INTERNAL void colmap_skip_blanks(struct colmap_reader *r)
+{
+    while (r->cursor < r->end && colmap_is_blank(*r->cursor)) r->cursor++;
+}
+
+OXL_INTERNAL int colmap_at_field_end(const struct colmap_reader *r)
+{
+    return r->cursor == r->end || colmap_is_blank(*r->cursor);
+}
+
+OXL_INTERNAL oxl_result colmap_real(struct colmap_reader *r, const char *what, double *out)
+{
+    const char *token;
+    colmap_skip_blanks(r);
+    token = r->cursor;
+    if (parse_double(&r->cursor, r->end, out) && colmap_at_field_end(r)) return OXL_OK;
+    return colmap_wrong(r, token, what, "a number");
+}
+
+OXL_INTERNAL oxl_result colmap_finite(struct colmap_reader *r, const char *what, double *out)
+{
+    const char *token;
+    oxl_result  rc;
+    colmap_skip_blanks(r);
+    token = r->cursor;
+    rc    = colmap_real(r, what, out);
+    return rc != OXL_OK || fabs(*out) <= DBL_MAX ? rc : colmap_wrong(r, token, what, "a finite number");
+}
+
+OXL_INTERNAL oxl_result colmap_whole(struct colmap_reader *r, const char *what, int64_t low, int64_t high, int64_t *out)
+{
+    const char *token;
+    char        kind[80];
+    colmap_skip_blanks(r);
+    token = r->cursor;
+    if (parse_int64(&r->cursor, r->end, out) && colmap_at_field_end(r) && *out >= low && *out <= high) return OXL_OK;
+    if (low == INT64_MIN) snprintf(kind, sizeof kind, "an integer");
+    else if (high == INT64_MAX) snprintf(kind, sizeof kind, "an integer of at least %" PRId64, low);
+    else snprintf(kind, sizeof kind, "an integer from %" PRId64 " to %" PRId64, low, high);
+    return colmap_wrong(r, token, what, kind);
+}
+
+OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int64_t *out)
+{
+    return colmap_whole(r, what, INT64_MIN, INT64_MAX, out);
+}
+
+OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id)
+{
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: %s %" PRId64 " was there before, wanted each id once\nfix: " COLMAP_FIX_EXPORT,
+                    r->path, r->line, what, id);
+}
+
+OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
+                                     size_t count, const char *what)
+{
+    const int64_t id = colmap_id_at(rows, stride, count);
+    uint32_t     *slot;
+    oxl_result    rc = OXL_OK;
+    if (2 * (count + 1) > x->slots) rc = colmap_index_grow(r->ctx, x, rows, stride, count);
+    if (rc != OXL_OK) return rc;
+    slot = colmap_index_slot(x, rows, stride, id);
+    if (*slot) return colmap_repeated(r, what, id);
+    *slot = (uint32_t)count + 1;
+    return OXL_OK;
+}
