@@ -15,11 +15,11 @@
 #include "src/colmap_points.c" /* points3D.txt, by several threads */
 #include "src/colmap.c"        /* cameras.txt, images.txt, and the three together */
 #include "src/colmap_write.c"  /* the three, written */
-#include "src/camera.c"  /* camera models, undistortion */
-#include "src/image.c"   /* photographs: decode, reduce, undistort, mask */
-#include "src/find.c"    /* where a survey's files are */
-#include "src/measure.c" /* robust measures: bounds, the cameras' radius, depths */
-#include "src/scene.c"   /* from the files to views, points and photographs */
+#include "src/camera.c"        /* camera models, undistortion */
+#include "src/image.c"         /* photographs: decode, reduce, undistort, mask */
+#include "src/find.c"          /* where a survey's files are */
+#include "src/measure.c"       /* robust measures: bounds, the cameras' radius, depths */
+#include "src/scene.c"         /* from the files to views, points and photographs */
 
 /* a survey too large for one model becomes blocks */
 #include "src/partition.h"       /* what these files share */
