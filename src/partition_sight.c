@@ -5,48 +5,26 @@
  */
 #include "partition.h"
 
-/* ---------------------------------------------------------------- from an image's id to its view */
-
-struct sight_index { /* open addressing */
-    struct sight_slot {
-        int64_t id;
-        int32_t view; /* -1: empty */
-    } * slot;
-    size_t mask;
-};
-
-static struct sight_slot *sight_slot(const struct sight_index *x, int64_t id)
-{
-    size_t s = (size_t)(((uint64_t)id * UINT64_C(0x9E3779B97F4A7C15)) >> 32) & x->mask; /* Knuth's golden ratio */
-    while (x->slot[s].view >= 0 && x->slot[s].id != id) s = (s + 1) & x->mask;
-    return &x->slot[s];
-}
-
-static oxl_result sight_index_create(oxl_context *ctx, const oxl_scene *scene, struct sight_index *out)
-{
-    const int views = oxl_scene_view_count(scene);
-    size_t    slots = 64;
-    while (slots < 4 * (size_t)views) slots *= 2;
-    *out = (struct sight_index){.slot = oxl_alloc(ctx, slots, sizeof *out->slot), .mask = slots - 1};
-    if (!out->slot) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %d views", views);
-    for (size_t s = 0; s < slots; s++) out->slot[s].view = -1;
-    for (int v = 0; v < views; v++)
-        if (!oxl_scene_view(scene, v)->is_test) {
-            const int64_t id     = scene_source_image(scene, v)->id;
-            *sight_slot(out, id) = (struct sight_slot){id, v};
-        }
-    return OXL_OK;
-}
-
 /* ---------------------------------------------------------------- turning over, in parts of the points */
 
 struct sight_build {
     const struct colmap    *colmap;
     const double           *origin;
-    struct sight_index      index;
+    int32_t                *view; /* (images of the COLMAP model) -1: none for training */
     struct partition_sight *sight;
     size_t                 *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
 };
+
+static oxl_result sight_find_views(oxl_context *ctx, const oxl_scene *scene, struct sight_build *b)
+{
+    const struct colmap *c = b->colmap;
+    b->view                = oxl_alloc(ctx, c->image_count + 1, sizeof *b->view);
+    if (!b->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu images", c->image_count);
+    for (size_t i = 0; i < c->image_count; i++) b->view[i] = -1;
+    for (int v = 0; v < oxl_scene_view_count(scene); v++)
+        if (!oxl_scene_view(scene, v)->is_test) b->view[scene_source_image(scene, v) - c->image] = v;
+    return OXL_OK;
+}
 
 static void sight_visit(const struct sight_build *b, int task, int fill)
 {
@@ -59,11 +37,11 @@ static void sight_visit(const struct sight_build *b, int task, int fill)
         if (!scene_takes_point(p, b->origin)) continue;
         for (uint32_t k = 0; k < p->track_count; k++) {
             const struct colmap_track *t    = &c->track[p->first_track + k];
-            const int32_t              view = sight_slot(&b->index, t->image)->view;
+            const int32_t              view = b->view[t->image_row];
             if (view < 0) continue;
             if (fill) {
                 b->sight->point[next[view]]       = (uint32_t)i;
-                b->sight->observation[next[view]] = (uint32_t)OXL_MIN(t->observation, (int64_t)UINT32_MAX);
+                b->sight->observation[next[view]] = t->observation;
             }
             next[view]++;
         }
@@ -118,7 +96,7 @@ OXL_INTERNAL oxl_result partition_sight_create(oxl_context *ctx, const oxl_scene
     if (!s || !s->first || !s->seen || !b.next) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the sight of %zu views", views);
     if (rc == OXL_OK && b.colmap->point_count >= UINT32_MAX)
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%zu points are more than a partition can number (2^32 - 1)", b.colmap->point_count);
-    if (rc == OXL_OK) rc = sight_index_create(ctx, scene, &b.index);
+    if (rc == OXL_OK) rc = sight_find_views(ctx, scene, &b);
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++) sight_visit(&b, task, 0);
@@ -131,7 +109,7 @@ OXL_INTERNAL oxl_result partition_sight_create(oxl_context *ctx, const oxl_scene
     for (int v = 0; v < (int)views; v++) s->seen[v] = sight_count_different(s, (size_t)v);
 done:
     oxl_free(ctx, b.next);
-    oxl_free(ctx, b.index.slot);
+    oxl_free(ctx, b.view);
     if (rc != OXL_OK) partition_sight_free(ctx, s);
     else *out = s;
     return rc;

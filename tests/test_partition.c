@@ -315,7 +315,7 @@ TEST(partition_assigns_training_views_by_both_rules_and_test_views_never)
     for (int v = 0; v < views; v++) {
         const int64_t id  = scene_source_image(scene, v)->id;
         size_t        all = 0;
-        for (size_t k = 0; k < c->track_count; k++) all += c->track[k].image == id;
+        for (size_t k = 0; k < c->track_count; k++) all += c->image[c->track[k].image_row].id == id;
         tests += oxl_scene_view(scene, v)->is_test;
         for (int b = 0; b < p.block_count; b++) {
             const int role = p.plan->role[b * views + v];
@@ -325,7 +325,8 @@ TEST(partition_assigns_training_views_by_both_rules_and_test_views_never)
                 partition_to_frame(&p, c->point[i].position, frame);
                 if (!partition_contains(&p.block[b].expanded, frame)) continue;
                 inside++;
-                for (uint32_t k = 0; k < c->point[i].track_count; k++) both += c->track[c->point[i].first_track + k].image == id;
+                for (uint32_t k = 0; k < c->point[i].track_count; k++)
+                    both += c->image[c->track[c->point[i].first_track + k].image_row].id == id;
             }
             roles[role]++;
             if (oxl_scene_view(scene, v)->is_test) CHECK(role == PARTITION_OUT);
@@ -359,8 +360,9 @@ TEST(partition_starts_a_block_from_its_wider_box_and_from_what_its_views_see)
             partition_to_frame(&p, c->point[i].position, frame);
             in = partition_contains(&block->expanded, frame);
             for (uint32_t k = 0; k < c->point[i].track_count && !in; k++) {
-                const int v = (int)(c->track[c->point[i].first_track + k].image - 100) / 7; /* named in the order of their ids */
-                in          = p.plan->role[b * oxl_scene_view_count(scene) + v] != PARTITION_OUT;
+                const int64_t id = c->image[c->track[c->point[i].first_track + k].image_row].id;
+                const int     v  = (int)(id - 100) / 7; /* named in the order of their ids */
+                in               = p.plan->role[b * oxl_scene_view_count(scene) + v] != PARTITION_OUT;
             }
             start += (size_t)in;
         }
