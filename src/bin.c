@@ -2,7 +2,7 @@
  *
  * One radix sort of the visible splats by depth; then the splats go to their tiles in that order, which leaves every tile's list
  * sorted: no sort per tile. A splat's footprint is the ellipse alpha = 1/255 itself, cut into rows of blocks (compare Speedy-Splat's
- * AccuTile, Hanson et al. 2025, which cuts it into rows of tiles).
+ * AccuTile, Hanson et al. 2025, which cuts it into rows of tiles). With a second lobe it is the hull of both ellipses in each row.
  *
  * Invariants: every pixel with alpha >= 1/255 lies in a listed block. The lists depend on neither the number of threads nor the
  * parts that the work is cut into.
@@ -152,16 +152,44 @@ static struct bin_span bin_block_row(const struct splat *s, const struct bin_con
     return span;
 }
 
-/* The splat's pairs, tile by tile; returns how many were written to `out`. */
-static uint32_t bin_footprint(const struct splat *s, uint32_t row, int tiles_x, int width, struct bin_staged *out)
+/* The hull of both. */
+static struct bin_span bin_join(struct bin_span a, struct bin_span b)
 {
-    const struct bin_contour contour = bin_contour(s);
-    uint32_t                 count   = 0;
+    if (a.first > a.last) return b;
+    if (b.first > b.last) return a;
+    return (struct bin_span){OXL_MIN(a.first, b.first), OXL_MAX(a.last, b.last)};
+}
+
+/* A splat with another shape in the same place. */
+static struct splat bin_reshaped(const struct splat *s, const struct lobe *lobe)
+{
+    struct splat other = *s;
+    other.a = lobe->a, other.k = lobe->k, other.e = lobe->e, other.peak = lobe->peak;
+    other.half_x = lobe->half_x, other.half_y = lobe->half_y;
+    return other;
+}
+
+/* The splat's pairs, tile by tile; returns how many were written to `out`. lobe: its second, or NULL. */
+static uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, uint32_t row, int tiles_x, int width,
+                              struct bin_staged *out)
+{
+    struct splat       main, second;
+    struct bin_contour contour, other;
+    uint32_t           count = 0;
+    if (lobe) {
+        second      = bin_reshaped(s, lobe);
+        other       = bin_contour(&second);
+        main        = *s;
+        main.half_x = lobe->main_x, main.half_y = lobe->main_y;
+        s = &main;
+    }
+    contour = bin_contour(s);
     for (int ty = s->tile_y0; ty <= s->tile_y1; ty++) {
         struct bin_span span[4];
         int             first = INT_MAX, last = -1;
         for (int r = 0; r < 4; r++) {
             span[r] = bin_block_row(s, &contour, 4 * ty + r, width);
+            if (lobe) span[r] = bin_join(span[r], bin_block_row(&second, &other, 4 * ty + r, width));
             if (span[r].first > span[r].last) continue;
             first = OXL_MIN(first, span[r].first);
             last  = OXL_MAX(last, span[r].last);
@@ -182,13 +210,25 @@ static uint32_t bin_footprint(const struct splat *s, uint32_t row, int tiles_x, 
 
 /* ---------------------------------------------------------------- to the tiles */
 
+static const struct lobe *bin_lobe(const struct bins *b, uint32_t row)
+{
+    return row < b->lobes ? &b->lobe[row] : NULL;
+}
+
+/* Room for the splat's pairs and as much again for its second lobe's sums. */
+static uint32_t bin_room(const struct bins *b, uint32_t row)
+{
+    const uint32_t tiles = bin_box_tiles(&b->splat[row]);
+    return row < b->lobes ? 2 * tiles : tiles;
+}
+
 /* Slots are laid out in depth order by the boxes; the parts have about equal numbers of them. */
 static oxl_result bin_lay_out(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s    = b->scratch;
     size_t              slot = 0, total = 0;
     int                 part = 0;
-    for (size_t i = 0; i < b->visible_count; i++) total += bin_box_tiles(&b->splat[b->order[i]]);
+    for (size_t i = 0; i < b->visible_count; i++) total += bin_room(b, b->order[i]);
     if (total > UINT32_MAX) {
         return oxl_fail(ctx, OXL_ERR_MEMORY,
                         "%zu (tile, splat) pairs in one view are more than this build can number\nfix: a smaller --max-side",
@@ -198,7 +238,7 @@ static oxl_result bin_lay_out(oxl_context *ctx, struct bins *b)
         struct splat *splat = &b->splat[b->order[i]];
         while (part < BIN_PARTS && slot >= total * (size_t)part / BIN_PARTS) s->part_end[part++] = i;
         splat->first_slot = (uint32_t)slot;
-        slot += bin_box_tiles(splat);
+        slot += bin_room(b, b->order[i]);
     }
     while (part <= BIN_PARTS) s->part_end[part++] = b->visible_count;
     b->slot_count = total;
@@ -213,7 +253,7 @@ static void bin_stage_part(struct bins *b, int part, int width)
     for (size_t i = s->part_end[part]; i < s->part_end[part + 1]; i++) {
         struct splat      *splat = &b->splat[b->order[i]];
         struct bin_staged *out   = s->staged + splat->first_slot;
-        splat->slots             = bin_footprint(splat, b->order[i], b->tiles_x, width, out);
+        splat->slots             = bin_footprint(splat, bin_lobe(b, b->order[i]), b->order[i], b->tiles_x, width, out);
         for (uint32_t k = 0; k < splat->slots; k++) count[out[k].tile]++;
     }
 }

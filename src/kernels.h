@@ -27,8 +27,10 @@
 #define LOG2_255          ((real)7.9943534368588578) /* a contribution below alpha = 1/255 is skipped [Kerbl 2023] */
 #define ALPHA_MAX         ((real)0.99)               /* [Kerbl 2023] */
 #define TRANSMITTANCE_MIN ((real)1e-4) /* the splat that would take a pixel below it is not drawn, and ends it [Kerbl 2023] */
-#define LOW_PASS          ((real)0.3)  /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
-#define FRUSTUM_CLAMP     1.3          /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
+#define ALPHA_MIN         ((real)(1.0 / 255)) /* the same skip for a difference of Gaussians: of |alpha| */
+#define TRANSMITTANCE_MAX ((real)16)  /* negative alpha lets T grow; from here on it is skipped, so T < 32 [OceanXL is silent] */
+#define LOW_PASS          ((real)0.3) /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
+#define FRUSTUM_CLAMP     1.3         /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
 #define LOG2_E            ((real)1.4426950408889634)
 #define LN_2              ((real)0.6931471805599453)
 
@@ -184,9 +186,10 @@ SIMD_INLINE struct vec3 mat3_transposed_times(struct mat3 m, struct vec3 v)
 
 /* ---------------------------------------------------------------- what goes in */
 
-struct gaussians { /* an oxl_model seen by the kernels; planes are readable up to the next multiple of PACK */
-    size_t count;
-    int    sh_degree; /* bands evaluated */
+struct gaussians {       /* an oxl_model seen by the kernels; planes are readable up to the next multiple of PACK */
+    size_t count, lobes; /* rows 0..lobes-1 have a second lobe */
+    int    sh_degree;    /* bands evaluated */
+    real   lobe_free;    /* 0: a lobe's planes are factors of its row's opacity and scale; 1: its own (the oracle's scenes) */
     real  *plane[OXL_PLANES];
 };
 
@@ -217,6 +220,14 @@ struct splat {
     uint32_t first_slot, slots; /* its (tile, splat) pairs in the binning's order */
 };
 
+/* The second lobe of a row on the image plane; centre and colour are the splat's, whose box holds both contours. Kept apart from it: a
+ * scene without lobes never touches one. */
+struct lobe {
+    real a, k, e, peak;  /* as in struct splat */
+    real half_x, half_y; /* px: half the box around this lobe's contour o' G' = 1/255 */
+    real main_x, main_y; /* px: half the box around the first one's */
+};
+
 #define SPLAT_SUMS 9 /* a pair's gradient sums over its pixels: g = alpha dL/dalpha times ... */
 #define SUM_G      0 /* 1: opacity */
 #define SUM_W      1 /* w: centre along x */
@@ -231,6 +242,7 @@ struct project_job {
     const struct lens *lens;
     size_t             first_pack, end_pack; /* packs of PACK rows */
     struct splat      *splat;                /* (count) written for visible rows */
+    struct lobe       *lobe;                 /* (lobes) written for visible rows */
     uint16_t          *visible;              /* (packs) a bit a row */
     /* backward alone: */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
@@ -244,7 +256,7 @@ OXL_INTERNAL void project_backward(int isa, const struct project_job *job);
 
 struct pair {
     uint32_t splat;  /* row of the model */
-    uint32_t slot;   /* where its gradient sums go */
+    uint32_t slot;   /* where its gradient sums go; those of a second lobe go to slot + the splat's slots */
     uint32_t blocks; /* bit 4 by + bx: the contour touches this 4 x 4 block of the tile */
 };
 
@@ -253,6 +265,8 @@ struct bins {
     size_t              packs;
     struct splat       *splat;   /* (count) in: written by project_forward; first_slot and slots are filled in */
     const uint16_t     *visible; /* (packs) in */
+    const struct lobe  *lobe;    /* (lobes) in */
+    size_t              lobes;   /* rows 0..lobes-1 have one: their footprint is that of both, and they get twice the slots */
     uint32_t           *order;   /* (visible_count) rows by depth, ties by row */
     size_t              visible_count;
     struct pair        *pair; /* (pair_count) tile by tile, each in depth order */

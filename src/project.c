@@ -6,6 +6,9 @@
  * Rows go through in packs of PACK, a lane each; a lane's arithmetic is plain scalar code that the compiler turns into vectors,
  * so it has no branches, only selections. Forward and backward share project_geometry: nothing is stored between them.
  *
+ * Rows 0..lobes-1 have a second lobe [OceanXL eq. 3-4] of opacity o' = o sigmoid(a) and scales s' = s exp(b); packs with such rows go
+ * through a second loop of lanes, the others do not know of it.
+ *
  * Invariant: the backward pass is the exact gradient of the forward pass, clamps included: where a clamp holds, its gradient is 0.
  */
 #include "kernels.h"
@@ -98,8 +101,9 @@ SIMD_INLINE void project_covariance(struct project_geometry *g)
         scale3(1 / (g->yy * shrink), add3(cross3(s1, m), scale3(low, s0))); /* b0 - b1 (b0 . b1)/yy, without the cancellation */
 }
 
-SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in, const struct lens *lens,
-                                                     size_t i, int *in_front)
+/* All of it but the covariance. */
+SIMD_INLINE struct project_geometry project_place(const int fused, const struct gaussians *in, const struct lens *lens, size_t i,
+                                                  int *in_front)
 {
     struct project_geometry g;
     const struct vec3       mean = vec3(in->plane[OXL_MEAN][i], in->plane[OXL_MEAN + 1][i], in->plane[OXL_MEAN + 2][i]);
@@ -114,8 +118,34 @@ SIMD_INLINE struct project_geometry project_geometry(const int fused, const stru
     project_rotation(in->plane[OXL_ROTATION][i], in->plane[OXL_ROTATION + 1][i], in->plane[OXL_ROTATION + 2][i],
                      in->plane[OXL_ROTATION + 3][i], &g);
     project_jacobian(lens, z, &g);
+    return g;
+}
+
+SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in, const struct lens *lens,
+                                                     size_t i, int *in_front)
+{
+    struct project_geometry g = project_place(fused, in, lens, i, in_front);
     project_covariance(&g);
     return g;
+}
+
+/* The second lobe's: all alike but the scale. */
+SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const struct gaussians *in, const struct lens *lens,
+                                                          size_t i, int *in_front)
+{
+    struct project_geometry g    = project_place(fused, in, lens, i, in_front);
+    const real              tied = 1 - in->lobe_free;
+    g.scale.x                    = real_exp(fused, tied * in->plane[OXL_LOG_SCALE][i] + in->plane[OXL_LOBE + 1][i]);
+    g.scale.y                    = real_exp(fused, tied * in->plane[OXL_LOG_SCALE + 1][i] + in->plane[OXL_LOBE + 2][i]);
+    g.scale.z                    = real_exp(fused, tied * in->plane[OXL_LOG_SCALE + 2][i] + in->plane[OXL_LOBE + 3][i]);
+    project_covariance(&g);
+    return g;
+}
+
+/* How many of a pack's rows have a second lobe. */
+static int project_lobes(const struct gaussians *in, size_t first)
+{
+    return first < in->lobes ? (int)OXL_MIN(in->lobes - first, (size_t)PACK) : 0;
 }
 
 /* ---------------------------------------------------------------- one pack: colour */
@@ -272,7 +302,31 @@ SIMD_INLINE real project_sigmoid(const int fused, real x)
     return x >= 0 ? s : e * s;
 }
 
+struct project_shape {
+    real a, k, e, reach; /* reach: squared Mahalanobis radius of the contour, below 0 when there is none */
+    real half_x, half_y;
+};
+
 /* Half the contour's box is widened a little: the alpha test at each pixel decides, this only must not lose any. */
+SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak)
+{
+    struct project_shape s;
+    s.reach         = (peak + LOG2_255) * 2 * LN_2; /* 2 ln(255 o) */
+    const real safe = s.reach > 0 ? s.reach : 0;
+    s.half_x        = real_sqrt(safe * g->xx / g->shrink2) * (real)1.0001 + (real)0.001;
+    s.half_y        = real_sqrt(safe * g->yy / g->shrink2) * (real)1.0001 + (real)0.001;
+    s.a             = LOG2_E / 2 * (g->yy / g->det) * g->shrink2;
+    s.k             = -g->xy / g->yy;
+    s.e             = LOG2_E / 2 * g->shrink2 / g->yy;
+    return s;
+}
+
+SIMD_INLINE int project_in_view(const struct lens *lens, real u, real v, real half_x, real half_y)
+{
+    return (u + half_x >= (real)0.5) & (u - half_x <= lens->width - (real)0.5) & (v + half_y >= (real)0.5) &
+           (v - half_y <= lens->height - (real)0.5) & (half_x < (real)1e30) & (half_y < (real)1e30);
+}
+
 SIMD_INLINE void project_lane(const int fused, const struct project_job *job, size_t i, int l, struct project_lanes *out)
 {
     const struct lens            *lens = job->lens;
@@ -280,21 +334,40 @@ SIMD_INLINE void project_lane(const int fused, const struct project_job *job, si
     const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
     const real                    peak = real_log2(fused, opacity), inverse = 1 / g.p.z;
-    const real                    reach  = (peak + LOG2_255) * 2 * LN_2; /* 2 ln(255 o): squared Mahalanobis radius */
-    const real                    safe   = reach > 0 ? reach : 0;
-    const real                    half_x = real_sqrt(safe * g.xx / g.shrink2) * (real)1.0001 + (real)0.001;
-    const real                    half_y = real_sqrt(safe * g.yy / g.shrink2) * (real)1.0001 + (real)0.001;
+    const struct project_shape    s = project_shape(&g, peak);
     const real                    u = lens->fx * g.p.x * inverse + lens->cx, v = lens->fy * g.p.y * inverse + lens->cy;
-    const int in_view = (u + half_x >= (real)0.5) & (u - half_x <= lens->width - (real)0.5) & (v + half_y >= (real)0.5) &
-                        (v - half_y <= lens->height - (real)0.5);
     out->u[l] = u, out->v[l] = v;
-    out->a[l]      = LOG2_E / 2 * (g.yy / g.det) * g.shrink2;
-    out->k[l]      = -g.xy / g.yy;
-    out->e[l]      = LOG2_E / 2 * g.shrink2 / g.yy;
+    out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e;
     out->peak[l]   = peak;
     out->depth[l]  = g.p.z;
-    out->half_x[l] = half_x, out->half_y[l] = half_y;
-    out->seen[l] = in_front & in_view & (reach >= 0) & (half_x < (real)1e30) & (half_y < (real)1e30) & (out->a[l] < (real)1e30);
+    out->half_x[l] = s.half_x, out->half_y[l] = s.half_y;
+    out->seen[l] = in_front & project_in_view(lens, u, v, s.half_x, s.half_y) & (s.reach >= 0) & (s.a < (real)1e30);
+}
+
+struct project_lobe_lanes {
+    real a[PACK], k[PACK], e[PACK], peak[PACK], half_x[PACK], half_y[PACK], main_x[PACK], main_y[PACK];
+};
+
+/* Adds the second lobe to a lane: its own shape, and for lanes below `lobes` the box and the sight of both. */
+SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *job, size_t i, int l, int lobes,
+                                   struct project_lanes *lanes, struct project_lobe_lanes *out)
+{
+    int                           in_front;
+    const struct project_geometry g      = project_lobe_geometry(fused, &job->in, job->lens, i, &in_front);
+    const real                    factor = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
+    const real                    main_x = lanes->half_x[l], main_y = lanes->half_y[l], main_peak = lanes->peak[l];
+    const real                    peak   = (1 - job->in.lobe_free) * main_peak + real_log2(fused, factor);
+    const struct project_shape    s      = project_shape(&g, peak);
+    const real                    half_x = s.half_x > main_x ? s.half_x : main_x, half_y = s.half_y > main_y ? s.half_y : main_y;
+    const int                     shown = (s.reach >= 0) | (main_peak + LOG2_255 >= 0);
+    const int                     seen = in_front & project_in_view(job->lens, lanes->u[l], lanes->v[l], half_x, half_y) & shown &
+                     (s.a < (real)1e30) & (lanes->a[l] < (real)1e30);
+    out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e, out->peak[l] = peak;
+    out->half_x[l] = s.half_x, out->half_y[l] = s.half_y;
+    out->main_x[l] = main_x, out->main_y[l] = main_y;
+    lanes->half_x[l] = l < lobes ? half_x : main_x;
+    lanes->half_y[l] = l < lobes ? half_y : main_y;
+    lanes->seen[l]   = l < lobes ? seen : lanes->seen[l];
 }
 
 static void project_store(const struct project_job *job, size_t i, int l, const struct project_lanes *p,
@@ -316,15 +389,28 @@ static void project_store(const struct project_job *job, size_t i, int l, const 
     s->first_slot = s->slots = 0;
 }
 
+static void project_store_lobe(struct lobe *out, int l, const struct project_lobe_lanes *p)
+{
+    out->a = p->a[l], out->k = p->k[l], out->e = p->e[l], out->peak = p->peak[l];
+    out->half_x = p->half_x[l], out->half_y = p->half_y[l];
+    out->main_x = p->main_x[l], out->main_y = p->main_y[l];
+}
+
 SIMD_BODY void project_forward_body(const int fused, const struct project_job *job)
 {
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
-        const size_t          first = pack * PACK;
-        struct project_lanes  lanes;
-        struct project_colour colour;
-        unsigned              seen = 0;
+        const size_t              first = pack * PACK;
+        struct project_lanes      lanes;
+        struct project_colour     colour;
+        unsigned                  seen  = 0;
+        const int                 lobes = project_lobes(&job->in, first);
+        struct project_lobe_lanes lobe;
 #pragma omp simd
         for (int l = 0; l < PACK; l++) project_lane(fused, job, first + l, l, &lanes);
+        if (lobes) {
+#pragma omp simd
+            for (int l = 0; l < PACK; l++) project_lobe_lane(fused, job, first + l, l, lobes, &lanes, &lobe);
+        }
         for (int l = 0; l < PACK; l++)
             if (lanes.seen[l] && first + l < job->in.count) seen |= 1u << l;
         job->visible[pack] = (uint16_t)seen;
@@ -332,6 +418,8 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
         project_colour(&job->in, job->lens, first, &colour);
         for (int l = 0; l < PACK; l++)
             if (seen >> l & 1) project_store(job, first + l, l, &lanes, &colour);
+        for (int l = 0; l < lobes; l++)
+            if (seen >> l & 1) project_store_lobe(&job->lobe[first + l], l, &lobe);
     }
 }
 
@@ -341,6 +429,7 @@ struct project_gradients {
     real sums[SPLAT_SUMS][PACK]; /* reduced over the splat's pairs; 0 where it is not visible */
     real mean[3][PACK];
     real colour[3][PACK];
+    real u[PACK], v[PACK]; /* the centre's */
 };
 
 /* Adds a splat's pairs in the order of their slots: the order of a sum is part of the result. */
@@ -354,6 +443,19 @@ static void project_gather(const struct project_job *job, size_t first, unsigned
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
             for (int k = 0; k < SPLAT_SUMS; k++) sum[k] += job->sums[slot][k];
         for (int k = 0; k < SPLAT_SUMS; k++) d->sums[k][l] = sum[k];
+    }
+}
+
+/* The same of the second lobes: they lie behind the splat's own. */
+static void project_gather_lobes(const struct project_job *job, size_t first, unsigned seen, int lobes,
+                                 real sums[SPLAT_SUMS][PACK])
+{
+    memset(sums, 0, SPLAT_SUMS * sizeof *sums);
+    for (int l = 0; l < lobes; l++) {
+        const struct splat *s = &job->splat[first + l];
+        if (!(seen >> l & 1)) continue;
+        for (uint32_t slot = s->first_slot + s->slots; slot < s->first_slot + 2 * s->slots; slot++)
+            for (int k = 0; k < SUM_RED; k++) sums[k][l] += job->sums[slot][k];
     }
 }
 
@@ -388,6 +490,46 @@ SIMD_INLINE struct vec3 project_jacobian_backward(const struct lens *lens, const
     return dp;
 }
 
+/* What a Gaussian on the image plane pulls at. */
+struct project_pull {
+    struct vec3 mean, log_scale;
+    real        q[4], u, v;
+};
+
+/* sums: those of lane l. */
+SIMD_INLINE struct project_pull project_pull(const struct lens *lens, const struct project_geometry *geometry,
+                                             real sums[SPLAT_SUMS][PACK], int l)
+{
+    const struct project_geometry g = *geometry;
+    struct project_pull           out;
+    /* the pixel's exponent is -(A w^2 + E dy^2)/2 with A = yy/det, k = -xy/yy, E = 1/yy of the unscaled covariance */
+    const real                    A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
+    const real                    du = A * sums[SUM_W][l], dv = k * du + E * sums[SUM_Y][l];
+    const real                    dA = -sums[SUM_WW][l] / 2, dk = -A * sums[SUM_WY][l], dE = -sums[SUM_YY][l] / 2;
+    /* through (A, k, E) to the covariance and on to its root B; written with c0 = b0 + k b1, for in a needle b0 and -k b1 are huge
+     * and equal but for the digits that matter */
+    const real                    dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
+    const struct vec3             db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
+    const struct vec3             db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
+    out.log_scale =
+        scale3(2, add3(multiply3(g.c0, add3(scale3(dxx, g.c0), scale3(dxy, g.b1))), multiply3(scale3(dyy, g.b1), g.b1)));
+    const struct vec3 dm0 = multiply3(db0, g.scale), dm1 = multiply3(db1, g.scale); /* dL/d(J R rot) */
+    const struct vec3 dt0 = mat3_times(g.rotation, dm0), dt1 = mat3_times(g.rotation, dm1);
+    const struct mat3 dr = {add3(scale3(g.t0.x, dm0), scale3(g.t1.x, dm1)), add3(scale3(g.t0.y, dm0), scale3(g.t1.y, dm1)),
+                            add3(scale3(g.t0.z, dm0), scale3(g.t1.z, dm1))};
+    out.mean             = mat3_transposed_times(lens->rotation, project_jacobian_backward(lens, &g, dt0, dt1, du, dv));
+    out.u = du, out.v = dv;
+    project_rotation_backward(&g, dr, out.q);
+    return out;
+}
+
+/* |dL/d(u, v)| in units of half an image. */
+SIMD_INLINE real project_length(const struct lens *lens, real du, real dv)
+{
+    const real hx = (real)0.5 * lens->width * du, hy = (real)0.5 * lens->height * dv;
+    return real_sqrt(hx * hx + hy * hy);
+}
+
 SIMD_INLINE void project_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                        struct project_gradients *d)
 {
@@ -395,38 +537,49 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     int                           in_front;
     const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
-    /* the pixel's exponent is -(A w^2 + E dy^2)/2 with A = yy/det, k = -xy/yy, E = 1/yy of the unscaled covariance */
-    const real                    A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
-    const real                    du = A * d->sums[SUM_W][l], dv = k * du + E * d->sums[SUM_Y][l];
-    const real                    dA = -d->sums[SUM_WW][l] / 2, dk = -A * d->sums[SUM_WY][l], dE = -d->sums[SUM_YY][l] / 2;
-    /* through (A, k, E) to the covariance and on to its root B; written with c0 = b0 + k b1, for in a needle b0 and -k b1 are huge
-     * and equal but for the digits that matter */
-    const real                    dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
-    const struct vec3             db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
-    const struct vec3             db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
-    const struct vec3             dls =
-        scale3(2, add3(multiply3(g.c0, add3(scale3(dxx, g.c0), scale3(dxy, g.b1))), multiply3(scale3(dyy, g.b1), g.b1)));
-    const struct vec3 dm0 = multiply3(db0, g.scale), dm1 = multiply3(db1, g.scale); /* dL/d(J R rot) */
-    const struct vec3 dt0 = mat3_times(g.rotation, dm0), dt1 = mat3_times(g.rotation, dm1);
-    const struct mat3 dr    = {add3(scale3(g.t0.x, dm0), scale3(g.t1.x, dm1)), add3(scale3(g.t0.y, dm0), scale3(g.t1.y, dm1)),
-                               add3(scale3(g.t0.z, dm0), scale3(g.t1.z, dm1))};
-    const struct vec3 dp    = project_jacobian_backward(lens, &g, dt0, dt1, du, dv);
-    const struct vec3 dmean = mat3_transposed_times(lens->rotation, dp);
-    const int         ok    = seen >> l & 1;
-    const real        hx = (real)0.5 * lens->width * du, hy = (real)0.5 * lens->height * dv;
-    real              dq[4];
-    project_rotation_backward(&g, dr, dq);
-    d->mean[0][l] += dmean.x, d->mean[1][l] += dmean.y, d->mean[2][l] += dmean.z;
-    job->out.plane[OXL_LOG_SCALE][i]     = ok ? dls.x : 0;
-    job->out.plane[OXL_LOG_SCALE + 1][i] = ok ? dls.y : 0;
-    job->out.plane[OXL_LOG_SCALE + 2][i] = ok ? dls.z : 0;
-    job->out.plane[OXL_ROTATION][i]      = ok ? dq[0] : 0;
-    job->out.plane[OXL_ROTATION + 1][i]  = ok ? dq[1] : 0;
-    job->out.plane[OXL_ROTATION + 2][i]  = ok ? dq[2] : 0;
-    job->out.plane[OXL_ROTATION + 3][i]  = ok ? dq[3] : 0;
+    const struct project_pull     p       = project_pull(lens, &g, d->sums, l);
+    const int                     ok      = seen >> l & 1;
+    d->mean[0][l] += p.mean.x, d->mean[1][l] += p.mean.y, d->mean[2][l] += p.mean.z;
+    d->u[l] = p.u, d->v[l] = p.v;
+    job->out.plane[OXL_LOG_SCALE][i]     = ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOG_SCALE + 1][i] = ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOG_SCALE + 2][i] = ok ? p.log_scale.z : 0;
+    job->out.plane[OXL_ROTATION][i]      = ok ? p.q[0] : 0;
+    job->out.plane[OXL_ROTATION + 1][i]  = ok ? p.q[1] : 0;
+    job->out.plane[OXL_ROTATION + 2][i]  = ok ? p.q[2] : 0;
+    job->out.plane[OXL_ROTATION + 3][i]  = ok ? p.q[3] : 0;
     job->out.plane[OXL_OPACITY][i] =
         ok ? d->sums[SUM_G][l] * (1 - opacity) : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
-    job->dmean2d[i] = ok ? real_sqrt(hx * hx + hy * hy) : 0;
+    job->dmean2d[i] = ok ? project_length(lens, p.u, p.v) : 0;
+}
+
+/* The second lobe's part, added to what project_lane_backward wrote. Product rule: log o' = log o + log sigmoid(a), log s' = log s + b,
+ * so what pulls at o' and s' pulls at o and s alike. */
+SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
+                                            real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
+{
+    const struct lens            *lens = job->lens;
+    int                           in_front;
+    const struct project_geometry g       = project_lobe_geometry(fused, &job->in, lens, i, &in_front);
+    const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
+    const real                    factor  = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
+    const struct project_pull     p       = project_pull(lens, &g, sums, l);
+    const real                    tied = 1 - job->in.lobe_free, pull = sums[SUM_G][l];
+    const int                     ok = seen >> l & 1; /* seen: of the rows with a lobe */
+    d->mean[0][l] += ok ? p.mean.x : 0, d->mean[1][l] += ok ? p.mean.y : 0, d->mean[2][l] += ok ? p.mean.z : 0;
+    job->out.plane[OXL_LOG_SCALE][i] += ok ? tied * p.log_scale.x : 0;
+    job->out.plane[OXL_LOG_SCALE + 1][i] += ok ? tied * p.log_scale.y : 0;
+    job->out.plane[OXL_LOG_SCALE + 2][i] += ok ? tied * p.log_scale.z : 0;
+    job->out.plane[OXL_ROTATION][i] += ok ? p.q[0] : 0;
+    job->out.plane[OXL_ROTATION + 1][i] += ok ? p.q[1] : 0;
+    job->out.plane[OXL_ROTATION + 2][i] += ok ? p.q[2] : 0;
+    job->out.plane[OXL_ROTATION + 3][i] += ok ? p.q[3] : 0;
+    job->out.plane[OXL_OPACITY][i] += ok ? tied * pull * (1 - opacity) : 0;
+    job->out.plane[OXL_LOBE][i]     = ok ? pull * (1 - factor) : 0;
+    job->out.plane[OXL_LOBE + 1][i] = ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOBE + 2][i] = ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOBE + 3][i] = ok ? p.log_scale.z : 0;
+    job->dmean2d[i]                 = ok ? project_length(lens, d->u[l] + p.u, d->v[l] + p.v) : job->dmean2d[i];
 }
 
 SIMD_BODY void project_backward_body(const int fused, const struct project_job *job)
@@ -434,6 +587,7 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
         const size_t             first = pack * PACK;
         const unsigned           seen  = job->visible[pack];
+        const int                lobes = project_lobes(&job->in, first);
         struct project_gradients d;
         struct project_colour    colour;
         if (!seen) continue;
@@ -449,6 +603,13 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         project_colour_backward(job, first, &colour, d.colour, d.mean);
 #pragma omp simd
         for (int l = 0; l < PACK; l++) project_lane_backward(fused, job, seen, first + l, l, &d);
+        if (lobes) {
+            const unsigned both = seen & ((1u << lobes) - 1);
+            real           sums[SPLAT_SUMS][PACK];
+            project_gather_lobes(job, first, seen, lobes, sums);
+#pragma omp simd
+            for (int l = 0; l < PACK; l++) project_lobe_lane_backward(fused, job, both, first + l, l, sums, &d);
+        }
         for (int axis = 0; axis < 3; axis++)
             for (int l = 0; l < PACK; l++) job->out.plane[OXL_MEAN + axis][first + l] = seen >> l & 1 ? d.mean[axis][l] : 0;
     }

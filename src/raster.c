@@ -9,6 +9,9 @@
  *     dL/dalpha_i = T_i (g . c_i) - (S - s) / (1 - alpha_i).
  * A splat's score is the sum over its pixels of (o_i dS/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply", arXiv 2602.24136].
  *
+ * A splat with a second lobe has alpha = min(.99, o G) - min(.99, o' G') [OceanXL eq. 3], which may be negative: then T grows. The same
+ * formulas hold. Such splats have passes of their own; a tile of a scene without them runs the code that knows of none.
+ *
  * A pixel that has ended keeps its T as a negative number: any further splat then fails the test T (1 - alpha) >= 1e-4 by itself.
  *
  * Invariants: every sum has a written order, so the vector width does not show in the result. A block's sums go to the pair's own
@@ -162,10 +165,10 @@ SIMD_INLINE void raster_collect(const struct raster_job *job, const struct raste
     batch->items = n;
 }
 
-/* Pass 1: the values o G of all items. */
-SIMD_INLINE void raster_evaluate(const int fused, const struct raster_grid *grid, int items, struct raster_batch *batch)
+/* Pass 1: the values o G of the items first..end-1. */
+SIMD_INLINE void raster_evaluate(const int fused, const struct raster_grid *grid, int first, int end, struct raster_batch *batch)
 {
-    for (int i = 0; i < items; i++) {
+    for (int i = first; i < end; i++) {
         const int  n = batch->of[i];
         const real u = batch->u[n], v = batch->v[n], a = batch->a[n], k = batch->k[n], e = batch->e[n], peak = batch->peak[n];
         const real *restrict x = grid->x[batch->block[i]], *restrict y = grid->y[batch->block[i]];
@@ -200,9 +203,10 @@ SIMD_INLINE struct raster_share raster_share(const int fused, real value, real t
 }
 
 /* Pass 2 forward: colours. */
-SIMD_INLINE void raster_composite(const int fused, const struct raster_batch *batch, int items, struct raster_pixels *pixels)
+SIMD_INLINE void raster_composite(const int fused, const struct raster_batch *batch, int first, int end,
+                                  struct raster_pixels *pixels)
 {
-    for (int i = 0; i < items; i++) {
+    for (int i = first; i < end; i++) {
         const int at     = batch->block[i] * PACK;
         real *restrict t = pixels->t + at, *restrict r = pixels->rgb[0] + at;
         real *restrict g = pixels->rgb[1] + at, *restrict b = pixels->rgb[2] + at;
@@ -221,10 +225,10 @@ SIMD_INLINE void raster_composite(const int fused, const struct raster_batch *ba
 
 /* Pass 2 backward: value becomes d = alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), 0 where the clamp at ALPHA_MAX holds
  * or nothing was drawn. */
-SIMD_INLINE void raster_differentiate(const int fused, struct raster_batch *batch, int items, real *tile_t,
+SIMD_INLINE void raster_differentiate(const int fused, struct raster_batch *batch, int first, int end, real *tile_t,
                                       struct raster_gradients *d)
 {
-    for (int i = 0; i < items; i++) {
+    for (int i = first; i < end; i++) {
         const int at     = batch->block[i] * PACK;
         real *restrict t = tile_t + at, *restrict behind = d->behind + at;
         const real *restrict gr = d->g[0] + at, *restrict gg = d->g[1] + at, *restrict gb = d->g[2] + at;
@@ -290,9 +294,10 @@ SIMD_INLINE int raster_sum(const int fused, const struct raster_grid *grid, cons
 }
 
 /* Pass 2 for the score: value becomes dS/dalpha, 0 where the clamp at ALPHA_MAX holds or nothing was drawn. */
-SIMD_INLINE void raster_slope(const int fused, struct raster_batch *batch, int items, real *tile_t, struct raster_gradients *d)
+SIMD_INLINE void raster_slope(const int fused, struct raster_batch *batch, int first, int end, real *tile_t,
+                              struct raster_gradients *d)
 {
-    for (int i = 0; i < items; i++) {
+    for (int i = first; i < end; i++) {
         const int at     = batch->block[i] * PACK;
         real *restrict t = tile_t + at, *restrict behind = d->behind + at;
         const real *restrict gr = d->g[0] + at, *restrict gg = d->g[1] + at, *restrict gb = d->g[2] + at;
@@ -304,9 +309,10 @@ SIMD_INLINE void raster_slope(const int fused, struct raster_batch *batch, int i
             const struct raster_share p     = raster_share(fused, value[l], t[l]);
             const real                light = muladd(fused, gr[l], red, muladd(fused, gg[l], green, gb[l] * blue)); /* g . c */
             const real                rest  = muladd(fused, -p.weight, light, behind[l]);
-            const real                whole = muladd(fused, t[l], light, -rest / (1 - p.alpha));
-            const real                drawn = p.weight > 0 ? whole : 0;
-            value[l]                        = value[l] < ALPHA_MAX ? drawn : 0;
+            const real                odds  = 1 / (1 - p.alpha);
+            const real                drawn = p.weight > 0 ? odds : 0;
+            const real                slope = drawn * muladd(fused, p.t, light, -rest); /* p.t / (1 - alpha) is T before */
+            value[l]                        = value[l] < ALPHA_MAX ? slope : 0;
             behind[l]                       = rest;
             t[l]                            = p.t;
         }
@@ -327,7 +333,169 @@ SIMD_INLINE real raster_square(const int fused, const struct raster_batch *batch
     return o * o * raster_add_lanes(sum);
 }
 
-/* ---------------------------------------------------------------- one tile */
+/* ---------------------------------------------------------------- a batch in which some splats have a second lobe
+ *
+ * Its items fall into runs of one kind; each run goes through the passes above or through those here.
+ */
+
+#define RASTER_FAR ((real)-120) /* exponents below it count as o G = 0: real_exp2 ends at -126 */
+
+struct raster_run {
+    int first, end; /* items */
+    int lobed;
+};
+
+struct raster_lobes {
+    uint32_t          pairs;                                                                 /* bit n: pair n has a second lobe */
+    real              a[RASTER_BATCH], k[RASTER_BATCH], e[RASTER_BATCH], peak[RASTER_BATCH]; /* its -a, k, -e and peak */
+    int               runs;
+    struct raster_run run[RASTER_BATCH];
+    real              value[RASTER_ITEMS][PACK]; /* o' G'; later o' dL/do' */
+};
+
+/* Where the sums of a pair's second lobe go. */
+static uint32_t raster_lobe_slot(const struct raster_job *job, const struct pair *pair)
+{
+    return pair->slot + job->bins->splat[pair->splat].slots;
+}
+
+/* After raster_collect. */
+SIMD_INLINE void raster_collect_lobes(const struct raster_job *job, const struct pair *pair, int pairs,
+                                      const struct raster_batch *batch, struct raster_lobes *lobes)
+{
+    int item    = 0;
+    lobes->runs = 0, lobes->pairs = 0;
+    for (int n = 0; n < pairs; n++) {
+        const int lobed = pair[n].splat < job->bins->lobes;
+        int       end   = item;
+        for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1) end++;
+        if (lobed) {
+            const struct lobe *s = &job->bins->lobe[pair[n].splat];
+            lobes->a[n] = -s->a, lobes->k[n] = s->k, lobes->e[n] = -s->e, lobes->peak[n] = s->peak;
+            lobes->pairs |= 1u << n;
+        }
+        if (lobes->runs > 0 && lobes->run[lobes->runs - 1].lobed == lobed) lobes->run[lobes->runs - 1].end = end;
+        else lobes->run[lobes->runs++] = (struct raster_run){item, end, lobed};
+        item = end;
+    }
+}
+
+SIMD_INLINE void raster_evaluate_lobes(const int fused, const struct raster_grid *grid, int first, int end,
+                                       struct raster_batch *batch, struct raster_lobes *lobes)
+{
+    for (int i = first; i < end; i++) {
+        const int  n = batch->of[i];
+        const real u = batch->u[n], v = batch->v[n], a = batch->a[n], k = batch->k[n], e = batch->e[n], peak = batch->peak[n];
+        const real la = lobes->a[n], lk = lobes->k[n], le = lobes->e[n], lpeak = lobes->peak[n];
+        const real *restrict x = grid->x[batch->block[i]], *restrict y = grid->y[batch->block[i]];
+        real *restrict value = batch->value[i], *restrict lobe = lobes->value[i];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const real dx = x[l] - u, dy = y[l] - v, w = muladd(fused, k, dy, dx), lw = muladd(fused, lk, dy, dx);
+            const real exponent = muladd(fused, a * w, w, muladd(fused, e * dy, dy, peak)), g = real_exp2(fused, exponent);
+            const real lexponent = muladd(fused, la * lw, lw, muladd(fused, le * dy, dy, lpeak)),
+                       lg        = real_exp2(fused, lexponent);
+            value[l]             = exponent >= RASTER_FAR ? g : 0;
+            lobe[l]              = lexponent >= RASTER_FAR ? lg : 0;
+        }
+    }
+}
+
+/* As raster_share, for alpha of either sign; the weight has alpha's. */
+SIMD_INLINE struct raster_share raster_share_lobes(const int fused, real value, real lobe, real t)
+{
+    struct raster_share p;
+    const real          plus = value < ALPHA_MAX ? value : ALPHA_MAX, minus = lobe < ALPHA_MAX ? lobe : ALPHA_MAX;
+    const real          alpha = plus - minus, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
+    real                next, kept;
+    p.alpha  = room >= ALPHA_MIN ? alpha : 0;
+    next     = muladd(fused, -p.alpha, t, t);
+    kept     = next >= TRANSMITTANCE_MIN ? next : t;
+    p.weight = t - kept;
+    p.t      = next >= TRANSMITTANCE_MIN ? next : -real_abs(t);
+    return p;
+}
+
+SIMD_INLINE void raster_composite_lobes(const int fused, const struct raster_batch *batch, const struct raster_lobes *lobes,
+                                        int first, int end, struct raster_pixels *pixels)
+{
+    for (int i = first; i < end; i++) {
+        const int at     = batch->block[i] * PACK;
+        real *restrict t = pixels->t + at, *restrict r = pixels->rgb[0] + at;
+        real *restrict g = pixels->rgb[1] + at, *restrict b = pixels->rgb[2] + at;
+        const real *restrict value = batch->value[i], *restrict lobe = lobes->value[i];
+        const real *colour = batch->colour[batch->of[i]];
+        const real  red = colour[0], green = colour[1], blue = colour[2];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const struct raster_share p = raster_share_lobes(fused, value[l], lobe[l], t[l]);
+            r[l]                        = muladd(fused, p.weight, red, r[l]);
+            g[l]                        = muladd(fused, p.weight, green, g[l]);
+            b[l]                        = muladd(fused, p.weight, blue, b[l]);
+            t[l]                        = p.t;
+        }
+    }
+}
+
+/* value and lobe become o dL/do and o' dL/do'; for the score value becomes dS/dalpha. Each is 0 where its own clamp holds, both where
+ * nothing was drawn. */
+SIMD_INLINE void raster_differentiate_lobes(const int fused, const int score, struct raster_batch *batch,
+                                            struct raster_lobes *lobes, int first, int end, real *tile_t,
+                                            struct raster_gradients *d)
+{
+    for (int i = first; i < end; i++) {
+        const int at     = batch->block[i] * PACK;
+        real *restrict t = tile_t + at, *restrict behind = d->behind + at;
+        const real *restrict gr = d->g[0] + at, *restrict gg = d->g[1] + at, *restrict gb = d->g[2] + at;
+        real *restrict value = batch->value[i], *restrict weight = batch->weight[i], *restrict lobe = lobes->value[i];
+        const real *colour = batch->colour[batch->of[i]];
+        const real  red = colour[0], green = colour[1], blue = colour[2];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const struct raster_share p     = raster_share_lobes(fused, value[l], lobe[l], t[l]);
+            const real                light = muladd(fused, gr[l], red, muladd(fused, gg[l], green, gb[l] * blue)); /* g . c */
+            const real                rest  = muladd(fused, -p.weight, light, behind[l]);
+            const real                odds  = 1 / (1 - p.alpha);
+            const real                drawn = real_abs(p.weight) > 0 ? odds : 0;
+            const real                slope = drawn * muladd(fused, p.t, light, -rest); /* dL/dalpha */
+            const real                plus = score ? slope : slope * value[l], minus = -slope * lobe[l];
+            value[l]  = value[l] < ALPHA_MAX ? plus : 0;
+            lobe[l]   = lobe[l] < ALPHA_MAX ? minus : 0;
+            weight[l] = p.weight;
+            behind[l] = rest;
+            t[l]      = p.t;
+        }
+    }
+}
+
+/* The sums of pair n's second lobe, but for the colour's: those are the splat's. */
+SIMD_INLINE void raster_sum_lobe(const int fused, const struct raster_grid *grid, const struct raster_batch *batch,
+                                 const struct raster_lobes *lobes, int n, int item, real *restrict out)
+{
+    const real u = batch->u[n], v = batch->v[n], k = lobes->k[n];
+    real       sums[SUM_RED][PACK];
+    memset(sums, 0, sizeof sums);
+    for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1, item++) {
+        const int block        = simd_lowest_bit(blocks);
+        const real *restrict x = grid->x[block], *restrict y = grid->y[block], *restrict g = lobes->value[item];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) {
+            const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u), gw = g[l] * w, gy = g[l] * dy;
+            sums[SUM_G][l] += g[l];
+            sums[SUM_W][l] += gw;
+            sums[SUM_Y][l] += gy;
+            sums[SUM_WW][l] = muladd(fused, gw, w, sums[SUM_WW][l]);
+            sums[SUM_WY][l] = muladd(fused, gw, dy, sums[SUM_WY][l]);
+            sums[SUM_YY][l] = muladd(fused, gy, dy, sums[SUM_YY][l]);
+        }
+    }
+    for (int sum = 0; sum < SUM_RED; sum++) out[sum] = raster_add_lanes(sums[sum]);
+}
+
+/* ---------------------------------------------------------------- one tile
+ *
+ * `lobed` is a constant: 0 leaves nothing of the lobes in the code.
+ */
 
 static void raster_close(const struct raster_job *job, const struct raster_tile *tile, struct raster_pixels *p)
 {
@@ -340,21 +508,45 @@ static void raster_close(const struct raster_job *job, const struct raster_tile 
     raster_store(job, tile, p->t, job->transmittance);
 }
 
-SIMD_BODY void raster_forward_body(const int fused, const struct raster_job *job)
+SIMD_INLINE void raster_pass_evaluate(const int fused, const int lobed, const struct raster_grid *grid,
+                                      struct raster_batch *batch, struct raster_lobes *lobes)
+{
+    if (!lobed) raster_evaluate(fused, grid, 0, batch->items, batch);
+    else
+        for (const struct raster_run *run = lobes->run; run < lobes->run + lobes->runs; run++) {
+            if (run->lobed) raster_evaluate_lobes(fused, grid, run->first, run->end, batch, lobes);
+            else raster_evaluate(fused, grid, run->first, run->end, batch);
+        }
+}
+
+SIMD_INLINE void raster_pass_composite(const int fused, const int lobed, const struct raster_batch *batch,
+                                       const struct raster_lobes *lobes, struct raster_pixels *pixels)
+{
+    if (!lobed) raster_composite(fused, batch, 0, batch->items, pixels);
+    else
+        for (const struct raster_run *run = lobes->run; run < lobes->run + lobes->runs; run++) {
+            if (run->lobed) raster_composite_lobes(fused, batch, lobes, run->first, run->end, pixels);
+            else raster_composite(fused, batch, run->first, run->end, pixels);
+        }
+}
+
+SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const struct raster_job *job)
 {
     const struct raster_tile tile  = raster_tile(job);
     uint32_t                 alive = 0xFFFF;
     struct raster_grid       grid;
     struct raster_pixels     p;
     struct raster_batch      batch;
+    struct raster_lobes      lobes;
     raster_grid(&grid);
     memset(p.rgb, 0, sizeof p.rgb);
     raster_open(job, &tile, p.t);
     for (const struct pair *pair = tile.pair; pair < tile.end && alive; pair += RASTER_BATCH) {
         const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
         raster_collect(job, &tile, pair, pairs, alive, &batch);
-        raster_evaluate(fused, &grid, batch.items, &batch);
-        raster_composite(fused, &batch, batch.items, &p);
+        if (lobed) raster_collect_lobes(job, pair, pairs, &batch, &lobes);
+        raster_pass_evaluate(fused, lobed, &grid, &batch, &lobes);
+        raster_pass_composite(fused, lobed, &batch, &lobes, &p);
         alive = raster_alive(p.t);
     }
     raster_close(job, &tile, &p);
@@ -372,30 +564,18 @@ static void raster_open_backward(const struct raster_job *job, const struct rast
     }
 }
 
-SIMD_BODY void raster_backward_body(const int fused, const struct raster_job *job)
+SIMD_INLINE void raster_pass_differentiate(const int fused, const int lobed, struct raster_batch *batch,
+                                           struct raster_lobes *lobes, real *t, struct raster_gradients *d)
 {
-    const struct raster_tile tile  = raster_tile(job);
-    const struct pair       *pair  = tile.pair;
-    uint32_t                 alive = 0xFFFF;
-    struct raster_grid       grid;
-    real                     t[TILE_PIXELS];
-    struct raster_gradients  d;
-    struct raster_batch      batch;
-    raster_grid(&grid);
-    raster_open(job, &tile, t);
-    raster_open_backward(job, &tile, &d);
-    for (; pair < tile.end && alive; pair += RASTER_BATCH) {
-        const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
-        raster_collect(job, &tile, pair, pairs, alive, &batch);
-        raster_evaluate(fused, &grid, batch.items, &batch);
-        raster_differentiate(fused, &batch, batch.items, t, &d);
-        for (int n = 0, item = 0; n < pairs; n++) item = raster_sum(fused, &grid, &batch, n, item, &d, job->sums[pair[n].slot]);
-        alive = raster_alive(t);
-    }
-    for (; pair < tile.end; pair++) memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
+    if (!lobed) raster_differentiate(fused, batch, 0, batch->items, t, d);
+    else
+        for (const struct raster_run *run = lobes->run; run < lobes->run + lobes->runs; run++) {
+            if (run->lobed) raster_differentiate_lobes(fused, 0, batch, lobes, run->first, run->end, t, d);
+            else raster_differentiate(fused, batch, run->first, run->end, t, d);
+        }
 }
 
-SIMD_BODY void raster_score_body(const int fused, const struct raster_job *job)
+SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const struct raster_job *job)
 {
     const struct raster_tile tile  = raster_tile(job);
     const struct pair       *pair  = tile.pair;
@@ -404,20 +584,112 @@ SIMD_BODY void raster_score_body(const int fused, const struct raster_job *job)
     real                     t[TILE_PIXELS];
     struct raster_gradients  d;
     struct raster_batch      batch;
+    struct raster_lobes      lobes;
     raster_grid(&grid);
     raster_open(job, &tile, t);
     raster_open_backward(job, &tile, &d);
     for (; pair < tile.end && alive; pair += RASTER_BATCH) {
         const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
         raster_collect(job, &tile, pair, pairs, alive, &batch);
-        raster_evaluate(fused, &grid, batch.items, &batch);
-        raster_slope(fused, &batch, batch.items, t, &d);
+        if (lobed) raster_collect_lobes(job, pair, pairs, &batch, &lobes);
+        raster_pass_evaluate(fused, lobed, &grid, &batch, &lobes);
+        raster_pass_differentiate(fused, lobed, &batch, &lobes, t, &d);
+        for (int n = 0, item = 0; n < pairs; n++) {
+            if (lobed && lobes.pairs >> n & 1)
+                raster_sum_lobe(fused, &grid, &batch, &lobes, n, item, job->sums[raster_lobe_slot(job, &pair[n])]);
+            item = raster_sum(fused, &grid, &batch, n, item, &d, job->sums[pair[n].slot]);
+        }
+        alive = raster_alive(t);
+    }
+    for (; pair < tile.end; pair++) {
+        memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
+        if (lobed && pair->splat < job->bins->lobes) memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
+    }
+}
+
+SIMD_INLINE void raster_pass_slope(const int fused, const int lobed, struct raster_batch *batch, struct raster_lobes *lobes,
+                                   real *t, struct raster_gradients *d)
+{
+    if (!lobed) raster_slope(fused, batch, 0, batch->items, t, d);
+    else
+        for (const struct raster_run *run = lobes->run; run < lobes->run + lobes->runs; run++) {
+            if (run->lobed) raster_differentiate_lobes(fused, 1, batch, lobes, run->first, run->end, t, d);
+            else raster_slope(fused, batch, run->first, run->end, t, d);
+        }
+}
+
+SIMD_INLINE void raster_score_tile(const int fused, const int lobed, const struct raster_job *job)
+{
+    const struct raster_tile tile  = raster_tile(job);
+    const struct pair       *pair  = tile.pair;
+    uint32_t                 alive = 0xFFFF;
+    struct raster_grid       grid;
+    real                     t[TILE_PIXELS];
+    struct raster_gradients  d;
+    struct raster_batch      batch;
+    struct raster_lobes      lobes;
+    raster_grid(&grid);
+    raster_open(job, &tile, t);
+    raster_open_backward(job, &tile, &d);
+    for (; pair < tile.end && alive; pair += RASTER_BATCH) {
+        const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
+        raster_collect(job, &tile, pair, pairs, alive, &batch);
+        if (lobed) raster_collect_lobes(job, pair, pairs, &batch, &lobes);
+        raster_pass_evaluate(fused, lobed, &grid, &batch, &lobes);
+        raster_pass_slope(fused, lobed, &batch, &lobes, t, &d);
         for (int n = 0, item = 0; n < pairs; n++) job->score[pair[n].slot] = raster_square(fused, &batch, n, &item);
         alive = raster_alive(t);
     }
     for (; pair < tile.end; pair++) job->score[pair->slot] = 0;
 }
 
-SIMD_DISPATCH(OXL_INTERNAL, raster_forward, struct raster_job)
-SIMD_DISPATCH(OXL_INTERNAL, raster_backward, struct raster_job)
-SIMD_DISPATCH(OXL_INTERNAL, raster_score, struct raster_job)
+/* ---------------------------------------------------------------- the doors */
+
+SIMD_BODY void raster_forward_plain_body(const int fused, const struct raster_job *job)
+{
+    raster_forward_tile(fused, 0, job);
+}
+SIMD_BODY void raster_forward_lobed_body(const int fused, const struct raster_job *job)
+{
+    raster_forward_tile(fused, 1, job);
+}
+SIMD_BODY void raster_backward_plain_body(const int fused, const struct raster_job *job)
+{
+    raster_backward_tile(fused, 0, job);
+}
+SIMD_BODY void raster_backward_lobed_body(const int fused, const struct raster_job *job)
+{
+    raster_backward_tile(fused, 1, job);
+}
+SIMD_BODY void raster_score_plain_body(const int fused, const struct raster_job *job)
+{
+    raster_score_tile(fused, 0, job);
+}
+SIMD_BODY void raster_score_lobed_body(const int fused, const struct raster_job *job)
+{
+    raster_score_tile(fused, 1, job);
+}
+SIMD_DISPATCH(static, raster_forward_plain, struct raster_job)
+SIMD_DISPATCH(static, raster_forward_lobed, struct raster_job)
+SIMD_DISPATCH(static, raster_backward_plain, struct raster_job)
+SIMD_DISPATCH(static, raster_backward_lobed, struct raster_job)
+SIMD_DISPATCH(static, raster_score_plain, struct raster_job)
+SIMD_DISPATCH(static, raster_score_lobed, struct raster_job)
+
+OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job)
+{
+    if (job->bins->lobes) raster_forward_lobed(isa, job);
+    else raster_forward_plain(isa, job);
+}
+
+OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job)
+{
+    if (job->bins->lobes) raster_backward_lobed(isa, job);
+    else raster_backward_plain(isa, job);
+}
+
+OXL_INTERNAL void raster_score(int isa, const struct raster_job *job)
+{
+    if (job->bins->lobes) raster_score_lobed(isa, job);
+    else raster_score_plain(isa, job);
+}

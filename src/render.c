@@ -13,6 +13,7 @@ struct renderer {
     float            background[3];
     struct gaussians in;
     struct splat    *splat;   /* (count) */
+    struct lobe     *lobe;    /* (lobes) */
     uint16_t        *visible; /* (packs) */
     float           *dmean2d; /* (count) */
     float           *rgb, *drgb, *transmittance;
@@ -20,8 +21,8 @@ struct renderer {
     float              *score; /* (slots) */
     struct bins         bins;
     struct loss_scratch loss;
-    size_t splat_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity, transmittance_capacity, sums_capacity,
-        score_capacity;
+    size_t splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity, transmittance_capacity,
+        sums_capacity, score_capacity;
 };
 
 oxl_render_options oxl_render_options_default(void)
@@ -41,6 +42,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     bin_free(ctx, &r->bins);
     loss_free(ctx, &r->loss);
     oxl_free(ctx, r->splat);
+    oxl_free(ctx, r->lobe);
     oxl_free(ctx, r->visible);
     oxl_free(ctx, r->dmean2d);
     oxl_free(ctx, r->rgb);
@@ -76,8 +78,9 @@ static struct lens render_lens(const oxl_camera *c, float near_plane)
 
 static struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
 {
-    struct gaussians g = {.count = m->count, .sh_degree = sh_degree < 0 || sh_degree > m->sh_degree ? m->sh_degree : sh_degree};
-    for (int k = 0; k < oxl_model_planes(m); k++) g.plane[k] = m->plane[k];
+    struct gaussians g = {.count = m->count, .lobes = m->lobes};
+    g.sh_degree        = sh_degree < 0 || sh_degree > m->sh_degree ? m->sh_degree : sh_degree;
+    for (int k = 0; k < OXL_PLANES; k++) g.plane[k] = m->plane[k];
     return g;
 }
 
@@ -86,10 +89,11 @@ static size_t render_packs(size_t count)
     return (count + PACK - 1) / PACK;
 }
 
-static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t count, size_t pixels)
+static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t count, size_t lobes, size_t pixels)
 {
     const size_t rows = render_packs(count) * PACK;
     oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc == OXL_OK)
@@ -111,6 +115,7 @@ static struct project_job render_project_job(struct renderer *r, int64_t task)
                                 .first_pack = (size_t)task * RENDER_TASK,
                                 .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
                                 .splat      = r->splat,
+                                .lobe       = r->lobe,
                                 .visible    = r->visible,
                                 .sums       = (const float(*)[SPLAT_SUMS])r->sums,
                                 .dmean2d    = r->dmean2d};
@@ -154,13 +159,15 @@ static void render_tiles(oxl_context *ctx, struct renderer *r)
 static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                const oxl_render_options *options)
 {
-    const oxl_result rc = render_reserve(ctx, r, model->count, (size_t)camera->width * (size_t)camera->height);
+    const oxl_result rc = render_reserve(ctx, r, model->count, model->lobes, (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
     r->lens = render_lens(camera, options->near_plane);
     r->in   = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
     r->bins.packs   = render_packs(model->count);
     r->bins.splat   = r->splat;
+    r->bins.lobe    = r->lobe;
+    r->bins.lobes   = model->lobes;
     r->bins.visible = r->visible;
     return OXL_OK;
 }
@@ -227,9 +234,11 @@ static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
 
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
 {
-    const struct gaussians out = render_gaussians(gradient, r->in.sh_degree);
-    const oxl_result       rc  = render_begin_backward(ctx, r);
+    struct gaussians out;
+    oxl_result       rc = model_set_lobes(ctx, gradient, r->in.lobes);
+    if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
+    out = render_gaussians(gradient, r->in.sh_degree);
     render_tiles_backward(ctx, r, drgb ? drgb : r->drgb);
     render_project_backward(ctx, r, &out);
     return OXL_OK;
@@ -259,27 +268,46 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
 
 /* ---------------------------------------------------------------- step and statistics */
 
+struct render_step {
+    oxl_model       *model, *first, *second;
+    const oxl_model *gradient;
+    const float     *rates;
+    double           correction; /* of the first moment's bias */
+};
+
+static void render_step_planes(const struct render_step *s, int first_plane, int planes, struct adam_job *out)
+{
+    out->planes = planes;
+    for (int k = 0; k < planes; k++) {
+        out->parameter[k] = s->model->plane[first_plane + k];
+        out->gradient[k]  = s->gradient->plane[first_plane + k];
+        out->first[k]     = s->first->plane[first_plane + k];
+        out->second[k]    = s->second->plane[first_plane + k];
+        out->rate[k]      = (float)(s->rates[first_plane + k] / s->correction);
+    }
+}
+
+/* Second lobes are stepped up to the end of their last pack; past the last of them gradient and moments are 0, and so is the step. */
 OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
                                 oxl_model *first, oxl_model *second, const float *rates, int step)
 {
-    const size_t    packs      = r->bins.packs;
-    const int64_t   tasks      = (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
-    struct adam_job all        = {.visible            = r->visible,
-                                  .planes             = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1),
-                                  .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))))};
-    const double    correction = 1 - vecmath_exp(step * vecmath_log(0.9));
-    for (int k = 0; k < all.planes; k++) {
-        all.parameter[k] = model->plane[k];
-        all.gradient[k]  = gradient->plane[k];
-        all.first[k]     = first->plane[k];
-        all.second[k]    = second->plane[k];
-        all.rate[k]      = (float)(rates[k] / correction);
-    }
+    const struct render_step s     = {model, first, second, gradient, rates, 1 - vecmath_exp(step * vecmath_log(0.9))};
+    const size_t             lobes = render_packs(r->in.lobes);
+    const int64_t            tasks = render_tasks(r);
+    struct adam_job          rows  = {.visible            = r->visible,
+                                      .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))))};
+    struct adam_job          lobe  = rows;
+    render_step_planes(&s, 0, OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1), &rows);
+    if (lobes) render_step_planes(&s, OXL_LOBE, MODEL_LOBE_PLANES, &lobe);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
-        struct adam_job job = all;
-        job.first_pack      = (size_t)task * RENDER_TASK;
-        job.end_pack        = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs);
+        const size_t    first_pack = (size_t)task * RENDER_TASK, end_pack = OXL_MIN(first_pack + RENDER_TASK, r->bins.packs);
+        struct adam_job job = rows;
+        job.first_pack = first_pack, job.end_pack = end_pack;
+        adam_step(ctx->isa, &job);
+        if (first_pack >= lobes) continue;
+        job            = lobe;
+        job.first_pack = first_pack, job.end_pack = OXL_MIN(end_pack, lobes);
         adam_step(ctx->isa, &job);
     }
 }

@@ -4,6 +4,8 @@
  *
  * reads the oracle's text scene (image, intrinsics, pose, background, sh_degree, near, loss, gaussians; see make oracle in the Makefile)
  * and writes "@name rows cols" sections: image, T_final, dL_dimage, loss and grad_*. --double takes the same kernels in double.
+ * In a scene with "clamp_grad ste" the oracle lets the gradient pass the clamp of alpha at 0.99, as CUDA codes do; ours stops there. Then
+ * the only gradient that can be the same is the colour's: grad_sh.
  */
 #include "../oceanxl.c"
 #include "oracle_scene.c"
@@ -43,14 +45,17 @@ int main(int argc, char **argv)
     for (int i = 0; i < s.width * s.height; i++) fprintf(out, "%.9g%c", r.transmittance[i], (i + 1) % s.width ? ' ' : '\n');
     fprintf(out, "@loss 1 1\n%.9g\n", loss);
     oracle_image(out, "dL_dimage", drgb, s.width, s.height);
-    oracle_planes(out, "grad_mean", r.gradient.plane, OXL_MEAN, 3, s.count);
-    oracle_planes(out, "grad_quat", r.gradient.plane, OXL_ROTATION, 4, s.count);
-    oracle_planes(out, "grad_log_scale", r.gradient.plane, OXL_LOG_SCALE, 3, s.count);
-    oracle_planes(out, "grad_logit_o", r.gradient.plane, OXL_OPACITY, 1, s.count);
+    if (!s.ste) {
+        oracle_planes(out, "grad_mean", r.gradient.plane, OXL_MEAN, 3, s.count);
+        oracle_planes(out, "grad_quat", r.gradient.plane, OXL_ROTATION, 4, s.count);
+        oracle_planes(out, "grad_log_scale", r.gradient.plane, OXL_LOG_SCALE, 3, s.count);
+        oracle_planes(out, "grad_logit_o", r.gradient.plane, OXL_OPACITY, 1, s.count);
+        oracle_planes(out, "grad_dog", r.gradient.plane, OXL_LOBE, 4, s.count);
+    }
     oracle_planes(out, "grad_sh", r.gradient.plane, OXL_SH, oracle_row_size(&s) - 16, s.count);
     fclose(out);
     reference_free(ctx, &r);
-    free(s.rows);
+    oracle_scene_free(&s);
     free(drgb);
     oxl_context_free(ctx);
     return 0;

@@ -28,46 +28,59 @@
 #define lens                  lens_f64
 #define splat                 splat_f64
 #define pair                  pair_f64
+#define lobe                  lobe_f64
 #define bins                  bins_f64
 
-#define project_job               project_job_f64
-#define project_forward           project_forward_f64
-#define project_forward_body      project_forward_body_f64
-#define project_forward_base      project_forward_base_f64
-#define project_forward_avx2      project_forward_avx2_f64
-#define project_forward_avx512    project_forward_avx512_f64
-#define project_backward          project_backward_f64
-#define project_backward_body     project_backward_body_f64
-#define project_backward_base     project_backward_base_f64
-#define project_backward_avx2     project_backward_avx2_f64
-#define project_backward_avx512   project_backward_avx512_f64
-#define project_geometry          project_geometry_f64
-#define project_rotation          project_rotation_f64
-#define project_jacobian          project_jacobian_f64
-#define project_covariance        project_covariance_f64
-#define project_colour            project_colour_f64
-#define project_basis             project_basis_f64
-#define project_basis_backward    project_basis_backward_f64
-#define project_colour_backward   project_colour_backward_f64
-#define project_lanes             project_lanes_f64
-#define project_lane              project_lane_f64
-#define project_sigmoid           project_sigmoid_f64
-#define project_store             project_store_f64
-#define project_gradients         project_gradients_f64
-#define project_gather            project_gather_f64
-#define project_rotation_backward project_rotation_backward_f64
-#define project_jacobian_backward project_jacobian_backward_f64
-#define project_lane_backward     project_lane_backward_f64
-#define SH_0                      SH_0_F64
-#define SH_1                      SH_1_F64
-#define SH_2XY                    SH_2XY_F64
-#define SH_2ZZ                    SH_2ZZ_F64
-#define SH_2XX                    SH_2XX_F64
-#define SH_3Y                     SH_3Y_F64
-#define SH_3XY                    SH_3XY_F64
-#define SH_3YZ                    SH_3YZ_F64
-#define SH_3ZZ                    SH_3ZZ_F64
-#define SH_3XX                    SH_3XX_F64
+#define project_job                project_job_f64
+#define project_forward            project_forward_f64
+#define project_forward_body       project_forward_body_f64
+#define project_forward_base       project_forward_base_f64
+#define project_forward_avx2       project_forward_avx2_f64
+#define project_forward_avx512     project_forward_avx512_f64
+#define project_backward           project_backward_f64
+#define project_backward_body      project_backward_body_f64
+#define project_backward_base      project_backward_base_f64
+#define project_backward_avx2      project_backward_avx2_f64
+#define project_backward_avx512    project_backward_avx512_f64
+#define project_geometry           project_geometry_f64
+#define project_rotation           project_rotation_f64
+#define project_jacobian           project_jacobian_f64
+#define project_covariance         project_covariance_f64
+#define project_colour             project_colour_f64
+#define project_basis              project_basis_f64
+#define project_basis_backward     project_basis_backward_f64
+#define project_colour_backward    project_colour_backward_f64
+#define project_lanes              project_lanes_f64
+#define project_lane               project_lane_f64
+#define project_sigmoid            project_sigmoid_f64
+#define project_store              project_store_f64
+#define project_gradients          project_gradients_f64
+#define project_gather             project_gather_f64
+#define project_rotation_backward  project_rotation_backward_f64
+#define project_jacobian_backward  project_jacobian_backward_f64
+#define project_lane_backward      project_lane_backward_f64
+#define project_shape              project_shape_f64
+#define project_in_view            project_in_view_f64
+#define project_place              project_place_f64
+#define project_lobe_geometry      project_lobe_geometry_f64
+#define project_lobes              project_lobes_f64
+#define project_lobe_lanes         project_lobe_lanes_f64
+#define project_lobe_lane          project_lobe_lane_f64
+#define project_store_lobe         project_store_lobe_f64
+#define project_gather_lobes       project_gather_lobes_f64
+#define project_pull               project_pull_f64
+#define project_length             project_length_f64
+#define project_lobe_lane_backward project_lobe_lane_backward_f64
+#define SH_0                       SH_0_F64
+#define SH_1                       SH_1_F64
+#define SH_2XY                     SH_2XY_F64
+#define SH_2ZZ                     SH_2ZZ_F64
+#define SH_2XX                     SH_2XX_F64
+#define SH_3Y                      SH_3Y_F64
+#define SH_3XY                     SH_3XY_F64
+#define SH_3YZ                     SH_3YZ_F64
+#define SH_3ZZ                     SH_3ZZ_F64
+#define SH_3XX                     SH_3XX_F64
 
 #define bin_key           bin_key_f64
 #define bin_staged        bin_staged_f64
@@ -89,46 +102,84 @@
 #define bin_reserve_tiles bin_reserve_tiles_f64
 #define bin_splats        bin_splats_f64
 #define bin_free          bin_free_f64
+#define bin_join          bin_join_f64
+#define bin_reshaped      bin_reshaped_f64
+#define bin_lobe          bin_lobe_f64
+#define bin_room          bin_room_f64
 
-#define raster_job             raster_job_f64
-#define raster_pixels          raster_pixels_f64
-#define raster_gradients       raster_gradients_f64
-#define raster_tile            raster_tile_f64
-#define raster_quad            raster_quad_f64
-#define raster_inside          raster_inside_f64
-#define raster_index           raster_index_f64
-#define raster_load            raster_load_f64
-#define raster_store           raster_store_f64
-#define raster_open            raster_open_f64
-#define raster_alive           raster_alive_f64
-#define raster_batch           raster_batch_f64
-#define raster_grid            raster_grid_f64
-#define raster_share           raster_share_f64
-#define raster_collect         raster_collect_f64
-#define raster_evaluate        raster_evaluate_f64
-#define raster_composite       raster_composite_f64
-#define raster_differentiate   raster_differentiate_f64
-#define raster_add_lanes       raster_add_lanes_f64
-#define raster_sum             raster_sum_f64
-#define raster_close           raster_close_f64
-#define raster_open_backward   raster_open_backward_f64
-#define raster_forward         raster_forward_f64
-#define raster_forward_body    raster_forward_body_f64
-#define raster_forward_base    raster_forward_base_f64
-#define raster_forward_avx2    raster_forward_avx2_f64
-#define raster_forward_avx512  raster_forward_avx512_f64
-#define raster_backward        raster_backward_f64
-#define raster_backward_body   raster_backward_body_f64
-#define raster_backward_base   raster_backward_base_f64
-#define raster_backward_avx2   raster_backward_avx2_f64
-#define raster_backward_avx512 raster_backward_avx512_f64
-#define raster_slope           raster_slope_f64
-#define raster_square          raster_square_f64
-#define raster_score           raster_score_f64
-#define raster_score_body      raster_score_body_f64
-#define raster_score_base      raster_score_base_f64
-#define raster_score_avx2      raster_score_avx2_f64
-#define raster_score_avx512    raster_score_avx512_f64
+#define raster_job                   raster_job_f64
+#define raster_pixels                raster_pixels_f64
+#define raster_gradients             raster_gradients_f64
+#define raster_tile                  raster_tile_f64
+#define raster_quad                  raster_quad_f64
+#define raster_inside                raster_inside_f64
+#define raster_index                 raster_index_f64
+#define raster_load                  raster_load_f64
+#define raster_store                 raster_store_f64
+#define raster_open                  raster_open_f64
+#define raster_alive                 raster_alive_f64
+#define raster_batch                 raster_batch_f64
+#define raster_grid                  raster_grid_f64
+#define raster_share                 raster_share_f64
+#define raster_collect               raster_collect_f64
+#define raster_evaluate              raster_evaluate_f64
+#define raster_composite             raster_composite_f64
+#define raster_differentiate         raster_differentiate_f64
+#define raster_add_lanes             raster_add_lanes_f64
+#define raster_sum                   raster_sum_f64
+#define raster_close                 raster_close_f64
+#define raster_open_backward         raster_open_backward_f64
+#define raster_forward               raster_forward_f64
+#define raster_backward              raster_backward_f64
+#define raster_slope                 raster_slope_f64
+#define raster_square                raster_square_f64
+#define raster_run                   raster_run_f64
+#define raster_lobes                 raster_lobes_f64
+#define raster_lobe_slot             raster_lobe_slot_f64
+#define raster_collect_lobes         raster_collect_lobes_f64
+#define raster_evaluate_lobes        raster_evaluate_lobes_f64
+#define raster_share_lobes           raster_share_lobes_f64
+#define raster_composite_lobes       raster_composite_lobes_f64
+#define raster_differentiate_lobes   raster_differentiate_lobes_f64
+#define raster_sum_lobe              raster_sum_lobe_f64
+#define raster_pass_evaluate         raster_pass_evaluate_f64
+#define raster_pass_composite        raster_pass_composite_f64
+#define raster_forward_tile          raster_forward_tile_f64
+#define raster_pass_differentiate    raster_pass_differentiate_f64
+#define raster_backward_tile         raster_backward_tile_f64
+#define raster_pass_slope            raster_pass_slope_f64
+#define raster_score_tile            raster_score_tile_f64
+#define raster_forward_plain         raster_forward_plain_f64
+#define raster_forward_plain_body    raster_forward_plain_body_f64
+#define raster_forward_plain_base    raster_forward_plain_base_f64
+#define raster_forward_plain_avx2    raster_forward_plain_avx2_f64
+#define raster_forward_plain_avx512  raster_forward_plain_avx512_f64
+#define raster_forward_lobed         raster_forward_lobed_f64
+#define raster_forward_lobed_body    raster_forward_lobed_body_f64
+#define raster_forward_lobed_base    raster_forward_lobed_base_f64
+#define raster_forward_lobed_avx2    raster_forward_lobed_avx2_f64
+#define raster_forward_lobed_avx512  raster_forward_lobed_avx512_f64
+#define raster_backward_plain        raster_backward_plain_f64
+#define raster_backward_plain_body   raster_backward_plain_body_f64
+#define raster_backward_plain_base   raster_backward_plain_base_f64
+#define raster_backward_plain_avx2   raster_backward_plain_avx2_f64
+#define raster_backward_plain_avx512 raster_backward_plain_avx512_f64
+#define raster_backward_lobed        raster_backward_lobed_f64
+#define raster_backward_lobed_body   raster_backward_lobed_body_f64
+#define raster_backward_lobed_base   raster_backward_lobed_base_f64
+#define raster_backward_lobed_avx2   raster_backward_lobed_avx2_f64
+#define raster_backward_lobed_avx512 raster_backward_lobed_avx512_f64
+#define raster_score_plain           raster_score_plain_f64
+#define raster_score_plain_body      raster_score_plain_body_f64
+#define raster_score_plain_base      raster_score_plain_base_f64
+#define raster_score_plain_avx2      raster_score_plain_avx2_f64
+#define raster_score_plain_avx512    raster_score_plain_avx512_f64
+#define raster_score_lobed           raster_score_lobed_f64
+#define raster_score_lobed_body      raster_score_lobed_body_f64
+#define raster_score_lobed_base      raster_score_lobed_base_f64
+#define raster_score_lobed_avx2      raster_score_lobed_avx2_f64
+#define raster_score_lobed_avx512    raster_score_lobed_avx512_f64
+#define raster_score                 raster_score_f64
 
 #define loss_job               loss_job_f64
 #define loss_value             loss_value_f64
@@ -178,6 +229,7 @@ struct reference {
     struct gaussians in, gradient; /* planes of this struct's own */
     real             background[3];
     struct splat    *splat;
+    struct lobe     *lobe;
     uint16_t        *visible;
     real            *rgb, *transmittance, *dmean2d;
     real (*sums)[SPLAT_SUMS];
@@ -208,6 +260,18 @@ static void reference_create(struct reference *r, size_t count, int sh_degree)
     r->bins.visible = r->visible;
 }
 
+/* Rows 0..lobes-1 get a second lobe, of factors 1/2 and 1. */
+static void reference_lobes(struct reference *r, size_t lobes)
+{
+    for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
+        r->in.plane[k]       = reference_array(r->bins.packs * PACK);
+        r->gradient.plane[k] = reference_array(r->bins.packs * PACK);
+    }
+    r->lobe     = calloc(lobes + 1, sizeof *r->lobe);
+    r->in.lobes = r->gradient.lobes = r->bins.lobes = lobes;
+    r->bins.lobe                                    = r->lobe;
+}
+
 static void reference_free(oxl_context *ctx, struct reference *r)
 {
     for (int k = 0; k < OXL_PLANES; k++) {
@@ -216,6 +280,7 @@ static void reference_free(oxl_context *ctx, struct reference *r)
     }
     bin_free(ctx, &r->bins);
     free(r->splat);
+    free(r->lobe);
     free(r->visible);
     free(r->dmean2d);
     free(r->rgb);
@@ -248,7 +313,7 @@ static void reference_forward(oxl_context *ctx, struct reference *r)
 {
     const size_t       pixels  = (size_t)r->lens.width * (size_t)r->lens.height;
     struct project_job project = {
-        .in = r->in, .lens = &r->lens, .end_pack = r->bins.packs, .splat = r->splat, .visible = r->visible};
+        .in = r->in, .lens = &r->lens, .end_pack = r->bins.packs, .splat = r->splat, .lobe = r->lobe, .visible = r->visible};
     struct raster_job raster = {.bins = &r->bins, .width = r->lens.width, .height = r->lens.height};
     if (!r->rgb) r->rgb = reference_array(3 * pixels);
     if (!r->transmittance) r->transmittance = reference_array(pixels);
@@ -263,7 +328,7 @@ static void reference_forward(oxl_context *ctx, struct reference *r)
 static void reference_backward(struct reference *r, const double *drgb)
 {
     struct project_job project = {
-        .in = r->in, .lens = &r->lens, .end_pack = r->bins.packs, .splat = r->splat, .visible = r->visible};
+        .in = r->in, .lens = &r->lens, .end_pack = r->bins.packs, .splat = r->splat, .lobe = r->lobe, .visible = r->visible};
     struct raster_job raster = {.bins = &r->bins, .width = r->lens.width, .height = r->lens.height, .drgb = drgb};
     free(r->sums);
     r->sums              = calloc(r->bins.slot_count + 1, sizeof *r->sums);
@@ -278,7 +343,7 @@ static void reference_backward(struct reference *r, const double *drgb)
 }
 
 /* The score of the view drawn last, added to score (count). */
-static void reference_score(struct reference *r, const double *drgb, double *score)
+OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, double *score)
 {
     struct raster_job raster = {.bins = &r->bins, .width = r->lens.width, .height = r->lens.height, .rgb = r->rgb, .drgb = drgb};
     raster.score             = reference_array(r->bins.slot_count);
@@ -314,6 +379,7 @@ static void reference_score(struct reference *r, const double *drgb, double *sco
 #undef lens
 #undef splat
 #undef pair
+#undef lobe
 #undef bins
 #undef project_job
 #undef project_forward
@@ -343,6 +409,18 @@ static void reference_score(struct reference *r, const double *drgb, double *sco
 #undef project_rotation_backward
 #undef project_jacobian_backward
 #undef project_lane_backward
+#undef project_shape
+#undef project_in_view
+#undef project_place
+#undef project_lobe_geometry
+#undef project_lobes
+#undef project_lobe_lanes
+#undef project_lobe_lane
+#undef project_store_lobe
+#undef project_gather_lobes
+#undef project_pull
+#undef project_length
+#undef project_lobe_lane_backward
 #undef SH_0
 #undef SH_1
 #undef SH_2XY
@@ -373,6 +451,10 @@ static void reference_score(struct reference *r, const double *drgb, double *sco
 #undef bin_reserve_tiles
 #undef bin_splats
 #undef bin_free
+#undef bin_join
+#undef bin_reshaped
+#undef bin_lobe
+#undef bin_room
 #undef raster_job
 #undef raster_pixels
 #undef raster_gradients
@@ -396,22 +478,56 @@ static void reference_score(struct reference *r, const double *drgb, double *sco
 #undef raster_close
 #undef raster_open_backward
 #undef raster_forward
-#undef raster_forward_body
-#undef raster_forward_base
-#undef raster_forward_avx2
-#undef raster_forward_avx512
 #undef raster_backward
-#undef raster_backward_body
-#undef raster_backward_base
-#undef raster_backward_avx2
-#undef raster_backward_avx512
 #undef raster_slope
 #undef raster_square
+#undef raster_run
+#undef raster_lobes
+#undef raster_lobe_slot
+#undef raster_collect_lobes
+#undef raster_evaluate_lobes
+#undef raster_share_lobes
+#undef raster_composite_lobes
+#undef raster_differentiate_lobes
+#undef raster_sum_lobe
+#undef raster_pass_evaluate
+#undef raster_pass_composite
+#undef raster_forward_tile
+#undef raster_pass_differentiate
+#undef raster_backward_tile
+#undef raster_pass_slope
+#undef raster_score_tile
+#undef raster_forward_plain
+#undef raster_forward_plain_body
+#undef raster_forward_plain_base
+#undef raster_forward_plain_avx2
+#undef raster_forward_plain_avx512
+#undef raster_forward_lobed
+#undef raster_forward_lobed_body
+#undef raster_forward_lobed_base
+#undef raster_forward_lobed_avx2
+#undef raster_forward_lobed_avx512
+#undef raster_backward_plain
+#undef raster_backward_plain_body
+#undef raster_backward_plain_base
+#undef raster_backward_plain_avx2
+#undef raster_backward_plain_avx512
+#undef raster_backward_lobed
+#undef raster_backward_lobed_body
+#undef raster_backward_lobed_base
+#undef raster_backward_lobed_avx2
+#undef raster_backward_lobed_avx512
+#undef raster_score_plain
+#undef raster_score_plain_body
+#undef raster_score_plain_base
+#undef raster_score_plain_avx2
+#undef raster_score_plain_avx512
+#undef raster_score_lobed
+#undef raster_score_lobed_body
+#undef raster_score_lobed_base
+#undef raster_score_lobed_avx2
+#undef raster_score_lobed_avx512
 #undef raster_score
-#undef raster_score_body
-#undef raster_score_base
-#undef raster_score_avx2
-#undef raster_score_avx512
 #undef loss_job
 #undef loss_value
 #undef loss_scratch

@@ -117,6 +117,58 @@ TEST(gradient_stops_at_the_opacity_clamp_and_at_black)
     reference_free(test_ctx, &r);
 }
 
+/* The smooth scene with second lobes of about a third of the opacity, wider or narrower along each axis; alpha stays positive. */
+static void gradient_lobed_scene(struct reference *r, int count, int lobes, int degree)
+{
+    gradient_smooth_scene(r, count, degree);
+    reference_lobes(r, (size_t)lobes);
+    for (int i = 0; i < lobes; i++)
+        for (int k = OXL_LOBE; k < OXL_PLANES; k++)
+            r->in.plane[k][i] = (k == OXL_LOBE ? -1 : 0) + gradient_random(7, (uint64_t)(i * 4 + k), -0.3, 0.3);
+}
+
+TEST(gradient_of_lobes_agrees_with_finite_differences_for_every_parameter_type)
+{
+    struct reference r;
+    gradient_lobed_scene(&r, 6, 4, 1);
+    gradient_analytic(test_ctx, &r);
+    CHECK(r.bins_f64.visible_count == 6);
+    CHECK(gradient_worst(test_ctx, &r, OXL_MEAN, OXL_LOG_SCALE) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_ROTATION, OXL_OPACITY) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_OPACITY, OXL_SH) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_SH, OXL_SH + 12) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_LOBE, OXL_LOBE + 1) < 1e-8);
+    CHECK(gradient_worst(test_ctx, &r, OXL_LOBE + 1, OXL_PLANES) < 1e-8);
+    for (int k = OXL_LOBE; k < OXL_PLANES; k++) CHECK(r.gradient.plane[k][4] == 0 && r.gradient.plane[k][5] == 0);
+    reference_free(test_ctx, &r);
+}
+
+/* Narrow Gaussians beside the picture, with second lobes that reach over all of it: alpha is negative in every pixel, T grows. */
+TEST(gradient_is_exact_where_alpha_is_negative)
+{
+    struct reference r;
+    double           least = 1e9;
+    gradient_lobed_scene(&r, 5, 3, 0);
+    for (int i = 0; i < 3; i++) {
+        r.in.plane[OXL_MEAN][i]    = 4 + 0.1 * i;
+        r.in.plane[OXL_OPACITY][i] = 1;
+        r.in.plane[OXL_LOBE][i]    = 2;
+        for (int a = 0; a < 3; a++) r.in.plane[OXL_LOG_SCALE + a][i] = -2, r.in.plane[OXL_LOBE + 1 + a][i] = 3.3 + 0.1 * a;
+    }
+    for (int i = 3; i < 5; i++) r.in.plane[OXL_OPACITY][i] = -3; /* so that the negative ones show */
+    gradient_analytic(test_ctx, &r);
+    for (int i = 0; i < GRADIENT_WIDTH * GRADIENT_HEIGHT; i++) least = OXL_MIN(least, r.transmittance[i]);
+    CHECK(r.bins_f64.visible_count == 5 && least > 1);
+    CHECK(gradient_worst(test_ctx, &r, OXL_MEAN, OXL_LOG_SCALE) < 1e-6);
+    CHECK(gradient_worst(test_ctx, &r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-6);
+    CHECK(gradient_worst(test_ctx, &r, OXL_OPACITY, OXL_SH) < 1e-6);
+    CHECK(gradient_worst(test_ctx, &r, OXL_SH, OXL_SH + 3) < 1e-6);
+    CHECK(gradient_worst(test_ctx, &r, OXL_LOBE, OXL_LOBE + 1) < 1e-6);
+    CHECK(gradient_worst(test_ctx, &r, OXL_LOBE + 1, OXL_PLANES) < 1e-6);
+    reference_free(test_ctx, &r);
+}
+
 /* ---------------------------------------------------------------- float against double */
 
 /* 300 ordinary Gaussians of all shapes on 70 x 50 pixels: many contours cut through many pixels. */
@@ -142,6 +194,9 @@ static void gradient_to_model(const struct reference *r, oxl_model *m)
     CHECK_OK(oxl_model_create(test_ctx, r->in.count, r->in.sh_degree, m));
     for (int k = 0; k < oxl_model_planes(m); k++)
         for (size_t i = 0; i < m->count; i++) m->plane[k][i] = (float)r->in.plane[k][i];
+    CHECK_OK(model_set_lobes(test_ctx, m, r->in.lobes));
+    for (int k = OXL_LOBE; k < OXL_PLANES; k++)
+        for (size_t i = 0; i < m->lobes; i++) m->plane[k][i] = (float)r->in.plane[k][i];
 }
 
 /* A decision (alpha >= 1/255, T >= 1e-4) that falls the other way in float changes a pixel by up to 1/255; everything else differs by
@@ -175,21 +230,60 @@ TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
     struct reference   r;
     oxl_model          m, gradient;
     float              drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
-    gradient_smooth_scene(&r, 40, 3);
+    gradient_lobed_scene(&r, 40, 19, 3);
     gradient_analytic(test_ctx, &r);
     gradient_to_model(&r, &m);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
     for (int c = 0; c < 3; c++) options.background[c] = (float)r.background[c];
     CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, &options, drgb, &gradient));
-    for (int k = 0; k < OXL_LOBE; k++) {
+    for (int k = 0; k < OXL_PLANES; k++) {
         double worst = 0, scale = 1e-30;
-        for (size_t i = 0; i < m.count; i++) {
+        for (size_t i = 0; i < (k < OXL_LOBE ? m.count : m.lobes); i++) {
             worst = OXL_MAX(worst, fabs(gradient.plane[k][i] - r.gradient.plane[k][i]));
             scale = OXL_MAX(scale, fabs(r.gradient.plane[k][i]));
         }
         CHECK_CLOSE(worst / scale, 0, 1e-4);
     }
     oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &gradient);
+    reference_free(test_ctx, &r);
+}
+
+TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
+{
+    const oxl_camera   camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
+    oxl_render_options options = oxl_render_options_default();
+    float              drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT], rates[OXL_PLANES];
+    struct reference   r;
+    struct renderer   *renderer;
+    oxl_model          m, first, second, gradient, old;
+    gradient_lobed_scene(&r, 40, 19, 0);
+    r.in.plane[OXL_MEAN + 2][3] = -50; /* out of sight */
+    gradient_to_model(&r, &m);
+    gradient_to_model(&r, &old);
+    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
+    for (int k = 0; k < OXL_PLANES; k++) rates[k] = k == OXL_LOBE ? 0.025f : 0.005f;
+    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &first));
+    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &second));
+    CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
+    for (int k = 0; k < 4; k++) first.plane[OXL_ROTATION + k][0] = second.plane[OXL_ROTATION + k][0] = 0;
+    CHECK_OK(model_set_lobes(test_ctx, &first, 19));
+    CHECK_OK(model_set_lobes(test_ctx, &second, 19));
+    CHECK_OK(renderer_create(test_ctx, &renderer));
+    CHECK_OK(renderer_forward(test_ctx, renderer, &m, &camera, &options));
+    CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &gradient));
+    CHECK(gradient.lobes == 19);
+    renderer_step(test_ctx, renderer, &m, &gradient, &first, &second, rates, 1);
+    for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
+        for (int i = 0; i < 19; i++) CHECK_CLOSE(fabs(m.plane[k][i] - old.plane[k][i]), i == 3 ? 0 : rates[k], 1e-4 * rates[k]);
+        for (int i = 19; i < 32; i++) CHECK(m.plane[k][i] == 0);
+    }
+    CHECK(m.plane[OXL_OPACITY][25] != old.plane[OXL_OPACITY][25]);
+    renderer_free(test_ctx, renderer);
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &old);
+    oxl_model_free(test_ctx, &first);
+    oxl_model_free(test_ctx, &second);
     oxl_model_free(test_ctx, &gradient);
     reference_free(test_ctx, &r);
 }

@@ -25,15 +25,37 @@ static void raster_scene(struct reference *r, int count, int width, int height)
         }
 }
 
+/* The same; rows 0..lobes-1 get second lobes of every kind, up to four times as wide. */
+static void raster_lobed_scene(struct reference *r, int count, int lobes, int width, int height)
+{
+    raster_scene(r, count, width, height);
+    reference_lobes(r, (size_t)lobes);
+    for (int i = 0; i < lobes; i++)
+        for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
+            const double u    = 2 * random_unit(random_bits(26, (uint64_t)i, (uint64_t)k)) - 1;
+            r->in.plane[k][i] = (float)(k == OXL_LOBE ? 4 * u : 0.4 + u);
+        }
+}
+
+/* What the second lobe takes from a row at a pixel. */
+static double raster_second(const struct reference *r, uint32_t row, double x, double y)
+{
+    const struct splat_f64 *s  = &r->splat_f64[row];
+    const struct lobe_f64  *o  = row < r->in.lobes ? &r->lobe_f64[row] : NULL;
+    const double            dy = y - s->v, w = o ? x - s->u + o->k * dy : 0;
+    return o ? OXL_MIN(0.99, exp2(o->peak - o->a * w * w - o->e * dy * dy)) : 0;
+}
+
 /* What a pixel gets, plainly. */
 static double raster_plain(const struct reference *r, int channel, double x, double y)
 {
     double t = 1, colour = 0;
     for (size_t n = 0; n < r->bins_f64.visible_count; n++) {
-        const struct splat_f64 *s  = &r->splat_f64[r->bins_f64.order[n]];
+        const uint32_t          row = r->bins_f64.order[n];
+        const struct splat_f64 *s   = &r->splat_f64[row];
         const double            dy = y - s->v, w = x - s->u + s->k * dy, exponent = s->peak - s->a * w * w - s->e * dy * dy;
-        const double            alpha = OXL_MIN(0.99, exp2(exponent));
-        if (exponent < -7.9943534368588578) continue;
+        const double            alpha = OXL_MIN(0.99, exp2(exponent)) - raster_second(r, row, x, y);
+        if (fabs(alpha) < 1.0 / 255 || (alpha < 0 && t >= 16)) continue;
         if (t * (1 - alpha) < 1e-4) break;
         colour += s->colour[channel] * alpha * t;
         t *= 1 - alpha;
@@ -49,6 +71,44 @@ TEST(binning_loses_no_pixel_of_any_splat)
     CHECK(r.bins_f64.visible_count > 100);
     for (int y = 0; y < 47; y++)
         for (int x = 0; x < 61; x++) CHECK_CLOSE(r.rgb[y * 61 + x], raster_plain(&r, 0, x + 0.5, y + 0.5), 1e-12);
+    reference_free(test_ctx, &r);
+}
+
+TEST(binning_loses_no_pixel_of_either_lobe)
+{
+    struct reference r;
+    int              alone = 0;
+    raster_lobed_scene(&r, 600, 350, 61, 47);
+    for (int i = 0; i < 40; i++)
+        r.in.plane[OXL_OPACITY][i] = -5.6; /* o < 1/255: only its second lobe could show, and that is fainter */
+    for (int i = 40; i < 80; i++)
+        for (int a = 0; a < 3; a++)
+            r.in.plane[OXL_LOG_SCALE + a][i] = -6, r.in.plane[OXL_LOBE + 1 + a][i] = 5; /* a dot in a disc */
+    reference_forward(test_ctx, &r);
+    for (size_t i = 0; i < 350; i++)
+        alone += (r.visible[i / PACK] >> i % PACK & 1) && r.lobe_f64[i].half_x > 3 * r.lobe_f64[i].main_x;
+    CHECK(r.bins_f64.visible_count > 100 && alone > 10);
+    for (int y = 0; y < 47; y++)
+        for (int x = 0; x < 61; x++)
+            for (int c = 0; c < 3; c++)
+                CHECK_CLOSE(r.rgb[c * 61 * 47 + y * 61 + x], raster_plain(&r, c, x + 0.5, y + 0.5), 1e-11);
+    reference_free(test_ctx, &r);
+}
+
+TEST(negative_alpha_lets_no_pixel_grow_past_32)
+{
+    struct reference r;
+    double           most = 0;
+    raster_lobed_scene(&r, 64, 64, 40, 40);
+    for (int i = 0; i < 64; i++) {
+        r.in.plane[OXL_MEAN][i] = r.in.plane[OXL_MEAN + 1][i] = 0;
+        r.in.plane[OXL_OPACITY][i] = 8, r.in.plane[OXL_LOBE][i] = 8;
+        for (int a = 0; a < 3; a++) r.in.plane[OXL_LOG_SCALE + a][i] = -2, r.in.plane[OXL_LOBE + 1 + a][i] = 1.5;
+    }
+    reference_forward(test_ctx, &r);
+    for (int i = 0; i < 1600; i++) most = OXL_MAX(most, r.transmittance[i]);
+    CHECK(most >= 16 && most < 32);
+    for (int i = 0; i < 1600; i++) CHECK_CLOSE(r.rgb[i], raster_plain(&r, 0, i % 40 + 0.5, i / 40 + 0.5), 1e-10);
     reference_free(test_ctx, &r);
 }
 
@@ -91,8 +151,9 @@ static void raster_plain_score(const struct reference *r, const double *drgb, in
     for (size_t i = 0; i < r->bins_f64.visible_count; i++) {
         const struct splat_f64 *s  = &r->splat_f64[r->bins_f64.order[i]];
         const double            dy = y + 0.5 - s->v, w = x + 0.5 - s->u + s->k * dy;
-        const double            value = exp2(s->peak - s->a * w * w - s->e * dy * dy), a = OXL_MIN(0.99, value);
-        if (value < 1.0 / 255) continue;
+        const double            value = exp2(s->peak - s->a * w * w - s->e * dy * dy);
+        const double            a     = OXL_MIN(0.99, value) - raster_second(r, r->bins_f64.order[i], x + 0.5, y + 0.5);
+        if (fabs(a) < 1.0 / 255 || (a < 0 && t >= 16)) continue;
         if (t * (1 - a) < 1e-4) break;
         drawn[n] = r->bins_f64.order[i], alpha[n] = a, before[n] = t, light[n] = 0;
         opacity[n] = value < 0.99 ? exp2(s->peak) : 0; /* the clamp stops the derivative */
@@ -113,9 +174,9 @@ static void raster_plain_score(const struct reference *r, const double *drgb, in
 
 enum { SCORE_COUNT = 600, SCORE_WIDTH = 61, SCORE_HEIGHT = 47 };
 
-static void raster_score_case(struct reference *r, double *drgb)
+static void raster_score_case(struct reference *r, int lobes, double *drgb)
 {
-    raster_scene(r, SCORE_COUNT, SCORE_WIDTH, SCORE_HEIGHT);
+    raster_lobed_scene(r, SCORE_COUNT, lobes, SCORE_WIDTH, SCORE_HEIGHT);
     for (int c = 0; c < 3; c++) r->background[c] = 0.3 * c;
     for (int i = 0; i < 3 * SCORE_WIDTH * SCORE_HEIGHT; i++)
         drgb[i] = (float)(1 + 0.3 * random_unit(random_bits(4, (uint64_t)i, 0)));
@@ -127,15 +188,17 @@ TEST(raster_score_is_the_sum_of_squared_slopes_of_every_pixel)
     struct reference r;
     static double    drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], score[SCORE_COUNT], plain[SCORE_COUNT];
     double           largest = 0;
-    raster_score_case(&r, drgb);
-    memset(score, 0, sizeof score), memset(plain, 0, sizeof plain);
-    reference_score(&r, drgb, score);
-    for (int y = 0; y < SCORE_HEIGHT; y++)
-        for (int x = 0; x < SCORE_WIDTH; x++) raster_plain_score(&r, drgb, x, y, plain);
-    for (int i = 0; i < SCORE_COUNT; i++) largest = OXL_MAX(largest, plain[i]);
-    CHECK(largest > 1);
-    for (int i = 0; i < SCORE_COUNT; i++) CHECK_CLOSE(score[i], plain[i], 1e-10 * largest);
-    reference_free(test_ctx, &r);
+    for (int lobes = 0; lobes <= 200; lobes += 200) {
+        raster_score_case(&r, lobes, drgb);
+        memset(score, 0, sizeof score), memset(plain, 0, sizeof plain);
+        reference_score(&r, drgb, score);
+        for (int y = 0; y < SCORE_HEIGHT; y++)
+            for (int x = 0; x < SCORE_WIDTH; x++) raster_plain_score(&r, drgb, x, y, plain);
+        for (int i = 0; i < SCORE_COUNT; i++) largest = OXL_MAX(largest, plain[i]);
+        CHECK(largest > 1);
+        for (int i = 0; i < SCORE_COUNT; i++) CHECK_CLOSE(score[i], plain[i], 1e-10 * largest);
+        reference_free(test_ctx, &r);
+    }
 }
 
 /* The float door against double, and against itself with other threads and another vector width. */
@@ -152,7 +215,7 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
     static float       narrow[3 * SCORE_WIDTH * SCORE_HEIGHT], score[3][SCORE_COUNT];
     double             total = 0, off = 0;
     memset(exact, 0, sizeof exact), memset(score, 0, sizeof score);
-    raster_score_case(&r, drgb);
+    raster_score_case(&r, 0, drgb);
     reference_score(&r, drgb, exact);
     for (size_t i = 0; i < OXL_COUNT(narrow); i++) narrow[i] = (float)drgb[i];
     for (int c = 0; c < 3; c++) options.background[c] = (float)r.background[c];
@@ -222,7 +285,7 @@ struct raster_result {
     oxl_model gradient;
 };
 
-static struct raster_result raster_run(int threads, int isa)
+static struct raster_result raster_run(int threads, int isa, int lobes)
 {
     const oxl_camera     camera         = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const int            threads_before = test_ctx->threads, isa_before = test_ctx->isa;
@@ -231,10 +294,13 @@ static struct raster_result raster_run(int threads, int isa)
     struct raster_result out;
     static float         drgb[3 * 113 * 71];
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
-    raster_scene(&r, 3000, 113, 71);
+    raster_lobed_scene(&r, 3000, lobes, 113, 71);
     CHECK_OK(oxl_model_create(test_ctx, r.in.count, 0, &m));
     for (int k = 0; k < oxl_model_planes(&m); k++)
         for (size_t i = 0; i < m.count; i++) m.plane[k][i] = (float)r.in.plane[k][i];
+    CHECK_OK(model_set_lobes(test_ctx, &m, (size_t)lobes));
+    for (int k = OXL_LOBE; k < OXL_PLANES; k++)
+        for (size_t i = 0; i < m.lobes; i++) m.plane[k][i] = (float)r.in.plane[k][i];
     test_ctx->threads = threads;
     test_ctx->isa     = isa;
     CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &out.image, NULL));
@@ -257,37 +323,73 @@ static int raster_same(const struct raster_result *a, const struct raster_result
     int same = !memcmp(a->image.rgb, b->image.rgb, sizeof(float) * 3 * 113 * 71);
     for (int k = 0; k < oxl_model_planes(&a->gradient); k++)
         same &= !memcmp(a->gradient.plane[k], b->gradient.plane[k], sizeof(float) * a->gradient.count);
+    for (int k = OXL_LOBE; same && k < OXL_PLANES; k++)
+        same &= !memcmp(a->gradient.plane[k], b->gradient.plane[k], sizeof(float) * a->gradient.lobes);
     return same;
 }
 
 TEST(image_and_gradient_are_the_same_bytes_with_1_2_and_7_threads)
 {
-    struct raster_result one = raster_run(1, test_ctx->isa), two = raster_run(2, test_ctx->isa),
-                         seven = raster_run(7, test_ctx->isa);
-    CHECK(raster_same(&one, &two));
-    CHECK(raster_same(&one, &seven));
-    raster_result_free(&one);
-    raster_result_free(&two);
-    raster_result_free(&seven);
+    for (int lobes = 0; lobes <= 900; lobes += 900) {
+        struct raster_result one = raster_run(1, test_ctx->isa, lobes), two = raster_run(2, test_ctx->isa, lobes),
+                             seven = raster_run(7, test_ctx->isa, lobes);
+        CHECK(one.gradient.lobes == (size_t)lobes);
+        CHECK(raster_same(&one, &two));
+        CHECK(raster_same(&one, &seven));
+        raster_result_free(&one);
+        raster_result_free(&two);
+        raster_result_free(&seven);
+    }
 }
 
 TEST(image_and_gradient_are_the_same_bytes_with_avx2_and_avx512)
 {
     struct raster_result wide, narrow;
     if (test_ctx->isa != ISA_AVX512) SKIP("this machine has no AVX-512");
-    wide   = raster_run(2, ISA_AVX512);
-    narrow = raster_run(2, ISA_AVX2);
-    CHECK(raster_same(&wide, &narrow));
-    raster_result_free(&wide);
-    raster_result_free(&narrow);
+    for (int lobes = 0; lobes <= 900; lobes += 900) {
+        wide   = raster_run(2, ISA_AVX512, lobes);
+        narrow = raster_run(2, ISA_AVX2, lobes);
+        CHECK(raster_same(&wide, &narrow));
+        raster_result_free(&wide);
+        raster_result_free(&narrow);
+    }
 }
 
 TEST(base_instruction_set_differs_by_rounding_alone)
 {
-    struct raster_result best = raster_run(1, test_ctx->isa), base = raster_run(1, ISA_BASE);
+    struct raster_result best = raster_run(1, test_ctx->isa, 900), base = raster_run(1, ISA_BASE, 900);
     int                  off = 0;
     for (int i = 0; i < 3 * 113 * 71; i++) off += fabsf(best.image.rgb[i] - base.image.rgb[i]) > 1e-5f;
     CHECK(off < 3 * 113 * 71 / 500);
     raster_result_free(&best);
     raster_result_free(&base);
+}
+
+/* One lobed row that nobody sees sends the whole picture through the passes for mixed batches. */
+TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
+{
+    const oxl_camera     camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    static float         drgb[3 * 113 * 71];
+    struct reference     r;
+    oxl_model            m;
+    struct raster_result plain, beside;
+    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
+    raster_scene(&r, 3000, 113, 71);
+    CHECK_OK(oxl_model_create(test_ctx, r.in.count, 0, &m));
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        for (size_t i = 0; i < m.count; i++) m.plane[k][i] = (float)r.in.plane[k][i];
+    m.plane[OXL_MEAN + 2][0] = -50;
+    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &plain.image, NULL));
+    CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, NULL, drgb, &plain.gradient));
+    CHECK_OK(model_set_lobes(test_ctx, &m, 1));
+    CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &beside.image, NULL));
+    CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, NULL, drgb, &beside.gradient));
+    CHECK(beside.gradient.lobes == 1 && beside.gradient.plane[OXL_LOBE][0] == 0);
+    CHECK(!memcmp(plain.image.rgb, beside.image.rgb, sizeof drgb));
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        CHECK(!memcmp(plain.gradient.plane[k], beside.gradient.plane[k], m.count * sizeof(float)));
+    raster_result_free(&plain);
+    raster_result_free(&beside);
+    oxl_model_free(test_ctx, &m);
+    reference_free(test_ctx, &r);
 }
