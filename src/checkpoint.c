@@ -11,7 +11,7 @@
 #include "internal.h"
 
 #define CHECKPOINT_MAGIC   UINT64_C(0x45544154534C584F) /* "OXLSTATE" */
-#define CHECKPOINT_VERSION 1
+#define CHECKPOINT_VERSION 2
 #define CHECKPOINT_SEED    UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
 #define CHECKPOINT_PRIME   UINT64_C(0x100000001B3)
 
@@ -129,16 +129,19 @@ OXL_INTERNAL void archive_text(struct archive *a, struct text *t)
 
 OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
 {
-    size_t count  = model->count;
+    size_t count = model->count, lobes = model->lobes;
     int    degree = model->sh_degree;
     archive_size(a, &count);
+    archive_size(a, &lobes);
     archive_int(a, &degree);
     if (a->reading) {
         oxl_model_free(a->ctx, model);
         if (archive_holds(a, count, OXL_SH * sizeof(float))) a->rc = oxl_model_create(a->ctx, count, degree, model);
+        if (a->rc == OXL_OK) a->rc = model_set_lobes(a->ctx, model, lobes);
     }
     archive_doubles(a, model->origin, 3);
     for (int k = 0; k < oxl_model_planes(model) && a->rc == OXL_OK; k++) archive_floats(a, model->plane[k], count);
+    for (int k = OXL_LOBE; lobes && k < OXL_PLANES && a->rc == OXL_OK; k++) archive_floats(a, model->plane[k], lobes);
 }
 
 /* ---------------------------------------------------------------- writing */
