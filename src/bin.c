@@ -135,7 +135,7 @@ static struct bin_contour bin_contour(const struct splat *s)
 
 /* In the slab of a block row's pixel centres the contour reaches furthest left at its leftmost point or, when that lies outside,
  * at the nearer edge of the slab, since an ellipse is convex; and likewise to the right. */
-static struct bin_span bin_block_row(const struct splat *s, const struct bin_contour *c, int block_row, int width)
+SIMD_INLINE struct bin_span bin_block_row(const struct splat *s, const struct bin_contour *c, int block_row, int width)
 {
     const real      top = block_row * 4 + (real)0.5 - s->v, bottom = top + 3;
     const real      y0 = top > -s->half_y ? top : -s->half_y, y1 = bottom < s->half_y ? bottom : s->half_y;
@@ -169,9 +169,9 @@ static struct splat bin_reshaped(const struct splat *s, const struct lobe *lobe)
     return other;
 }
 
-/* The splat's pairs, tile by tile; returns how many were written to `out`. lobe: its second, or NULL. */
-static uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, uint32_t row, int tiles_x, int width,
-                              struct bin_staged *out)
+/* The splat's pairs, tile by tile; returns how many were written to `out`. lobe: its second, or the constant NULL. */
+SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, uint32_t row, int tiles_x, int width,
+                                   struct bin_staged *out)
 {
     struct splat       main, second;
     struct bin_contour contour, other;
@@ -210,11 +210,6 @@ static uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, ui
 
 /* ---------------------------------------------------------------- to the tiles */
 
-static const struct lobe *bin_lobe(const struct bins *b, uint32_t row)
-{
-    return row < b->lobes ? &b->lobe[row] : NULL;
-}
-
 /* Room for the splat's pairs and as much again for its second lobe's sums. */
 static uint32_t bin_room(const struct bins *b, uint32_t row)
 {
@@ -251,9 +246,11 @@ static void bin_stage_part(struct bins *b, int part, int width)
     uint32_t           *count = s->count + (size_t)part * (size_t)(b->tiles_x * b->tiles_y);
     memset(count, 0, sizeof *count * (size_t)(b->tiles_x * b->tiles_y));
     for (size_t i = s->part_end[part]; i < s->part_end[part + 1]; i++) {
-        struct splat      *splat = &b->splat[b->order[i]];
+        const uint32_t     row   = b->order[i];
+        struct splat      *splat = &b->splat[row];
         struct bin_staged *out   = s->staged + splat->first_slot;
-        splat->slots             = bin_footprint(splat, bin_lobe(b, b->order[i]), b->order[i], b->tiles_x, width, out);
+        if (row < b->lobes) splat->slots = bin_footprint(splat, &b->lobe[row], row, b->tiles_x, width, out);
+        else splat->slots = bin_footprint(splat, NULL, row, b->tiles_x, width, out);
         for (uint32_t k = 0; k < splat->slots; k++) count[out[k].tile]++;
     }
 }
