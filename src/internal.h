@@ -441,8 +441,9 @@ OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model,
 /* ---------------------------------------------------------------- merge.c: the models of blocks become one */
 
 /* Appends those Gaussians of a block's model whose centres lie in its home, about into's origin. `into` starts as an empty model
- * that has the origin of the whole; its SH degree grows to the largest that comes, missing bands are zero. So the blocks' models
- * can be read, merged and freed one after the other, in the order of the blocks. On failure `into` holds what it held. */
+ * that has the origin of the whole; its SH degree grows to the largest that comes, missing bands are zero; rows with a second lobe
+ * stay in front. So the blocks' models can be read, merged and freed one after the other, in the order of the blocks. On failure
+ * `into` holds what it held. */
 OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
                                     oxl_model *into);
 

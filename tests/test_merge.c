@@ -184,3 +184,42 @@ TEST(merge_takes_blocks_that_keep_nothing)
     oxl_model_free(test_ctx, &none);
     oxl_model_free(test_ctx, &merged);
 }
+
+static void merge_test_add_lobes(oxl_model *m, size_t lobes)
+{
+    CHECK_OK(model_set_lobes(test_ctx, m, lobes));
+    for (int p = OXL_LOBE; lobes && p < OXL_PLANES; p++)
+        for (size_t i = 0; i < lobes; i++) m->plane[p][i] = (float)(i + 10000 * (size_t)p);
+}
+
+TEST(merge_keeps_rows_with_a_second_lobe_in_front_each_with_its_own)
+{
+    const double           zero[3]  = {0, 0, 0};
+    const size_t           lobes[3] = {1700, 0, MERGE_TEST_COUNT};
+    struct partition_block block[3];
+    struct partition       p;
+    oxl_model              merged = merge_test_empty(zero);
+    merge_test_partition(&p, block, zero);
+    for (int b = 0; b < 3; b++) {
+        oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, b % 2, zero);
+        merge_test_add_lobes(&m, lobes[b]);
+        CHECK_OK(merge_block(test_ctx, &p, b, &m, &merged));
+        oxl_model_free(test_ctx, &m);
+    }
+    CHECK(merged.count == MERGE_TEST_COUNT && merged.lobes > 1000);
+    for (size_t i = 0, last = 0; i < merged.count; i++) {
+        const size_t row      = merge_test_row(&merged, i);
+        const double world[3] = {merged.plane[0][i], merged.plane[1][i], merged.plane[2][i]};
+        double       frame[3];
+        size_t       b = 0;
+        partition_to_frame(&p, world, frame);
+        while (b < 2 && !partition_contains(&block[b].box, frame)) b++;
+        CHECK((i < merged.lobes) == (row < lobes[b]));
+        CHECK(i == 0 || i == merged.lobes || b * MERGE_TEST_COUNT + row > last); /* in the order of blocks, then rows */
+        last = b * MERGE_TEST_COUNT + row;
+        for (int k = OXL_LOG_SCALE; k < OXL_SH + 3; k++) CHECK(merged.plane[k][i] == (float)(row + 10000 * (size_t)k));
+        for (int k = OXL_LOBE; i < merged.lobes && k < OXL_PLANES; k++)
+            CHECK(merged.plane[k][i] == (float)(row + 10000 * (size_t)k));
+    }
+    oxl_model_free(test_ctx, &merged);
+}
