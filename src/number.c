@@ -227,10 +227,78 @@ OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out)
 
 /* ---------------------------------------------------------------- a double to text */
 
+#ifdef __SIZEOF_INT128__
+/* m 2^e x 10^scale to the nearest integer, ties to even; exact, since m 5^scale fits 128 bits. The result has at most 18 digits. */
+static uint64_t number_scale_up(uint64_t m, int e, int scale)
+{
+    const number_wide product = (number_wide)m * number_power5[scale];
+    const int         shift   = -(e + scale);
+    number_wide       rest, half;
+    uint64_t          q;
+    if (shift <= 0) return (uint64_t)(product << -shift);
+    q    = (uint64_t)(product >> shift);
+    rest = product & (((number_wide)1 << shift) - 1);
+    half = (number_wide)1 << (shift - 1);
+    return q + (rest > half || (rest == half && (q & 1)));
+}
+
+/* The 17 significant digits of a positive number from 1e-5 to 1e16 and the exponent of the first; 0: out of that range. */
+static int number_digits(double value, char digits[17], int *exponent)
+{
+    const uint64_t limit = UINT64_C(100000000000000000); /* 10^17 */
+    uint64_t       bits, w;
+    double         guess;
+    int            e, ten;
+    if (!(value >= 1e-5 && value < 1e16)) return 0;
+    memcpy(&bits, &value, sizeof bits);
+    e     = (int)(bits >> 52) - 1075;
+    bits  = (bits & (((uint64_t)1 << 52) - 1)) | (uint64_t)1 << 52;
+    guess = (e + 52) * 0.30102999; /* log10 2, rather less: the guess is right or one too low */
+    ten   = (int)guess - (guess < 0);
+    w     = number_scale_up(bits, e, 16 - ten);
+    if (w >= limit) w = number_scale_up(bits, e, 16 - ++ten);
+    for (int i = 16; i >= 0; i--, w /= 10) digits[i] = (char)('0' + w % 10);
+    *exponent = ten;
+    return 1;
+}
+
+/* As %.17g: no zeros at the end of the fraction. Only where that writes no exponent; 0: elsewhere. */
+static size_t number_format_plain(char *out, double value)
+{
+    char digits[17], *p = out;
+    int  ten, count     = 17;
+    if (!number_digits(value, digits, &ten) || ten < -4 || ten > 16) return 0;
+    while (count > 1 && digits[count - 1] == '0') count--;
+    if (ten < 0) {
+        *p++ = '0';
+        *p++ = '.';
+        for (int i = ten + 1; i < 0; i++) *p++ = '0';
+    }
+    for (int i = 0; i < OXL_MAX(count, ten + 1); i++) {
+        if (i == ten + 1 && ten >= 0) *p++ = '.';
+        *p++ = i < count ? digits[i] : '0';
+    }
+    *p = 0;
+    return (size_t)(p - out);
+}
+#else
+static size_t number_format_plain(char *out, double value)
+{
+    (void)out, (void)value;
+    return 0;
+}
+#endif
+
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
 {
-    char   text[48];
-    size_t size = 0;
+    char         text[48];
+    size_t       size  = value < 0;
+    const size_t plain = number_format_plain(out + size, value < 0 ? -value : value); /* a tenth of snprintf's time */
+    if (plain) {
+        if (size) out[0] = '-';
+        return size + plain;
+    }
+    size = 0;
     snprintf(text, sizeof text, "%.17g", value);
     for (const char *p = text; *p; p++) {
         if (number_is_digit(*p) || *p == '-' || *p == '+' || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')) out[size++] = *p;

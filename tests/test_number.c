@@ -229,3 +229,24 @@ TEST(number_a_locale_with_decimal_commas_changes_nothing)
     setlocale(LC_NUMERIC, "C");
     CHECK_TEXT(written, "1.5");
 }
+
+/* Plain values, values next to powers of ten, large coordinates, few digits, any bits. */
+TEST(number_is_written_as_printf_writes_it)
+{
+    for (uint64_t i = 0; i < 200000; i++) {
+        const uint64_t r = random_bits(3, i, 0);
+        char           wanted[64], written[NUMBER_TEXT_MAX];
+        double         v;
+        uint64_t       bits;
+        if (i % 5 == 0) v = 4200000 + 1000 * random_unit(r);
+        else if (i % 5 == 1) v = (double)(int64_t)(r % 2000000000) * 1e-6;
+        else if (i % 5 == 2) v = 20 * (random_unit(r) - 0.5);
+        else v = number_power10[r % 20] * (i % 5 == 3 ? 1e-6 : 1);
+        memcpy(&bits, &v, sizeof bits);
+        if (i % 5 == 3) bits += (r >> 20) % 9 - 4;
+        if (i % 5 == 4) bits = r;
+        memcpy(&v, &bits, sizeof v);
+        snprintf(wanted, sizeof wanted, "%.17g", v);
+        CHECK(format_double(written, v) == strlen(wanted) && strcmp(written, wanted) == 0);
+    }
+}
