@@ -593,6 +593,8 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
 
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options);
+OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options);
+OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training views */
 
 /* ---------------------------------------------------------------- metrics.c */
 
@@ -615,6 +617,17 @@ OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a m
 
 /* ---------------------------------------------------------------- survey.c: what a survey holds, what training it would take */
 
+/* What a training run takes, of a survey or of a block, as arithmetic on counts. */
+struct survey_load {
+    size_t points, observations; /* to start from; of a point in a view */
+    int    views;
+    double pixels, train_pixels, largest; /* of all views; of the training views; of one */
+};
+struct survey_cost {
+    double gaussians, memory, seconds; /* at the end; peak in bytes; on ctx's threads */
+};
+OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *options,
+                                            const struct survey_load *load);
 OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out);
 /* An object without a newline at its end; its lines after the first start with `indent`. */
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);

@@ -49,25 +49,40 @@ static double survey_pixels(const oxl_scene *scene, oxl_survey *s)
     return pixels;
 }
 
+OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load)
+{
+    const int          degree = o->train.sh_degree;
+    const double       planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
+    const double       a_view = load->pixels / OXL_MAX(1, load->views);
+    const double       photos = OXL_MIN(3.0 * load->pixels, (double)o->scene.image_cache_bytes);
+    const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
+    struct survey_cost cost;
+    double             step;
+    cost.gaussians = OXL_MAX(SURVEY_GROWTH * (double)load->points, SURVEY_LEAST_GAUSSIANS);
+    cost.gaussians = OXL_MIN(cost.gaussians, (double)train_cap_of(load->points, load->train_pixels, &o->train));
+    step           = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
+           (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
+    cost.seconds = o->train.iterations * step;
+    if (o->train.max_seconds > 0) cost.seconds = OXL_MIN(cost.seconds, o->train.max_seconds);
+    /* parameters, gradient and two moments are planes of 4 bytes */
+    cost.memory = SURVEY_PROGRAM_BYTES + photos + load->largest * SURVEY_PIXEL_BYTES +
+                  cost.gaussians * (16 * planes + SURVEY_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track);
+    return cost;
+}
+
 static void survey_predict(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, double pixels, oxl_survey *s)
 {
-    const int    views = OXL_MAX(1, s->train_views + s->test_views), degree = o->train.sh_degree;
-    const double planes  = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
-    const double a_view  = pixels / views; /* px */
-    const double photos  = OXL_MIN(3.0 * pixels, (double)o->scene.image_cache_bytes);
-    const double rate    = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
-    const double largest = (double)s->width * s->height;
-    double       step;
-    s->gaussians = OXL_MAX(SURVEY_GROWTH * (double)s->points, SURVEY_LEAST_GAUSSIANS);
-    s->gaussians = OXL_MIN(s->gaussians, (double)train_cap(scene, &o->train));
-    step         = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
-           (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * s->gaussians) / ctx->threads;
-    s->seconds = o->train.iterations * step;
-    if (o->train.max_seconds > 0) s->seconds = OXL_MIN(s->seconds, o->train.max_seconds);
-    /* parameters, gradient and two moments are planes of 4 bytes */
-    s->memory = SURVEY_PROGRAM_BYTES + photos + largest * SURVEY_PIXEL_BYTES + s->gaussians * (16 * planes + SURVEY_SPLAT_BYTES) +
-                (double)s->observations * sizeof(struct colmap_track);
-    s->memory_free = (double)os_memory_free();
+    const struct survey_load load = {.points       = s->points,
+                                     .observations = s->observations,
+                                     .views        = s->train_views + s->test_views,
+                                     .pixels       = pixels,
+                                     .train_pixels = train_pixels(scene),
+                                     .largest      = (double)s->width * s->height};
+    const struct survey_cost cost = survey_cost(ctx, o, &load);
+    s->gaussians                  = cost.gaussians;
+    s->memory                     = cost.memory;
+    s->seconds                    = cost.seconds;
+    s->memory_free                = (double)os_memory_free();
 }
 
 /* ---------------------------------------------------------------- words */

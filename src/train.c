@@ -169,16 +169,26 @@ static oxl_result train_on_view(struct train *t, int view)
 
 /* ---------------------------------------------------------------- how many Gaussians */
 
-/* More Gaussians than the photographs can determine learn the photographs by heart. Never below the number of points. */
-OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options)
+OXL_INTERNAL double train_pixels(const oxl_scene *scene)
 {
     double pixels = 0;
-    if (options->max_gaussians > 0) return (size_t)options->max_gaussians;
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const oxl_view *view = oxl_scene_view(scene, i);
         if (!view->is_test) pixels += (double)view->camera.width * view->camera.height;
     }
-    return OXL_MAX(oxl_scene_point_count(scene), (size_t)(pixels / TRAIN_PIXELS_EACH));
+    return pixels;
+}
+
+/* More Gaussians than the photographs can determine learn the photographs by heart. Never below the number of points. */
+OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options)
+{
+    if (options->max_gaussians > 0) return (size_t)options->max_gaussians;
+    return OXL_MAX(points, (size_t)(pixels / TRAIN_PIXELS_EACH));
+}
+
+OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options)
+{
+    return train_cap_of(oxl_scene_point_count(scene), train_pixels(scene), options);
 }
 
 static oxl_result train_resize(struct train *t)
