@@ -22,11 +22,13 @@
 #include "src/scene.c"         /* from the files to views, points and photographs */
 
 /* a survey too large for one model becomes blocks */
-#include "src/partition.h"       /* what these files share */
-#include "src/partition_axes.c"  /* the frame in which it is cut */
-#include "src/partition_sight.c" /* who saw which point */
-#include "src/partition.c"       /* the cuts, the guards, which view belongs where */
-#include "src/partition_file.c"  /* partition.txt */
+#include "src/partition.h"        /* what these files share */
+#include "src/partition_axes.c"   /* the frame in which it is cut */
+#include "src/partition_sight.c"  /* who saw which point */
+#include "src/partition.c"        /* the cuts, the guards, which view belongs where */
+#include "src/partition_file.c"   /* partition.txt */
+#include "src/partition_svg.c"    /* partition.svg */
+#include "src/partition_export.c" /* blocks as COLMAP text exports */
 
 /* the model */
 #include "src/ply.c"       /* a small PLY reader */
@@ -52,5 +54,6 @@
 #include "src/seam.c"       /* do the borders between blocks show? */
 
 /* the whole job */
-#include "src/survey.c" /* what a survey holds, and what training it would take */
-#include "src/job.c"    /* a survey in, a folder with the model, its metrics and pictures out */
+#include "src/survey.c"            /* what a survey holds, and what training it would take */
+#include "src/partition_balance.c" /* how even the blocks are, and what each will take */
+#include "src/job.c"               /* a survey in, a folder with the model, its metrics and pictures out */

@@ -354,6 +354,37 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
                                const oxl_callback *callback);
 
+/* ---------------------------------------------------------------- the survey in blocks */
+
+typedef struct oxl_block {
+    size_t points, start_points;       /* at home in it; that its training starts from */
+    int    base_views, border_views;   /* views that see much of what they see in it; views that see much of it */
+    double gaussians, memory, seconds; /* predicted, as in oxl_survey */
+} oxl_block;
+
+typedef struct oxl_balance { /* peak: the largest over the mean; spread: standard deviation over the mean; 1 and 0 are perfect */
+    int    blocks;
+    double points_peak, points_spread, views_peak, views_spread;
+    double memory, seconds, longest; /* predicted: of the block that takes most; of all, one after the other; of the longest */
+} oxl_balance;
+
+typedef struct oxl_partition_report {
+    int         dimensions; /* 2 or 3 */
+    double      extent[3];  /* along the principal axes, in the survey's unit */
+    oxl_cut     cut;        /* that was used */
+    oxl_balance balance[2]; /* by oxl_cut: as it is, and as it would be */
+    int         block_count;
+    oxl_block  *block;
+} oxl_partition_report;
+
+/* Cuts the survey in folder `scene` into blocks and leaves in folder `out`: blocks/000/... as COLMAP text exports, partition.txt and
+ * partition.svg. report may be NULL; options may be NULL: the draft preset. Photographs need not be there, but when their folder is,
+ * views whose photograph is missing are left out as in training. */
+OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
+                                 oxl_partition_report *report);
+OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
+OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *report, char **out);
+
 /* Pictures of a split into a folder: NAME.png for each view; with photographs NAME.photo.png; with depth NAME.depth.png
  * (near is bright) and NAME.depth.pfm (float camera z, 0: nothing there). */
 typedef struct oxl_pictures {

@@ -142,8 +142,10 @@ OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const 
 struct os_writer {
     FILE *file;
     char *path, *temporary;
+    int   error; /* errno of os_writer_sync */
 };
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
+OXL_INTERNAL void       os_writer_sync(struct os_writer *writer); /* waits for the disk; a failure is told by os_writer_close */
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc); /* rc != OXL_OK: discard */
 
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
@@ -151,6 +153,8 @@ OXL_INTERNAL int   os_rename(const char *from, const char *to); /* over what `to
 OXL_INTERNAL int   os_remove(const char *path);                 /* 0: done */
 
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
+/* A symbolic link at `path` to the folder `target`, in place of an older link but of nothing else; 0: none could be made. */
+OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char *path);
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
 OXL_INTERNAL double     os_seconds(void);     /* monotonic clock */
@@ -318,17 +322,20 @@ struct scene_stats { /* what check and the first message say */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
-OXL_INTERNAL const struct scene_stats  *scene_stats_of(const oxl_scene *scene);
-OXL_INTERNAL const struct colmap       *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
+OXL_INTERNAL const struct scene_stats   *scene_stats_of(const oxl_scene *scene);
+OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* Of a scene from files: where a view comes from, and whether a point is one of the scene's or absurdly far from its origin. */
-OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view);
-OXL_INTERNAL int                        scene_takes_point(const struct colmap_point *point, const double origin[3]);
+OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
+OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
+OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
+OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
+OXL_INTERNAL int                         scene_takes_point(const struct colmap_point *point, const double origin[3]);
 /* Borrowed from the cache until the next call for another view, or NULL with the error set. */
-OXL_INTERNAL const struct photo        *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
+OXL_INTERNAL const struct photo         *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
-OXL_INTERNAL double                     scene_depth_quantile(const oxl_scene *scene, double quantile);
+OXL_INTERNAL double                      scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
-OXL_INTERNAL double                     scene_near_plane(const oxl_scene *scene);
+OXL_INTERNAL double                      scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
@@ -365,6 +372,9 @@ OXL_INTERNAL void       partition_free(oxl_context *ctx, struct partition *p);
 /* partition_file.c: partition.txt, which reads back to the same bits. */
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
 OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
+
+/* partition_export.c: blocks/KKK, partition.svg and, last of all, partition.txt into folder `out`. p is as partition_make left it. */
+OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
 
 /* ---------------------------------------------------------------- ply.c: a small PLY reader */
 

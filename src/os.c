@@ -59,6 +59,23 @@ static int os_seek(FILE *file, uint64_t offset)
     return fseeko(file, (off_t)offset, SEEK_SET);
 }
 
+static int os_make_link(const char *target, const char *path)
+{
+    struct stat s;
+    if (lstat(path, &s) == 0 && S_ISLNK(s.st_mode)) unlink(path);
+    return symlink(target, path);
+}
+
+static int os_is_absolute(const char *path)
+{
+    return path[0] == '/';
+}
+
+static int os_working_folder(char *out, size_t size)
+{
+    return getcwd(out, size) ? 0 : -1;
+}
+
 /* Makes the rename itself last through a power cut. Not every file system allows it; the data are safe by then. */
 static void os_sync_folder(const char *path)
 {
@@ -198,6 +215,24 @@ OXL_INTERNAL int os_rename(const char *from, const char *to)
     return os_done(MoveFileExW(os_wide(from, a), os_wide(to, b), MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH));
 }
 
+static int os_make_link(const char *target, const char *path)
+{
+    (void)target, (void)path; /* asks for rights that few programs have */
+    return -1;
+}
+
+static int os_is_absolute(const char *path)
+{
+    return os_is_separator(path[0]) || (path[0] && path[1] == ':');
+}
+
+static int os_working_folder(char *out, size_t size)
+{
+    wchar_t wide[OS_PATH_MAX];
+    if (GetCurrentDirectoryW(OS_PATH_MAX, wide) == 0) return -1;
+    return WideCharToMultiByte(CP_UTF8, 0, wide, -1, out, (int)size, NULL, NULL) ? 0 : -1;
+}
+
 static void os_sync_folder(const char *path)
 {
     (void)path; /* MOVEFILE_WRITE_THROUGH did it */
@@ -287,6 +322,18 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
     }
     oxl_free(ctx, part);
     return rc;
+}
+
+OXL_INTERNAL int os_link(oxl_context *ctx, const char *target, const char *path)
+{
+    char  here[4096] = "";
+    char *full       = NULL;
+    int   made       = 0;
+    if (!os_is_absolute(target) && os_working_folder(here, sizeof here) != 0) return 0;
+    full = oxl_path_join(ctx, here, target);
+    if (full) made = os_make_link(full, path) == 0;
+    oxl_free(ctx, full);
+    return made;
 }
 
 /* ---------------------------------------------------------------- reading */
@@ -401,13 +448,19 @@ static void os_sync_parent(char *path)
     os_sync_folder(end > 0 ? path : ".");
 }
 
+OXL_INTERNAL void os_writer_sync(struct os_writer *writer)
+{
+    errno = 0;
+    if (fflush(writer->file) != 0 || os_sync(writer->file) != 0) writer->error = errno ? errno : EIO;
+}
+
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc)
 {
     int failed = rc != OXL_OK, error = 0;
     if (!writer->file) return rc; /* was never opened, or is closed already */
     if (!failed) {
-        errno  = 0;
-        failed = ferror(writer->file) || fflush(writer->file) != 0 || os_sync(writer->file) != 0;
+        errno  = writer->error;
+        failed = writer->error || ferror(writer->file) || fflush(writer->file) != 0 || os_sync(writer->file) != 0;
         error  = errno;
     }
     if (fclose(writer->file) != 0 && !failed) {

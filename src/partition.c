@@ -581,13 +581,17 @@ static int partition_train_views(const oxl_scene *scene)
     return scene_stats_of(scene)->views - scene_stats_of(scene)->test_views;
 }
 
-/* Fewer are asked of a small survey: of one photograph in ten, and of a quarter of a small block's points. */
+/* Less is asked of a small survey: a quarter of a small block's points; one photograph in ten, and no more than the block's share of all
+ * photographs, or small blocks, asked for on purpose, would all be joined. */
 static void partition_set_guards(struct partition_build *b)
 {
-    const size_t n  = (size_t)b->options.block_points;
-    b->least_points = OXL_MAX(n / 20, OXL_MIN((size_t)PARTITION_LEAST_POINTS, n / 4));
-    b->least_points = OXL_MAX(b->least_points, (size_t)1);
-    b->least_views  = OXL_CLAMP(partition_train_views(b->scene) / 10, 1, PARTITION_LEAST_VIEWS);
+    const size_t n     = (size_t)b->options.block_points;
+    const int    views = partition_train_views(b->scene);
+    const double share = views * (double)n / (double)OXL_MAX(b->placed, (size_t)1);
+    b->least_points    = OXL_MAX(n / 20, OXL_MIN((size_t)PARTITION_LEAST_POINTS, n / 4));
+    b->least_points    = OXL_MAX(b->least_points, (size_t)1);
+    b->least_views     = OXL_CLAMP(views / 10, 1, PARTITION_LEAST_VIEWS);
+    if (share < b->least_views) b->least_views = OXL_MAX(1, (int)share);
 }
 
 static oxl_result partition_place_points(struct partition_build *b, const struct partition *p)

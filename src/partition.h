@@ -48,4 +48,8 @@ OXL_INTERNAL oxl_result partition_again(oxl_context *ctx, const struct partition
 /* Marks in bits (points) what a block starts from; returns how many. bits: zero, (points + 63) / 64 words. */
 OXL_INTERNAL size_t     partition_mark(const struct partition *p, int block, uint64_t *bits);
 
+/* ---------------------------------------------------------------- partition_svg.c: the picture */
+
+OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path);
+
 #endif

@@ -5,8 +5,8 @@
  * the axes are those of the points within 1.5 times the distance inside which 90 % of them lie. A uniform cloud of any shape loses
  * nothing by that, and up to a tenth of outliers changes nothing.
  *
- * Invariants: the rotation is right-handed and its rows fall in extent. It depends on the survey alone: a large one is sampled at a
- * fixed stride.
+ * Invariants: the rotation is right-handed and its rows fall in extent. It depends on the survey alone: of a large one,
+ * one point of each stretch of the file is taken.
  */
 #include "partition.h"
 
@@ -28,7 +28,9 @@ static size_t axes_sample(const struct colmap *c, const double origin[3], double
 {
     const size_t step  = c->point_count / AXES_SAMPLE + 1;
     size_t       count = 0;
-    for (size_t i = 0; i < c->point_count; i += step) {
+    for (size_t first = 0; first + step <= c->point_count; first += step) {
+        const size_t i =
+            first + random_bits(1, first, 0) % step; /* files have a rhythm of their own; ours must not fall in with it */
         double *p = sample + 3 * count;
         for (int k = 0; k < 3; k++) p[k] = c->point[i].position[k] - origin[k];
         count += (size_t)scene_takes_point(&c->point[i], origin);

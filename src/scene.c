@@ -621,3 +621,18 @@ OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scen
 {
     return &scene->colmap.image[scene->source[view].image];
 }
+
+OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view)
+{
+    return &scene->colmap.camera[scene->source[view].camera];
+}
+
+OXL_INTERNAL const char *scene_images_folder(const oxl_scene *scene)
+{
+    return scene->images;
+}
+
+OXL_INTERNAL const char *scene_masks_folder(const oxl_scene *scene)
+{
+    return scene->masks;
+}

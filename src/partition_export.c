@@ -1,0 +1,425 @@
+/* partition_export.c - each block as a COLMAP text export of its own, which COLMAP and other trainers open.
+ *
+ *     OUT/blocks/KKK/sparse/0/   cameras.txt, images.txt, points3D.txt
+ *     OUT/blocks/KKK/images      a link to the survey's photographs, and masks likewise, where the system has links
+ *     OUT/partition.svg, and last of all OUT/partition.txt: where it stands, the rest does too
+ *
+ * A block holds its training views and the points that it starts from, in the world coordinates, camera models, names and ids of the
+ * survey; numbers as %.17g. Tracks are reduced to the block's views. A view keeps its whole list of 2D points, those of no track in
+ * the block unmatched (-1): so a track's POINT2D_IDX stays what it was, here and in COLMAP's database. The list's numbers are copied as
+ * they stand in images.txt, letter by letter.
+ *
+ * Files are written by several threads at a time, a block each. Invariant: what is in a file does not depend on that.
+ */
+#include "partition.h"
+
+enum { EXPORT_BUFFER = 1 << 20, EXPORT_WAVE = 32, EXPORT_FILES = 3 };
+
+static const char *const exporter_name[EXPORT_FILES] = {"cameras.txt", "images.txt", "points3D.txt"};
+
+struct exporter_files { /* of a block */
+    struct os_writer writer[EXPORT_FILES];
+};
+
+struct exporter_worker {     /* what one thread works with; all of it taken before the threads start */
+    uint64_t        *bits;   /* (points) the block starts from it */
+    uint8_t         *image;  /* (images) its view is in the block */
+    uint8_t         *camera; /* (cameras) one of those views was taken by it */
+    uint32_t        *slot;   /* (slots) point + 1 to which a 2D point of the view at hand belongs; 0: none */
+    char            *list;   /* (list_room) the text of a view's 2D points */
+    char            *buffer; /* (EXPORT_BUFFER) */
+    size_t           used;
+    FILE            *file;
+    struct os_reader reader; /* of images.txt */
+    size_t           loose;  /* entries of tracks that name no 2D point of their own */
+    oxl_result       rc;
+};
+
+struct exporter {
+    oxl_context            *ctx;
+    const struct partition *p;
+    const struct colmap    *colmap;
+    const char             *out;
+    char                   *images_txt;
+    size_t                  slots, list_room;
+    struct exporter_worker *worker; /* (ctx->threads) */
+};
+
+/* ---------------------------------------------------------------- text, fast */
+
+static void exporter_flush(struct exporter_worker *w)
+{
+    fwrite(w->buffer, 1, w->used, w->file); /* os_writer_close notices what failed */
+    w->used = 0;
+}
+
+static char *exporter_room(struct exporter_worker *w, size_t size)
+{
+    if (w->used + size > EXPORT_BUFFER) exporter_flush(w);
+    return w->buffer + w->used;
+}
+
+static void exporter_put(struct exporter_worker *w, const char *text, size_t size)
+{
+    for (; size > EXPORT_BUFFER; text += EXPORT_BUFFER, size -= EXPORT_BUFFER) {
+        memcpy(exporter_room(w, EXPORT_BUFFER), text, EXPORT_BUFFER);
+        w->used += EXPORT_BUFFER;
+    }
+    memcpy(exporter_room(w, size), text, size);
+    w->used += size;
+}
+
+static void exporter_put_text(struct exporter_worker *w, const char *text)
+{
+    exporter_put(w, text, strlen(text));
+}
+
+/* With `before` in front of it. */
+static void exporter_put_whole(struct exporter_worker *w, char before, int64_t value)
+{
+    char     digits[20], *to = exporter_room(w, sizeof digits + 2);
+    uint64_t rest = value < 0 ? 0 - (uint64_t)value : (uint64_t)value;
+    int      n    = 0;
+    if (before) *to++ = before;
+    if (value < 0) *to++ = '-';
+    do digits[n++] = (char)('0' + rest % 10);
+    while ((rest /= 10) > 0);
+    while (n > 0) *to++ = digits[--n];
+    w->used = (size_t)(to - w->buffer);
+}
+
+static void exporter_put_real(struct exporter_worker *w, double value)
+{
+    char *to = exporter_room(w, NUMBER_TEXT_MAX + 1);
+    *to      = ' ';
+    w->used += 1 + format_double(to + 1, value);
+}
+
+/* ---------------------------------------------------------------- the three files of a block */
+
+static int exporter_has_view(const struct exporter *e, int block, size_t view)
+{
+    return e->p->plan->role[(size_t)block * e->p->plan->sight->views + view] != PARTITION_OUT;
+}
+
+/* Marks the block's points, images and cameras. */
+static void exporter_mark(const struct exporter *e, struct exporter_worker *w, int block)
+{
+    memset(w->bits, 0, (e->colmap->point_count + 63) / 64 * sizeof *w->bits);
+    memset(w->image, 0, e->colmap->image_count);
+    memset(w->camera, 0, e->colmap->camera_count);
+    partition_mark(e->p, block, w->bits);
+    for (size_t v = 0; v < e->p->plan->sight->views; v++)
+        if (exporter_has_view(e, block, v)) {
+            w->image[scene_source_image(e->p->plan->scene, (int)v) - e->colmap->image]    = 1;
+            w->camera[scene_source_camera(e->p->plan->scene, (int)v) - e->colmap->camera] = 1;
+        }
+}
+
+static void exporter_cameras(const struct exporter *e, struct exporter_worker *w)
+{
+    int count = 0;
+    for (size_t i = 0; i < e->colmap->camera_count; i++) count += w->camera[i];
+    exporter_put_text(w, "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+                         "# Number of cameras:");
+    exporter_put_whole(w, ' ', count);
+    for (size_t i = 0; i < e->colmap->camera_count; i++) {
+        const struct colmap_camera *c = &e->colmap->camera[i];
+        if (!w->camera[i]) continue;
+        exporter_put_whole(w, '\n', c->id);
+        exporter_put_text(w, " ");
+        exporter_put_text(w, camera_model_at(c->model)->name);
+        exporter_put_whole(w, ' ', c->width);
+        exporter_put_whole(w, ' ', c->height);
+        for (int k = 0; k < c->parameter_count; k++) exporter_put_real(w, c->parameter[k]);
+    }
+    exporter_put_text(w, "\n");
+}
+
+/* Which point each 2D point of the view belongs to, by the tracks. */
+static void exporter_fill_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
+{
+    const struct partition_sight *s = e->p->plan->sight;
+    for (size_t k = s->first[view]; k < s->first[view + 1]; k++) {
+        if (s->observation[k] >= e->slots || w->slot[s->observation[k]]) w->loose++;
+        else w->slot[s->observation[k]] = s->point[k] + 1;
+    }
+}
+
+static void exporter_clear_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
+{
+    const struct partition_sight *s = e->p->plan->sight;
+    for (size_t k = s->first[view]; k < s->first[view + 1]; k++)
+        if (s->observation[k] < e->slots && w->slot[s->observation[k]]) {
+            w->loose++;
+            w->slot[s->observation[k]] = 0;
+        }
+}
+
+static int exporter_is_blank(char c)
+{
+    return c == ' ' || c == '\t' || c == '\r';
+}
+
+static const char *exporter_next_field(const char *p, const char *end, const char **begin)
+{
+    while (p < end && exporter_is_blank(*p)) p++;
+    *begin = p;
+    while (p < end && !exporter_is_blank(*p)) p++;
+    return p;
+}
+
+/* X and Y as they stand there, POINT3D_ID anew. */
+static void exporter_list(const struct exporter *e, struct exporter_worker *w, const char *p, const char *end)
+{
+    for (size_t k = 0;; k++) {
+        const char *x, *y, *id;
+        const char *x_end = exporter_next_field(p, end, &x), *y_end = exporter_next_field(x_end, end, &y);
+        p = exporter_next_field(y_end, end, &id);
+        if (id == p) return;
+        if (k > 0) exporter_put(w, " ", 1);
+        exporter_put(w, x, (size_t)(x_end - x));
+        exporter_put(w, " ", 1);
+        exporter_put(w, y, (size_t)(y_end - y));
+        exporter_put_whole(w, ' ', k < e->slots && w->slot[k] ? e->colmap->point[w->slot[k] - 1].id : -1);
+        if (k < e->slots) w->slot[k] = 0;
+    }
+}
+
+static void exporter_image(const struct exporter *e, struct exporter_worker *w, size_t view)
+{
+    const struct colmap_image *image = scene_source_image(e->p->plan->scene, (int)view);
+    size_t                     got   = 0;
+    exporter_put_whole(w, 0, image->id);
+    for (int k = 0; k < 4; k++) exporter_put_real(w, image->rotation[k]);
+    for (int k = 0; k < 3; k++) exporter_put_real(w, image->translation[k]);
+    exporter_put_whole(w, ' ', image->camera_id);
+    exporter_put_text(w, " ");
+    exporter_put_text(w, e->colmap->names + image->name);
+    exporter_put_text(w, "\n");
+#pragma omp critical(exporter_read) /* a failure writes to the context */
+    {
+        if (image->points_size) w->rc = os_reader_seek(e->ctx, &w->reader, image->points_at);
+        if (w->rc == OXL_OK) w->rc = os_reader_read(e->ctx, &w->reader, w->list, image->points_size, &got);
+        if (w->rc == OXL_OK && got < image->points_size)
+            w->rc =
+                oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: has become shorter since it was read\nfix: run once more", e->images_txt);
+    }
+    exporter_fill_slots(e, w, view);
+    exporter_list(e, w, w->list, w->list + got);
+    exporter_clear_slots(e, w, view);
+    exporter_put_text(w, "\n");
+}
+
+static void exporter_images(const struct exporter *e, struct exporter_worker *w, int block)
+{
+    exporter_put_text(
+        w, "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+           "#   POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images:");
+    exporter_put_whole(w, ' ', e->p->block[block].base_views + e->p->block[block].border_views);
+    exporter_put_text(w, "\n");
+    for (size_t v = 0; v < e->p->plan->sight->views && w->rc == OXL_OK; v++)
+        if (exporter_has_view(e, block, v)) exporter_image(e, w, v);
+}
+
+static void exporter_point(const struct exporter *e, struct exporter_worker *w, const struct colmap_point *p)
+{
+    exporter_put_whole(w, 0, p->id);
+    for (int k = 0; k < 3; k++) exporter_put_real(w, p->position[k]);
+    for (int k = 0; k < 3; k++) exporter_put_whole(w, ' ', p->rgb[k]);
+    exporter_put_real(w, p->error);
+    for (uint32_t k = 0; k < p->track_count; k++) {
+        const struct colmap_track *t = &e->colmap->track[p->first_track + k];
+        if (!w->image[t->image_row]) continue;
+        exporter_put_whole(w, ' ', e->colmap->image[t->image_row].id);
+        exporter_put_whole(w, ' ', t->observation);
+    }
+    exporter_put_text(w, "\n");
+}
+
+static void exporter_points(const struct exporter *e, struct exporter_worker *w, int block)
+{
+    exporter_put_text(w, "# 3D point list with one line of data per point:\n"
+                         "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points:");
+    exporter_put_whole(w, ' ', (int64_t)e->p->block[block].start_points);
+    exporter_put_text(w, "\n");
+    for (size_t i = 0; i < e->colmap->point_count; i++)
+        if (w->bits[i >> 6] >> (i & 63) & 1) exporter_point(e, w, &e->colmap->point[i]);
+}
+
+static void exporter_block(const struct exporter *e, struct exporter_worker *w, int block, struct exporter_files *files)
+{
+    exporter_mark(e, w, block);
+    for (int k = 0; k < EXPORT_FILES; k++) {
+        w->file = files->writer[k].file;
+        if (k == 0) exporter_cameras(e, w);
+        else if (k == 1) exporter_images(e, w, block);
+        else exporter_points(e, w, block);
+        exporter_flush(w);
+        os_writer_sync(&files->writer[k]);
+    }
+}
+
+/* ---------------------------------------------------------------- folders */
+
+static char *exporter_path(const struct exporter *e, int block, const char *name)
+{
+    struct text t = {.ctx = e->ctx};
+    char       *path;
+    text_add(&t, "%s/blocks/%03d%s%s", e->out, block, name[0] ? "/" : "", name);
+    return text_take(&t, &path) == OXL_OK ? path : NULL;
+}
+
+static oxl_result exporter_open(const struct exporter *e, int block, struct exporter_files *files)
+{
+    char      *folder = exporter_path(e, block, "sparse/0");
+    oxl_result rc     = folder ? os_make_folder(e->ctx, folder) : OXL_ERR_MEMORY;
+    for (int k = 0; k < EXPORT_FILES && rc == OXL_OK; k++) {
+        char *path = oxl_path_join(e->ctx, folder, exporter_name[k]);
+        rc         = path ? os_writer_open(e->ctx, path, &files->writer[k]) : OXL_ERR_MEMORY;
+        oxl_free(e->ctx, path);
+    }
+    oxl_free(e->ctx, folder);
+    return rc == OXL_ERR_MEMORY ? oxl_fail(e->ctx, rc, "no memory for a path") : rc;
+}
+
+static void exporter_link(const struct exporter *e, int block, const char *name, const char *folder)
+{
+    char *path = folder && os_is_folder(folder) ? exporter_path(e, block, name) : NULL;
+    if (path && !os_link(e->ctx, folder, path))
+        oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the photographs by --images", path);
+    oxl_free(e->ctx, path);
+}
+
+/* What an earlier partition into more blocks has left. Models that were trained there stay. */
+static void exporter_remove_old(const struct exporter *e)
+{
+    static const char *const old[] = {
+        "sparse/0/cameras.txt", "sparse/0/images.txt", "sparse/0/points3D.txt", "sparse/0", "sparse", "images", "masks", ""};
+    for (int block = e->p->block_count;; block++) {
+        char     *folder = exporter_path(e, block, "");
+        const int there  = folder && os_is_folder(folder);
+        oxl_free(e->ctx, folder);
+        if (!there) return;
+        for (size_t k = 0; k < OXL_COUNT(old); k++) {
+            char *path = exporter_path(e, block, old[k]);
+            if (path) remove(path); /* a folder only when it is empty */
+            oxl_free(e->ctx, path);
+        }
+    }
+}
+
+/* ---------------------------------------------------------------- workers */
+
+static oxl_result exporter_prepare(struct exporter *e)
+{
+    const struct colmap *c     = e->colmap;
+    const size_t         views = e->p->plan->sight->views;
+    for (size_t v = 0; v < views; v++)
+        e->list_room = OXL_MAX(e->list_room, scene_source_image(e->p->plan->scene, (int)v)->points_size);
+    e->slots      = e->list_room / 6 + 1; /* "0 0 0 " is the shortest */
+    e->images_txt = oxl_path_join(e->ctx, c->folder, exporter_name[1]);
+    e->worker     = oxl_calloc(e->ctx, (size_t)e->ctx->threads, sizeof *e->worker);
+    if (!e->images_txt || !e->worker) return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+    for (int i = 0; i < e->ctx->threads; i++) {
+        struct exporter_worker *w  = &e->worker[i];
+        const oxl_result        rc = os_reader_open(e->ctx, e->images_txt, &w->reader);
+        if (rc != OXL_OK) return rc;
+        w->bits   = oxl_alloc(e->ctx, c->point_count / 64 + 1, sizeof *w->bits);
+        w->image  = oxl_alloc(e->ctx, c->image_count, 1);
+        w->camera = oxl_alloc(e->ctx, c->camera_count, 1);
+        w->slot   = oxl_calloc(e->ctx, e->slots, sizeof *w->slot);
+        w->list   = oxl_alloc(e->ctx, e->list_room + 1, 1);
+        w->buffer = oxl_alloc(e->ctx, EXPORT_BUFFER, 1);
+        if (!w->bits || !w->image || !w->camera || !w->slot || !w->list || !w->buffer)
+            return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+    }
+    return OXL_OK;
+}
+
+static void exporter_free(struct exporter *e)
+{
+    for (int i = 0; e->worker && i < e->ctx->threads; i++) {
+        struct exporter_worker *w = &e->worker[i];
+        os_reader_close(&w->reader);
+        oxl_free(e->ctx, w->bits);
+        oxl_free(e->ctx, w->image);
+        oxl_free(e->ctx, w->camera);
+        oxl_free(e->ctx, w->slot);
+        oxl_free(e->ctx, w->list);
+        oxl_free(e->ctx, w->buffer);
+    }
+    oxl_free(e->ctx, e->worker);
+    oxl_free(e->ctx, e->images_txt);
+}
+
+/* Blocks from `first` on, as many as there are writers for. Each thread takes the next one that is left. */
+static void exporter_wave_write(const struct exporter *e, int first, int count, struct exporter_files *files)
+{
+    int next = 0;
+#pragma omp        parallel for schedule(static, 1) num_threads(e->ctx->threads)
+    for (int i = 0; i < e->ctx->threads; i++)
+        for (int mine = 0; mine < count;) {
+#pragma omp atomic capture
+            mine = next++;
+            if (mine < count) exporter_block(e, &e->worker[i], first + mine, &files[mine]);
+        }
+}
+
+static oxl_result exporter_wave(const struct exporter *e, int first, int count)
+{
+    struct exporter_files *files = oxl_calloc(e->ctx, (size_t)count, sizeof *files);
+    oxl_result             rc    = files ? OXL_OK : oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+    for (int i = 0; i < count && rc == OXL_OK; i++) rc = exporter_open(e, first + i, &files[i]);
+    if (rc == OXL_OK) exporter_wave_write(e, first, count, files);
+    for (int i = 0; i < e->ctx->threads && rc == OXL_OK; i++) rc = e->worker[i].rc;
+    for (int i = 0; i < count && files; i++)
+        for (int k = 0; k < EXPORT_FILES; k++) rc = os_writer_close(e->ctx, &files[i].writer[k], rc);
+    for (int i = 0; i < count && rc == OXL_OK; i++) {
+        exporter_link(e, first + i, "images", scene_images_folder(e->p->plan->scene));
+        exporter_link(e, first + i, "masks", scene_masks_folder(e->p->plan->scene));
+    }
+    oxl_free(e->ctx, files);
+    return rc;
+}
+
+static oxl_result exporter_blocks(struct exporter *e)
+{
+    const int  wave  = OXL_MIN(4 * e->ctx->threads, (int)EXPORT_WAVE);
+    size_t     loose = 0;
+    oxl_result rc    = exporter_prepare(e);
+    for (int i = 0; i < e->p->block_count && rc == OXL_OK; i += wave)
+        rc = exporter_wave(e, i, OXL_MIN(wave, e->p->block_count - i));
+    for (int i = 0; rc == OXL_OK && i < e->ctx->threads; i++) loose += e->worker[i].loose;
+    if (loose > 0)
+        oxl_log(
+            e->ctx, OXL_LOG_WARNING,
+            "%zu entries of tracks name 2D points that %s does not hold, or that others name too; COLMAP may refuse the blocks as it "
+            "would the survey",
+            loose, e->images_txt);
+    if (rc == OXL_OK) exporter_remove_old(e);
+    exporter_free(e);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- door */
+
+OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out)
+{
+    struct exporter e       = {.ctx = ctx, .p = p, .out = out};
+    char           *record  = oxl_path_join(ctx, out, "partition.txt");
+    char           *picture = oxl_path_join(ctx, out, "partition.svg");
+    oxl_result      rc = record && picture ? os_make_folder(ctx, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (rc == OXL_OK && !p->plan)
+        rc = oxl_fail(ctx, OXL_ERR_USAGE, "a partition read from partition.txt holds no survey\nfix: make it from the scene");
+    if (rc != OXL_OK) goto done;
+    e.colmap = scene_colmap(p->plan->scene);
+    remove(record);
+    rc = exporter_blocks(&e);
+    if (rc == OXL_OK) rc = partition_draw(ctx, p, picture);
+    if (rc == OXL_OK) rc = partition_write(ctx, record, p);
+done:
+    oxl_free(ctx, record);
+    oxl_free(ctx, picture);
+    return rc;
+}

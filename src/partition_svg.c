@@ -1,0 +1,519 @@
+/* partition_svg.c - partition.svg: the survey from above, and from the side when it is cut in 3D, with its blocks, points and cameras.
+ *
+ * A plain picture: shapes and text, no script, no font of its own. Points and cameras are thinned at a fixed stride, so that the file of a
+ * large survey stays small and the same survey gives the same bytes. No number is written through the locale.
+ */
+#include "partition.h"
+
+enum {
+    SVG_POINTS  = 14000, /* drawn in all panels together; 13 bytes each */
+    SVG_CAMERAS = 6000,
+    SVG_WIDTH   = 1120, /* px of a panel, at most */
+    SVG_HEIGHT  = 760,
+    SVG_LEAST   = 700, /* px of the picture's width, for the words */
+    SVG_EDGE    = 44,
+    SVG_MANY    = 300, /* views, from which on their marks are small */
+    SVG_COLOURS = 12,
+    SVG_LISTED  = 8,   /* blocks in a common label */
+    SVG_ROWS    = 300, /* blocks listed in the table */
+    SVG_COLUMN  = 190  /* px of a column of the table */
+};
+#define SVG_AIR 0.05 /* of the extents, around them */
+
+static const char *const svg_colour[SVG_COLOURS] = {"#1f77a8", "#e07b39", "#3a9d6e", "#b5507f", "#7a68b3", "#c9a227",
+                                                    "#3fa7b5", "#c4504b", "#6b8e3d", "#8c6d5a", "#5479c4", "#a35fb0"};
+
+struct svg_panel {
+    const char *title;
+    int         across, up;            /* axes of the frame */
+    double      low[2], high[2];       /* of the frame, that are shown */
+    double      scale;                 /* px a unit */
+    double      left, top, wide, tall; /* px */
+    int         stacked;               /* blocks lie behind each other, as seen from here */
+};
+
+struct svg {
+    struct text             t;
+    const struct partition *p;
+    const struct colmap    *colmap;
+    int                    *colour; /* (blocks) */
+    double                 *camera; /* (views,3) in the frame */
+    int                    *base;   /* (views) first block that has it as a base view, -1 */
+    int                    *border; /* (views) */
+    struct svg_panel        panel[2];
+    int                     panels;
+};
+
+/* ---------------------------------------------------------------- numbers and words */
+
+/* With one decimal. */
+static void svg_put(struct text *t, double px)
+{
+    const long tenths = (long)floor(10 * px + 0.5), whole = labs(tenths) / 10, rest = labs(tenths) % 10;
+    text_add(t, rest ? "%s%ld.%ld" : "%s%ld", tenths < 0 ? "-" : "", whole, rest);
+}
+
+static void svg_attribute(struct text *t, const char *name, double px)
+{
+    text_add(t, " %s=\"", name);
+    svg_put(t, px);
+    text_add(t, "\"");
+}
+
+/* 28 366 */
+static void svg_put_count(struct text *t, size_t count)
+{
+    char digits[32];
+    int  n = snprintf(digits, sizeof digits, "%zu", count);
+    for (int i = 0; i < n; i++) text_add(t, "%s%c", i > 0 && (n - i) % 3 == 0 ? "\xE2\x80\x89" : "", digits[i]); /* thin space */
+}
+
+/* Three significant digits of a length below 100, whole units above. */
+static void svg_put_length(struct text *t, double units)
+{
+    double parts = 1;
+    while (parts < 1e9 && units * parts < 100) parts *= 10;
+    text_add_number(t, floor(units * parts + 0.5) / parts);
+}
+
+static void svg_begin_text(struct text *t, const char *class, double x, double y)
+{
+    text_add(t, "<text class=\"%s\"", class);
+    svg_attribute(t, "x", x);
+    svg_attribute(t, "y", y);
+    text_add(t, ">");
+}
+
+/* ---------------------------------------------------------------- layout */
+
+/* The trimmed extents with some air, and the cameras that are not too far off. */
+static void svg_set_bounds(struct svg *s, struct svg_panel *panel)
+{
+    const int views = (int)s->p->plan->sight->views;
+    for (int k = 0; k < 2; k++) {
+        const int    axis = k ? panel->up : panel->across;
+        const double low = s->p->plan->finite.low[axis], high = s->p->plan->finite.high[axis];
+        const double size = OXL_MAX(high - low, 1e-3 * OXL_MAX(s->p->extent[0], 1e-9));
+        double       from = low, to = high;
+        for (int v = 0; v < views; v++) {
+            const double at = s->camera[3 * v + axis];
+            if (at > low - size && at < high + 2 * size) from = OXL_MIN(from, at), to = OXL_MAX(to, at);
+        }
+        panel->low[k]  = from - SVG_AIR * size;
+        panel->high[k] = to + SVG_AIR * size;
+    }
+}
+
+static int svg_is_stacked(const struct partition *p, const struct svg_panel *panel)
+{
+    for (int i = 0; i < p->block_count; i++)
+        for (int j = 0; j < i; j++) {
+            const struct partition_box *a = &p->block[i].box, *b = &p->block[j].box;
+            const int                   x = panel->across, y = panel->up;
+            if (a->low[x] < b->high[x] && b->low[x] < a->high[x] && a->low[y] < b->high[y] && b->low[y] < a->high[y]) return 1;
+        }
+    return 0;
+}
+
+static double svg_lay_out(struct svg *s, double top)
+{
+    double scale = INFINITY;
+    for (int i = 0; i < s->panels; i++) {
+        const struct svg_panel *p = &s->panel[i];
+        scale = OXL_MIN(scale, OXL_MIN(SVG_WIDTH / (p->high[0] - p->low[0]), SVG_HEIGHT / (p->high[1] - p->low[1])));
+    }
+    for (int i = 0; i < s->panels; i++) {
+        struct svg_panel *p = &s->panel[i];
+        p->scale            = scale;
+        p->wide             = scale * (p->high[0] - p->low[0]);
+        p->tall             = scale * (p->high[1] - p->low[1]);
+        p->left             = SVG_EDGE;
+        p->top              = top + 26;
+        top                 = p->top + p->tall + 46;
+    }
+    return top;
+}
+
+static double svg_x(const struct svg_panel *p, double across)
+{
+    return p->left + p->scale * (across - p->low[0]);
+}
+
+static double svg_y(const struct svg_panel *p, double up)
+{
+    return p->top + p->tall - p->scale * (up - p->low[1]);
+}
+
+static int svg_shows(const struct svg_panel *p, const double frame[3])
+{
+    const double a = frame[p->across], b = frame[p->up];
+    return a >= p->low[0] && a <= p->high[0] && b >= p->low[1] && b <= p->high[1];
+}
+
+/* ---------------------------------------------------------------- colours */
+
+static int svg_touch(const struct partition_box *a, const struct partition_box *b)
+{
+    int touch = 1;
+    for (int k = 0; k < 3; k++) touch &= a->low[k] <= b->high[k] && b->low[k] <= a->high[k];
+    return touch;
+}
+
+/* Neighbours differ: of the colours that no neighbour has, the one that was used least. */
+static void svg_choose_colours(struct svg *s)
+{
+    int used[SVG_COLOURS] = {0};
+    for (int i = 0; i < s->p->block_count; i++) {
+        int taken[SVG_COLOURS] = {0}, best = 0;
+        for (int j = 0; j < i; j++)
+            if (svg_touch(&s->p->block[i].box, &s->p->block[j].box)) taken[s->colour[j]]++;
+        for (int c = 1; c < SVG_COLOURS; c++)
+            if (taken[c] < taken[best] || (taken[c] == taken[best] && used[c] < used[best])) best = c;
+        s->colour[i] = best;
+        used[best]++;
+    }
+}
+
+/* ---------------------------------------------------------------- what is drawn in a panel */
+
+static void svg_rectangle(struct text *t, const char *class, const char *colour, double x, double y, double wide, double tall)
+{
+    text_add(t, "<rect class=\"%s\"", class);
+    svg_attribute(t, "x", x);
+    svg_attribute(t, "y", y);
+    svg_attribute(t, "width", OXL_MAX(wide, 0));
+    svg_attribute(t, "height", OXL_MAX(tall, 0));
+    if (colour) text_add(t, " fill=\"%s\" stroke=\"%s\"", colour, colour);
+    text_add(t, "/>\n");
+}
+
+/* The part of a block's home that the panel shows: x, y, width, height. */
+static void svg_place(const struct svg_panel *p, const struct partition_box *box, double out[4])
+{
+    const double left  = svg_x(p, OXL_MAX(box->low[p->across], p->low[0])),
+                 right = svg_x(p, OXL_MIN(box->high[p->across], p->high[0]));
+    const double top = svg_y(p, OXL_MIN(box->high[p->up], p->high[1])), bottom = svg_y(p, OXL_MAX(box->low[p->up], p->low[1]));
+    out[0] = left;
+    out[1] = top;
+    out[2] = right - left;
+    out[3] = bottom - top;
+}
+
+static void svg_dot(struct text *t, const struct svg_panel *p, const double frame[3])
+{
+    text_add(t, "M");
+    svg_put(t, svg_x(p, frame[p->across]));
+    text_add(t, " ");
+    svg_put(t, svg_y(p, frame[p->up]));
+    text_add(t, "h0");
+}
+
+/* One path a block. */
+static void svg_draw_points(struct svg *s, const struct svg_panel *panel)
+{
+    const size_t count = s->colmap->point_count, most = SVG_POINTS / (size_t)s->panels;
+    const double stride = OXL_MAX(1, (double)count / (double)most);
+    for (int block = 0; block < s->p->block_count; block++) {
+        text_add(&s->t, "<path class=\"point\" stroke=\"%s\" d=\"", svg_colour[s->colour[block]]);
+        for (size_t k = 0; (double)(k + 1) * stride <= (double)count;
+             k++) { /* one of each stretch: files have their own rhythm */
+            const size_t i = (size_t)(((double)k + random_unit(random_bits(1, k, 0))) * stride);
+            double       frame[3];
+            if (s->p->plan->home[i] != (uint32_t)block) continue;
+            partition_to_frame(s->p, s->colmap->point[i].position, frame);
+            if (svg_shows(panel, frame)) svg_dot(&s->t, panel, frame);
+        }
+        text_add(&s->t, "\"/>\n");
+    }
+}
+
+static void svg_draw_blocks(struct svg *s, const struct svg_panel *panel)
+{
+    for (int i = 0; i < s->p->block_count; i++) {
+        const struct partition_box *box  = &s->p->block[i].box;
+        const double                left = box->low[panel->across] < panel->low[0] ? 4 : 0,
+                     right               = box->high[panel->across] > panel->high[0] ? 4 : 0;
+        const double top = box->high[panel->up] > panel->high[1] ? 4 : 0, bottom = box->low[panel->up] < panel->low[1] ? 4 : 0;
+        double       at[4];
+        svg_place(panel, box, at); /* an open side has its line outside the panel, where it is clipped */
+        svg_rectangle(&s->t, panel->stacked ? "block line" : "block", svg_colour[s->colour[i]], at[0] - left, at[1] - top,
+                      at[2] + left + right, at[3] + top + bottom);
+    }
+}
+
+/* The cameras whose list[v] is `block`, as one path. */
+static void svg_draw_cameras_of(struct svg *s, const struct svg_panel *panel, const int *list, int block, const char *class)
+{
+    const size_t views = s->p->plan->sight->views, stride = views * (size_t)s->panels / SVG_CAMERAS + 1;
+    int          any = 0;
+    for (size_t v = 0; v < views; v += stride) {
+        if (oxl_scene_view(s->p->plan->scene, (int)v)->is_test || !svg_shows(panel, s->camera + 3 * v)) continue;
+        if (list[v] != block) continue;
+        if (!any++)
+            text_add(&s->t, "<path class=\"%s\" stroke=\"%s\" d=\"", class, block < 0 ? "#98a4ad" : svg_colour[s->colour[block]]);
+        svg_dot(&s->t, panel, s->camera + 3 * v);
+    }
+    if (any) text_add(&s->t, "\"/>\n");
+}
+
+static void svg_draw_cameras(struct svg *s, const struct svg_panel *panel)
+{
+    const int blocks = s->p->block_count;
+    for (int i = 0; i < blocks; i++) svg_draw_cameras_of(s, panel, s->border, i, "ring");
+    for (int i = -1; i < blocks; i++) svg_draw_cameras_of(s, panel, s->base, i, "halo");
+    for (int i = 0; i < blocks; i++) svg_draw_cameras_of(s, panel, s->base, i, "camera");
+}
+
+static void svg_draw_test_views(struct svg *s, const struct svg_panel *panel)
+{
+    const size_t views = s->p->plan->sight->views, stride = views * (size_t)s->panels / SVG_CAMERAS + 1;
+    text_add(&s->t, "<path class=\"test\" d=\"");
+    for (size_t v = 0; v < views; v += stride) {
+        if (!oxl_scene_view(s->p->plan->scene, (int)v)->is_test || !svg_shows(panel, s->camera + 3 * v)) continue;
+        text_add(&s->t, "M");
+        svg_put(&s->t, svg_x(panel, s->camera[3 * v + (size_t)panel->across]));
+        text_add(&s->t, " ");
+        svg_put(&s->t, svg_y(panel, s->camera[3 * v + (size_t)panel->up]) - 3.5);
+        text_add(&s->t, "l3.5 3.5-3.5 3.5-3.5-3.5z");
+    }
+    text_add(&s->t, "\"/>\n");
+}
+
+static void svg_label(struct svg *s, const struct svg_panel *panel, int i)
+{
+    const struct partition_block *b = &s->p->block[i];
+    double                        at[4];
+    svg_place(panel, &b->box, at);
+    if (at[2] < 24 || at[3] < 16) return;
+    if (at[2] < 92 || at[3] < 62) {
+        svg_begin_text(&s->t, "number small", at[0] + at[2] / 2, at[1] + at[3] / 2 + 4);
+        text_add(&s->t, "%d</text>\n", i);
+        return;
+    }
+    svg_begin_text(&s->t, "number", at[0] + 10, at[1] + 25);
+    text_add(&s->t, "%d</text>\n", i);
+    svg_begin_text(&s->t, "count", at[0] + 10, at[1] + 42);
+    text_add(&s->t, "P ");
+    svg_put_count(&s->t, b->points);
+    text_add(&s->t, "</text>\n");
+    svg_begin_text(&s->t, "count", at[0] + 10, at[1] + 58);
+    text_add(&s->t, "C %d + %d</text>\n", b->base_views, b->border_views);
+}
+
+/* Blocks that have their middle in the same place share a label: 3, 4, 5. Block i speaks for all of them when it is the first. */
+static void svg_label_stacked(struct svg *s, const struct svg_panel *panel, int i)
+{
+    double mine[4], other[4];
+    int    listed = 0;
+    svg_place(panel, &s->p->block[i].box, mine);
+    for (int pass = 0; pass < 2; pass++)
+        for (int j = pass ? i : 0; j < (pass ? s->p->block_count : i); j++) {
+            svg_place(panel, &s->p->block[j].box, other);
+            if (fabs(2 * mine[0] + mine[2] - 2 * other[0] - other[2]) > 2 * 14) continue;
+            if (fabs(2 * mine[1] + mine[3] - 2 * other[1] - other[3]) > 2 * 14) continue;
+            if (!pass) return;
+            if (!listed) svg_begin_text(&s->t, "number small", mine[0] + mine[2] / 2, mine[1] + mine[3] / 2 + 4);
+            if (++listed <= SVG_LISTED) text_add(&s->t, listed > 1 ? ", %d" : "%d", j);
+        }
+    text_add(&s->t, listed > SVG_LISTED ? " ...</text>\n" : "</text>\n");
+}
+
+/* 1, 2 or 5 times a power of ten, about a seventh of the panel. */
+static void svg_draw_scale(struct svg *s, const struct svg_panel *panel)
+{
+    const double wanted = SVG_WIDTH / 7.0 / panel->scale, y = panel->top + panel->tall + 18;
+    double       length = 1;
+    while (length > wanted) length /= 10;
+    while (10 * length <= wanted) length *= 10;
+    length *= 5 * length <= wanted ? 5 : 2 * length <= wanted ? 2 : 1;
+    text_add(&s->t, "<path class=\"scale\" d=\"M");
+    svg_put(&s->t, panel->left);
+    text_add(&s->t, " ");
+    svg_put(&s->t, y - 4);
+    text_add(&s->t, "v4h");
+    svg_put(&s->t, length * panel->scale);
+    text_add(&s->t, "v-4\"/>\n");
+    svg_begin_text(&s->t, "note", panel->left + length * panel->scale + 8, y + 2);
+    svg_put_length(&s->t, length);
+    text_add(&s->t, length == 1 ? " unit</text>\n" : " units</text>\n");
+    svg_begin_text(&s->t, "note end", panel->left + panel->wide, y + 2);
+    text_add(&s->t, "principal axes %d \xE2\x86\x92 and %d \xE2\x86\x91</text>\n", panel->across + 1, panel->up + 1); /* arrows */
+}
+
+static void svg_draw_panel(struct svg *s, const struct svg_panel *panel, int index)
+{
+    svg_begin_text(&s->t, "head", panel->left, panel->top - 10);
+    text_add(&s->t, "%s</text>\n<clipPath id=\"clip%d\">", panel->title, index);
+    svg_rectangle(&s->t, "clip", NULL, panel->left, panel->top, panel->wide, panel->tall);
+    text_add(&s->t, "</clipPath>\n");
+    svg_rectangle(&s->t, "paper", NULL, panel->left, panel->top, panel->wide, panel->tall);
+    text_add(&s->t, "<g clip-path=\"url(#clip%d)\"%s>\n", index, s->p->plan->sight->views > SVG_MANY ? " class=\"many\"" : "");
+    svg_draw_points(s, panel);
+    svg_draw_blocks(s, panel);
+    svg_draw_test_views(s, panel);
+    svg_draw_cameras(s, panel);
+    for (int i = 0; i < s->p->block_count; i++) {
+        if (panel->stacked) svg_label_stacked(s, panel, i);
+        else svg_label(s, panel, i);
+    }
+    text_add(&s->t, "</g>\n");
+    svg_rectangle(&s->t, "frame", NULL, panel->left, panel->top, panel->wide, panel->tall);
+    svg_draw_scale(s, panel);
+}
+
+/* ---------------------------------------------------------------- words around the panels */
+
+static void svg_draw_title(struct svg *s)
+{
+    const struct scene_stats *stats = scene_stats_of(s->p->plan->scene);
+    svg_begin_text(&s->t, "title", SVG_EDGE, 46);
+    text_add(&s->t, "%d block%s</text>\n", s->p->block_count, s->p->block_count == 1 ? "" : "s");
+    svg_begin_text(&s->t, "sub", SVG_EDGE, 70);
+    svg_put_count(&s->t, stats->points);
+    text_add(&s->t, " points, ");
+    svg_put_count(&s->t, (size_t)(stats->views - stats->test_views));
+    text_add(&s->t, " training views, %d held out; cut in %dD, principal extents ", stats->test_views, s->p->dimensions);
+    for (int k = 0; k < 3; k++) {
+        if (k > 0) text_add(&s->t, " \xC3\x97 "); /* times */
+        svg_put_length(&s->t, s->p->extent[k]);
+    }
+    text_add(&s->t, "</text>\n");
+}
+
+static double svg_key(struct svg *s, double x, double y, const char *shapes, const char *words)
+{
+    text_add(&s->t, "<g transform=\"translate(");
+    svg_put(&s->t, x);
+    text_add(&s->t, " ");
+    svg_put(&s->t, y);
+    text_add(&s->t, ")\">%s<text class=\"note\" x=\"11\" y=\"4\">%s</text></g>\n", shapes, words);
+    return x + 26 + 6.0 * (double)strlen(words);
+}
+
+static double svg_draw_legend(struct svg *s, double y)
+{
+    double x = SVG_EDGE + 6;
+    x        = svg_key(s, x, y, "<path class=\"camera\" stroke=\"#4b5a66\" d=\"M0 0h0\"/>",
+                       "base view of the block of its colour, the first if of several");
+    x        = svg_key(s, x, y,
+                       "<path class=\"ring\" stroke=\"#4b5a66\" d=\"M0 0h0\"/><path class=\"halo\" stroke=\"#fff\" d=\"M0 0h0\"/>",
+                       "ring: border view of the block of its colour");
+    x        = svg_key(s, x, y, "<path class=\"test\" d=\"M0-3.5l3.5 3.5-3.5 3.5-3.5-3.5z\"/>", "held out for the test");
+    svg_begin_text(&s->t, "note", SVG_EDGE, y + 24);
+    text_add(
+        &s->t,
+        "P points at home, C base + border views. Blocks at the edge have no end: the dashed line is where the picture stops."
+        "</text>\n");
+    return y + 50;
+}
+
+static double svg_draw_table(struct svg *s, double y, double wide)
+{
+    const int columns = OXL_MAX(1, (int)((wide - 2 * SVG_EDGE) / SVG_COLUMN)), shown = OXL_MIN(s->p->block_count, (int)SVG_ROWS);
+    const int rows = (shown + columns - 1) / columns;
+    for (int i = 0; i < shown; i++) {
+        const struct partition_block *b = &s->p->block[i];
+        const double                  x = SVG_EDGE + SVG_COLUMN * (i / rows), at = y + 18.0 * (i % rows);
+        svg_rectangle(&s->t, "swatch", svg_colour[s->colour[i]], x, at - 9, 10, 10);
+        svg_begin_text(&s->t, "cell bold end", x + 36, at);
+        text_add(&s->t, "%d</text>\n", i);
+        svg_begin_text(&s->t, "cell end", x + 104, at);
+        text_add(&s->t, "P ");
+        svg_put_count(&s->t, b->points);
+        text_add(&s->t, "</text>\n");
+        svg_begin_text(&s->t, "cell", x + 114, at);
+        text_add(&s->t, "C %d + %d</text>\n", b->base_views, b->border_views);
+    }
+    if (shown < s->p->block_count) {
+        svg_begin_text(&s->t, "note", SVG_EDGE, y + 18.0 * rows + 4);
+        text_add(&s->t, "and %d more: partition.txt lists them all</text>\n", s->p->block_count - shown);
+    }
+    return y + 18.0 * rows + (shown < s->p->block_count ? 18 : 0);
+}
+
+static const char svg_style[] =
+    "text{font-family:ui-sans-serif,system-ui,'Segoe UI','Helvetica Neue',Helvetica,Arial,sans-serif;fill:#22313c}"
+    ".title{font-size:26px;font-weight:650}.sub{font-size:14px;fill:#4b5a66}.head{font-size:13px;font-weight:600;fill:#4b5a66}"
+    ".note{font-size:12px;fill:#4b5a66}.cell{font-size:12px;font-variant-numeric:tabular-nums}.bold{font-weight:650}"
+    ".end{text-anchor:end}.number,.count{paint-order:stroke;stroke:#fff;stroke-width:4px;stroke-opacity:.85;"
+    "stroke-linejoin:round}.number{font-size:19px;font-weight:700}.small{font-size:12px;text-anchor:middle}.count{font-size:12px;font-weight:500}"
+    ".paper{fill:#fff}.frame{fill:none;stroke:#b7c2ca;stroke-dasharray:2 4}.block{fill-opacity:.1;stroke-width:1.4}.line{fill:none}"
+    ".point,.ring,.halo,.camera{fill:none;stroke-linecap:round}.point{stroke-width:2;stroke-opacity:.55}"
+    ".ring{stroke-width:11}.halo{stroke:#fff;stroke-width:8}.camera{stroke-width:5.4}"
+    ".many .ring{stroke-width:6.4}.many .halo{stroke-width:4.6}.many .camera{stroke-width:3}.many .point{stroke-width:1.5}"
+    ".test{fill:#fff;stroke:#6d7b86}.scale{fill:none;stroke:#22313c;stroke-width:1.5}.swatch{stroke:none}";
+
+static void svg_draw(struct svg *s)
+{
+    double bottom, wide = 0, tall;
+    int    rows;
+    bottom = svg_lay_out(s, 92);
+    for (int i = 0; i < s->panels; i++) wide = OXL_MAX(wide, s->panel[i].wide);
+    wide = OXL_MAX(wide + 2 * SVG_EDGE, (double)SVG_LEAST);
+    rows = OXL_MAX(1, (int)((wide - 2 * SVG_EDGE) / SVG_COLUMN));
+    rows = (OXL_MIN(s->p->block_count, (int)SVG_ROWS) + rows - 1) / rows;
+    tall = bottom + 50 + 18.0 * rows + (s->p->block_count > SVG_ROWS ? 18 : 0) + 24;
+    text_add(&s->t, "<svg xmlns=\"http://www.w3.org/2000/svg\"");
+    svg_attribute(&s->t, "width", ceil(wide));
+    svg_attribute(&s->t, "height", ceil(tall));
+    text_add(&s->t, " viewBox=\"0 0 %d %d\">\n<title>The survey in %d blocks</title>\n<style>%s</style>\n", (int)ceil(wide),
+             (int)ceil(tall), s->p->block_count, svg_style);
+    text_add(&s->t, "<rect width=\"100%%\" height=\"100%%\" fill=\"#f4f7f9\"/>\n");
+    svg_draw_title(s);
+    for (int i = 0; i < s->panels; i++) svg_draw_panel(s, &s->panel[i], i);
+    bottom = svg_draw_legend(s, bottom);
+    svg_draw_table(s, bottom, wide);
+    text_add(&s->t, "</svg>\n");
+}
+
+/* ---------------------------------------------------------------- door */
+
+static void svg_find_cameras(struct svg *s)
+{
+    const struct partition_plan *plan  = s->p->plan;
+    const size_t                 views = plan->sight->views;
+    for (size_t v = 0; v < views; v++) {
+        double centre[3];
+        camera_position(&oxl_scene_view(plan->scene, (int)v)->camera, centre);
+        for (int k = 0; k < 3; k++) centre[k] += s->p->origin[k];
+        partition_to_frame(s->p, centre, s->camera + 3 * v);
+        s->base[v] = s->border[v] = -1;
+        for (int i = s->p->block_count - 1; i >= 0; i--) {
+            if (plan->role[(size_t)i * views + v] == PARTITION_BASE) s->base[v] = i;
+            if (plan->role[(size_t)i * views + v] == PARTITION_BORDER) s->border[v] = i;
+        }
+    }
+}
+
+OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path)
+{
+    const size_t views = p->plan->sight->views;
+    struct svg   s  = {.t = {.ctx = ctx}, .p = p, .colmap = scene_colmap(p->plan->scene), .panels = p->dimensions == 3 ? 2 : 1};
+    oxl_result   rc = OXL_OK;
+    s.panel[0]      = (struct svg_panel){.title = "From above", .across = 0, .up = 1};
+    s.panel[1]      = (struct svg_panel){.title = "From the side", .across = 0, .up = 2};
+    s.colour        = oxl_calloc(ctx, (size_t)p->block_count, sizeof *s.colour);
+    s.camera        = oxl_alloc(ctx, views, 3 * sizeof *s.camera);
+    s.base          = oxl_alloc(ctx, views, sizeof *s.base);
+    s.border        = oxl_alloc(ctx, views, sizeof *s.border);
+    if (!s.colour || !s.camera || !s.base || !s.border) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a picture of the partition");
+        goto done;
+    }
+    svg_find_cameras(&s);
+    svg_choose_colours(&s);
+    for (int i = 0; i < s.panels; i++) {
+        svg_set_bounds(&s, &s.panel[i]);
+        s.panel[i].stacked = svg_is_stacked(p, &s.panel[i]);
+    }
+    svg_draw(&s);
+    if (s.t.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a picture of the partition");
+    else rc = os_write_file(ctx, path, s.t.data, s.t.size);
+done:
+    text_free(&s.t);
+    oxl_free(ctx, s.colour);
+    oxl_free(ctx, s.camera);
+    oxl_free(ctx, s.base);
+    oxl_free(ctx, s.border);
+    return rc;
+}

@@ -1,0 +1,232 @@
+/* test_partition_export.c - blocks as files: COLMAP exports that say what the survey said, the picture, the report. */
+
+static const struct colmap_image *export_test_image(const struct colmap *c, int64_t id)
+{
+    for (size_t i = 0; i < c->image_count; i++)
+        if (c->image[i].id == id) return &c->image[i];
+    return NULL;
+}
+
+static const struct colmap_point *export_test_point(const struct colmap *c, int64_t id)
+{
+    for (size_t i = 0; i < c->point_count; i++)
+        if (c->point[i].id == id) return &c->point[i];
+    return NULL;
+}
+
+static const char *export_test_folder(const char *out, int block)
+{
+    char name[64];
+    snprintf(name, sizeof name, "%s/blocks/%03d/sparse/0", out, block);
+    return test_path(name);
+}
+
+static void export_test_check_image(const struct colmap *all, const struct colmap *part, const struct colmap_image *image)
+{
+    const struct colmap_image *whole = export_test_image(all, image->id);
+    CHECK(whole && memcmp(whole->rotation, image->rotation, sizeof image->rotation) == 0);
+    CHECK(memcmp(whole->translation, image->translation, sizeof image->translation) == 0);
+    CHECK(strcmp(all->names + whole->name, part->names + image->name) == 0 && whole->camera_id == image->camera_id);
+    CHECK(whole->observation_count == image->observation_count);
+    for (size_t k = 0; k < image->observation_count; k++) {
+        const struct colmap_observation *a = &all->observation[whole->first_observation + k],
+                                        *b = &part->observation[image->first_observation + k];
+        const struct colmap_point *point   = b->point < 0 ? NULL : export_test_point(part, b->point);
+        int                        back    = 0;
+        CHECK(a->x == b->x && a->y == b->y);
+        CHECK(b->point == (export_test_point(part, a->point) ? a->point : -1));
+        for (uint32_t j = 0; point && j < point->track_count; j++) {
+            const struct colmap_track *t = &part->track[point->first_track + j];
+            back += t->observation == k && part->image[t->image_row].id == image->id;
+        }
+        CHECK(back == (b->point >= 0));
+    }
+}
+
+static void export_test_check_point(const struct colmap *all, const struct colmap *part, const struct colmap_point *point)
+{
+    const struct colmap_point *whole = export_test_point(all, point->id);
+    uint32_t                   kept  = 0;
+    CHECK(whole && memcmp(whole->position, point->position, sizeof point->position) == 0);
+    CHECK(whole->error == point->error && memcmp(whole->rgb, point->rgb, 3) == 0);
+    for (uint32_t k = 0; k < whole->track_count; k++)
+        kept += export_test_image(part, all->image[all->track[whole->first_track + k].image_row].id) != NULL;
+    CHECK(kept == point->track_count);
+    for (uint32_t k = 0; k < point->track_count; k++) {
+        const struct colmap_track *t     = &part->track[point->first_track + k];
+        const struct colmap_image *image = &part->image[t->image_row];
+        CHECK(t->observation < image->observation_count);
+        CHECK(part->observation[image->first_observation + t->observation].point == point->id);
+    }
+}
+
+TEST(partition_export_reads_back_to_the_same_numbers_with_tracks_that_point_back)
+{
+    oxl_scene                  *scene = partition_test_reef_scene(2);
+    const oxl_partition_options o     = partition_test_options(600, OXL_CUT_BALANCED);
+    struct colmap               all, part;
+    struct partition            p;
+    CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), 1, &all));
+    CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+    CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
+    CHECK(p.block_count >= 3);
+    for (int b = 0; b < p.block_count; b++) {
+        CHECK_OK(colmap_read(test_ctx, export_test_folder("out", b), 1, &part));
+        CHECK(part.warnings == 0 && part.camera_count == 1 && part.point_count == p.block[b].start_points);
+        CHECK(part.camera[0].model == all.camera[0].model && part.camera[0].width == 640);
+        CHECK(memcmp(part.camera[0].parameter, all.camera[0].parameter, sizeof part.camera[0].parameter) == 0);
+        CHECK(part.image_count == (size_t)(p.block[b].base_views + p.block[b].border_views));
+        for (size_t i = 0; i < part.image_count; i++) {
+            export_test_check_image(&all, &part, &part.image[i]);
+            CHECK((part.image[i].id - 100) / 7 % 8 != 0); /* no test view */
+        }
+        for (size_t i = 0; i < part.point_count; i++) export_test_check_point(&all, &part, &part.point[i]);
+        colmap_free(test_ctx, &part);
+    }
+    CHECK(os_is_file(test_path("out/partition.txt")) && os_is_file(test_path("out/partition.svg")));
+    partition_free(test_ctx, &p);
+    colmap_free(test_ctx, &all);
+    oxl_scene_free(test_ctx, scene);
+}
+
+static int export_test_same(const char *a, const char *b)
+{
+    struct os_file_map x = {0}, y = {0};
+    int                same;
+    CHECK_OK(os_read_file(test_ctx, a, &x));
+    CHECK_OK(os_read_file(test_ctx, b, &y));
+    same = x.size == y.size && x.size > 0 && memcmp(x.data, y.data, x.size) == 0;
+    os_release_file(test_ctx, &x);
+    os_release_file(test_ctx, &y);
+    return same;
+}
+
+TEST(partition_export_does_not_depend_on_threads)
+{
+    static const char *const    names[] = {"partition.txt", "partition.svg", "blocks/001/sparse/0/images.txt",
+                                           "blocks/002/sparse/0/points3D.txt", "blocks/003/sparse/0/cameras.txt"};
+    const oxl_partition_options o       = partition_test_options(300, OXL_CUT_BALANCED);
+    for (int i = 0; i < 2; i++) {
+        oxl_scene       *scene;
+        struct partition p;
+        test_ctx->threads = i ? 3 : 1;
+        scene             = partition_test_reef_scene(30);
+        CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+        CHECK_OK(partition_export(test_ctx, &p, test_path(i ? "three" : "one")));
+        partition_free(test_ctx, &p);
+        oxl_scene_free(test_ctx, scene);
+    }
+    for (size_t i = 0; i < OXL_COUNT(names); i++) {
+        char one[64], three[64];
+        snprintf(one, sizeof one, "one/%s", names[i]);
+        snprintf(three, sizeof three, "three/%s", names[i]);
+        CHECK(export_test_same(test_path(one), test_path(three)));
+    }
+}
+
+/* CR LF, tabs, doubled blanks; an index past the list's end, and one that two points claim. */
+TEST(partition_export_copies_2d_points_letter_by_letter_and_tells_of_tracks_that_do_not_fit)
+{
+    oxl_partition_options o = partition_test_options(100, OXL_CUT_BALANCED);
+    struct os_file_map    file;
+    struct partition      p;
+    oxl_scene            *scene;
+    o.kind = OXL_PARTITION_NONE;
+    test_write("odd/sparse/0/cameras.txt", "1 PINHOLE 32 24 40 40 16 12\r\n");
+    test_write("odd/sparse/0/images.txt",
+               "8 1 0 0 0 0 0 0 1 a.png\r\n1.50  2.250\t7 3 4e0 -1   5 6 12\r\n9 1 0 0 0 1 0 0 1 b.png\r\n\r\n");
+    test_write("odd/sparse/0/points3D.txt", "7 0 0 9 1 2 3 0.5 8 0\n12 1 0 9 1 2 3 0.5 8 2\n13 1 1 9 1 2 3 0.5 8 2 8 77\n");
+    scene = partition_test_load(test_path("odd")); /* a.png is for the test... */
+    oxl_scene_free(test_ctx, scene);
+    {
+        oxl_scene_options s = oxl_scene_options_default();
+        s.test_every = s.read_images = 0; /* ...but not so */
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("odd"), &s, &scene));
+    }
+    CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+    partition_test_listen();
+    CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
+    CHECK_TEXT(partition_test_log, "2 entries of tracks name 2D points that");
+    CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/sparse/0/images.txt"), &file));
+    CHECK_TEXT(file.data, "\n8 1 0 0 0 0 0 0 1 a.png\n1.50 2.250 7 3 4e0 -1 5 6 12\n9 1 0 0 0 1 0 0 1 b.png\n\n");
+    os_release_file(test_ctx, &file);
+    partition_free(test_ctx, &p);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(partition_links_photographs_and_clears_what_an_earlier_one_left_but_no_model)
+{
+    oxl_job_options      options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_partition_report report;
+    CHECK_OK(os_make_folder(test_ctx, test_path("reef/images/dive1")));
+    CHECK_OK(os_make_folder(test_ctx, test_path("reef/masks")));
+    oxl_scene_free(test_ctx, partition_test_reef_scene(2));
+    options.scene.read_images      = 0;
+    options.partition.block_points = 300;
+    CHECK_OK(oxl_partition(test_ctx, test_path("reef"), test_path("out"), &options, &report));
+    CHECK(report.block_count >= 5 && report.balance[OXL_CUT_BALANCED].blocks == report.block_count &&
+          report.cut == OXL_CUT_BALANCED);
+    CHECK(report.balance[OXL_CUT_MIDPOINT].blocks > 1 && report.block[0].memory > 1e6 && report.block[0].seconds > 0);
+    oxl_partition_report_free(test_ctx, &report);
+#ifndef _WIN32
+    CHECK(os_is_folder(test_path("out/blocks/004/images/dive1")) && os_is_folder(test_path("out/blocks/004/masks")));
+#endif
+    test_write("out/blocks/004/model.ply", "a model");
+    options.partition.block_points = 1000;
+    CHECK_OK(oxl_partition(test_ctx, test_path("reef"), test_path("out"), &options, NULL));
+    CHECK(os_is_file(test_path("out/blocks/001/sparse/0/images.txt")) && !os_is_folder(test_path("out/blocks/003")));
+    CHECK(os_is_file(test_path("out/blocks/004/model.ply")) && !os_is_folder(test_path("out/blocks/004/sparse")));
+    CHECK(os_is_folder(test_path("reef/images/dive1"))); /* the link went, not what it led to */
+}
+
+TEST(partition_picture_is_small_shows_both_sides_of_a_3d_survey_and_holds_no_script)
+{
+    const oxl_partition_options o = partition_test_options(300, OXL_CUT_BALANCED);
+    for (int flat = 0; flat < 2; flat++) {
+        oxl_scene         *scene = partition_test_reef_scene(flat ? 2 : 30);
+        struct os_file_map file;
+        struct partition   p;
+        CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+        CHECK_OK(partition_draw(test_ctx, &p, test_path("a.svg")));
+        CHECK_OK(os_read_file(test_ctx, test_path("a.svg"), &file));
+        CHECK(strncmp(file.data, "<svg xmlns=", 11) == 0 && file.size < 500000 && file.size > 20000);
+        CHECK_TEXT(file.data, "From above");
+        CHECK((strstr(file.data, "From the side") == NULL) == flat);
+        CHECK(!strstr(file.data, "<script") && !strstr(file.data, "nan") && !strstr(file.data, "inf "));
+        CHECK_TEXT(file.data, "2\xE2\x80\x89"
+                              "000 points, 56 training views, 8 held out");
+        os_release_file(test_ctx, &file);
+        partition_free(test_ctx, &p);
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
+TEST(partition_balance_is_measured_as_said)
+{
+    const oxl_block   block[] = {{.points = 10, .base_views = 3, .memory = 5, .seconds = 7},
+                                 {.points = 20, .base_views = 2, .border_views = 1, .memory = 9, .seconds = 1},
+                                 {.points = 30, .border_views = 3, .memory = 2, .seconds = 4}};
+    const oxl_balance b       = balance_of(block, 3);
+    CHECK(b.blocks == 3 && b.memory == 9 && b.seconds == 12 && b.longest == 7);
+    CHECK_CLOSE(b.points_peak, 1.5, 1e-12);
+    CHECK_CLOSE(b.points_spread, sqrt(200.0 / 3) / 20, 1e-12);
+    CHECK_CLOSE(b.views_peak, 1, 1e-12);
+    CHECK_CLOSE(b.views_spread, 0, 1e-7);
+}
+
+TEST(partition_that_cannot_be_written_is_an_error_and_leaves_no_list)
+{
+    oxl_scene                  *scene = partition_test_reef_scene(2);
+    const oxl_partition_options o     = partition_test_options(600, OXL_CUT_BALANCED);
+    struct partition            p;
+    CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+    CHECK_OK(partition_export(test_ctx, &p, test_path("out")));
+    test_write("out/blocks/001/keep", "");
+    CHECK(remove(test_path("out/blocks/001/sparse/0/images.txt")) == 0);
+    test_write("out/blocks/001/sparse/0/images.txt/in_the_way", "");
+    CHECK(partition_export(test_ctx, &p, test_path("out")) == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), "blocks/001/sparse/0/images.txt");
+    CHECK(!os_is_file(test_path("out/partition.txt")));
+    partition_free(test_ctx, &p);
+    oxl_scene_free(test_ctx, scene);
+}
