@@ -121,6 +121,9 @@ static void job_options(const struct arguments *a, oxl_job_options *o)
     if (a->max_gaussians >= 0) o->train.max_gaussians = a->max_gaussians;
     if (a->sh_degree >= 0) o->train.sh_degree = a->sh_degree;
     if (a->max_time >= 0) o->train.max_seconds = a->max_time;
+    if (a->block_points >= 0) o->partition.block_points = a->block_points;
+    if (a->axes >= 0) o->partition.kind = (oxl_partition_kind)a->axes;
+    if (a->cut >= 0) o->partition.cut = (oxl_cut)a->cut;
 }
 
 static oxl_split split_of(const struct arguments *a)
@@ -169,6 +172,25 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
     oxl_text_free(ctx, json);
+    return rc;
+}
+
+static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
+{
+    oxl_job_options      options;
+    oxl_partition_report report;
+    char                *json = NULL;
+    oxl_result           rc;
+    job_options(a, &options);
+    rc = oxl_partition(ctx, a->path[0], a->out, &options, &report);
+    if (rc == OXL_OK && a->json) rc = oxl_partition_to_json(ctx, &report, &json);
+    if (json) fputs(json, stdout);
+    else if (rc == OXL_OK) {
+        blocks_print(stdout, &report);
+        printf("\nblocks    %s/blocks\nlist      %s/partition.txt\npicture   %s/partition.svg\n", a->out, a->out, a->out);
+    }
+    oxl_text_free(ctx, json);
+    oxl_partition_report_free(ctx, &report);
     return rc;
 }
 
@@ -271,6 +293,7 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_EVAL: return run_eval(ctx, a);
     case COMMAND_INFO: return info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
+    case COMMAND_PARTITION: return run_partition(ctx, a);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
     default: return OXL_ERR_USAGE;
     }

@@ -70,6 +70,11 @@ promise render_draws_every_view 0 "16 pictures in all" "$program" render out/sce
 promise render_writes_depth 0 "16" sh -c 'find all -name "*.depth.pfm" | wc -l'
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
+promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250
+promise partition_leaves_its_list_and_picture 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
+promise a_block_is_a_survey_of_its_own 0 "0 held out" "$program" check cut/blocks/001 --test-every 0
+promise partition_prints_json 0 '"midpoint": {"blocks": ' on_stdout "$program" partition survey -o cut --block-points 250 --json
+promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none
 promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
 
 echo "command line: $passed passed, $failed failed"

@@ -12,7 +12,8 @@
 #define COUNT(array) (sizeof(array) / sizeof *(array))
 #define FIELD(name)  offsetof(struct arguments, name)
 #define IN(command)  (1u << COMMAND_##command)
-#define SCENES       (IN(TRAIN) | IN(CHECK) | IN(RENDER) | IN(EVAL))
+#define TRAINS       (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
+#define SCENES       (TRAINS | IN(RENDER) | IN(EVAL))
 #define EVERYWHERE   (~0u)
 
 static const struct {
@@ -27,6 +28,9 @@ static const struct {
      "Ctrl-C stops in good order: scene.ply then holds the model so far."},
     {"check", COMMAND_CHECK, 1, "SCENE", "Lints a survey: says what train would find, and what it would take.",
      "oceanxl check survey", "Exit code 3: it cannot be trained, and the message says why."},
+    {"partition", COMMAND_PARTITION, 1, "SCENE -o OUT",
+     "Cuts a survey into blocks of equal work, each a COLMAP text export of its own.", "oceanxl partition survey -o out",
+     "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
     {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR", "Draws a model from the cameras of a survey.",
      "oceanxl render out/scene.ply survey -o pictures", "One PNG a view, named as its photograph."},
     {"eval", COMMAND_EVAL, 2, "MODEL SCENE", "Compares a model with photographs: PSNR and SSIM, for each view and in the mean.",
@@ -40,7 +44,7 @@ static const struct {
      "DIR gets images/, sparse/0/ and truth/: pictures without water, depth maps, the water's parameters."},
 };
 
-enum kind { FLAG, COUNTING, LARGE, REAL, DEGREE, SIZE, DURATION, PIXELS, PLACE, TEXT, PRESET, SPLIT };
+enum kind { FLAG, COUNTING, LARGE, REAL, DEGREE, SIZE, DURATION, PIXELS, PLACE, TEXT, PRESET, SPLIT, AXES, CUT };
 
 static const struct option {
     const char *group, *name, *value;
@@ -71,22 +75,27 @@ static const struct option {
     {"What is made", "--origin", "X,Y,Z", PLACE, FIELD(synth.origin), IN(SYNTH),
      "where the middle lies in the export's world, metres (0,0,0)"},
     {"What is made", "--no-images", NULL, FLAG, FIELD(no_images), IN(SYNTH), "the three text files alone, for load tests"},
-    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER) | IN(SYNTH),
+    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION),
      "where to; made when it is not there"},
     {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
     {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER),
      "depth too: NAME.depth.png to look at, NAME.depth.pfm to measure, in the survey's unit"},
-    {"What is written", "--json", NULL, FLAG, FIELD(json), IN(TRAIN) | IN(CHECK) | IN(EVAL) | IN(INFO),
-     "results on standard output as JSON"},
-    {"How it is trained", "--preset", "draft|standard|paper", PRESET, FIELD(preset), IN(TRAIN) | IN(CHECK),
+    {"What is written", "--json", NULL, FLAG, FIELD(json), TRAINS | IN(EVAL) | IN(INFO), "results on standard output as JSON"},
+    {"How it is cut into blocks", "--block-points", "N", COUNTING, FIELD(block_points), TRAINS,
+     "a block of more points than this is cut (40000)"},
+    {"How it is cut into blocks", "--partition", "auto|2d|3d|none", AXES, FIELD(axes), TRAINS,
+     "2d: never across the third principal axis; auto: 2d when the survey is flat; none: one block (auto)"},
+    {"How it is cut into blocks", "--split", "balanced|midpoint", CUT, FIELD(cut), TRAINS,
+     "balanced: both sides hold equal numbers of points; midpoint: the baseline (balanced)"},
+    {"How it is trained", "--preset", "draft|standard|paper", PRESET, FIELD(preset), TRAINS,
      "how long and how carefully (draft)"},
-    {"How it is trained", "--iterations", "N", COUNTING, FIELD(iterations), IN(TRAIN) | IN(CHECK),
+    {"How it is trained", "--iterations", "N", COUNTING, FIELD(iterations), TRAINS,
      "steps, of one photograph each (the preset's)"},
-    {"How it is trained", "--max-time", "TIME", DURATION, FIELD(max_time), IN(TRAIN) | IN(CHECK),
+    {"How it is trained", "--max-time", "TIME", DURATION, FIELD(max_time), TRAINS,
      "stop in good order after 90s, 20m or 8h (no limit)"},
-    {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), IN(TRAIN) | IN(CHECK),
+    {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), TRAINS,
      "never more than this many (one for every 60 training pixels)"},
-    {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), IN(TRAIN) | IN(CHECK),
+    {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), TRAINS,
      "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
     {"The program", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN) | IN(SYNTH),
      "of every random choice; the same seed gives the same bytes (1)"},
@@ -203,6 +212,7 @@ static int parse_place(const char *text, double *out)
 static int parse_value(const struct option *o, const char *text, struct arguments *a)
 {
     static const char *const presets[] = {"draft", "standard", "paper"}, *const splits[] = {"test", "train", "all"};
+    static const char *const axes[] = {"auto", "2d", "3d", "none"}, *const cuts[] = {"balanced", "midpoint"};
     static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
     void *const         field = (char *)a + o->field;
     double              number;
@@ -211,6 +221,8 @@ static int parse_value(const struct option *o, const char *text, struct argument
     case TEXT: *(const char **)field = text; return text[0] != 0;
     case PRESET: return parse_word(text, presets, 3, field);
     case SPLIT: return parse_word(text, splits, 3, field);
+    case AXES: return parse_word(text, axes, 4, field);
+    case CUT: return parse_word(text, cuts, 2, field);
     case SIZE: return parse_number(text, "kmgt", bytes, field);
     case DURATION: return parse_number(text, "smhd", seconds, field) && *(double *)field > 0;
     case DEGREE:
@@ -344,6 +356,9 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
 {
     *a = (struct arguments){.preset        = -1,
                             .split         = -1,
+                            .axes          = -1,
+                            .cut           = -1,
+                            .block_points  = -1,
                             .iterations    = -1,
                             .max_gaussians = -1,
                             .sh_degree     = -1,
@@ -359,7 +374,8 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
         a->help = 1;
     if (a->version || a->help) return 0;
     if (argc < 2) {
-        snprintf(error, size, "a command is wanted: train, check, render, eval, info, convert, synth\nfix: oceanxl --help");
+        snprintf(error, size,
+                 "a command is wanted: train, check, partition, render, eval, info, convert, synth\nfix: oceanxl --help");
         return 1;
     }
     if (find_command(argv[1], a, error, size)) return 1;

@@ -12,6 +12,10 @@
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 
+/* ---------------------------------------------------------------- blocks.c: a partition in tables */
+
+void blocks_print(FILE *to, const oxl_partition_report *report);
+
 /* ---------------------------------------------------------------- synth.c: a procedural underwater survey with known truth */
 
 typedef struct synth_options {
@@ -48,7 +52,8 @@ enum command {
     COMMAND_EVAL,
     COMMAND_INFO,
     COMMAND_CONVERT,
-    COMMAND_SYNTH
+    COMMAND_SYNTH,
+    COMMAND_PARTITION
 };
 
 struct arguments { /* negative numbers and NULL: not given */
@@ -57,6 +62,8 @@ struct arguments { /* negative numbers and NULL: not given */
     int          path_count;
     int          help, version, quiet, json, depth, no_images;
     int          preset, split; /* enum oxl_preset, enum oxl_split */
+    int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
+    int          block_points;
     int          iterations, max_gaussians, sh_degree, max_side, test_every, threads;
     double       max_time;    /* s */
     double       image_cache; /* bytes */
