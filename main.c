@@ -74,6 +74,7 @@ static void print_progress(struct console *c, const oxl_progress *p)
     c->iteration      = p->iteration;
     c->seconds        = p->seconds;
     console_clear(c);
+    if (p->blocks > 1) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
     fprintf(stderr, "%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->iteration, p->iterations,
             p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
     print_duration(p->seconds_left);
@@ -108,9 +109,9 @@ static void print_error(const char *text)
 
 /* ---------------------------------------------------------------- from arguments to options */
 
-static void job_options(const struct arguments *a, oxl_job_options *o)
+/* What was said overrides what was there. */
+static void override_options(const struct arguments *a, oxl_job_options *o)
 {
-    *o = oxl_job_options_default(a->preset >= 0 ? (oxl_preset)a->preset : OXL_PRESET_DRAFT);
     if (a->images) o->scene.images = a->images;
     if (a->sparse) o->scene.sparse = a->sparse;
     if (a->masks) o->scene.masks = a->masks;
@@ -124,6 +125,35 @@ static void job_options(const struct arguments *a, oxl_job_options *o)
     if (a->block_points >= 0) o->partition.block_points = a->block_points;
     if (a->axes >= 0) o->partition.kind = (oxl_partition_kind)a->axes;
     if (a->cut >= 0) o->partition.cut = (oxl_cut)a->cut;
+    if (a->ucd >= 0) o->train.ucd = (oxl_ucd)a->ucd;
+    if (a->ucd == OXL_UCD_FIXED) o->train.ucd_mid = (float)a->ucd_weights[0], o->train.ucd_far = (float)a->ucd_weights[1];
+    if (a->keep >= 0) o->train.keep = (oxl_keep)a->keep;
+    if (a->keep >= 0 && a->keep != OXL_KEEP_AUTO) o->train.keep_value = a->keep_value;
+    if (a->dog >= 0) o->train.dog = (oxl_dog)a->dog;
+    if (a->dog_threshold >= -1) o->train.dog_threshold = (float)a->dog_threshold;
+    if (a->ram >= 0) o->ram = (size_t)a->ram;
+    if (a->block >= 0) o->block = a->block;
+    if (a->seed >= 0) o->seed = (uint64_t)a->seed;
+    o->restart = a->restart;
+}
+
+static void job_options(const struct arguments *a, oxl_job_options *o)
+{
+    *o = oxl_job_options_default(a->preset >= 0 ? (oxl_preset)a->preset : OXL_PRESET_DRAFT);
+    override_options(a, o);
+}
+
+/* A run that is there already keeps its options, unless another preset is asked for. */
+static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o, oxl_run **run)
+{
+    const oxl_job_options fresh = oxl_job_options_default(a->preset >= 0 ? (oxl_preset)a->preset : OXL_PRESET_DRAFT);
+    oxl_result            rc    = OXL_OK;
+    *o                          = fresh;
+    *run                        = NULL;
+    if (!a->restart) rc = oxl_job_resume(ctx, a->path[0], a->out, o, run);
+    if (a->preset >= 0 && (!o->preset || strcmp(o->preset, fresh.preset) != 0)) *o = fresh;
+    override_options(a, o);
+    return rc;
 }
 
 static oxl_split split_of(const struct arguments *a)
@@ -145,19 +175,47 @@ static void print_file(const char *folder, const char *name)
     fclose(file);
 }
 
+static void print_resume(const struct arguments *a)
+{
+    fprintf(
+        stderr,
+        "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the model so far\n     go on: oceanxl train %s -o %s",
+        a->out, a->path[0], a->out);
+    if (a->block >= 0) fprintf(stderr, " --block %d", a->block);
+    fputc('\n', stderr);
+}
+
+static void print_results(const struct arguments *a)
+{
+    if (a->json) print_file(a->out, "metrics.json");
+    else printf("model     %s/scene.ply\nmetrics   %s/metrics.json\npictures  %s/renders\n", a->out, a->out, a->out);
+}
+
 static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_callback callback = {on_progress, console};
     oxl_job_options    options;
-    oxl_result         rc;
-    job_options(a, &options);
-    catch_signals();
-    rc = oxl_job_run(ctx, a->path[0], a->out, &options, &callback);
-    console_clear(console);
-    if (rc == OXL_ERR_INTERRUPTED) fprintf(stderr, "oxl: interrupted; %s/scene.ply holds the model so far\n", a->out);
+    oxl_run           *run;
+    oxl_result         rc = resumed_options(ctx, a, &options, &run);
+    if (rc == OXL_OK) {
+        catch_signals();
+        rc = oxl_job_run(ctx, a->path[0], a->out, &options, &callback);
+        console_clear(console);
+    }
+    oxl_run_free(ctx, &run);
+    if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc != OXL_OK) return rc;
-    if (a->json) print_file(a->out, "metrics.json");
-    else printf("model     %s/scene.ply\nmetrics   %s/metrics.json\npictures  %s/renders\n", a->out, a->out, a->out);
+    if (a->block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->block);
+    else print_results(a);
+    return rc;
+}
+
+static oxl_result run_merge(oxl_context *ctx, const struct arguments *a)
+{
+    struct arguments merged = *a;
+    const oxl_result rc     = oxl_merge(ctx, a->path[0]);
+    merged.out              = a->path[0];
+    if (rc == OXL_OK) print_results(&merged);
     return rc;
 }
 
@@ -294,6 +352,7 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_INFO: return info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
     case COMMAND_PARTITION: return run_partition(ctx, a);
+    case COMMAND_MERGE: return run_merge(ctx, a);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
     default: return OXL_ERR_USAGE;
     }

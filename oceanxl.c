@@ -56,4 +56,8 @@
 /* the whole job */
 #include "src/survey.c"            /* what a survey holds, and what training it would take */
 #include "src/partition_balance.c" /* how even the blocks are, and what each will take */
+#include "src/budget.c"            /* --ram: what fits into how much memory */
+#include "src/run.c"               /* run.json: what a result depends on */
+#include "src/block.c"             /* the training of one block in its folder */
+#include "src/pictures.c"          /* what the model draws, as files */
 #include "src/job.c"               /* a survey in, a folder with the model, its metrics and pictures out */

@@ -254,28 +254,61 @@ OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 
 /* ---------------------------------------------------------------- training */
 
+typedef enum oxl_ucd { /* does what is seen from afar through water densify more readily? [OceanXL eq. 2] */
+                       OXL_UCD_OFF = 0,
+                       OXL_UCD_ON,   /* weights by depth, learned during the run from ucd_mid, ucd_far */
+                       OXL_UCD_AUTO, /* on where the photographs lose contrast with depth, else off; the log says why */
+                       OXL_UCD_FIXED /* the weights are ucd_mid, ucd_far */
+} oxl_ucd;
+
+typedef enum oxl_keep { /* how many Gaussians are left by pruning in the second half of the run [OceanXL sec. 3.2] */
+                        OXL_KEEP_ALL = 0,
+                        OXL_KEEP_FRACTION, /* of those that densification made: keep_value 0.5 */
+                        OXL_KEEP_COUNT,
+                        OXL_KEEP_BYTES, /* as many as fit a scene.ply of that size */
+                        OXL_KEEP_AUTO   /* while views set apart for it are drawn as well as before */
+} oxl_keep;
+
+typedef enum oxl_dog { /* which Gaussians get a second, negative lobe [OceanXL eq. 3-4] */
+                       OXL_DOG_OFF = 0,
+                       OXL_DOG_SELECTIVE, /* those whose mean |dL/d(mean)| is above dog_threshold late in the run */
+                       OXL_DOG_ALL
+} oxl_dog;
+
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
 
 typedef struct oxl_train_options {
-    int iterations;     /* one photograph each */
-    int sh_degree;      /* 0..3: bands at the end of the run */
-    int max_gaussians;  /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
-    double max_seconds; /* stop in good order after this long; 0: no limit */
-    float  background[3];
-    float  ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
+    int iterations;    /* one photograph each */
+    int sh_degree;     /* 0..3: bands at the end of the run */
+    int max_gaussians; /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
+    double   max_seconds; /* stop in good order after this long; 0: no limit */
+    float    background[3];
+    float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
-    float  rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
+    float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
     /* density control, as fractions of the run and steps */
-    float  densify_from, densify_until; /* 0.025, 0.5 */
-    int    densify_every;               /* 100 */
-    float  densify_gradient;            /* 2e-4 (draft 4e-4), of dL/d(mean) in units of half an image */
-    float  reset_opacity_every;         /* 0.1 of the run */
+    float    densify_from, densify_until; /* 0.025, 0.5 */
+    int      densify_every;               /* 100 */
+    float    densify_gradient;            /* 2e-4 (draft 4e-4), of dL/d(mean) in units of half an image */
+    float    reset_opacity_every;         /* 0.1 of the run */
+    /* underwater-compensated densification */
+    oxl_ucd  ucd;              /* (off) */
+    float    ucd_mid, ucd_far; /* of the middle and the far depth band, at least 1 (1.5, 2) */
+    /* pruning */
+    oxl_keep keep;       /* (all) */
+    double   keep_value; /* fraction, count or bytes (0.5) */
+    /* difference-of-Gaussians lobes */
+    oxl_dog  dog;           /* (off) */
+    float    dog_from;      /* fraction of the run (0.77) at whose end of watching they are given out */
+    float    dog_threshold; /* of the mean gradient, in units of half an image (2e-4); at most 0: minus the share left without */
+    float    dog_opacity_factor, dog_scale_factor; /* of a fresh lobe (0.1, 1.6) */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
 
 typedef struct oxl_progress {
     int              iteration, iterations;
+    int              block, blocks; /* of a job that trains several, from 0; else 0, 0 */
     size_t           gaussians;
     double           loss, psnr;   /* smoothed over the last views, on training photographs */
     double           seconds;      /* since the start */
@@ -325,6 +358,10 @@ typedef struct oxl_job_options {
     oxl_partition_options partition;
     const char           *preset;  /* where they came from; run.json repeats it */
     int                   renders; /* 1: pictures of the held-out views go to OUT/renders (1) */
+    size_t                ram;     /* bytes that the run may take at its peak; blocks, cache and Gaussians follow; 0: any (0) */
+    int                   block;   /* train this block alone and do not merge; -1: all (-1) */
+    int                   restart; /* 1: give up unfinished work of other options in OUT (0) */
+    uint64_t              seed;    /* 0: the context's (0) */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
@@ -348,9 +385,15 @@ typedef struct oxl_survey {
 /* OXL_ERR_INPUT when the survey cannot be trained; the error says why. out->text ends in a newline. */
 OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
 
-/* Trains the survey in folder `scene` and leaves in folder `out`: scene.ply, metrics.json, run.json, log.csv and renders/.
- * A folder that holds the finished result of the same survey, options and seed is left as it is. When the callback stops
- * the run, scene.ply holds the model so far and OXL_ERR_INTERRUPTED is returned. options may be NULL: the draft preset. */
+/* Trains the survey in folder `scene` and leaves in folder `out`: scene.ply, metrics.json, run.json and renders/; and for each block
+ * blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most block_points points is one block, 000, trained as it is;
+ * a larger one is cut first (partition.txt, partition.svg, and a COLMAP text export in each blocks/KKK/).
+ *
+ * While a block is trained, its folder holds checkpoints. A run that was stopped, by whatever, goes on from there when it is
+ * called again, to the same bytes as if nothing had been; a finished one is left as it is. When the callback stops the run, or
+ * train.max_seconds is over, model.ply is the model so far (scene.ply too, of one block); OXL_ERR_INTERRUPTED or OXL_OK is returned.
+ * An unfinished run of other options is not overwritten (OXL_ERR_USAGE) unless options->restart says so.
+ * options may be NULL: the draft preset. */
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
                                const oxl_callback *callback);
 
@@ -384,6 +427,14 @@ OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char
                                  oxl_partition_report *report);
 OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
 OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *report, char **out);
+/* Merges the finished blocks of the run in folder `out` into scene.ply, and judges it: what oxl_job_run does at its end. */
+OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out);
+
+/* The options of the run in folder `out`, if there is one of this survey: a run that is resumed keeps what it was given. Otherwise
+ * options stay as they are. Their strings lie in *run: free it, by oxl_run_free, when the options are no longer used. */
+typedef struct oxl_run oxl_run;
+OXL_API oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options, oxl_run **run);
+OXL_API void       oxl_run_free(oxl_context *ctx, oxl_run **run);
 
 /* Pictures of a split into a folder: NAME.png for each view; with photographs NAME.photo.png; with depth NAME.depth.png
  * (near is bright) and NAME.depth.pfm (float camera z, 0: nothing there). */

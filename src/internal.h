@@ -332,6 +332,7 @@ OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *sce
 OXL_INTERNAL int                         scene_takes_point(const struct colmap_point *point, const double origin[3]);
 /* Borrowed from the cache until the next call for another view, or NULL with the error set. */
 OXL_INTERNAL const struct photo         *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
+OXL_INTERNAL void                        scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs */
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
 OXL_INTERNAL double                      scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
@@ -606,6 +607,37 @@ OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *o
 OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training views */
 
+/* ---------------------------------------------------------------- run.c: run.json, what a result depends on */
+
+struct oxl_run { /* read back from run.json */
+    int      finished;
+    char    *line, *found; /* "job": {...}, "found": {...}; line NULL: there was no run */
+    char    *scene, *preset, *path[3];
+    uint64_t seed;
+};
+OXL_INTERNAL void       run_describe(struct text *t, const char *scene, const oxl_job_options *o); /* "job": {...} */
+OXL_INTERNAL oxl_result run_read(oxl_context *ctx, const char *folder, struct oxl_run *out);
+OXL_INTERNAL void       run_free(oxl_context *ctx, struct oxl_run *run);
+OXL_INTERNAL void       run_options(const struct oxl_run *run, oxl_job_options *o); /* o borrows run's strings */
+OXL_INTERNAL double     run_number(const char *text, const char *name);             /* what follows "name": , or 0 */
+
+/* ---------------------------------------------------------------- block.c: the training of one block in its folder */
+
+struct block_record { /* block.json */
+    int    there, finished, iterations;
+    size_t gaussians;
+    double seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
+};
+struct block_task {
+    const char         *folder, *key; /* key: the run's line */
+    oxl_train_options   train;
+    const oxl_callback *callback;
+    double              predicted_seconds, predicted_peak;
+};
+OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out);
+/* Goes on from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as far as it came. */
+OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
+
 /* ---------------------------------------------------------------- metrics.c */
 
 OXL_INTERNAL double     metrics_shown(float v);                       /* what a screen shows: 0..1 */
@@ -636,10 +668,22 @@ struct survey_load {
 struct survey_cost {
     double gaussians, memory, seconds; /* at the end; peak in bytes; on ctx's threads */
 };
+/* Of a block that partition_make has made. */
+OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int block);
+OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene);
 OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *options,
                                             const struct survey_load *load);
 OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out);
 /* An object without a newline at its end; its lines after the first start with `indent`. */
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
+
+/* ---------------------------------------------------------------- budget.c: --ram */
+
+/* Image cache and most Gaussians such that the load fits options->ram (0: they stay); 0 when it cannot. */
+OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o);
+OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o);
+/* partition_make with blocks small enough that each fits. OXL_ERR_BUDGET: not even small ones do. */
+OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                         struct partition *out);
 
 #endif

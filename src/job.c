@@ -1,25 +1,27 @@
 /* job.c - the whole job: a survey in, a folder with the model, its metrics and its pictures out.
  *
- * OUT/run.json is removed first and written last, whole, when everything else is in place. Invariant: a run.json that says
- * "finished": true describes the scene.ply beside it; the line "job" in it is all that the result depends on, so a second run
- * that would write the same line has nothing to do.
+ * OUT/run.json is written first, to say what is under way, and last, when everything else is in place. Invariant: a run.json that
+ * says "finished": true describes the scene.ply beside it. The line "job" in it is all that the result depends on beside the
+ * survey itself: a second run that would write the same line goes on where the first one stopped, or has nothing to do.
  */
 #include "internal.h"
 
-#define JOB_LOG_ROWS    200  /* rows of log.csv in a whole run */
-#define JOB_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
-
 struct job {
-    oxl_context           *ctx;
-    const char            *scene_path, *out;
-    const oxl_job_options *options;
-    const oxl_callback    *callback; /* the caller's, or NULL */
-    oxl_scene             *scene;
-    oxl_survey             survey;
-    oxl_model              model;
-    struct text            line, log; /* "job": {...} of run.json; log.csv so far */
-    oxl_progress           last;
-    double                 log_written; /* seconds */
+    oxl_context        *ctx;
+    const char         *scene_path, *out;
+    oxl_job_options     options;
+    const oxl_callback *callback; /* the caller's, or NULL */
+    oxl_scene          *scene;    /* NULL while blocks are trained: they have scenes of their own */
+    oxl_survey          survey;
+    struct partition    partition;
+    double              origin[3];
+    oxl_model           model;
+    struct text         line, found; /* "job": {...} and "found": {...} of run.json */
+    struct block_record total;       /* over the blocks */
+    int                 block;       /* that is being trained */
+    int                 unfinished;  /* blocks that were stopped by --max-time */
+    double              begun;
+    uint64_t            seed; /* of the context, to be given back */
 };
 
 oxl_job_options oxl_job_options_default(oxl_preset preset)
@@ -29,111 +31,151 @@ oxl_job_options oxl_job_options_default(oxl_preset preset)
                              .train     = oxl_train_options_default(preset),
                              .partition = oxl_partition_options_default(),
                              .preset    = names[preset],
+                             .block     = -1,
                              .renders   = 1};
 }
 
 /* ---------------------------------------------------------------- files of OUT */
 
+static oxl_result job_no_memory(struct job *job)
+{
+    return oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory for the name of a file in %s", job->out);
+}
+
 static oxl_result job_write(struct job *job, const char *name, const struct text *t)
 {
     char      *path = oxl_path_join(job->ctx, job->out, name);
-    oxl_result rc   = path && !t->failed ? OXL_OK : oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
+    oxl_result rc   = path && !t->failed ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t->data, t->size);
     oxl_free(job->ctx, path);
     return rc;
 }
 
-static oxl_result job_remove(struct job *job, const char *name)
+static void job_remove(struct job *job, const char *name)
 {
     char *path = oxl_path_join(job->ctx, job->out, name);
-    if (!path) return oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory to remove %s", name);
-    remove(path);
+    if (path) os_remove(path);
     oxl_free(job->ctx, path);
-    return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- what the result depends on */
-
-/* The shortest decimal of a float, as a double: 0.00016, not 0.000159999996. */
-static double job_decimal(float value)
+static int job_has(struct job *job, const char *name)
 {
-    char digits[32];
-    for (int precision = 1; precision <= 9; precision++) {
-        snprintf(digits, sizeof digits, "%.*g", precision, value);
-        if ((float)strtod(digits, NULL) == value) break;
-    }
-    return strtod(digits, NULL);
+    char     *path = oxl_path_join(job->ctx, job->out, name);
+    const int has  = path && os_is_file(path);
+    oxl_free(job->ctx, path);
+    return has;
 }
 
-static void job_add_path(struct text *t, const char *name, const char *path)
+/* OUT/blocks/KKK, or a file in it. */
+static char *job_block_path(struct job *job, int block, const char *name)
 {
-    text_add(t, ", \"%s\": ", name);
-    if (path) text_add_json_string(t, path);
-    else text_add(t, "null");
+    struct text t    = {.ctx = job->ctx};
+    char       *path = NULL;
+    text_add(&t, "%s/blocks/%03d%s%s", job->out, block, name ? "/" : "", name ? name : "");
+    if (text_take(&t, &path) != OXL_OK) job_no_memory(job);
+    return path;
 }
 
-static void job_describe(struct job *job)
+/* ---------------------------------------------------------------- run.json */
+
+/* What of the survey the result depends on: another export in the same place is another job. */
+static void job_describe_found(struct job *job)
 {
-    const oxl_scene_options *s = &job->options->scene;
-    const oxl_train_options *o = &job->options->train;
-    struct text             *t = &job->line;
-    const struct {
-        const char *name;
-        double      value;
-    } numbers[] = {{"images", job->survey.images - job->survey.images_missing},
-                   {"points", (double)job->survey.points},
-                   {"extent", job->survey.extent},
-                   {"max_side", s->max_side},
-                   {"test_every", s->test_every},
-                   {"iterations", o->iterations},
-                   {"sh_degree", o->sh_degree},
-                   {"max_gaussians", o->max_gaussians},
-                   {"max_seconds", o->max_seconds},
-                   {"background_r", job_decimal(o->background[0])},
-                   {"background_g", job_decimal(o->background[1])},
-                   {"background_b", job_decimal(o->background[2])},
-                   {"ssim_weight", job_decimal(o->ssim_weight)},
-                   {"rate_mean_first", job_decimal(o->rate_mean_first)},
-                   {"rate_mean_last", job_decimal(o->rate_mean_last)},
-                   {"rate_log_scale", job_decimal(o->rate_log_scale)},
-                   {"rate_rotation", job_decimal(o->rate_rotation)},
-                   {"rate_opacity", job_decimal(o->rate_opacity)},
-                   {"rate_sh0", job_decimal(o->rate_sh0)},
-                   {"rate_sh", job_decimal(o->rate_sh)},
-                   {"densify_from", job_decimal(o->densify_from)},
-                   {"densify_until", job_decimal(o->densify_until)},
-                   {"densify_every", o->densify_every},
-                   {"densify_gradient", job_decimal(o->densify_gradient)},
-                   {"reset_opacity_every", job_decimal(o->reset_opacity_every)}};
-    text_add(t, "\"job\": {\"version\": \"%s\", \"seed\": %llu", OXL_VERSION, (unsigned long long)job->ctx->options.seed);
-    job_add_path(t, "scene", job->scene_path);
-    job_add_path(t, "images_folder", s->images);
-    job_add_path(t, "sparse_folder", s->sparse);
-    job_add_path(t, "masks_folder", s->masks);
-    for (size_t i = 0; i < OXL_COUNT(numbers); i++) {
-        text_add(t, ", \"%s\": ", numbers[i].name);
-        text_add_number(t, numbers[i].value);
-    }
+    struct text *t = &job->found;
+    text_add(t, "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": ", job->survey.images - job->survey.images_missing,
+             job->survey.points);
+    text_add_number(t, job->survey.extent);
     text_add(t, "}");
 }
 
-static oxl_result job_is_done(struct job *job, int *done)
+static oxl_result job_write_run(struct job *job, int finished)
 {
-    struct os_file_map map   = {0};
-    char              *run   = oxl_path_join(job->ctx, job->out, "run.json");
-    char              *model = oxl_path_join(job->ctx, job->out, "scene.ply");
-    oxl_result         rc    = OXL_OK;
-    *done                    = 0;
-    if (!run || !model || job->line.failed) rc = oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory to look into %s", job->out);
-    else if (os_is_file(run) && os_is_file(model)) rc = os_read_file(job->ctx, run, &map);
-    if (rc == OXL_OK && map.data) *done = strstr(map.data, "\"finished\": true") && strstr(map.data, job->line.data);
-    os_release_file(job->ctx, &map);
-    oxl_free(job->ctx, run);
-    oxl_free(job->ctx, model);
+    struct text t = {.ctx = job->ctx};
+    oxl_result  rc;
+    text_add(&t, "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n", OXL_VERSION,
+             finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
+    text_add(&t, "  \"preset\": ");
+    text_add_json_string(&t, job->options.preset ? job->options.preset : "");
+    text_add(&t, ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [", job->total.iterations,
+             job->partition.block_count);
+    for (int k = 0; k < 3; k++) {
+        if (k > 0) text_add(&t, ", ");
+        text_add_number(&t, job->origin[k]);
+    }
+    text_add(&t, "],\n  %s,\n  %s,\n  \"survey\": ", job->line.data, job->found.data);
+    survey_add_json(&t, &job->survey, "  ");
+    text_add(&t, "\n}\n");
+    rc = job_write(job, "run.json", &t);
+    text_free(&t);
     return rc;
 }
 
-/* ---------------------------------------------------------------- while it runs */
+oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options, oxl_run **run)
+{
+    oxl_result rc = OXL_OK;
+    *run          = oxl_calloc(ctx, 1, sizeof **run);
+    if (!*run) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
+    rc = run_read(ctx, out, *run);
+    if (rc == OXL_OK && (*run)->line && (*run)->scene && !strcmp((*run)->scene, scene)) run_options(*run, options);
+    if (rc != OXL_OK) oxl_run_free(ctx, run);
+    return rc;
+}
+
+void oxl_run_free(oxl_context *ctx, oxl_run **run)
+{
+    if (!*run) return;
+    run_free(ctx, *run);
+    oxl_free(ctx, *run);
+    *run = NULL;
+}
+
+/* ---------------------------------------------------------------- what is there already */
+
+static void job_see_block(void *user, const char *name)
+{
+    *(int *)user += name[0] >= '0' && name[0] <= '9';
+}
+
+static int job_has_blocks(struct job *job)
+{
+    char *path   = oxl_path_join(job->ctx, job->out, "blocks");
+    int   blocks = 0;
+    if (path && os_is_folder(path)) os_list_folder(job->ctx, path, job_see_block, &blocks);
+    oxl_free(job->ctx, path);
+    return blocks > 0;
+}
+
+/* The work of another run is not thrown away by a slip of the hand; a finished one has given what it had to give. */
+static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
+{
+    if (!run->finished && job_has_blocks(job) && !job->options.restart)
+        return oxl_fail(job->ctx, OXL_ERR_USAGE,
+                        "%s holds the unfinished work of a run with other options or of another survey:\n"
+                        "there: %.400s\nhere:  %.400s\n"
+                        "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
+                        job->out, run->line, job->line.data);
+    job_remove(job, "run.json");
+    job_remove(job, "metrics.json");
+    job_remove(job, "partition.txt");
+    return OXL_OK;
+}
+
+/* *done: nothing is left to do. */
+static oxl_result job_look(struct job *job, int *done)
+{
+    struct oxl_run run = {0};
+    oxl_result     rc  = run_read(job->ctx, job->out, &run);
+    *done              = 0;
+    if (rc != OXL_OK || !run.line) goto leave;
+    if (strcmp(run.line, job->line.data) || !run.found || strcmp(run.found, job->found.data) || job->options.restart)
+        rc = job_make_way(job, &run);
+    else *done = run.finished && job_has(job, "scene.ply");
+leave:
+    run_free(job->ctx, &run);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- the survey */
 
 static void job_log_survey(struct job *job)
 {
@@ -144,167 +186,190 @@ static void job_log_survey(struct job *job)
     }
 }
 
+static oxl_result job_load(struct job *job)
+{
+    return oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+}
+
 static oxl_result job_open(struct job *job)
 {
     oxl_result rc = os_make_folder(job->ctx, job->out);
-    if (rc == OXL_OK) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options->scene, &job->scene);
+    if (rc == OXL_OK) rc = job_load(job);
     if (rc != OXL_OK) return rc;
-    survey_describe(job->ctx, job->scene, job->options, &job->survey);
+    survey_describe(job->ctx, job->scene, &job->options, &job->survey);
+    memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
     job_log_survey(job);
-    job_describe(job);
-    text_add(&job->log, "iteration,loss,psnr,gaussians,seconds\n");
+    job_describe_found(job);
+    return job->found.failed ? job_no_memory(job) : OXL_OK;
+}
+
+/* ---------------------------------------------------------------- blocks */
+
+/* The blocks, as partition.txt has them when it is this run's, else made and written. One block: nothing is written. */
+static oxl_result job_cut(struct job *job)
+{
+    char      *path = oxl_path_join(job->ctx, job->out, "partition.txt");
+    oxl_result rc   = path ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK && os_is_file(path)) rc = partition_read(job->ctx, path, &job->partition);
+    else if (rc == OXL_OK) {
+        rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
+        if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_export(job->ctx, &job->partition, job->out);
+    }
+    oxl_free(job->ctx, path);
+    if (rc == OXL_OK && job->options.block >= job->partition.block_count)
+        rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)", job->options.block,
+                      job->partition.block_count, job->partition.block_count - 1);
+    return rc;
+}
+
+/* A block's own text files, the survey's photographs and masks. Views held out are not in it. */
+static oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out)
+{
+    oxl_context      *ctx = job->ctx;
+    oxl_scene_options o   = job->options.scene;
+    char      *images = oxl_path_join(ctx, job->scene_path, "images"), *masks = oxl_path_join(ctx, job->scene_path, "masks");
+    oxl_result rc = images && masks ? OXL_OK : job_no_memory(job);
+    o.sparse      = NULL;
+    o.test_every  = 0;
+    if (!o.images) o.images = images;
+    if (!o.masks && masks && os_is_folder(masks)) o.masks = masks;
+    if (rc == OXL_OK) rc = oxl_scene_load(ctx, folder, &o, out);
+    oxl_free(ctx, images);
+    oxl_free(ctx, masks);
+    return rc;
+}
+
+/* The run's progress from the block's: time counts over all blocks. */
+static int job_progress(void *user, const oxl_progress *progress)
+{
+    struct job  *job  = user;
+    oxl_progress p    = *progress;
+    const double here = os_seconds() - job->begun, limit = job->options.train.max_seconds;
+    const int    left = job->options.block >= 0 ? 0 : job->partition.block_count - job->block - 1;
+    p.memory          = os_peak_rss();
+    p.block           = job->block;
+    p.blocks          = job->partition.block_count;
+    p.seconds_left += left * (p.seconds + p.seconds_left); /* the others as this one */
+    if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
+    return job->callback && job->callback->progress ? job->callback->progress(job->callback->user, &p) : 0;
+}
+
+static void job_add_record(struct job *job, const struct block_record *r)
+{
+    struct block_record *t = &job->total;
+    t->iterations += r->iterations;
+    t->seconds += r->seconds;
+    t->peak              = OXL_MAX(t->peak, r->peak);
+    t->predicted_peak    = OXL_MAX(t->predicted_peak, r->predicted_peak);
+    t->predicted_seconds = t->predicted_seconds + r->predicted_seconds;
+    job->unfinished += !r->finished;
+}
+
+/* What the block may take, and what it will. */
+static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct block_task *task, oxl_job_options *o)
+{
+    const struct survey_load load = survey_load(scene);
+    struct survey_cost       cost;
+    *o = job->options;
+    if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
+    cost                    = survey_cost(job->ctx, o, &load);
+    task->train             = o->train;
+    task->predicted_peak    = cost.memory;
+    task->predicted_seconds = cost.seconds;
+    if (task->train.max_seconds > 0)
+        task->train.max_seconds = OXL_MAX(1e-3, task->train.max_seconds - (os_seconds() - job->begun));
     return OXL_OK;
 }
 
-static double job_rounded(double value, double parts)
+static oxl_result job_train_block(struct job *job, const char *folder)
 {
-    return floor(value * parts + 0.5) / parts;
-}
-
-static int job_progress(void *user, const oxl_progress *progress)
-{
-    struct job  *job   = user;
-    oxl_progress p     = *progress;
-    const int    every = OXL_MAX(1, p.iterations / JOB_LOG_ROWS);
-    const double limit = job->options->train.max_seconds;
-    p.memory           = os_peak_rss();
-    if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - p.seconds));
-    if (p.iteration % every == 0 || p.iteration == p.iterations) {
-        text_add(&job->log, "%d,", p.iteration);
-        text_add_number(&job->log, job_rounded(p.loss, 1e6));
-        text_add(&job->log, ",");
-        text_add_number(&job->log, job_rounded(p.psnr, 1e3));
-        text_add(&job->log, ",%zu,", p.gaussians);
-        text_add_number(&job->log, job_rounded(p.seconds, 1e3));
-        text_add(&job->log, "\n");
+    const oxl_callback callback = {job_progress, job};
+    struct block_task  task     = {.folder = folder, .key = job->line.data, .callback = &callback};
+    oxl_job_options    options;
+    oxl_scene         *own = NULL;
+    oxl_result         rc  = OXL_OK;
+    if (job->partition.block_count > 1) {
+        oxl_scene_free(job->ctx, job->scene); /* the whole is not needed until the end, and may be large */
+        job->scene = NULL;
+        rc         = job_load_block(job, folder, &own);
     }
-    if (p.seconds - job->log_written > JOB_LOG_SECONDS) {
-        job_write(job, "log.csv", &job->log); /* a full disk is reported at the end, where it matters */
-        job->log_written = p.seconds;
-    }
-    job->last       = p;
-    job->last.model = NULL;
-    return job->callback ? job->callback->progress(job->callback->user, &p) : 0;
-}
-
-/* ---------------------------------------------------------------- pictures */
-
-/* FOLDER/NAME + suffix, with the folders that NAME asks for, none of them outside FOLDER. */
-static char *job_picture_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
-{
-    struct text t = {.ctx = ctx};
-    char       *path, *slash;
-    const int   escapes = name[0] == '/' || strstr(name, "..");
-    text_add(&t, "%s/%s%s", folder, name, suffix);
-    if (text_take(&t, &path) != OXL_OK) {
-        oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a picture");
-        return NULL;
-    }
-    for (char *c = path + strlen(folder) + 1; escapes && *c; c++)
-        if (*c == '/') *c = '_';
-    slash  = strrchr(path, '/');
-    *slash = 0;
-    if (os_make_folder(ctx, path) != OXL_OK) {
-        oxl_free(ctx, path);
-        return NULL;
-    }
-    *slash = '/';
-    return path;
-}
-
-static oxl_result job_write_image(oxl_context *ctx, const char *folder, const char *name, const char *suffix,
-                                  const oxl_image *image)
-{
-    char            *path = job_picture_path(ctx, folder, name, suffix);
-    const oxl_result rc   = path ? oxl_image_write(ctx, path, image) : OXL_ERR_IO;
-    oxl_free(ctx, path);
+    if (rc == OXL_OK) rc = job_plan_block(job, own ? own : job->scene, &task, &options);
+    if (rc == OXL_OK) scene_set_cache(own ? own : job->scene, options.scene.image_cache_bytes);
+    if (rc == OXL_OK) rc = block_train(job->ctx, own ? own : job->scene, &task);
+    oxl_scene_free(job->ctx, own);
     return rc;
 }
 
-/* Portable float map: rows from the bottom, the sign of the scale tells the byte order. */
-static oxl_result job_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width, int height)
+static oxl_result job_block(struct job *job, int block)
 {
-    const uint16_t   one   = 1;
-    const int        small = *(const unsigned char *)&one; /* little endian */
-    char            *path  = job_picture_path(ctx, folder, name, ".depth.pfm");
-    struct os_writer writer;
-    oxl_result       rc = path ? os_writer_open(ctx, path, &writer) : OXL_ERR_IO;
+    char               *folder = job_block_path(job, block, NULL);
+    struct block_record record;
+    oxl_result          rc = folder ? block_read(job->ctx, folder, job->line.data, &record) : OXL_ERR_MEMORY, trained = OXL_OK;
     if (rc != OXL_OK) goto done;
-    fprintf(writer.file, "Pf\n%d %d\n%s\n", width, height, small ? "-1.0" : "1.0");
-    for (int y = height - 1; y >= 0; y--) fwrite(depth + (size_t)y * width, sizeof *depth, (size_t)width, writer.file);
-    rc = os_writer_close(ctx, &writer, OXL_OK);
+    job->block = block;
+    if (!record.finished) {
+        if (job->partition.block_count > 1)
+            oxl_log(job->ctx, OXL_LOG_INFO, "block %d of 0 to %d", block, job->partition.block_count - 1);
+        trained = job_train_block(job, folder);
+        rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
+        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->line.data, &record);
+    }
+    if (rc == OXL_OK) job_add_record(job, &record);
+    if (rc == OXL_OK) rc = trained;
 done:
-    oxl_free(ctx, path);
+    oxl_free(job->ctx, folder);
     return rc;
 }
 
-/* A picture of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
-static oxl_result job_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
-                                  int height)
+/* All of them, or the one asked for. Once the time allowed is over, those that are left wait for the next run. */
+static oxl_result job_blocks(struct job *job)
 {
-    const size_t pixels  = (size_t)width * height;
-    oxl_image    picture = {0};
-    double       sum     = 0;
-    size_t       met     = 0;
-    oxl_result   rc      = oxl_image_create(ctx, width, height, &picture);
-    if (rc != OXL_OK) return rc;
-    for (size_t i = 0; i < pixels; i++)
-        if (depth[i] > 0) sum += depth[i], met++;
-    for (size_t i = 0; i < pixels; i++) {
-        const float mean = (float)(met ? sum / (double)met : 1), v = depth[i] > 0 ? mean / (mean + depth[i]) : 0;
-        for (int c = 0; c < 3; c++) picture.rgb[c * pixels + i] = v;
-    }
-    rc = job_write_image(ctx, folder, name, ".depth.png", &picture);
-    if (rc == OXL_OK) rc = job_write_pfm(ctx, folder, name, depth, width, height);
-    oxl_image_free(ctx, &picture);
-    return rc;
-}
-
-static oxl_result job_render_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int index, const oxl_pictures *what,
-                                  const char *folder)
-{
-    const oxl_view *view  = oxl_scene_view(scene, index);
-    const int       width = view->camera.width, height = view->camera.height;
-    oxl_image       drawn = {0}, photograph = {0};
-    float          *depth = NULL;
-    oxl_result      rc    = OXL_OK;
-
-    oxl_render_options options = oxl_render_options_default();
-    options.near_plane         = (float)scene_near_plane(scene);
-    if (what->depth) {
-        depth = oxl_alloc(ctx, (size_t)width * height, sizeof *depth);
-        if (!depth) {
-            rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
-            goto done;
-        }
-    }
-    rc = oxl_render(ctx, model, &view->camera, &options, &drawn, depth);
-    if (rc == OXL_OK) rc = job_write_image(ctx, folder, view->name, ".png", &drawn);
-    if (rc == OXL_OK && depth) rc = job_write_depth(ctx, folder, view->name, depth, width, height);
-    if (rc == OXL_OK && what->photographs) rc = oxl_scene_image(ctx, scene, index, &photograph);
-    if (rc == OXL_OK && what->photographs) rc = job_write_image(ctx, folder, view->name, ".photo.png", &photograph);
-done:
-    oxl_image_free(ctx, &drawn);
-    oxl_image_free(ctx, &photograph);
-    oxl_free(ctx, depth);
-    return rc;
-}
-
-oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
-                            const char *folder, int *count)
-{
-    oxl_result rc = os_make_folder(ctx, folder);
-    *count        = 0;
-    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
-        const int is_test = oxl_scene_view(scene, i)->is_test;
-        if (what->split != OXL_SPLIT_ALL && is_test != (what->split == OXL_SPLIT_TEST)) continue;
-        rc = job_render_view(ctx, model, scene, i, what, folder);
-        *count += rc == OXL_OK;
-    }
+    const int  only = job->options.block;
+    oxl_result rc   = OXL_OK;
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK && !job->unfinished; k++)
+        if (only < 0 || only == k) rc = job_block(job, k);
     return rc;
 }
 
 /* ---------------------------------------------------------------- at the end */
+
+/* One block's model is the whole's; those of several are merged, one after the other. */
+static oxl_result job_join(struct job *job)
+{
+    const int  blocks = job->partition.block_count;
+    oxl_result rc     = blocks > 1 ? oxl_model_create(job->ctx, 0, 0, &job->model) : OXL_OK;
+    memcpy(job->model.origin, job->origin, sizeof job->origin);
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
+        char     *path = job_block_path(job, k, "model.ply");
+        oxl_model part = {0};
+        rc             = path ? oxl_model_read(job->ctx, path, &part) : OXL_ERR_MEMORY;
+        if (rc == OXL_OK && blocks > 1) rc = merge_block(job->ctx, &job->partition, k, &part, &job->model);
+        else if (rc == OXL_OK) OXL_SWAP(oxl_model, job->model, part);
+        oxl_model_free(job->ctx, &part);
+        oxl_free(job->ctx, path);
+    }
+    if (rc == OXL_OK && job->model.count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
+    return rc;
+}
+
+static oxl_result job_write_model(struct job *job, size_t *bytes)
+{
+    struct os_file_map map  = {0};
+    char              *path = oxl_path_join(job->ctx, job->out, "scene.ply");
+    oxl_result         rc   = path ? oxl_model_write(job->ctx, path, &job->model) : job_no_memory(job);
+    if (rc == OXL_OK) rc = os_read_file(job->ctx, path, &map);
+    *bytes = map.size;
+    os_release_file(job->ctx, &map);
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
+static void job_add(struct text *t, const char *name, double value)
+{
+    text_add(t, "  \"%s\": ", name);
+    text_add_number(t, value);
+    text_add(t, ",\n");
+}
 
 oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out)
 {
@@ -324,95 +389,170 @@ static oxl_result job_write_metrics(struct job *job, size_t bytes)
     const oxl_split split = job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
     oxl_metrics     m     = {0};
     struct text     t     = {.ctx = job->ctx};
-    int             drawn = 0;
-    oxl_result      rc    = oxl_evaluate(job->ctx, &job->model, job->scene, split, &m);
+    struct seam     seam;
+    oxl_result      rc = oxl_evaluate(job->ctx, &job->model, job->scene, split, &m);
     if (rc != OXL_OK) goto done;
     oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f over %d; %zu Gaussians, %.1f MB",
             split == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.count, job->model.count, (double)bytes / 1e6);
-    text_add(&t, "{\n  \"split\": \"%s\",\n  \"gaussians\": %zu,\n  \"bytes\": %zu,\n  \"seconds\": ",
-             split == OXL_SPLIT_TEST ? "test" : "train", job->model.count, bytes);
-    text_add_number(&t, job_rounded(job->last.seconds, 1e3));
-    text_add(&t, ",\n  \"iterations\": %d,\n  \"peak_rss_bytes\": %zu,\n", job->last.iteration, os_peak_rss());
+    text_add(&t, "{\n  \"split\": \"%s\",\n", split == OXL_SPLIT_TEST ? "test" : "train");
+    job_add(&t, "gaussians", (double)job->model.count);
+    job_add(&t, "bytes", (double)bytes);
+    job_add(&t, "blocks", job->partition.block_count);
+    job_add(&t, "iterations", job->total.iterations);
+    job_add(&t, "seconds", job->total.seconds);
+    job_add(&t, "predicted_seconds", job->total.predicted_seconds);
+    job_add(&t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
+    job_add(&t, "predicted_memory_bytes", job->total.predicted_peak);
+    if (job->partition.block_count > 1) rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, split, &seam);
+    if (rc != OXL_OK) goto done;
+    if (job->partition.block_count > 1) seam_add_json(&t, &seam);
     rc = metrics_write_json(job->ctx, &t, job->scene, &m);
     text_add(&t, "}\n");
     if (rc == OXL_OK) rc = job_write(job, "metrics.json", &t);
-    if (rc == OXL_OK && job->options->renders) {
-        char *folder = oxl_path_join(job->ctx, job->out, "renders");
-        rc           = folder ? oxl_render_views(job->ctx, &job->model, job->scene, &(oxl_pictures){split, 1, 0}, folder, &drawn)
-                              : oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory for the pictures");
-        oxl_free(job->ctx, folder);
-    }
 done:
     oxl_metrics_free(job->ctx, &m);
     text_free(&t);
     return rc;
 }
 
-static oxl_result job_write_run(struct job *job, int finished)
+static oxl_result job_draw(struct job *job)
 {
-    struct text t = {.ctx = job->ctx};
-    oxl_result  rc;
-    text_add(&t, "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"preset\": ", OXL_VERSION, finished ? "true" : "false");
-    text_add_json_string(&t, job->options->preset ? job->options->preset : "");
-    text_add(&t, ",\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n  \"iterations_done\": %d,\n  \"origin\": [",
-             job->ctx->threads, oxl_isa_name(job->ctx), job->last.iteration);
-    for (int k = 0; k < 3; k++) {
-        if (k > 0) text_add(&t, ", ");
-        text_add_number(&t, job->model.origin[k]);
-    }
-    text_add(&t, "],\n  %s,\n  \"survey\": ", job->line.data);
-    survey_add_json(&t, &job->survey, "  ");
-    text_add(&t, "\n}\n");
-    rc = job_write(job, "run.json", &t);
-    text_free(&t);
+    const oxl_pictures what   = {job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN, 1, 0};
+    char              *folder = oxl_path_join(job->ctx, job->out, "renders");
+    int                drawn;
+    const oxl_result   rc =
+        folder ? oxl_render_views(job->ctx, &job->model, job->scene, &what, folder, &drawn) : job_no_memory(job);
+    oxl_free(job->ctx, folder);
     return rc;
 }
 
-/* Everything that belongs to the result; `finished` 0: the model and the log alone. */
-static oxl_result job_write_all(struct job *job, int finished)
+/* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
+static oxl_result job_finish(struct job *job, int judge)
 {
-    struct os_file_map map  = {0};
-    char              *path = oxl_path_join(job->ctx, job->out, "scene.ply");
-    oxl_result rc = path ? job_remove(job, "run.json") : oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory to write scene.ply");
-    if (rc == OXL_OK) rc = job_remove(job, "metrics.json");
-    if (rc == OXL_OK) rc = oxl_model_write(job->ctx, path, &job->model);
-    if (rc == OXL_OK) rc = job_write(job, "log.csv", &job->log);
-    if (rc == OXL_OK && finished) rc = os_read_file(job->ctx, path, &map);
-    if (rc == OXL_OK && finished) rc = job_write_metrics(job, map.size);
-    if (rc == OXL_OK) rc = job_write_run(job, finished);
-    os_release_file(job->ctx, &map);
-    oxl_free(job->ctx, path);
+    size_t     bytes = 0;
+    oxl_result rc    = job->scene || !judge ? OXL_OK : job_load(job);
+    if (rc == OXL_OK) rc = job_join(job);
+    if (rc == OXL_OK) rc = job_write_model(job, &bytes);
+    if (rc == OXL_OK && judge) rc = job_write_metrics(job, bytes);
+    if (rc == OXL_OK && judge && job->options.renders) rc = job_draw(job);
+    if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
     return rc;
+}
+
+/* What can be had of the blocks that are there. rc is how their training ended. */
+static oxl_result job_conclude(struct job *job, oxl_result rc)
+{
+    const int  one    = job->partition.block_count == 1;
+    oxl_result joined = OXL_OK;
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
+    if (job->options.block >= 0 && !one) return rc;
+    if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
+    else oxl_log(job->ctx, OXL_LOG_INFO, "some blocks of %s are not finished; run again to go on", job->out);
+    return joined == OXL_OK ? rc : joined;
+}
+
+/* ---------------------------------------------------------------- doors */
+
+static void job_begin(struct job *job, oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
+                      const oxl_callback *callback)
+{
+    *job = (struct job){.ctx        = ctx,
+                        .scene_path = scene,
+                        .out        = out,
+                        .options    = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT),
+                        .callback   = callback,
+                        .line       = {.ctx = ctx},
+                        .found      = {.ctx = ctx},
+                        .begun      = os_seconds(),
+                        .seed       = ctx->options.seed};
+    if (job->options.seed) ctx->options.seed = job->options.seed;
+    run_describe(&job->line, scene, &job->options);
+}
+
+static void job_end(struct job *job)
+{
+    job->ctx->options.seed = job->seed;
+    partition_free(job->ctx, &job->partition);
+    oxl_model_free(job->ctx, &job->model);
+    oxl_scene_free(job->ctx, job->scene);
+    text_free(&job->line);
+    text_free(&job->found);
+}
+
+/* From the survey to the blocks; *done: nothing is left to do. */
+static oxl_result job_prepare(struct job *job, int *done)
+{
+    oxl_result rc = job_open(job);
+    if (rc == OXL_OK) rc = job_look(job, done);
+    if (rc == OXL_OK && *done)
+        oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this survey, these options and this seed",
+                job->out);
+    if (rc != OXL_OK || *done) return rc;
+    rc = job_cut(job);
+    return rc == OXL_OK ? job_write_run(job, 0) : rc;
+}
+
+/* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
+static oxl_result job_prepare_block(struct job *job, int *ready)
+{
+    struct oxl_run run = {0};
+    oxl_result     rc  = run_read(job->ctx, job->out, &run);
+    *ready = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && !strcmp(run.line, job->line.data) &&
+             job_has(job, "partition.txt");
+    run_free(job->ctx, &run);
+    return rc == OXL_OK && *ready ? job_cut(job) : rc;
 }
 
 oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
                        const oxl_callback *callback)
 {
-    const oxl_job_options defaults = oxl_job_options_default(OXL_PRESET_DRAFT);
-    struct job            job      = {.ctx        = ctx,
-                                      .scene_path = scene,
-                                      .out        = out,
-                                      .options    = options ? options : &defaults,
-                                      .callback   = callback,
-                                      .line       = {.ctx = ctx},
-                                      .log        = {.ctx = ctx}};
-    oxl_result            rc, written;
-    int                   done = 0;
-    rc                         = job_open(&job);
-    if (rc == OXL_OK) rc = job_is_done(&job, &done);
-    if (rc != OXL_OK) goto done;
-    if (done) {
-        oxl_log(ctx, OXL_LOG_INFO, "%s already holds the finished result of this survey, these options and this seed", out);
-        goto done;
+    struct job job;
+    oxl_result rc;
+    int        ready = 0, done = 0;
+    job_begin(&job, ctx, scene, out, options, callback);
+    rc = job.line.failed ? job_no_memory(&job) : job_prepare_block(&job, &ready);
+    if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
+    if (rc == OXL_OK && !done) rc = job_conclude(&job, job_blocks(&job));
+    job_end(&job);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- merge */
+
+/* Every block's record, or the word which one is missing. */
+static oxl_result job_collect(struct job *job)
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        char               *folder = job_block_path(job, k, NULL);
+        struct block_record record = {0};
+        rc                         = folder ? block_read(job->ctx, folder, job->line.data, &record) : OXL_ERR_MEMORY;
+        if (rc == OXL_OK && !record.finished)
+            rc = oxl_fail(job->ctx, OXL_ERR_INPUT, "%s: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
+                          folder, job->scene_path, job->out, k);
+        if (rc == OXL_OK) job_add_record(job, &record);
+        oxl_free(job->ctx, folder);
     }
-    rc = oxl_train(ctx, job.scene, &job.options->train, &(oxl_callback){job_progress, &job}, &job.model);
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) goto done;
-    written = job_write_all(&job, rc == OXL_OK);
-    if (written != OXL_OK) rc = written;
-done:
-    oxl_model_free(ctx, &job.model);
-    oxl_scene_free(ctx, job.scene);
-    text_free(&job.line);
-    text_free(&job.log);
+    return rc;
+}
+
+oxl_result oxl_merge(oxl_context *ctx, const char *out)
+{
+    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    struct oxl_run  run     = {0};
+    struct job      job;
+    int             done = 0;
+    oxl_result      rc   = run_read(ctx, out, &run);
+    if (rc == OXL_OK && (!run.line || !run.scene))
+        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
+                      out, out);
+    if (rc != OXL_OK) return rc;
+    run_options(&run, &options);
+    job_begin(&job, ctx, run.scene, out, &options, NULL);
+    rc = job.line.failed ? job_no_memory(&job) : job_prepare(&job, &done);
+    if (rc == OXL_OK && !done) rc = job_collect(&job);
+    if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
+    job_end(&job);
+    run_free(ctx, &run);
     return rc;
 }

@@ -7,12 +7,10 @@
 
 /* ---------------------------------------------------------------- one block */
 
-static struct oxl_block balance_block(const oxl_context *ctx, const struct partition *p, int block, const oxl_job_options *o)
+OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int block)
 {
-    const struct partition_plan  *plan = p->plan;
-    const struct partition_block *b    = &p->block[block];
-    struct survey_load            load = {.points = b->start_points};
-    struct survey_cost            cost;
+    const struct partition_plan *plan = p->plan;
+    struct survey_load           load = {.points = p->block[block].start_points};
     for (size_t v = 0; v < plan->sight->views; v++) {
         const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
         if (plan->role[(size_t)block * plan->sight->views + v] == PARTITION_OUT) continue;
@@ -22,7 +20,14 @@ static struct oxl_block balance_block(const oxl_context *ctx, const struct parti
         load.observations += plan->sight->first[v + 1] - plan->sight->first[v];
     }
     load.train_pixels = load.pixels;
-    cost              = survey_cost(ctx, o, &load);
+    return load;
+}
+
+static struct oxl_block balance_block(const oxl_context *ctx, const struct partition *p, int block, const oxl_job_options *o)
+{
+    const struct partition_block *b    = &p->block[block];
+    const struct survey_load      load = partition_load(p, block);
+    const struct survey_cost      cost = survey_cost(ctx, o, &load);
     return (oxl_block){.points       = b->points,
                        .start_points = b->start_points,
                        .base_views   = b->base_views,

@@ -537,6 +537,11 @@ static void scene_make_room(oxl_context *ctx, oxl_scene *scene, int keep)
     }
 }
 
+OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
+{
+    if (scene->from_files) scene->cache_limit = bytes;
+}
+
 OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene, int view)
 {
     struct photo *photo = &scene->photo[view];

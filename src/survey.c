@@ -37,16 +37,13 @@ static void survey_cameras(const struct colmap *c, oxl_survey *s)
              first->height, s->cameras_distorted ? "distorted (mended on load)" : "free of distortion");
 }
 
-static double survey_pixels(const oxl_scene *scene, oxl_survey *s)
+/* The size that most of the memory is for. */
+static void survey_largest(const oxl_scene *scene, oxl_survey *s)
 {
-    double    pixels = 0;
-    const int count  = oxl_scene_view_count(scene);
-    for (int i = 0; i < count; i++) {
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
-        pixels += (double)c->width * c->height;
         if ((double)c->width * c->height > (double)s->width * s->height) s->width = c->width, s->height = c->height;
     }
-    return pixels;
 }
 
 OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load)
@@ -70,19 +67,31 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
     return cost;
 }
 
-static void survey_predict(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, double pixels, oxl_survey *s)
+OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene)
 {
-    const struct survey_load load = {.points       = s->points,
-                                     .observations = s->observations,
-                                     .views        = s->train_views + s->test_views,
-                                     .pixels       = pixels,
-                                     .train_pixels = train_pixels(scene),
-                                     .largest      = (double)s->width * s->height};
-    const struct survey_cost cost = survey_cost(ctx, o, &load);
-    s->gaussians                  = cost.gaussians;
-    s->memory                     = cost.memory;
-    s->seconds                    = cost.seconds;
-    s->memory_free                = (double)os_memory_free();
+    const struct scene_stats *stats = scene_stats_of(scene);
+    struct survey_load        load  = {
+                .points = stats->points, .observations = stats->observations, .views = stats->views, .train_pixels = train_pixels(scene)};
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_camera *c      = &oxl_scene_view(scene, i)->camera;
+        const double      pixels = (double)c->width * c->height;
+        load.pixels += pixels;
+        load.largest = OXL_MAX(load.largest, pixels);
+    }
+    return load;
+}
+
+static void survey_predict(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
+{
+    const struct survey_load load   = survey_load(scene);
+    oxl_job_options          fitted = *o;
+    struct survey_cost       cost;
+    budget_fit(ctx, &load, &fitted);
+    cost           = survey_cost(ctx, &fitted, &load);
+    s->gaussians   = cost.gaussians;
+    s->memory      = cost.memory;
+    s->seconds     = cost.seconds;
+    s->memory_free = (double)os_memory_free();
 }
 
 /* ---------------------------------------------------------------- words */
@@ -146,24 +155,23 @@ OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, cons
 {
     const struct scene_stats *stats  = scene_stats_of(scene);
     const double             *origin = oxl_scene_origin(scene);
-    double                    pixels;
-    *out = (oxl_survey){.images         = stats->images_listed,
-                        .images_missing = stats->images_missing,
-                        .train_views    = stats->views - stats->test_views,
-                        .test_views     = stats->test_views,
-                        .masks          = stats->masks,
-                        .points         = stats->points,
-                        .observations   = stats->observations,
-                        .mean_track     = stats->mean_track,
-                        .mean_error     = stats->mean_error,
-                        .extent         = oxl_scene_extent(scene)};
+    *out                             = (oxl_survey){.images         = stats->images_listed,
+                                                    .images_missing = stats->images_missing,
+                                                    .train_views    = stats->views - stats->test_views,
+                                                    .test_views     = stats->test_views,
+                                                    .masks          = stats->masks,
+                                                    .points         = stats->points,
+                                                    .observations   = stats->observations,
+                                                    .mean_track     = stats->mean_track,
+                                                    .mean_error     = stats->mean_error,
+                                                    .extent         = oxl_scene_extent(scene)};
     for (int k = 0; k < 3; k++) {
         out->bounds_min[k] = stats->bounds_min[k] + origin[k];
         out->bounds_max[k] = stats->bounds_max[k] + origin[k];
     }
     survey_cameras(scene_colmap(scene), out);
-    pixels = survey_pixels(scene, out);
-    survey_predict(ctx, scene, options, pixels, out);
+    survey_largest(scene, out);
+    survey_predict(ctx, scene, options, out);
     survey_write_facts(ctx, out);
     survey_write_warnings(out);
 }

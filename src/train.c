@@ -10,10 +10,11 @@
 #define TRAIN_RESET_LEAST \
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
 #define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
-#define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
-#define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
-#define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
-#define TRAIN_SMOOTHING     0.02  /* of loss and PSNR in progress reports: about the last 50 views */
+#define TRAIN_RANDOM_POINTS 10000      /* to start from when the scene has none */
+#define TRAIN_WATCH         (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
+#define TRAIN_SAVE_STEPS    500        /* a checkpoint after so many iterations, */
+#define TRAIN_SAVE_SECONDS  60.0       /* or so long, whichever comes first */
+#define TRAIN_SMOOTHING     0.02       /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
 {
@@ -31,7 +32,14 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .densify_until       = 0.5f,
                            .densify_every       = 100,
                            .densify_gradient    = 2e-4f,
-                           .reset_opacity_every = 0.1f};
+                           .reset_opacity_every = 0.1f,
+                           .ucd_mid             = 1.5f,
+                           .ucd_far             = 2.0f,
+                           .keep_value          = 0.5,
+                           .dog_from            = 0.77f,
+                           .dog_threshold       = 2e-4f,
+                           .dog_opacity_factor  = 0.1f,
+                           .dog_scale_factor    = 1.6f};
     if (preset == OXL_PRESET_DRAFT)
         o.iterations = 2000, o.densify_gradient = 4e-4f; /* half the growth: 2000 iterations cannot train more */
     if (preset == OXL_PRESET_PAPER) o.iterations = 40000;
@@ -80,7 +88,9 @@ static void train_rates(const struct train *t, float rate[OXL_PLANES])
                   : k < OXL_OPACITY  ? o->rate_rotation
                   : k < OXL_SH       ? o->rate_opacity
                   : k < OXL_SH + 3   ? o->rate_sh0
-                                     : o->rate_sh;
+                  : k < OXL_LOBE     ? o->rate_sh
+                  : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
+                                     : MODEL_LOBE_RATE_SCALE;
 }
 
 /* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
@@ -193,8 +203,10 @@ OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *o
 
 static oxl_result train_resize(struct train *t)
 {
+    oxl_result rc;
     oxl_model_free(t->ctx, &t->gradient);
-    return oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, &t->gradient);
+    rc = oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, &t->gradient);
+    return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
 }
 
 static oxl_result train_densify(struct train *t)
@@ -229,6 +241,77 @@ static oxl_result train_density(struct train *t)
         t->resets++;
     }
     return rc;
+}
+
+/* ---------------------------------------------------------------- second lobes */
+
+static int train_gives_lobes_at(const struct train *t)
+{
+    return (int)(t->options->dog_from * t->options->iterations);
+}
+
+/* Steps over which gradients are watched before lobes are given out: 1000 of 40 000 [OceanXL]. */
+static int train_watch(const struct train *t)
+{
+    return OXL_MAX(1, (int)(TRAIN_WATCH * t->options->iterations));
+}
+
+static int train_compare(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* A threshold at or below 0 is a quantile: -0.9 lets the upper tenth have lobes. */
+static oxl_result train_lobe_threshold(const struct train *t, double *out)
+{
+    const float  threshold = t->options->dog_threshold;
+    const size_t count     = t->model->count;
+    double      *gradient;
+    *out = threshold;
+    if (t->options->dog == OXL_DOG_ALL) *out = -1;
+    if (threshold > 0 || t->options->dog == OXL_DOG_ALL) return OXL_OK;
+    gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
+    if (!gradient) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
+    for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
+    qsort(gradient, count, sizeof *gradient, train_compare);
+    *out = measure_quantile(gradient, count, -threshold);
+    oxl_free(t->ctx, gradient);
+    return OXL_OK;
+}
+
+/* Those that the loss still pulls about get a second lobe: decided once [OceanXL sec. 3.2]. */
+static oxl_result train_give_lobes(struct train *t)
+{
+    const oxl_train_options *o         = t->options;
+    uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
+    size_t                   given     = 0;
+    double                   threshold = 0;
+    oxl_result rc = active ? train_lobe_threshold(t, &threshold) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    if (rc != OXL_OK) goto done;
+    for (size_t i = 0; i < t->model->count; i++) {
+        active[i] = density_mean_gradient(t->density, i) > threshold;
+        given += active[i];
+    }
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->model->count);
+    if (given > 0)
+        rc = model_activate_lobes(t->ctx, t->model, &t->first, &t->second, active, o->dog_opacity_factor, o->dog_scale_factor);
+    if (rc == OXL_OK && given > 0) rc = train_resize(t);
+done:
+    oxl_free(t->ctx, active);
+    return rc;
+}
+
+static oxl_result train_lobes(struct train *t)
+{
+    const int last = train_gives_lobes_at(t);
+    if (t->options->dog == OXL_DOG_OFF || t->step <= last - train_watch(t) || t->step > last) return OXL_OK;
+    if (t->step == last - train_watch(t) + 1) {
+        const oxl_result rc = density_clear(t->ctx, t->density, t->model->count);
+        if (rc != OXL_OK) return rc;
+    }
+    density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    return t->step == last ? train_give_lobes(t) : OXL_OK;
 }
 
 /* One more SH band each thirtieth of the run, up to the degree asked for. */
@@ -372,6 +455,7 @@ static oxl_result train_step(struct train *t)
     if (rc == OXL_OK) rc = train_bands(t);
     if (rc == OXL_OK) rc = train_on_view(t, view);
     if (rc == OXL_OK) rc = train_density(t);
+    if (rc == OXL_OK) rc = train_lobes(t);
     return rc;
 }
 

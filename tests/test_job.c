@@ -75,8 +75,8 @@ TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"test\""));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"psnr\": "));
-    CHECK(job_test_has(test_path("out/log.csv"), "iteration,loss,psnr,gaussians,seconds\n1,"));
-    CHECK(job_test_has(test_path("out/log.csv"), "\n12,"));
+    CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "iteration,loss,psnr,gaussians,seconds\n1,"));
+    CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n12,"));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
     CHECK(os_is_file(test_path("out/renders/0.png.png")));
     CHECK(os_is_file(test_path("out/renders/0.png.photo.png")));
@@ -120,7 +120,106 @@ TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)
     oxl_model_free(test_ctx, &model);
     watch = (struct job_test_watch){0, -1};
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
-    CHECK(watch.calls == 12);
+    CHECK(watch.calls == 1 + 12 - 5); /* where it stood, and what was left */
+}
+
+/* ---------------------------------------------------------------- resumed, and in blocks */
+
+static int job_test_same(const char *a, const char *b)
+{
+    struct os_file_map x = {0}, y = {0};
+    int                same;
+    CHECK_OK(os_read_file(test_ctx, a, &x));
+    CHECK_OK(os_read_file(test_ctx, b, &y));
+    same = x.size == y.size && x.size > 0 && !memcmp(x.data, y.data, x.size);
+    os_release_file(test_ctx, &x);
+    os_release_file(test_ctx, &y);
+    return same;
+}
+
+/* Nine views and 60 points make two blocks or more when a block may hold 40. */
+static oxl_job_options job_test_blocks(void)
+{
+    oxl_job_options options        = job_test_options();
+    options.partition.block_points = 40;
+    options.renders                = 0;
+    return options;
+}
+
+TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
+{
+    oxl_job_options options = job_test_blocks();
+    const char     *survey  = job_test_survey();
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("whole"), &options, NULL));
+    CHECK(os_is_file(test_path("whole/partition.txt")) && os_is_file(test_path("whole/blocks/001/model.ply")));
+    for (options.block = 1; options.block >= 0; options.block--)
+        CHECK_OK(oxl_job_run(test_ctx, survey, test_path("parts"), &options, NULL));
+    CHECK(!os_is_file(test_path("parts/scene.ply")));
+    CHECK_OK(oxl_merge(test_ctx, test_path("parts")));
+    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("parts/scene.ply")));
+    CHECK(job_test_has(test_path("parts/run.json"), "\"finished\": true"));
+    CHECK(job_test_has(test_path("parts/metrics.json"), "\"blocks\": 2"));
+}
+
+TEST(job_merge_names_the_block_that_is_missing)
+{
+    oxl_job_options options = job_test_blocks();
+    options.block           = 0;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK(oxl_merge(test_ctx, test_path("out")) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "blocks/001");
+    CHECK_TEXT(oxl_error_text(test_ctx), "--block 1");
+}
+
+TEST(job_in_blocks_that_is_stopped_goes_on_in_the_block_where_it_was)
+{
+    const oxl_job_options options  = job_test_blocks();
+    struct job_test_watch watch    = {0, 5};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_survey();
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("whole"), &options, NULL));
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    CHECK(!os_is_file(test_path("out/scene.ply")));
+    watch = (struct job_test_watch){0, -1};
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 1 + 7 + 12);
+    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("out/scene.ply")));
+}
+
+TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
+{
+    oxl_job_options       options  = job_test_options();
+    struct job_test_watch watch    = {0, 5};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_survey();
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    options.train.iterations++;
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
+    CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
+    options.restart = 1;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/run.json"), "\"iterations_done\": 13"));
+}
+
+TEST(job_resume_finds_the_options_that_a_run_was_given)
+{
+    oxl_job_options given = job_test_options(), found = oxl_job_options_default(OXL_PRESET_PAPER);
+    const char     *survey = job_test_survey();
+    oxl_run        *run    = NULL;
+    given.scene.max_side   = 40;
+    given.train.rate_sh    = 1e-3f;
+    given.seed             = 77;
+    given.scene.images     = test_path("survey/images");
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &given, NULL));
+    CHECK_OK(oxl_job_resume(test_ctx, survey, test_path("out"), &found, &run));
+    CHECK(found.train.iterations == 12 && found.scene.max_side == 40 && found.train.rate_sh == 1e-3f && found.seed == 77);
+    CHECK_TEXT(found.scene.images ? found.scene.images : "", "survey/images");
+    CHECK_TEXT(found.preset ? found.preset : "", "draft");
+    oxl_run_free(test_ctx, &run);
+    CHECK_OK(oxl_job_resume(test_ctx, "another survey", test_path("out"), &given, &run));
+    CHECK(given.train.iterations == 12);
+    oxl_run_free(test_ctx, &run);
 }
 
 TEST(job_without_held_out_views_judges_training_views_and_says_so)
@@ -141,10 +240,10 @@ TEST(job_of_a_missing_survey_is_bad_input)
 
 TEST(job_pictures_stay_inside_their_folder)
 {
-    char *path = job_picture_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
+    char *path = pictures_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
     CHECK(path && strcmp(path, test_path("pictures/.._dive_a.jpg.png")) == 0);
     oxl_free(test_ctx, path);
-    path = job_picture_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
+    path = pictures_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
     CHECK(path && strcmp(path, test_path("pictures/dive/a.jpg.png")) == 0);
     CHECK(os_is_folder(test_path("pictures/dive")));
     oxl_free(test_ctx, path);

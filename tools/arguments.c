@@ -24,8 +24,10 @@ static const struct {
 } commands[] = {
     {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: photographs and a COLMAP text export in, one splat model out.",
      "oceanxl train survey -o out",
-     "OUT gets scene.ply (opens in any 3DGS viewer), metrics.json, run.json, log.csv and renders/ of the held-out views.\n"
-     "Ctrl-C stops in good order: scene.ply then holds the model so far."},
+     "OUT gets scene.ply (opens in any 3DGS viewer), metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
+     "Ctrl-C stops in good order and saves the state, a crash loses a minute: run the same command again, and it goes on."},
+    {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, and judges the whole.", "oceanxl merge out",
+     "OUT gets what train would have left there, to the byte."},
     {"check", COMMAND_CHECK, 1, "SCENE", "Lints a survey: says what train would find, and what it would take.",
      "oceanxl check survey", "Exit code 3: it cannot be trained, and the message says why."},
     {"partition", COMMAND_PARTITION, 1, "SCENE -o OUT",
@@ -44,7 +46,26 @@ static const struct {
      "DIR gets images/, sparse/0/ and truth/: pictures without water, depth maps, the water's parameters."},
 };
 
-enum kind { FLAG, COUNTING, LARGE, REAL, DEGREE, SIZE, DURATION, PIXELS, PLACE, TEXT, PRESET, SPLIT, AXES, CUT };
+enum kind {
+    FLAG,
+    COUNTING,
+    LARGE,
+    REAL,
+    DEGREE,
+    SIZE,
+    DURATION,
+    PIXELS,
+    PLACE,
+    TEXT,
+    PRESET,
+    SPLIT,
+    AXES,
+    CUT,
+    UCD,
+    KEEP,
+    DOG,
+    LIMIT
+};
 
 static const struct option {
     const char *group, *name, *value;
@@ -97,6 +118,19 @@ static const struct option {
      "never more than this many (one for every 60 training pixels)"},
     {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), TRAINS,
      "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
+    {"What the scene requires", "--ucd", "on|off|auto|MID,FAR", UCD, FIELD(ucd), IN(TRAIN) | IN(CHECK),
+     "densify more readily what is far away in water: weights learned, or given for two depth bands (auto)"},
+    {"What the scene requires", "--keep", "FRACTION|COUNT|SIZE|auto", KEEP, FIELD(keep), IN(TRAIN) | IN(CHECK),
+     "Gaussians left after pruning, as 0.5, 400000 or 80MB; 1: all (0.5)"},
+    {"What the scene requires", "--dog", "off|selective|all", DOG, FIELD(dog), IN(TRAIN) | IN(CHECK),
+     "difference-of-Gaussians lobes (off)"},
+    {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), IN(TRAIN) | IN(CHECK),
+     "selective: of the mean gradient, in half images; or the share that stays without, as 90% (0.0002)"},
+    {"How it is trained", "--block", "K", COUNTING, FIELD(block), IN(TRAIN), "this block alone, from 0; merge joins them (all)"},
+    {"How it is trained", "--restart", NULL, FLAG, FIELD(restart), IN(TRAIN),
+     "give up the unfinished work of other options in OUT"},
+    {"How it is trained", "--ram", "SIZE", SIZE, FIELD(ram), TRAINS,
+     "memory that may be taken at the peak: blocks, photographs' cache and Gaussians follow (no limit)"},
     {"The program", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN) | IN(SYNTH),
      "of every random choice; the same seed gives the same bytes (1)"},
     {"The program", "--threads", "T", COUNTING, FIELD(threads), EVERYWHERE, "threads; the result does not depend on them (all)"},
@@ -209,13 +243,64 @@ static int parse_place(const char *text, double *out)
     return 1;
 }
 
+/* "on", "off", "auto", or two weights. */
+static int parse_ucd(const char *text, struct arguments *a)
+{
+    static const char *const words[] = {"off", "on", "auto"};
+    char                    *end;
+    if (parse_word(text, words, 3, &a->ucd)) return 1;
+    a->ucd            = OXL_UCD_FIXED;
+    a->ucd_weights[0] = strtod(text, &end);
+    if (end == text || *end != ',') return 0;
+    text              = end + 1;
+    a->ucd_weights[1] = strtod(text, &end);
+    return end > text && *end == 0 && a->ucd_weights[0] >= 1 && a->ucd_weights[1] >= a->ucd_weights[0];
+}
+
+/* 0.5 is a fraction, 400000 a count, 80MB or 80M a size. */
+static int parse_keep(const char *text, struct arguments *a)
+{
+    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.};
+    char                number[32];
+    const size_t        length = strlen(text);
+    char               *end;
+    if (strcmp(text, "auto") == 0) {
+        a->keep = OXL_KEEP_AUTO;
+        return 1;
+    }
+    if (length == 0 || length >= sizeof number) return 0;
+    memcpy(number, text, length + 1);
+    if (length > 1 && tolower((unsigned char)number[length - 1]) == 'b') number[length - 1] = 0;
+    a->keep_value = strtod(number, &end);
+    if (*end == 0 && number[length - 1] != 0) {
+        a->keep = a->keep_value == 1 ? OXL_KEEP_ALL : a->keep_value < 1 ? OXL_KEEP_FRACTION : OXL_KEEP_COUNT;
+        return end > number && a->keep_value > 0;
+    }
+    a->keep = OXL_KEEP_BYTES;
+    return parse_number(number, "kmgt", bytes, &a->keep_value) && a->keep_value > 0;
+}
+
+/* 0.0002, or 90%: stored as -0.9. */
+static int parse_limit(const char *text, double *out)
+{
+    char *end;
+    *out = strtod(text, &end);
+    if (end == text || *out < 0) return 0;
+    if (*end == '%' && end[1] == 0 && *out <= 100) {
+        *out = -*out / 100;
+        return 1;
+    }
+    return *end == 0 && *out > 0;
+}
+
 static int parse_value(const struct option *o, const char *text, struct arguments *a)
 {
     static const char *const presets[] = {"draft", "standard", "paper"}, *const splits[] = {"test", "train", "all"};
     static const char *const axes[] = {"auto", "2d", "3d", "none"}, *const cuts[] = {"balanced", "midpoint"};
-    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
-    void *const         field = (char *)a + o->field;
-    double              number;
+    static const char *const dogs[]  = {"off", "selective", "all"};
+    static const double      bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
+    void *const              field = (char *)a + o->field;
+    double                   number;
     switch (o->kind) {
     case FLAG: *(int *)field = 1; return 1;
     case TEXT: *(const char **)field = text; return text[0] != 0;
@@ -230,6 +315,10 @@ static int parse_value(const struct option *o, const char *text, struct argument
         if (!parse_count(text, 3, &number)) return 0;
         *(int *)field = (int)number;
         return 1;
+    case UCD: return parse_ucd(text, a);
+    case KEEP: return parse_keep(text, a);
+    case DOG: return parse_word(text, dogs, 3, field);
+    case LIMIT: return parse_limit(text, field);
     case PIXELS: return parse_pixels(text, field);
     case PLACE: return parse_place(text, field);
     case REAL: return parse_number(text, "", NULL, field);
@@ -365,6 +454,12 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .max_side      = -1,
                             .test_every    = -1,
                             .threads       = -1,
+                            .block         = -1,
+                            .ram           = -1,
+                            .ucd           = -1,
+                            .keep          = -1,
+                            .dog           = -1,
+                            .dog_threshold = -2,
                             .max_time      = -1,
                             .image_cache   = -1,
                             .seed          = -1,

@@ -52,22 +52,25 @@ enum command {
     COMMAND_EVAL,
     COMMAND_INFO,
     COMMAND_CONVERT,
-    COMMAND_SYNTH,
-    COMMAND_PARTITION
+    COMMAND_MERGE,
+    COMMAND_PARTITION,
+    COMMAND_SYNTH
 };
 
 struct arguments { /* negative numbers and NULL: not given */
     enum command command;
     const char  *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int          path_count;
-    int          help, version, quiet, json, depth, no_images;
+    int          help, version, quiet, json, depth, no_images, restart;
     int          preset, split; /* enum oxl_preset, enum oxl_split */
     int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
     int          block_points;
-    int          iterations, max_gaussians, sh_degree, max_side, test_every, threads;
-    double       max_time;    /* s */
-    double       image_cache; /* bytes */
+    int          iterations, max_gaussians, sh_degree, max_side, test_every, threads, block;
+    double       max_time;         /* s */
+    double       image_cache, ram; /* bytes */
     double       seed;
+    int          ucd, keep, dog;                            /* enum oxl_ucd, oxl_keep, oxl_dog */
+    double       ucd_weights[2], keep_value, dog_threshold; /* dog_threshold -2: not given */
     const char  *out, *images, *sparse, *masks;
 
     synth_options synth; /* holds its defaults where nothing was given */

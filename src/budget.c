@@ -1,0 +1,87 @@
+/* budget.c - fits the training of a block into the memory that it is given (--ram), by the arithmetic of survey.c.
+ *
+ * What gives way first is the cache of photographs, then the number of Gaussians, then the size of the blocks.
+ * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
+ * what this machine has or had free.
+ */
+#include "internal.h"
+
+#define BUDGET_MARGIN 0.9  /* of the budget is planned with: the arithmetic is right within about 10 % */
+#define BUDGET_CACHE  0.25 /* of the budget at most goes to photographs */
+#define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
+#define BUDGET_POINTS 1000 /* smaller blocks are not tried */
+
+static double budget_memory(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load, double gaussians)
+{
+    oxl_job_options tried     = *o;
+    tried.train.max_gaussians = (int)gaussians;
+    return survey_cost(ctx, &tried, load).memory;
+}
+
+/* The most Gaussians that fit, by bisection; 0: not one does. */
+static double budget_gaussians(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load)
+{
+    const double most = OXL_MIN(1e9, survey_cost(ctx, o, load).gaussians);
+    double       low = 0, high = most + 1;
+    while (high - low > 1) {
+        const double middle = floor((low + high) / 2);
+        if (budget_memory(ctx, o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
+        else high = middle;
+    }
+    return low;
+}
+
+OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)
+{
+    double gaussians;
+    if (o->ram == 0) return 1;
+    o->scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    gaussians                  = budget_gaussians(ctx, o, load);
+    if (gaussians < BUDGET_GROWTH * (double)load->points || gaussians < 1) return 0;
+    o->train.max_gaussians = (int)gaussians;
+    return 1;
+}
+
+OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o)
+{
+    const double start = OXL_MAX(1, BUDGET_GROWTH * (double)load->points);
+    return oxl_fail(ctx, OXL_ERR_BUDGET,
+                    "%.2f GB do not suffice for %zu points and photographs of %.1f megapixels: %.2f GB would\n"
+                    "fix: --ram %.0fM, or a smaller --max-side, or --sh-degree 0",
+                    (double)o->ram / 1e9, load->points, load->largest / 1e6,
+                    budget_memory(ctx, o, load, start) / BUDGET_MARGIN / 1e9,
+                    ceil(budget_memory(ctx, o, load, start) / BUDGET_MARGIN / 1048576));
+}
+
+/* ---------------------------------------------------------------- blocks that fit */
+
+/* 1 when each block does; else *worst is the load of one that does not. */
+static int budget_fits_all(const oxl_context *ctx, const struct partition *p, const oxl_job_options *o, struct survey_load *worst)
+{
+    for (int k = 0; k < p->block_count; k++) {
+        oxl_job_options tried = *o;
+        *worst                = partition_load(p, k);
+        if (!budget_fit(ctx, worst, &tried)) return 0;
+    }
+    return 1;
+}
+
+OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                         struct partition *out)
+{
+    oxl_partition_options tried = o->partition;
+    struct survey_load    worst;
+    oxl_result            rc = partition_make(ctx, scene, &tried, out);
+    if (o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram && rc == OXL_OK)
+        rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.2f GB, --ram allows %.2f GB\nfix: --ram %.0fM",
+                      (double)os_peak_rss() / 1e9, (double)o->ram / 1e9, ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
+    while (rc == OXL_OK && o->ram && !budget_fits_all(ctx, out, o, &worst)) {
+        if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS) rc = budget_refuse(ctx, &worst, o);
+        partition_free(ctx, out);
+        tried.block_points /= 2;
+        if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
+        if (rc == OXL_OK)
+            oxl_log(ctx, OXL_LOG_INFO, "--ram %.2f GB: blocks of at most %d points", (double)o->ram / 1e9, tried.block_points);
+    }
+    return rc;
+}

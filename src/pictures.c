@@ -1,0 +1,121 @@
+/* pictures.c - what the model draws where the photographs were taken, as files to look at and to measure with.
+ *
+ * Invariant: no name of a photograph leads out of the folder.
+ */
+#include "internal.h"
+
+/* FOLDER/NAME + suffix, with the folders that NAME asks for, none of them outside FOLDER. */
+static char *pictures_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
+{
+    struct text t = {.ctx = ctx};
+    char       *path, *slash;
+    const int   escapes = name[0] == '/' || strstr(name, "..");
+    text_add(&t, "%s/%s%s", folder, name, suffix);
+    if (text_take(&t, &path) != OXL_OK) {
+        oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a picture");
+        return NULL;
+    }
+    for (char *c = path + strlen(folder) + 1; escapes && *c; c++)
+        if (*c == '/') *c = '_';
+    slash  = strrchr(path, '/');
+    *slash = 0;
+    if (os_make_folder(ctx, path) != OXL_OK) {
+        oxl_free(ctx, path);
+        return NULL;
+    }
+    *slash = '/';
+    return path;
+}
+
+static oxl_result pictures_write_image(oxl_context *ctx, const char *folder, const char *name, const char *suffix,
+                                       const oxl_image *image)
+{
+    char            *path = pictures_path(ctx, folder, name, suffix);
+    const oxl_result rc   = path ? oxl_image_write(ctx, path, image) : OXL_ERR_IO;
+    oxl_free(ctx, path);
+    return rc;
+}
+
+/* Portable float map: rows from the bottom, the sign of the scale tells the byte order. */
+static oxl_result pictures_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
+                                     int height)
+{
+    const uint16_t   one   = 1;
+    const int        small = *(const unsigned char *)&one; /* little endian */
+    char            *path  = pictures_path(ctx, folder, name, ".depth.pfm");
+    struct os_writer writer;
+    oxl_result       rc = path ? os_writer_open(ctx, path, &writer) : OXL_ERR_IO;
+    if (rc != OXL_OK) goto done;
+    fprintf(writer.file, "Pf\n%d %d\n%s\n", width, height, small ? "-1.0" : "1.0");
+    for (int y = height - 1; y >= 0; y--) fwrite(depth + (size_t)y * width, sizeof *depth, (size_t)width, writer.file);
+    rc = os_writer_close(ctx, &writer, OXL_OK);
+done:
+    oxl_free(ctx, path);
+    return rc;
+}
+
+/* A picture of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
+static oxl_result pictures_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
+                                       int height)
+{
+    const size_t pixels  = (size_t)width * height;
+    oxl_image    picture = {0};
+    double       sum     = 0;
+    size_t       met     = 0;
+    oxl_result   rc      = oxl_image_create(ctx, width, height, &picture);
+    if (rc != OXL_OK) return rc;
+    for (size_t i = 0; i < pixels; i++)
+        if (depth[i] > 0) sum += depth[i], met++;
+    for (size_t i = 0; i < pixels; i++) {
+        const float mean = (float)(met ? sum / (double)met : 1), v = depth[i] > 0 ? mean / (mean + depth[i]) : 0;
+        for (int c = 0; c < 3; c++) picture.rgb[c * pixels + i] = v;
+    }
+    rc = pictures_write_image(ctx, folder, name, ".depth.png", &picture);
+    if (rc == OXL_OK) rc = pictures_write_pfm(ctx, folder, name, depth, width, height);
+    oxl_image_free(ctx, &picture);
+    return rc;
+}
+
+static oxl_result pictures_draw_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int index,
+                                     const oxl_pictures *what, const char *folder)
+{
+    const oxl_view *view  = oxl_scene_view(scene, index);
+    const int       width = view->camera.width, height = view->camera.height;
+    oxl_image       drawn = {0}, photograph = {0};
+    float          *depth = NULL;
+    oxl_result      rc    = OXL_OK;
+
+    oxl_render_options options = oxl_render_options_default();
+    options.near_plane         = (float)scene_near_plane(scene);
+    if (what->depth) {
+        depth = oxl_alloc(ctx, (size_t)width * height, sizeof *depth);
+        if (!depth) {
+            rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
+            goto done;
+        }
+    }
+    rc = oxl_render(ctx, model, &view->camera, &options, &drawn, depth);
+    if (rc == OXL_OK) rc = pictures_write_image(ctx, folder, view->name, ".png", &drawn);
+    if (rc == OXL_OK && depth) rc = pictures_write_depth(ctx, folder, view->name, depth, width, height);
+    if (rc == OXL_OK && what->photographs) rc = oxl_scene_image(ctx, scene, index, &photograph);
+    if (rc == OXL_OK && what->photographs) rc = pictures_write_image(ctx, folder, view->name, ".photo.png", &photograph);
+done:
+    oxl_image_free(ctx, &drawn);
+    oxl_image_free(ctx, &photograph);
+    oxl_free(ctx, depth);
+    return rc;
+}
+
+oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+                            const char *folder, int *count)
+{
+    oxl_result rc = os_make_folder(ctx, folder);
+    *count        = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
+        const int is_test = oxl_scene_view(scene, i)->is_test;
+        if (what->split != OXL_SPLIT_ALL && is_test != (what->split == OXL_SPLIT_TEST)) continue;
+        rc = pictures_draw_view(ctx, model, scene, i, what, folder);
+        *count += rc == OXL_OK;
+    }
+    return rc;
+}
