@@ -23,8 +23,8 @@ struct console {
     int    twentieth;   /* of the run, last shown */
     int    iteration;   /* at the last line */
     double seconds;
-    double rate;       /* iterations a second, smoothed */
-    char   error[512]; /* of a tool; the library's own is in the context */
+    double rate;        /* iterations a second, smoothed */
+    char   error[1200]; /* of a tool, which may quote the library; the library's own is in the context */
 };
 
 static volatile sig_atomic_t stop_asked;
@@ -87,8 +87,11 @@ static int on_progress(void *user, const oxl_progress *p)
 {
     struct console *c         = user;
     const int       twentieth = (int)(20.0 * p->iteration / (p->iterations > 0 ? p->iterations : 1));
-    const double    since     = p->seconds - c->seconds;
-    const int       due       = c->live ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
+    double          since;
+    int             due;
+    if (p->iteration < c->iteration) c->iteration = c->twentieth = 0, c->seconds = c->rate = 0; /* another block or job */
+    since = p->seconds - c->seconds;
+    due   = c->live ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
     if (!c->quiet && (due || p->iteration == p->iterations)) {
         c->twentieth = twentieth;
         print_progress(c, p);
@@ -342,6 +345,27 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
+static oxl_result run_ablate(const struct arguments *a, struct console *console)
+{
+    ablate_options options = {.scene    = a->path[0],
+                              .out      = a->out,
+                              .rows     = a->rows,
+                              .seeds    = a->seeds,
+                              .context  = oxl_context_options_default(),
+                              .callback = {on_progress, console}};
+    oxl_result     rc;
+    job_options(a, &options.job);
+    options.context.log  = on_log;
+    options.context.user = console;
+    if (a->threads > 0) options.context.threads = a->threads;
+    catch_signals();
+    rc = ablate_run(&options, stdout, console->error, sizeof console->error);
+    console_clear(console);
+    if (rc == OXL_ERR_INTERRUPTED)
+        fputs("oxl: interrupted; what is trained is kept\n     go on: the same command again\n", stderr);
+    return rc;
+}
+
 static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     switch (a->command) {
@@ -354,6 +378,7 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_PARTITION: return run_partition(ctx, a);
     case COMMAND_MERGE: return run_merge(ctx, a);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
+    case COMMAND_ABLATE: return run_ablate(a, console);
     default: return OXL_ERR_USAGE;
     }
 }

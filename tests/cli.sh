@@ -75,6 +75,11 @@ promise partition_leaves_its_list_and_picture 0 "<svg" sh -c 'test -s cut/partit
 promise a_block_is_a_survey_of_its_own 0 "0 held out" "$program" check cut/blocks/001 --test-every 0
 promise partition_prints_json 0 '"midpoint": {"blocks": ' on_stdout "$program" partition survey -o cut --block-points 250 --json
 promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none
+promise ablate_compares_rows 0 "V1 +BSP" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet
+promise ablate_leaves_a_drawing 0 "</svg>" tail -n 1 ablation/ablation.svg
+promise ablate_leaves_each_run 0 "v1,mean," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && cat ablation/ablation.csv'
+promise ablate_does_not_train_again 0 "" sh -c "! '$program' ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 2>&1 | grep ETA"
+promise ablate_sets_what_rows_differ_by 2 "each row of ablate sets it itself" "$program" ablate survey -o ablation --ucd on
 promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
 
 echo "command line: $passed passed, $failed failed"

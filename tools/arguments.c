@@ -13,7 +13,8 @@
 #define FIELD(name)  offsetof(struct arguments, name)
 #define IN(command)  (1u << COMMAND_##command)
 #define TRAINS       (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
-#define SCENES       (TRAINS | IN(RENDER) | IN(EVAL))
+#define RUNS         (TRAINS | IN(ABLATE))
+#define SCENES       (RUNS | IN(RENDER) | IN(EVAL))
 #define EVERYWHERE   (~0u)
 
 static const struct {
@@ -44,6 +45,11 @@ static const struct {
     {"synth", COMMAND_SYNTH, 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
      "oceanxl synth -o survey",
      "DIR gets images/, sparse/0/ and truth/: pictures without water, depth maps, the water's parameters."},
+    {"ablate", COMMAND_ABLATE, 1, "SCENE -o OUT", "Trains the paper's variants side by side: what each part brings, and costs.",
+     "oceanxl ablate survey -o ablation --preset standard --seeds 3",
+     "OUT gets ablation.csv, ablation.svg, and a run as train leaves it for each row and seed, in NAME-seedS/. A stopped one goes on when it\n"
+     "is run again. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG on all),\n"
+     "oceanxl (DoG selective); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
 };
 
 enum kind {
@@ -74,6 +80,9 @@ static const struct option {
     unsigned    commands;
     const char *help;
 } options[] = {
+    {"What is compared", "--rows", "NAME,NAME...", TEXT, FIELD(rows), IN(ABLATE),
+     "variants, the first is what the others are compared with (3dgs,v1,v2,v3,v4,oceanxl)"},
+    {"What is compared", "--seeds", "N", COUNTING, FIELD(seeds), IN(ABLATE), "each row is trained with seeds 1 to N (1)"},
     {"What is read", "--images", "FOLDER", TEXT, FIELD(images), SCENES, "photographs (SCENE/images)"},
     {"What is read", "--sparse", "FOLDER", TEXT, FIELD(sparse), SCENES,
      "cameras.txt, images.txt, points3D.txt (SCENE/sparse/0, SCENE/sparse or SCENE)"},
@@ -96,27 +105,25 @@ static const struct option {
     {"What is made", "--origin", "X,Y,Z", PLACE, FIELD(synth.origin), IN(SYNTH),
      "where the middle lies in the export's world, metres (0,0,0)"},
     {"What is made", "--no-images", NULL, FLAG, FIELD(no_images), IN(SYNTH), "the three text files alone, for load tests"},
-    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION),
+    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | IN(ABLATE),
      "where to; made when it is not there"},
     {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
     {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER),
      "depth too: NAME.depth.png to look at, NAME.depth.pfm to measure, in the survey's unit"},
     {"What is written", "--json", NULL, FLAG, FIELD(json), TRAINS | IN(EVAL) | IN(INFO), "results on standard output as JSON"},
-    {"How it is cut into blocks", "--block-points", "N", COUNTING, FIELD(block_points), TRAINS,
+    {"How it is cut into blocks", "--block-points", "N", COUNTING, FIELD(block_points), RUNS,
      "a block of more points than this is cut (40000)"},
-    {"How it is cut into blocks", "--partition", "auto|2d|3d|none", AXES, FIELD(axes), TRAINS,
+    {"How it is cut into blocks", "--partition", "auto|2d|3d|none", AXES, FIELD(axes), RUNS,
      "2d: never across the third principal axis; auto: 2d when the survey is flat; none: one block (auto)"},
     {"How it is cut into blocks", "--split", "balanced|midpoint", CUT, FIELD(cut), TRAINS,
      "balanced: both sides hold equal numbers of points; midpoint: the baseline (balanced)"},
-    {"How it is trained", "--preset", "draft|standard|paper", PRESET, FIELD(preset), TRAINS,
-     "how long and how carefully (draft)"},
-    {"How it is trained", "--iterations", "N", COUNTING, FIELD(iterations), TRAINS,
-     "steps, of one photograph each (the preset's)"},
+    {"How it is trained", "--preset", "draft|standard|paper", PRESET, FIELD(preset), RUNS, "how long and how carefully (draft)"},
+    {"How it is trained", "--iterations", "N", COUNTING, FIELD(iterations), RUNS, "steps, of one photograph each (the preset's)"},
     {"How it is trained", "--max-time", "TIME", DURATION, FIELD(max_time), TRAINS,
      "stop in good order after 90s, 20m or 8h (no limit)"},
-    {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), TRAINS,
+    {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), RUNS,
      "never more than this many (one for every 60 training pixels)"},
-    {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), TRAINS,
+    {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), RUNS,
      "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
     {"What the scene requires", "--ucd", "on|off|auto|MID,FAR", UCD, FIELD(ucd), IN(TRAIN) | IN(CHECK),
      "densify more readily what is far away in water: weights learned, or given for two depth bands (auto)"},
@@ -124,12 +131,12 @@ static const struct option {
      "Gaussians left after pruning, as 0.5, 400000 or 80MB; 1: all (0.5)"},
     {"What the scene requires", "--dog", "off|selective|all", DOG, FIELD(dog), IN(TRAIN) | IN(CHECK),
      "difference-of-Gaussians lobes (off)"},
-    {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), IN(TRAIN) | IN(CHECK),
+    {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), IN(TRAIN) | IN(CHECK) | IN(ABLATE),
      "selective: of the mean gradient, in half images; or the share that stays without, as 90% (0.0002)"},
     {"How it is trained", "--block", "K", COUNTING, FIELD(block), IN(TRAIN), "this block alone, from 0; merge joins them (all)"},
-    {"How it is trained", "--restart", NULL, FLAG, FIELD(restart), IN(TRAIN),
+    {"How it is trained", "--restart", NULL, FLAG, FIELD(restart), IN(TRAIN) | IN(ABLATE),
      "give up the unfinished work of other options in OUT"},
-    {"How it is trained", "--ram", "SIZE", SIZE, FIELD(ram), TRAINS,
+    {"How it is trained", "--ram", "SIZE", SIZE, FIELD(ram), RUNS,
      "memory that may be taken at the peak: blocks, photographs' cache and Gaussians follow (no limit)"},
     {"The program", "--seed", "S", COUNTING, FIELD(seed), IN(TRAIN) | IN(SYNTH),
      "of every random choice; the same seed gives the same bytes (1)"},
@@ -378,10 +385,24 @@ static const char *command_name(enum command command)
     return "";
 }
 
+/* What the rows of an ablation differ by. */
+static int is_set_by_rows(const char *word)
+{
+    static const char *const names[] = {"--ucd", "--keep", "--dog", "--split"};
+    for (size_t i = 0; i < COUNT(names); i++)
+        if (strncmp(word, names[i], strlen(names[i])) == 0 && strchr("=", word[strlen(names[i])])) return 1;
+    return 0;
+}
+
 static int unknown_option(const char *word, const struct arguments *a, char *error, size_t size)
 {
     const char *best  = NULL;
     int         least = 4; /* further away it would be a guess */
+    if (a->command == COMMAND_ABLATE && is_set_by_rows(word)) {
+        snprintf(error, size, "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl",
+                 word);
+        return 1;
+    }
     for (size_t i = 0; i < COUNT(options); i++)
         if (options[i].commands & 1u << a->command) offer(word, options[i].name, &best, &least);
     return unknown("option", word, best, command_name(a->command), error, size);
@@ -456,6 +477,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .threads       = -1,
                             .block         = -1,
                             .ram           = -1,
+                            .seeds         = 1,
                             .ucd           = -1,
                             .keep          = -1,
                             .dog           = -1,
@@ -470,7 +492,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
     if (a->version || a->help) return 0;
     if (argc < 2) {
         snprintf(error, size,
-                 "a command is wanted: train, check, partition, render, eval, info, convert, synth\nfix: oceanxl --help");
+                 "a command is wanted: train, check, partition, render, eval, info, convert, synth, ablate\nfix: oceanxl --help");
         return 1;
     }
     if (find_command(argv[1], a, error, size)) return 1;

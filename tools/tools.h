@@ -40,6 +40,21 @@ synth_options synth_options_default(void); /* everything but out */
 /* Leaves in `out`: images/, sparse/0/ and truth/ (see truth/model.txt). On failure the text says why. */
 oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size);
 
+/* ---------------------------------------------------------------- ablate.c: the paper's variants side by side */
+
+typedef struct ablate_options {
+    const char         *scene, *out; /* folders */
+    const char         *rows;  /* names with commas between; the first is what the others are compared with. NULL: the paper's */
+    int                 seeds; /* each row is trained with 1..seeds */
+    oxl_job_options     job;   /* what the rows share; what tells them apart is overwritten */
+    oxl_context_options context;  /* threads and log of the context that is made here */
+    oxl_callback        callback; /* progress of each job */
+} ablate_options;
+
+/* Leaves in `out`: ablation.csv, ablation.svg and NAME-seedS/ for each job; the table goes to `to`. When the callback stops it,
+ * the next call goes on from there. On failure the text says why. */
+oxl_result ablate_run(const ablate_options *options, FILE *to, char *error, size_t error_size);
+
 /* ---------------------------------------------------------------- arguments.c: the command line's words */
 
 enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
@@ -54,7 +69,8 @@ enum command {
     COMMAND_CONVERT,
     COMMAND_MERGE,
     COMMAND_PARTITION,
-    COMMAND_SYNTH
+    COMMAND_SYNTH,
+    COMMAND_ABLATE
 };
 
 struct arguments { /* negative numbers and NULL: not given */
@@ -65,13 +81,13 @@ struct arguments { /* negative numbers and NULL: not given */
     int          preset, split; /* enum oxl_preset, enum oxl_split */
     int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
     int          block_points;
-    int          iterations, max_gaussians, sh_degree, max_side, test_every, threads, block;
+    int          iterations, max_gaussians, sh_degree, max_side, test_every, threads, block, seeds;
     double       max_time;         /* s */
     double       image_cache, ram; /* bytes */
     double       seed;
     int          ucd, keep, dog;                            /* enum oxl_ucd, oxl_keep, oxl_dog */
     double       ucd_weights[2], keep_value, dog_threshold; /* dog_threshold -2: not given */
-    const char  *out, *images, *sparse, *masks;
+    const char  *out, *images, *sparse, *masks, *rows;
 
     synth_options synth; /* holds its defaults where nothing was given */
 };
