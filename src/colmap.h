@@ -79,13 +79,4 @@ OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *wha
 /* colmap_points.c: the whole of points3D.txt, which is open. */
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
 
-/* colmap.c: one image's 2D points at a time, for who did not keep them all. */
-struct colmap_again {
-    struct colmap_reader reader;
-    struct colmap        out; /* observation (observation_count): those of the image read last */
-};
-OXL_INTERNAL oxl_result colmap_again_open(oxl_context *ctx, const struct colmap *c, struct colmap_again *out);
-OXL_INTERNAL oxl_result colmap_again_read(struct colmap_again *again, const struct colmap_image *image);
-OXL_INTERNAL void       colmap_again_close(struct colmap_again *again);
-
 #endif

@@ -188,7 +188,7 @@ struct colmap_image {
     size_t   name;              /* offset in colmap.names */
     size_t   first_observation; /* in colmap.observation */
     size_t   observation_count;
-    uint64_t points_at;   /* where the text of its 2D points lies in images.txt, for colmap_again_read */
+    uint64_t points_at;   /* where the text of its 2D points lies in images.txt: exports copy it */
     size_t   points_size; /* bytes; 0: none */
     int      line;
 };

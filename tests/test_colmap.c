@@ -639,27 +639,28 @@ TEST(colmap_a_place_in_a_track_has_32_bits)
     CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 4294967296\n"), "seen '4294967296', wanted POINT2D_IDX");
 }
 
-TEST(colmap_2d_points_are_read_again_image_by_image)
+TEST(colmap_it_is_known_where_the_text_of_2d_points_lies)
 {
-    struct colmap       with, without;
-    struct colmap_again again;
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_replaced(colmap_good_images, '\n', " \r\n"), colmap_good_points, &with));
-    CHECK_OK(colmap_read_in_windows(test_ctx, test_path("model"), 0, 20, &without));
-    CHECK_OK(colmap_again_open(test_ctx, &without, &again));
-    for (size_t i = without.image_count; i-- > 0;) {
-        const struct colmap_image *image = &with.image[i];
-        CHECK_OK(colmap_again_read(&again, &without.image[i]));
-        CHECK(again.out.observation_count == image->observation_count);
-        for (size_t k = 0; k < OXL_MIN(again.out.observation_count, image->observation_count); k++)
-            CHECK(memcmp(&again.out.observation[k], &with.observation[image->first_observation + k],
-                         sizeof *again.out.observation) == 0);
+    static const char *const wanted[3] = {"10.5 20.25 4 30 -0.5 -1", "", "1.5 2.5 9"};
+    struct colmap            c;
+    struct os_reader         file;
+    char                     text[64];
+    size_t                   got = 0;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_replaced(colmap_good_images, '\n', " \r\n\t"), colmap_good_points, &c));
+    colmap_free(test_ctx, &c);
+    CHECK_OK(os_reader_open(test_ctx, test_path("model/images.txt"), &file));
+    for (size_t window = 1; window < 1000; window += window / 2 + 1) {
+        CHECK_OK(colmap_read_in_windows(test_ctx, test_path("model"), 0, window, &c));
+        CHECK(c.image_count == 3);
+        for (size_t i = c.image_count; i-- > 0;) {
+            CHECK(c.image[i].points_size == strlen(wanted[i]));
+            CHECK_OK(os_reader_seek(test_ctx, &file, c.image[i].points_at));
+            CHECK_OK(os_reader_read(test_ctx, &file, text, OXL_MIN(c.image[i].points_size, sizeof text), &got));
+            CHECK(got == strlen(wanted[i]) && memcmp(text, wanted[i], got) == 0);
+        }
+        colmap_free(test_ctx, &c);
     }
-    colmap_file("model/images.txt", "7 1 0 0 0 0 0 0 1 b.jpg\n");
-    CHECK(colmap_again_read(&again, &without.image[2]) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "images.txt:7: ");
-    colmap_again_close(&again);
-    colmap_free(test_ctx, &with);
-    colmap_free(test_ctx, &without);
+    os_reader_close(&file);
 }
 
 /* ---------------------------------------------------------------- writing */
