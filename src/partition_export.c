@@ -25,7 +25,7 @@ struct exporter_worker {     /* what one thread works with; all of it taken befo
     uint64_t        *bits;   /* (points) the block starts from it */
     uint8_t         *image;  /* (images) its view is in the block */
     uint8_t         *camera; /* (cameras) one of those views was taken by it */
-    uint32_t        *slot;   /* (slots) point + 1 to which a 2D point of the view at hand belongs; 0: none */
+    int64_t         *slot;   /* (slots) POINT3D_ID to which a 2D point of the view at hand belongs; -1: none */
     char            *list;   /* (list_room) the text of a view's 2D points */
     char            *buffer; /* (EXPORT_BUFFER) */
     size_t           used;
@@ -141,8 +141,8 @@ static void exporter_fill_slots(const struct exporter *e, struct exporter_worker
 {
     const struct partition_sight *s = e->p->plan->sight;
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++) {
-        if (s->observation[k] >= e->slots || w->slot[s->observation[k]]) w->loose++;
-        else w->slot[s->observation[k]] = s->point[k] + 1;
+        if (s->observation[k] >= e->slots || w->slot[s->observation[k]] != -1) w->loose++;
+        else w->slot[s->observation[k]] = e->colmap->point[s->point[k]].id;
     }
 }
 
@@ -150,9 +150,9 @@ static void exporter_clear_slots(const struct exporter *e, struct exporter_worke
 {
     const struct partition_sight *s = e->p->plan->sight;
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++)
-        if (s->observation[k] < e->slots && w->slot[s->observation[k]]) {
+        if (s->observation[k] < e->slots && w->slot[s->observation[k]] != -1) {
             w->loose++;
-            w->slot[s->observation[k]] = 0;
+            w->slot[s->observation[k]] = -1;
         }
 }
 
@@ -178,11 +178,14 @@ static void exporter_list(const struct exporter *e, struct exporter_worker *w, c
         p = exporter_next_field(y_end, end, &id);
         if (id == p) return;
         if (k > 0) exporter_put(w, " ", 1);
-        exporter_put(w, x, (size_t)(x_end - x));
-        exporter_put(w, " ", 1);
-        exporter_put(w, y, (size_t)(y_end - y));
-        exporter_put_whole(w, ' ', k < e->slots && w->slot[k] ? e->colmap->point[w->slot[k] - 1].id : -1);
-        if (k < e->slots) w->slot[k] = 0;
+        if (y - x_end > 1) {
+            exporter_put(w, x, (size_t)(x_end - x));
+            exporter_put(w, " ", 1);
+            x = y;
+        }
+        exporter_put(w, x, (size_t)(y_end - x)); /* both at once, as nearly all of them stand */
+        exporter_put_whole(w, ' ', k < e->slots ? w->slot[k] : -1);
+        if (k < e->slots) w->slot[k] = -1;
     }
 }
 
@@ -243,8 +246,11 @@ static void exporter_points(const struct exporter *e, struct exporter_worker *w,
                          "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points:");
     exporter_put_whole(w, ' ', (int64_t)e->p->block[block].start_points);
     exporter_put_text(w, "\n");
-    for (size_t i = 0; i < e->colmap->point_count; i++)
-        if (w->bits[i >> 6] >> (i & 63) & 1) exporter_point(e, w, &e->colmap->point[i]);
+    for (size_t word = 0; 64 * word < e->colmap->point_count; word++) { /* most words are 0 where blocks are many */
+        size_t i = 64 * word;
+        for (uint64_t rest = w->bits[word]; rest; rest >>= 1, i++)
+            if (rest & 1) exporter_point(e, w, &e->colmap->point[i]);
+    }
 }
 
 static void exporter_block(const struct exporter *e, struct exporter_worker *w, int block, struct exporter_files *files)
@@ -328,11 +334,12 @@ static oxl_result exporter_prepare(struct exporter *e)
         w->bits   = oxl_alloc(e->ctx, c->point_count / 64 + 1, sizeof *w->bits);
         w->image  = oxl_alloc(e->ctx, c->image_count, 1);
         w->camera = oxl_alloc(e->ctx, c->camera_count, 1);
-        w->slot   = oxl_calloc(e->ctx, e->slots, sizeof *w->slot);
+        w->slot   = oxl_alloc(e->ctx, e->slots, sizeof *w->slot);
         w->list   = oxl_alloc(e->ctx, e->list_room + 1, 1);
         w->buffer = oxl_alloc(e->ctx, EXPORT_BUFFER, 1);
         if (!w->bits || !w->image || !w->camera || !w->slot || !w->list || !w->buffer)
             return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+        for (size_t k = 0; k < e->slots; k++) w->slot[k] = -1;
     }
     return OXL_OK;
 }
