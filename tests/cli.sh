@@ -2,6 +2,7 @@
 # cli.sh PROGRAM - the command line's promises: exit codes, messages, files. Prints one line a promise, then a sum.
 set -u
 program=$(realpath "${1:-build/oceanxl}")
+examples=$(realpath "$(dirname "$0")/../examples")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 trap 'exit 130' INT TERM
@@ -80,6 +81,9 @@ promise ablate_leaves_a_drawing 0 "</svg>" tail -n 1 ablation/ablation.svg
 promise ablate_leaves_each_run 0 "v1,mean," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && cat ablation/ablation.csv'
 promise ablate_does_not_train_again 0 "" sh -c "! '$program' ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 2>&1 | grep ETA"
 promise ablate_sets_what_rows_differ_by 2 "each row of ablate sets it itself" "$program" ablate survey -o ablation --ucd on
+promise blocks_side_by_side_give_the_bytes_of_one_process 0 "" sh -c \
+    "OCEANXL='$program' '$examples/cluster/local.sh' survey spread --block-points 250 --iterations 40 --seed 5 --keep 1 &&
+     '$program' train survey -o alone --block-points 250 --iterations 40 --seed 5 --keep 1 && cmp spread/scene.ply alone/scene.ply"
 promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
 
 echo "command line: $passed passed, $failed failed"

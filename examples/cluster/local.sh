@@ -16,9 +16,6 @@ threads=${THREADS:-$(($(getconf _NPROCESSORS_ONLN) / jobs))}
 [ "$threads" -ge 1 ] || threads=1
 
 "$oceanxl" partition "$scene" -o "$out" "$@"
-if [ ! -e "$out/partition.txt" ]; then # small enough for one block: nothing to spread
-    exec "$oceanxl" train "$scene" -o "$out" "$@"
-fi
 blocks=$(grep -c '^[0-9]' "$out/partition.txt")
 
 # xargs fails when one of them does, and set -e then leaves before the merge

@@ -41,23 +41,20 @@ esac
 [ $# -ge 2 ] || { sed -n '2,14s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 scene=$1 out=$2
 shift 2
-OCEANXL=${OCEANXL:-$(command -v oceanxl)}
+OCEANXL=${OCEANXL:-$(command -v oceanxl)} || { echo 'slurm.sh: oceanxl is not in the PATH. fix: OCEANXL=/where/it/is/oceanxl' >&2; exit 2; }
 export OCEANXL
 
-"$OCEANXL" partition "$scene" -o "$out" "$@" # reads the three text files alone; a minute for a large survey
+"$OCEANXL" partition "$scene" -o "$out" "$@"
 log="$out/slurm-%A_%a.log"
 common="--parsable --export=ALL --open-mode=append --cpus-per-task=${CPUS:-2} ${MEM:+--mem=$MEM} ${TIME:+--time=$TIME}"
-blocks=1
-[ ! -e "$out/partition.txt" ] || blocks=$(grep -c '^[0-9]' "$out/partition.txt")
+blocks=$(grep -c '^[0-9]' "$out/partition.txt")
 
-# --signal=B: the script is told, not the program; two minutes are enough to save, and Slurm needs one to notice
+# --signal=B: the script is told, not the program
 # shellcheck disable=SC2086 # the common options are words
 array=$(sbatch $common --job-name=oceanxl-block --requeue --signal=B:USR1@120 --output="$log" --array=0-$((blocks - 1)) \
     "$0" --block "$scene" "$out" "$@")
 echo "array $array: $blocks blocks"
-if [ -e "$out/partition.txt" ]; then # a survey of one block is finished by its task
-    # shellcheck disable=SC2086
-    merge=$(sbatch $common --job-name=oceanxl-merge --output="$out/slurm-%j-merge.log" --dependency="afterok:$array" \
-        --kill-on-invalid-dep=yes "$0" --merge "$out")
-    echo "merge $merge"
-fi
+# shellcheck disable=SC2086
+merge=$(sbatch $common --job-name=oceanxl-merge --output="$out/slurm-%j-merge.log" --dependency="afterok:$array" \
+    --kill-on-invalid-dep=yes "$0" --merge "$out")
+echo "merge $merge"
