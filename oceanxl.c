@@ -49,6 +49,7 @@
 #include "src/checkpoint.c" /* the state of a run in a file, so that a run that was killed goes on where it was */
 #include "src/density.c"    /* clone, split, prune, reset */
 #include "src/spsa.c"       /* the search for the depth weights, without a gradient */
+#include "src/prune.c"      /* fewer Gaussians: when, and which matter least */
 #include "src/train.c"      /* the loop: it reads like the paper's algorithm */
 #include "src/metrics.c"    /* PSNR, SSIM, evaluation */
 #include "src/seam.c"       /* do the borders between blocks show? */

@@ -277,6 +277,22 @@ typedef enum oxl_dog { /* which Gaussians get a second, negative lobe [OceanXL e
 
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
 
+/* What Wise Adaptive Pruning keeps of the Gaussians that density control leaves [OceanXL sec. 3.2]. */
+typedef enum oxl_keep_kind {
+    OXL_KEEP_ALL = 0,
+    OXL_KEEP_FRACTION, /* a share of them, 0..1 */
+    OXL_KEEP_COUNT,    /* at most so many */
+    OXL_KEEP_BYTES,    /* as many as go into a file of this size */
+    OXL_KEEP_AUTO      /* as few as leave training views that are held out for it as good as they were */
+} oxl_keep_kind;
+typedef struct oxl_keep {
+    oxl_keep_kind kind;
+    double        value;
+} oxl_keep;
+
+/* "0.5", "400000", "80MB" (KB, MB, GB, TB; KiB...), "auto", "all". */
+OXL_API oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out);
+
 typedef struct oxl_train_options {
     int iterations;    /* one photograph each */
     int sh_degree;     /* 0..3: bands at the end of the run */

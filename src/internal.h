@@ -570,6 +570,42 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
                                         void *user, int *found);
 OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder);
 
+/* ---------------------------------------------------------------- prune.c: fewer Gaussians, those that matter most */
+
+struct prune {
+    oxl_keep keep;
+    double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
+    float    detail;              /* what fine detail adds to a pixel's weight; 0: photographs are not looked at */
+    int      guard;               /* what few views see is judged by those alone */
+    int      views;               /* a score is taken of at most so many, spread evenly */
+    int      start, end;          /* the window: steps */
+    int      every, patience;     /* steps between checks; without a drop */
+    int      drops, last;         /* done; step of the last */
+    size_t   first_count, target; /* at the window's start (0: not yet), at its end */
+    double   stamp;               /* mean L1 before the last drop */
+    double   l1_sum;              /* since the last check */
+    int      l1_count;
+    double   held; /* auto: loss of the held-out views at the window's start */
+};
+/* densified: the step after which density is left alone; views: for training; row_bytes: prune_row_bytes. */
+OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
+OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes); /* lobes: every row may have a second one */
+/* Whether the index-th of `views` training views is not to be trained on, because `auto` judges by it. */
+OXL_INTERNAL int    prune_holds(const struct prune *p, int index, int views);
+OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the window are ignored */
+OXL_INTERNAL int    prune_checks(const struct prune *p, int step); /* whether prune_due would look: then `auto` needs `held` */
+/* After the step: how many of `count` Gaussians are to go now. held: mean loss of the views that prune_holds names; auto alone reads it. */
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held);
+/* Removes the `drop` that matter least, from the moments too. */
+OXL_INTERNAL oxl_result prune_apply(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
+                                    const oxl_render_options *options, oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void       prune_archive(struct archive *a, struct prune *p);
+/* Parts of prune_apply: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by row where equal. */
+OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
+                                    const oxl_model *model, const oxl_render_options *options, float *score);
+OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
+OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, float *out); /* (H,W) 0..3 */
+
 /* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
 
 struct spsa {

@@ -1,0 +1,338 @@
+/* test_prune.c - what to keep, when to drop, who goes. */
+
+TEST(prune_keep_reads_shares_counts_sizes_and_auto)
+{
+    static const struct {
+        const char   *text;
+        oxl_keep_kind kind;
+        double        value;
+    } cases[]                        = {{"0.5", OXL_KEEP_FRACTION, 0.5},   {"400000", OXL_KEEP_COUNT, 400000},
+                                        {"4e5", OXL_KEEP_COUNT, 400000},   {"80MB", OXL_KEEP_BYTES, 80e6},
+                                        {"80m", OXL_KEEP_BYTES, 80e6},     {"1.5GiB", OXL_KEEP_BYTES, 1.5 * 1073741824},
+                                        {"300kb", OXL_KEEP_BYTES, 300000}, {"auto", OXL_KEEP_AUTO, 0},
+                                        {"all", OXL_KEEP_ALL, 0},          {"1", OXL_KEEP_ALL, 0}};
+    static const char *const wrong[] = {"", "0", "-0.5", "half", "80MBit", "80 MB", "nan", "0.5x", "inf", "MB", "1,5"};
+    oxl_keep                 keep;
+    for (size_t i = 0; i < OXL_COUNT(cases); i++) {
+        CHECK_OK(oxl_keep_parse(test_ctx, cases[i].text, &keep));
+        CHECK(keep.kind == cases[i].kind);
+        CHECK_CLOSE(keep.value, cases[i].value, 1e-6);
+    }
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
+        CHECK(oxl_keep_parse(test_ctx, wrong[i], &keep) == OXL_ERR_USAGE);
+        CHECK_TEXT(oxl_error_text(test_ctx), "fix: ");
+    }
+}
+
+/* ---------------------------------------------------------------- when */
+
+/* A whole run in which the mean L1 is `factor` times itself after every check; steps of the drops and counts after them. */
+struct prune_log {
+    int    drops, step[64];
+    size_t count[64];
+};
+
+static struct prune_log prune_simulate(struct prune *p, int iterations, size_t count, double factor)
+{
+    struct prune_log log = {0};
+    double           l1  = 0.1;
+    for (int step = 1; step <= iterations; step++) {
+        size_t drop;
+        prune_observe(p, step, l1);
+        drop = prune_due(p, step, count, 0);
+        if (prune_checks(p, step)) l1 *= factor;
+        if (!drop) continue;
+        count -= drop;
+        log.step[log.drops]    = step;
+        log.count[log.drops++] = count;
+    }
+    return log;
+}
+
+TEST(prune_drops_shrink_and_wait_for_the_loss_or_for_1500_of_40000_iterations)
+{
+    static const size_t left[] = {75000, 62500, 56250, 53125, 50000};
+    for (int recovers = 0; recovers < 2; recovers++) {
+        struct prune     p;
+        struct prune_log log;
+        prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 40000, 20000, 300, 248);
+        CHECK(p.start == 20200 && p.end == 30200);
+        log = prune_simulate(&p, 40000, 100000, recovers ? 0.98 : 0.999);
+        CHECK(log.drops == 5);
+        for (int i = 0; i < 5; i++) CHECK(log.count[i] == left[i] && log.step[i] == 20200 + i * (recovers ? 500 : 1500));
+    }
+}
+
+TEST(prune_reaches_the_target_exactly_whatever_the_run_is_like)
+{
+    for (int iterations = 60; iterations < 9000; iterations = iterations * 3 / 2)
+        for (size_t count = 1; count < 5000; count = count * 3 + 1)
+            for (int k = 1; k < 10; k += 2) {
+                struct prune     p;
+                struct prune_log log;
+                const size_t     wanted = (size_t)OXL_MAX(1.0, floor(0.1 * k * (double)count + 0.5));
+                prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.1 * k}, iterations, iterations / 2, 50, 248);
+                CHECK(p.start > iterations / 2 && p.end <= iterations && p.end <= 0.77 * iterations + 2);
+                log = prune_simulate(&p, iterations, count, 0.999);
+                CHECK(log.drops == 0 ? wanted == count : log.count[log.drops - 1] == wanted);
+                CHECK(log.drops <= 5 && (log.drops == 0 || log.step[log.drops - 1] <= p.end));
+            }
+}
+
+TEST(prune_knows_counts_and_sizes_and_leaves_what_is_small_enough)
+{
+    struct prune p;
+    prune_begin(&p, (oxl_keep){OXL_KEEP_COUNT, 1234}, 4000, 2000, 50, 248);
+    CHECK(prune_simulate(&p, 4000, 10000, 1).count[4] == 1234);
+    prune_begin(&p, (oxl_keep){OXL_KEEP_COUNT, 20000}, 4000, 2000, 50, 248);
+    CHECK(prune_simulate(&p, 4000, 10000, 1).drops == 0);
+    prune_begin(&p, (oxl_keep){OXL_KEEP_BYTES, 1e6}, 4000, 2000, 50, prune_row_bytes(3, 0));
+    CHECK(prune_simulate(&p, 4000, 10000, 1).count[4] == (1000000 - 2048) / 248);
+    prune_begin(&p, (oxl_keep){OXL_KEEP_ALL, 0}, 4000, 2000, 50, 248);
+    CHECK(prune_simulate(&p, 4000, 10000, 1).drops == 0);
+}
+
+/* The file that a size asks for is at most of that size. */
+TEST(prune_row_bytes_are_those_of_the_file)
+{
+    for (int degree = 0; degree <= 3; degree++) {
+        struct os_file_map file;
+        oxl_model          m;
+        CHECK_OK(oxl_model_create(test_ctx, 1000, degree, &m));
+        CHECK_OK(modelfile_write_ply(test_ctx, test_path("m.ply"), &m, degree));
+        CHECK_OK(os_read_file(test_ctx, test_path("m.ply"), &file));
+        CHECK(file.size <= PRUNE_FILE + 1000 * prune_row_bytes(degree, 0) && file.size > 1000 * prune_row_bytes(degree, 0));
+        os_release_file(test_ctx, &file);
+        oxl_model_free(test_ctx, &m);
+    }
+}
+
+TEST(prune_auto_goes_on_while_views_it_does_not_train_on_stay_as_good)
+{
+    struct prune p;
+    size_t       count = 8000, at_limit = 0;
+    int          last = 0, held = 0;
+    prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
+    for (int step = 1; step <= 40000; step++) {
+        const size_t drop = prune_due(&p, step, count, count < 4000 ? 0.1012 : 0.1); /* 1.2 % worse below 4000 */
+        if (drop) last = step;
+        if (drop && count < 4000) at_limit++;
+        count -= drop;
+    }
+    CHECK(count < 4000 && count >= 3500 && at_limit == 0 && last < 30200);
+    for (int i = 0; i < 300; i++) held += prune_holds(&p, i, 300);
+    CHECK(held == 8 && !prune_holds(&p, 0, 1));
+    for (int i = held = 0; i < 20; i++) held += prune_holds(&p, i, 20);
+    CHECK(held == 1);
+    prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 40000, 20000, 300, 248);
+    for (int i = held = 0; i < 300; i++) held += prune_holds(&p, i, 300);
+    CHECK(held == 0);
+}
+
+static void prune_state(struct archive *a, void *user)
+{
+    prune_archive(a, user);
+}
+
+TEST(prune_goes_on_from_its_archive)
+{
+    struct prune whole, half;
+    size_t       count = 100000, again;
+    int          found = 0;
+    prune_begin(&whole, (oxl_keep){OXL_KEEP_FRACTION, 0.3}, 4000, 2000, 50, 248);
+    prune_begin(&half, (oxl_keep){OXL_KEEP_FRACTION, 0.3}, 4000, 2000, 50, 248);
+    for (int step = 1; step <= 2210; step++) prune_observe(&whole, step, 1.0 / step), count -= prune_due(&whole, step, count, 0);
+    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", prune_state, &whole));
+    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", prune_state, &half, &found));
+    again = count;
+    for (int step = 2211; step <= 4000; step++) {
+        const size_t drop = (prune_observe(&whole, step, 1.0 / step), prune_due(&whole, step, count, 0));
+        CHECK((prune_observe(&half, step, 1.0 / step), prune_due(&half, step, again, 0)) == drop);
+        count -= drop, again -= drop;
+    }
+    CHECK(found && count == 30000 && again == 30000);
+}
+
+/* ---------------------------------------------------------------- who */
+
+TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
+{
+    enum { N = 500 };
+    float   score[N];
+    uint8_t keep[N];
+    for (int i = 0; i < N; i++) score[i] = (float)(random_bits(1, 2, (uint64_t)i) % 40) * (i % 3 ? 1e-20f : 1e20f);
+    score[7] = 0, score[8] = FLT_MAX;
+    for (size_t drop = 0; drop <= N; drop += 25) {
+        size_t dropped = 0;
+        prune_select(score, N, drop, keep);
+        for (int i = 0; i < N; i++) dropped += !keep[i];
+        CHECK(dropped == drop);
+        for (int i = 0; i < N; i++)
+            for (int j = 0; j < N; j++)
+                if (keep[i] && !keep[j]) CHECK(score[j] < score[i] || (score[j] == score[i] && j < i));
+    }
+}
+
+/* Left half flat, right half a pattern of 4 px that a fine blur leaves. */
+static struct photo prune_pattern(void)
+{
+    struct photo p = {.width = 64, .height = 48, .rgb = oxl_alloc(test_ctx, 3 * 64 * 48, 1)};
+    for (int i = 0; i < 3 * 64 * 48; i++) {
+        const int x = i % 64, y = i / 64 % 48;
+        p.rgb[i] = (uint8_t)(x < 32 ? 100 : ((x / 4 + y / 4) % 2 ? 160 : 60));
+    }
+    return p;
+}
+
+TEST(prune_detail_is_high_where_the_photograph_has_it_and_the_same_with_any_threads)
+{
+    struct photo p       = prune_pattern();
+    const size_t pixels  = 64 * 48;
+    const int    threads = test_ctx->threads;
+    float       *w = oxl_alloc(test_ctx, 2 * pixels, sizeof *w), flat = 0, fine = 0, most = 0;
+    test_ctx->threads = 1;
+    CHECK_OK(prune_detail(test_ctx, &p, w));
+    test_ctx->threads = 5;
+    CHECK_OK(prune_detail(test_ctx, &p, w + pixels));
+    test_ctx->threads = threads;
+    CHECK(memcmp(w, w + pixels, pixels * sizeof *w) == 0);
+    for (size_t i = 0; i < pixels; i++) {
+        if (i % 64 < 20) flat = OXL_MAX(flat, w[i]);
+        else if (i % 64 > 32) fine += w[i] / (31 * 48);
+        most = OXL_MAX(most, w[i]);
+    }
+    CHECK(flat == 0 && fine > 1 && most <= 3 && most > 1.5f);
+    memset(p.rgb, 77, 3 * pixels);
+    CHECK_OK(prune_detail(test_ctx, &p, w));
+    for (size_t i = 0; i < pixels; i++) CHECK(w[i] == 0);
+    image_photo_free(test_ctx, &p);
+    oxl_free(test_ctx, w);
+}
+
+/* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they share nothing. */
+struct prune_case {
+    oxl_scene *scene;
+    oxl_model  model, first, second;
+};
+
+static struct prune_case prune_two_patches(int many, int few, float low)
+{
+    enum { SIDE = 32 };
+    struct prune_case c = {NULL};
+    oxl_view          view[16];
+    oxl_image         image[16];
+    static char       names[16][16];
+    CHECK_OK(oxl_model_create(test_ctx, 128, 1, &c.model));
+    for (int i = 0; i < 128; i++) {
+        c.model.plane[OXL_MEAN][i]     = (float)(i % 8 - 3.5) * 0.3f + (i < 64 ? -20 : 20);
+        c.model.plane[OXL_MEAN + 1][i] = (float)(i / 8 % 8 - 3.5) * 0.3f;
+        c.model.plane[OXL_OPACITY][i]  = i % 2 ? 2.0f : low; /* every second one is fainter */
+        for (int a = 0; a < 3; a++) c.model.plane[OXL_LOG_SCALE + a][i] = -1.9f, c.model.plane[OXL_SH + a][i] = 1;
+    }
+    CHECK_OK(model_copy(test_ctx, &c.model, &c.first));
+    CHECK_OK(model_copy(test_ctx, &c.model, &c.second));
+    for (int v = 0; v < many + few; v++) {
+        snprintf(names[v], sizeof names[v], "v%02d.png", v);
+        view[v] = (oxl_view){names[v],
+                             {SIDE,
+                              SIDE,
+                              40,
+                              40,
+                              SIDE / 2.0,
+                              SIDE / 2.0,
+                              {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                              {(v < many ? 20 : -20) + 0.05 * v, 0.03 * v, 4}},
+                             0};
+        CHECK_OK(oxl_image_create(test_ctx, SIDE, SIDE, &image[v]));
+        for (int i = 0; i < 3 * SIDE * SIDE; i++) image[v].rgb[i] = (float)(i % SIDE) / SIDE;
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, many + few, NULL, 0, &c.scene));
+    for (int v = 0; v < many + few; v++) oxl_image_free(test_ctx, &image[v]);
+    return c;
+}
+
+static void prune_case_free(struct prune_case *c)
+{
+    oxl_scene_free(test_ctx, c->scene);
+    oxl_model_free(test_ctx, &c->model);
+    oxl_model_free(test_ctx, &c->first);
+    oxl_model_free(test_ctx, &c->second);
+}
+
+/* Drops 64 of the 128; returns how many stay of the patch that few views see. */
+static int prune_run_case(struct prune_case *c, const struct prune *p)
+{
+    const oxl_render_options options = oxl_render_options_default();
+    struct renderer         *r;
+    int                      right = 0;
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(prune_apply(test_ctx, p, 64, r, c->scene, &options, &c->model, &c->first, &c->second));
+    renderer_free(test_ctx, r);
+    CHECK(c->model.count == 64 && c->first.count == 64 && c->second.count == 64);
+    for (int i = 0; i < 64; i++) {
+        right += c->model.plane[OXL_MEAN][i] > 0;
+        CHECK(c->first.plane[OXL_MEAN][i] == c->model.plane[OXL_MEAN][i]); /* moments go with their rows */
+        CHECK(i == 0 || c->model.plane[OXL_MEAN][i] >= c->model.plane[OXL_MEAN][i - 1] ||
+              c->model.plane[OXL_MEAN + 1][i] > c->model.plane[OXL_MEAN + 1][i - 1]); /* in their order */
+    }
+    return right;
+}
+
+TEST(prune_guard_keeps_what_few_views_see_as_well_as_the_rest)
+{
+    for (int guard = 0; guard < 2; guard++) {
+        struct prune_case c = prune_two_patches(10, 3, 1);
+        struct prune      p;
+        int               right;
+        prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 13, 248);
+        p.guard = guard;
+        right   = prune_run_case(&c, &p);
+        CHECK(guard ? right >= 28 && right <= 36 : right <= 20);
+        prune_case_free(&c);
+    }
+}
+
+TEST(prune_drops_the_faint_before_the_opaque)
+{
+    struct prune_case c = prune_two_patches(4, 4, -2);
+    struct prune      p;
+    int               faint = 0;
+    prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 8, 248);
+    prune_run_case(&c, &p);
+    for (int i = 0; i < 64; i++) faint += c.model.plane[OXL_OPACITY][i] < 0;
+    CHECK(faint == 0);
+    prune_case_free(&c);
+}
+
+/* With more views than a pass takes, rows that its sample does not show are kept. */
+TEST(prune_does_not_judge_by_views_it_did_not_take)
+{
+    struct prune_case c = prune_two_patches(10, 1, -2); /* the last view alone sees the right patch */
+    struct prune      p;
+    prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 11, 248);
+    p.views = 6; /* every second one: 0, 2, .. 10; after the first drop 1, 3, .. 9 */
+    p.guard = 0;
+    p.drops = 1;
+    CHECK(prune_run_case(&c, &p) == 64);
+    prune_case_free(&c);
+}
+
+TEST(prune_scores_are_the_same_with_any_threads)
+{
+    struct prune_case        c       = prune_two_patches(3, 2, -2);
+    const oxl_render_options options = oxl_render_options_default();
+    const int                threads = test_ctx->threads;
+    float                    score[2][128];
+    struct prune             p;
+    prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 4000, 2000, 5, 248);
+    for (int i = 0; i < 2; i++) {
+        struct renderer *r;
+        test_ctx->threads = i ? 5 : 1;
+        CHECK_OK(renderer_create(test_ctx, &r));
+        CHECK_OK(prune_score(test_ctx, &p, r, c.scene, &c.model, &options, score[i]));
+        renderer_free(test_ctx, r);
+    }
+    test_ctx->threads = threads;
+    CHECK(memcmp(score[0], score[1], sizeof score[0]) == 0 && score[0][1] > score[0][0] && score[0][0] > 0);
+    prune_case_free(&c);
+}
