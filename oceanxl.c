@@ -49,6 +49,8 @@
 #include "src/checkpoint.c" /* the state of a run in a file, so that a run that was killed goes on where it was */
 #include "src/density.c"    /* clone, split, prune, reset */
 #include "src/spsa.c"       /* the search for the depth weights, without a gradient */
+#include "src/contrast.c"   /* how fast contrast fades with depth: the water, measured */
+#include "src/ucd.c"        /* weights by depth for density control, and their search */
 #include "src/prune.c"      /* fewer Gaussians: when, and which matter least */
 #include "src/train.c"      /* the loop: it reads like the paper's algorithm */
 #include "src/metrics.c"    /* PSNR, SSIM, evaluation */

@@ -293,6 +293,29 @@ typedef struct oxl_keep {
 /* "0.5", "400000", "80MB" (KB, MB, GB, TB; KiB...), "auto", "all". */
 OXL_API oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out);
 
+/* Underwater-Compensated Densification: more Gaussians where water takes contrast [OceanXL eq. 2]. */
+typedef enum oxl_ucd_mode {
+    OXL_UCD_OFF = 0,
+    OXL_UCD_ON,
+    OXL_UCD_AUTO /* on when the photographs show contrast fade with depth */
+} oxl_ucd_mode;
+typedef enum oxl_ucd_bands {
+    OXL_UCD_THIRDS = 0, /* of the largest depth, as the paper has it */
+    OXL_UCD_QUANTILES,  /* a third of the points' depths in each */
+    OXL_UCD_FADING      /* where contrast has come down to 4/5 and to 1/2 */
+} oxl_ucd_bands;
+typedef struct oxl_ucd {
+    oxl_ucd_mode  mode;
+    oxl_ucd_bands bands;
+    float         f_mid,
+        f_far; /* weights of the gradients in the middle and the far band: where the search starts; 1 <= mid <= far <= 5 */
+    int learn; /* 0: they stay there */
+} oxl_ucd;
+
+OXL_API oxl_ucd    oxl_ucd_default(void);
+/* "on", "off", "auto", "1.5,2" (on, and the search starts there), "1.5,2,fixed". */
+OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out);
+
 typedef struct oxl_train_options {
     int iterations;    /* one photograph each */
     int sh_degree;     /* 0..3: bands at the end of the run */

@@ -570,6 +570,65 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
                                         void *user, int *found);
 OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder);
 
+/* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
+
+struct spsa {
+    double   f[2];           /* f_mid, f_far: the estimate */
+    double   point[2][2];    /* the two points of the pair in progress */
+    double   cost[2];        /* of them, as told */
+    double   cap, stability; /* the most that f may be; Spall's A */
+    double   slopes;         /* sum of the first pairs' |slope|, from which the gain follows */
+    uint64_t seed;
+    int      pair, told; /* pairs finished; costs told of the one in progress */
+    int      first;      /* which of the two points is asked for first */
+};
+/* pairs: how many are expected. */
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], double cap, int pairs, uint64_t seed);
+/* The point to evaluate now; the same until it is told or skipped. */
+OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
+OXL_INTERNAL int  spsa_tell(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
+OXL_INTERNAL void spsa_skip(struct spsa *s);              /* the window did not count: the pair starts again */
+OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s);
+
+/* ---------------------------------------------------------------- contrast.c: how fast contrast fades with depth */
+
+struct contrast {
+    int    measured;    /* 0: there were too few points that are seen from several depths */
+    double beta, error; /* contrast goes as exp(-beta z), 1/unit of the scene; its standard error */
+    size_t points, observations;
+};
+OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out);
+
+/* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
+
+struct ucd {
+    int             on, learns;
+    double          z_near, z_far; /* where the bands meet, camera z */
+    double          f[2];          /* f_mid, f_far: of the window's point; of the run, when they are not learned */
+    struct spsa     spsa;          /* spsa.f: what has been learned so far */
+    int             window;        /* step at which the window in progress began */
+    int             opened;        /* by a densification with f */
+    int             disturbed;     /* windows that began at this step or before do not count */
+    double          growth;        /* dN/N of that densification */
+    double          rise, time;    /* sums of y t and of t t over the window */
+    int             views;
+    float          *level; /* (views) log loss expected at the window's start, or seen in the window */
+    int            *seen;  /* (views) step of the last visit; 0: none */
+    struct contrast contrast;
+    char            reason[256];
+};
+/* What is `on` and between which depths; densifications: how many there will be. Logs nothing: ucd_describe has the words. */
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications);
+OXL_INTERNAL void       ucd_free(oxl_context *ctx, struct ucd *u);
+OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
+OXL_INTERNAL void       ucd_observe(struct ucd *u, int step, int view, double loss); /* of every step */
+/* An opacity reset (is_reset) or a new SH band: the window does not count. */
+OXL_INTERNAL void       ucd_disturb(struct ucd *u, int step, int is_reset);
+/* Around density_control: the weights to use, then what came of it. */
+OXL_INTERNAL void       ucd_before_control(struct ucd *u, int step, double f[2]);
+OXL_INTERNAL void       ucd_after_control(struct ucd *u, int step, size_t before, size_t after);
+OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
+
 /* ---------------------------------------------------------------- prune.c: fewer Gaussians, those that matter most */
 
 struct prune {
@@ -605,26 +664,6 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
                                     const oxl_model *model, const oxl_render_options *options, float *score);
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
 OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, float *out); /* (H,W) 0..3 */
-
-/* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
-
-struct spsa {
-    double   f[2];           /* f_mid, f_far: the estimate */
-    double   point[2][2];    /* the two points of the pair in progress */
-    double   cost[2];        /* of them, as told */
-    double   cap, stability; /* the most that f may be; Spall's A */
-    double   slopes;         /* sum of the first pairs' |slope|, from which the gain follows */
-    uint64_t seed;
-    int      pair, told; /* pairs finished; costs told of the one in progress */
-    int      first;      /* which of the two points is asked for first */
-};
-/* pairs: how many are expected. */
-OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], double cap, int pairs, uint64_t seed);
-/* The point to evaluate now; the same until it is told or skipped. */
-OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
-OXL_INTERNAL int  spsa_tell(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
-OXL_INTERNAL void spsa_skip(struct spsa *s);              /* the window did not count: the pair starts again */
-OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s);
 
 /* ---------------------------------------------------------------- train.c */
 
