@@ -113,8 +113,9 @@ static void print_error(const char *text)
 /* ---------------------------------------------------------------- from arguments to options */
 
 /* What was said overrides what was there. */
-static void override_options(const struct arguments *a, oxl_job_options *o)
+static oxl_result override_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o)
 {
+    oxl_result rc = OXL_OK;
     if (a->images) o->scene.images = a->images;
     if (a->sparse) o->scene.sparse = a->sparse;
     if (a->masks) o->scene.masks = a->masks;
@@ -128,22 +129,21 @@ static void override_options(const struct arguments *a, oxl_job_options *o)
     if (a->block_points >= 0) o->partition.block_points = a->block_points;
     if (a->axes >= 0) o->partition.kind = (oxl_partition_kind)a->axes;
     if (a->cut >= 0) o->partition.cut = (oxl_cut)a->cut;
-    if (a->ucd >= 0) o->train.ucd = (oxl_ucd)a->ucd;
-    if (a->ucd == OXL_UCD_FIXED) o->train.ucd_mid = (float)a->ucd_weights[0], o->train.ucd_far = (float)a->ucd_weights[1];
-    if (a->keep >= 0) o->train.keep = (oxl_keep)a->keep;
-    if (a->keep >= 0 && a->keep != OXL_KEEP_AUTO) o->train.keep_value = a->keep_value;
     if (a->dog >= 0) o->train.dog = (oxl_dog)a->dog;
     if (a->dog_threshold >= -1) o->train.dog_threshold = (float)a->dog_threshold;
     if (a->ram >= 0) o->ram = (size_t)a->ram;
     if (a->block >= 0) o->block = a->block;
     if (a->seed >= 0) o->seed = (uint64_t)a->seed;
     o->restart = a->restart;
+    if (a->ucd) rc = oxl_ucd_parse(ctx, a->ucd, &o->train.ucd);
+    if (a->keep && rc == OXL_OK) rc = oxl_keep_parse(ctx, a->keep, &o->train.keep);
+    return rc;
 }
 
-static void job_options(const struct arguments *a, oxl_job_options *o)
+static oxl_result job_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o)
 {
     *o = oxl_job_options_default(a->preset >= 0 ? (oxl_preset)a->preset : OXL_PRESET_DRAFT);
-    override_options(a, o);
+    return override_options(ctx, a, o);
 }
 
 /* A run that is there already keeps its options, unless another preset is asked for. */
@@ -155,8 +155,7 @@ static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, o
     *run                        = NULL;
     if (!a->restart) rc = oxl_job_resume(ctx, a->path[0], a->out, o, run);
     if (a->preset >= 0 && (!o->preset || strcmp(o->preset, fresh.preset) != 0)) *o = fresh;
-    override_options(a, o);
-    return rc;
+    return rc == OXL_OK ? override_options(ctx, a, o) : rc;
 }
 
 static oxl_split split_of(const struct arguments *a)
@@ -227,9 +226,8 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
     oxl_job_options options;
     oxl_survey      survey;
     char           *json = NULL;
-    oxl_result      rc;
-    job_options(a, &options);
-    rc = oxl_check(ctx, a->path[0], &options, &survey);
+    oxl_result      rc   = job_options(ctx, a, &options);
+    if (rc == OXL_OK) rc = oxl_check(ctx, a->path[0], &options, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
     oxl_text_free(ctx, json);
@@ -239,11 +237,10 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
 static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
 {
     oxl_job_options      options;
-    oxl_partition_report report;
-    char                *json = NULL;
-    oxl_result           rc;
-    job_options(a, &options);
-    rc = oxl_partition(ctx, a->path[0], a->out, &options, &report);
+    oxl_partition_report report = {0};
+    char                *json   = NULL;
+    oxl_result           rc     = job_options(ctx, a, &options);
+    if (rc == OXL_OK) rc = oxl_partition(ctx, a->path[0], a->out, &options, &report);
     if (rc == OXL_OK && a->json) rc = oxl_partition_to_json(ctx, &report, &json);
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
@@ -259,7 +256,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
 {
     oxl_job_options options;
     oxl_result      rc = oxl_model_read(ctx, a->path[0], model);
-    job_options(a, &options);
+    if (rc == OXL_OK) rc = job_options(ctx, a, &options);
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options.scene, scene);
     return rc;
 }

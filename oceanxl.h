@@ -254,21 +254,6 @@ OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 
 /* ---------------------------------------------------------------- training */
 
-typedef enum oxl_ucd { /* does what is seen from afar through water densify more readily? [OceanXL eq. 2] */
-                       OXL_UCD_OFF = 0,
-                       OXL_UCD_ON,   /* weights by depth, learned during the run from ucd_mid, ucd_far */
-                       OXL_UCD_AUTO, /* on where the photographs lose contrast with depth, else off; the log says why */
-                       OXL_UCD_FIXED /* the weights are ucd_mid, ucd_far */
-} oxl_ucd;
-
-typedef enum oxl_keep { /* how many Gaussians are left by pruning in the second half of the run [OceanXL sec. 3.2] */
-                        OXL_KEEP_ALL = 0,
-                        OXL_KEEP_FRACTION, /* of those that densification made: keep_value 0.5 */
-                        OXL_KEEP_COUNT,
-                        OXL_KEEP_BYTES, /* as many as fit a scene.ply of that size */
-                        OXL_KEEP_AUTO   /* while views set apart for it are drawn as well as before */
-} oxl_keep;
-
 typedef enum oxl_dog { /* which Gaussians get a second, negative lobe [OceanXL eq. 3-4] */
                        OXL_DOG_OFF = 0,
                        OXL_DOG_SELECTIVE, /* those whose mean |dL/d(mean)| is above dog_threshold late in the run */
@@ -330,12 +315,8 @@ typedef struct oxl_train_options {
     int      densify_every;               /* 100 */
     float    densify_gradient;            /* 2e-4 (draft 4e-4), of dL/d(mean) in units of half an image */
     float    reset_opacity_every;         /* 0.1 of the run */
-    /* underwater-compensated densification */
-    oxl_ucd  ucd;              /* (off) */
-    float    ucd_mid, ucd_far; /* of the middle and the far depth band, at least 1 (1.5, 2) */
-    /* pruning */
-    oxl_keep keep;       /* (all) */
-    double   keep_value; /* fraction, count or bytes (0.5) */
+    oxl_ucd  ucd;                         /* (off) */
+    oxl_keep keep;                        /* (all) */
     /* difference-of-Gaussians lobes */
     oxl_dog  dog;           /* (off) */
     float    dog_from;      /* fraction of the run (0.77) at whose end of watching they are given out */
@@ -350,6 +331,7 @@ typedef struct oxl_progress {
     int              block, blocks; /* of a job that trains several, from 0; else 0, 0 */
     size_t           gaussians;
     double           loss, psnr;   /* smoothed over the last views, on training photographs */
+    double           f_mid, f_far; /* weights of the depth bands in density control; 1, 1 without */
     double           seconds;      /* since the start */
     double           seconds_left; /* predicted */
     size_t           memory;       /* bytes at the peak so far; only in a job, else 0 */

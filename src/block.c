@@ -90,6 +90,10 @@ static void block_log_row(struct block *b, const oxl_progress *p)
     text_add_number(&b->log, block_rounded(p->psnr, 1e3));
     text_add(&b->log, ",%zu,", p->gaussians);
     text_add_number(&b->log, block_rounded(p->seconds, 1e3));
+    text_add(&b->log, ",");
+    text_add_number(&b->log, block_rounded(p->f_mid, 1e4));
+    text_add(&b->log, ",");
+    text_add_number(&b->log, block_rounded(p->f_far, 1e4));
     text_add(&b->log, "\n");
 }
 
@@ -163,7 +167,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     oxl_result               rc    = os_make_folder(ctx, task->folder), written;
     if (rc == OXL_OK) rc = block_sweep(ctx, task->folder);
     if (rc != OXL_OK) return rc;
-    text_add(&b.log, "iteration,loss,psnr,gaussians,seconds\n");
+    text_add(&b.log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far\n");
     rc = train_run(ctx, scene, &task->train, &(oxl_callback){block_progress, &b}, &place, &model);
     if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) {
         written = block_finish(&b, &model, rc == OXL_OK && b.last.iteration == task->train.iterations);

@@ -26,33 +26,22 @@ struct contrast_sample { /* one point in one photograph */
     int    view, valid;
     double z, value; /* camera z; log contrast */
 };
-struct contrast_key {
-    int64_t image; /* IMAGE_ID */
-    int     view;
-};
 struct contrast_work {
-    struct contrast_key    *key; /* (keys) ascending by image */
+    int                    *view; /* (images of the COLMAP model) the view that is looked at, or -1 */
     struct contrast_sample *sample;
     double                 *by_view; /* (views of the scene) */
-    size_t                  keys, samples;
+    size_t                  samples;
 };
 
 /* ---------------------------------------------------------------- which points in which photographs */
 
-static int contrast_compare(const void *a, const void *b)
-{
-    const struct contrast_key *x = a, *y = b;
-    return (x->image > y->image) - (x->image < y->image);
-}
-
-static void contrast_choose_views(const oxl_scene *scene, struct contrast_work *w)
+static void contrast_choose_views(const oxl_scene *scene, const struct colmap *c, struct contrast_work *w)
 {
     const int views = oxl_scene_view_count(scene), step = views / CONTRAST_VIEWS + 1;
     int       seen = 0;
+    for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
     for (int i = 0; i < views; i++)
-        if (!oxl_scene_view(scene, i)->is_test && seen++ % step == 0)
-            w->key[w->keys++] = (struct contrast_key){scene_source_image(scene, i)->id, i};
-    qsort(w->key, w->keys, sizeof *w->key, contrast_compare);
+        if (!oxl_scene_view(scene, i)->is_test && seen++ % step == 0) w->view[scene_source_image(scene, i) - c->image] = i;
 }
 
 /* Whole points, each with all its chosen views; with many, every k-th point. */
@@ -61,9 +50,8 @@ static void contrast_choose_samples(const struct colmap *c, struct contrast_work
     const size_t step = c->track_count / CONTRAST_SAMPLE + 1;
     for (size_t i = 0; i < c->point_count; i += step)
         for (uint32_t k = 0; k < c->point[i].track_count && w->samples < CONTRAST_SAMPLE; k++) {
-            const struct contrast_key  wanted = {.image = c->track[c->point[i].first_track + k].image};
-            const struct contrast_key *key    = bsearch(&wanted, w->key, w->keys, sizeof *w->key, contrast_compare);
-            if (key) w->sample[w->samples++] = (struct contrast_sample){.point = i, .view = key->view};
+            const int view = w->view[c->track[c->point[i].first_track + k].image_row];
+            if (view >= 0) w->sample[w->samples++] = (struct contrast_sample){.point = i, .view = view};
         }
 }
 
@@ -180,19 +168,19 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     oxl_result           rc    = OXL_OK;
     *out                       = (struct contrast){0};
     if (!c || c->track_count == 0) return OXL_OK;
-    w.key     = oxl_alloc(ctx, (size_t)views + 1, sizeof *w.key);
+    w.view    = oxl_alloc(ctx, c->image_count + 1, sizeof *w.view);
     w.sample  = oxl_alloc(ctx, OXL_MIN(c->track_count, (size_t)CONTRAST_SAMPLE) + 1, sizeof *w.sample);
     w.by_view = oxl_calloc(ctx, (size_t)views + 1, sizeof *w.by_view);
-    if (!w.key || !w.sample || !w.by_view) {
+    if (!w.view || !w.sample || !w.by_view) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d photographs", views);
         goto done;
     }
-    contrast_choose_views(scene, &w);
+    contrast_choose_views(scene, c, &w);
     contrast_choose_samples(c, &w);
     contrast_look_at_all(ctx, scene, &w);
     contrast_fit(&w, views, out);
 done:
-    oxl_free(ctx, w.key);
+    oxl_free(ctx, w.view);
     oxl_free(ctx, w.sample);
     oxl_free(ctx, w.by_view);
     return rc;

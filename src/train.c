@@ -33,10 +33,8 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .densify_every       = 100,
                            .densify_gradient    = 2e-4f,
                            .reset_opacity_every = 0.1f,
-                           .ucd_mid             = 1.5f,
-                           .ucd_far             = 2.0f,
-                           .keep_value          = 0.5,
-                           .dog_from            = 0.77f,
+                           .ucd                 = oxl_ucd_default(),
+                           .dog_from            = 0.785f,
                            .dog_threshold       = 2e-4f,
                            .dog_opacity_factor  = 0.1f,
                            .dog_scale_factor    = 1.6f};
@@ -54,8 +52,12 @@ struct train {
     oxl_model                *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
     struct renderer          *renderer;
     struct density           *density;
+    struct ucd                ucd;
+    struct prune              prune;
     int                      *view; /* (views) training views in this epoch's order */
     int                       views, step;
+    int                      *held; /* (held_views) training views that are not trained on: --keep auto judges by them */
+    int                       held_views;
     int                       resets;
     float                    *target, *weight; /* the photograph of this step: (3,H,W), (H,W) */
     int                       masked;          /* whether weight holds its mask */
@@ -120,44 +122,52 @@ static void train_shuffle(struct train *t, int epoch)
 
 /* ---------------------------------------------------------------- one photograph */
 
+/* A view's photograph and mask into target and weight. OXL_ERR_INPUT: it cannot be read. */
+static oxl_result train_photo(struct train *t, int view)
+{
+    const struct photo *photo = scene_photo(t->ctx, t->scene, view);
+    oxl_result          rc;
+    size_t              pixels;
+    if (!photo) return OXL_ERR_INPUT;
+    pixels    = (size_t)photo->width * (size_t)photo->height;
+    rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+    t->masked = photo->mask != NULL;
+    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    if (rc == OXL_OK) image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
+    return rc;
+}
+
 /* The next view whose photograph can be read; one that cannot is named and left out from then on. */
 static oxl_result train_next_photo(struct train *t, int *view)
 {
     while (t->views > 0) {
-        const int           slot  = (t->step - 1) % t->views;
-        const struct photo *photo = NULL;
-        oxl_result          rc    = OXL_OK;
-        size_t              pixels;
+        const int  slot = (t->step - 1) % t->views;
+        oxl_result rc;
         if (slot == 0) train_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
-        photo = scene_photo(t->ctx, t->scene, *view);
-        if (!photo) {
-            oxl_log(t->ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(t->ctx));
-            t->view[slot] = t->view[--t->views];
-            continue;
-        }
-        pixels    = (size_t)photo->width * (size_t)photo->height;
-        rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
-        t->masked = photo->mask != NULL;
-        if (rc == OXL_OK && t->masked) {
-            rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-        }
-        if (rc == OXL_OK) image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
-        return rc;
+        rc    = train_photo(t, *view);
+        if (rc != OXL_ERR_INPUT) return rc;
+        oxl_log(t->ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(t->ctx));
+        t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(t->ctx, OXL_ERR_INPUT, "none of the training photographs can be read");
+}
+
+/* The model drawn from a view, against its photograph. */
+static oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss)
+{
+    const oxl_camera *camera = &oxl_scene_view(t->scene, view)->camera;
+    oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, camera, &t->render);
+    if (rc != OXL_OK) return rc;
+    return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, t->options->ssim_weight, loss);
 }
 
 /* Forward, loss, backward, step. */
 static oxl_result train_on_view(struct train *t, int view)
 {
-    const oxl_camera    *camera = &oxl_scene_view(t->scene, view)->camera;
     float                rate[OXL_PLANES];
     struct renderer_loss loss;
-    oxl_result           rc = renderer_forward(t->ctx, t->renderer, t->model, camera, &t->render);
-    if (rc == OXL_OK) {
-        rc = renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, t->options->ssim_weight, &loss);
-    }
+    oxl_result           rc = train_compare_view(t, view, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
         oxl_log(t->ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not a number; the view is skipped", t->step,
@@ -171,6 +181,8 @@ static oxl_result train_on_view(struct train *t, int view)
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
+        ucd_observe(&t->ucd, t->step, view, loss.total);
+        prune_observe(&t->prune, t->step, loss.l1);
         t->loss += k * (loss.total - t->loss);
         t->psnr += k * (psnr - t->psnr);
     }
@@ -211,23 +223,30 @@ static oxl_result train_resize(struct train *t)
 
 static oxl_result train_densify(struct train *t)
 {
-    const oxl_train_options   *o     = t->options;
-    const struct density_rules rules = {.gradient     = o->densify_gradient,
-                                        .extent       = oxl_scene_extent(t->scene),
-                                        .remove_large = t->resets > 0,
-                                        .cap          = train_cap(t->scene, o),
-                                        .seed         = t->ctx->options.seed,
-                                        .step         = t->step};
-    struct density_change      change;
-    oxl_result                 rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    const oxl_train_options *o      = t->options;
+    const size_t             before = t->model->count;
+    struct density_rules     rules  = {.gradient     = o->densify_gradient,
+                                       .extent       = oxl_scene_extent(t->scene),
+                                       .remove_large = t->resets > 0,
+                                       .cap          = train_cap(t->scene, o),
+                                       .seed         = t->ctx->options.seed,
+                                       .step         = t->step};
+    struct density_change    change;
+    double                   f[2];
+    oxl_result               rc;
+    ucd_before_control(&t->ucd, t->step, f);
+    rules.f_mid = f[0], rules.f_far = f[1];
+    rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
     if (rc == OXL_OK) rc = train_resize(t);
     if (rc == OXL_OK && t->model->count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
                       t->step);
     }
+    if (rc != OXL_OK) return rc;
+    ucd_after_control(&t->ucd, t->step, before, t->model->count);
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu cloned, %zu split, %zu removed, %zu left", t->step, change.cloned, change.split,
             change.removed, t->model->count);
-    return rc;
+    return OXL_OK;
 }
 
 static oxl_result train_density(struct train *t)
@@ -238,8 +257,44 @@ static oxl_result train_density(struct train *t)
     if (train_densifies(t)) rc = train_densify(t);
     if (rc == OXL_OK && train_resets_opacity(t)) {
         density_reset_opacity(t->model, &t->first, &t->second);
+        ucd_disturb(&t->ucd, t->step, 1);
         t->resets++;
     }
+    return rc;
+}
+
+/* ---------------------------------------------------------------- pruning */
+
+/* Mean loss over the training views that `--keep auto` set apart. */
+static oxl_result train_held_loss(struct train *t, double *out)
+{
+    struct renderer_loss loss;
+    oxl_result           rc  = OXL_OK;
+    double               sum = 0;
+    for (int i = 0; i < t->held_views && rc == OXL_OK; i++) {
+        rc = train_photo(t, t->held[i]);
+        if (rc == OXL_OK) rc = train_compare_view(t, t->held[i], &loss);
+        if (rc == OXL_OK) sum += loss.total;
+    }
+    *out = sum / OXL_MAX(1, t->held_views);
+    return rc;
+}
+
+static oxl_result train_prune(struct train *t)
+{
+    double     held = 0;
+    size_t     drop;
+    oxl_result rc = OXL_OK;
+    if (!prune_checks(&t->prune, t->step)) return OXL_OK;
+    if (t->held_views > 0) rc = train_held_loss(t, &held);
+    if (rc != OXL_OK) return rc;
+    drop = prune_due(&t->prune, t->step, t->model->count, held);
+    if (drop == 0) return OXL_OK;
+    rc = prune_apply(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, &t->first, &t->second);
+    if (rc == OXL_OK) rc = train_resize(t);
+    if (rc == OXL_OK)
+        oxl_log(t->ctx, OXL_LOG_INFO, "step %d: the %zu Gaussians that matter least are dropped, %zu are left", t->step, drop,
+                t->model->count);
     return rc;
 }
 
@@ -256,7 +311,7 @@ static int train_watch(const struct train *t)
     return OXL_MAX(1, (int)(TRAIN_WATCH * t->options->iterations));
 }
 
-static int train_compare(const void *a, const void *b)
+static int train_by_size(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
@@ -274,7 +329,7 @@ static oxl_result train_lobe_threshold(const struct train *t, double *out)
     gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
     if (!gradient) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
     for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
-    qsort(gradient, count, sizeof *gradient, train_compare);
+    qsort(gradient, count, sizeof *gradient, train_by_size);
     *out = measure_quantile(gradient, count, -threshold);
     oxl_free(t->ctx, gradient);
     return OXL_OK;
@@ -320,6 +375,7 @@ static oxl_result train_bands(struct train *t)
     const int  wanted = OXL_MIN(t->options->sh_degree, (int)(t->step / (TRAIN_SH_EVERY * t->options->iterations)));
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
+    ucd_disturb(&t->ucd, t->step, 0);
     rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
@@ -342,6 +398,54 @@ static oxl_result train_first_model(struct train *t)
     return rc;
 }
 
+/* How many densifications train_densifies will say yes to. */
+static int train_densifications(const struct train *t)
+{
+    struct train at    = *t;
+    int          count = 0;
+    for (at.step = 1; at.step <= t->options->iterations; at.step++) count += train_densifies(&at);
+    return count;
+}
+
+static int train_training_views(const oxl_scene *scene)
+{
+    int views = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
+    return views;
+}
+
+/* What decides about the number of Gaussians, and on what evidence. */
+static oxl_result train_begin_control(struct train *t)
+{
+    const oxl_train_options *o     = t->options;
+    const int                until = (int)(o->densify_until * o->iterations), views = train_training_views(t->scene);
+    char                     words[320];
+    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd, train_densifications(t));
+    if (rc != OXL_OK) return rc;
+    ucd_describe(&t->ucd, words, sizeof words);
+    if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
+    if (t->ucd.on) rc = density_set_bands(t->ctx, t->density, t->model->count, t->ucd.z_near, t->ucd.z_far);
+    prune_begin(&t->prune, o->keep, o->iterations, until, views, prune_row_bytes(o->sh_degree, o->dog != OXL_DOG_OFF));
+    return rc;
+}
+
+/* Training views in the order of their names; those that pruning judges by stand aside. */
+static oxl_result train_begin_views(struct train *t)
+{
+    const int views = train_training_views(t->scene);
+    int       index = 0;
+    t->view         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
+    t->held         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
+    if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
+        if (oxl_scene_view(t->scene, i)->is_test) continue;
+        if (prune_holds(&t->prune, index++, views)) t->held[t->held_views++] = i;
+        else t->view[t->views++] = i;
+    }
+    if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
+    return OXL_OK;
+}
+
 static oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx = t->ctx;
@@ -360,12 +464,8 @@ static oxl_result train_begin(struct train *t)
     if (rc != OXL_OK) return rc;
     memset(t->first.plane[OXL_ROTATION], 0, t->first.capacity * sizeof(float));
     memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
-    t->view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(t->scene) + 1, sizeof *t->view);
-    if (!t->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
-    for (int i = 0; i < oxl_scene_view_count(t->scene); i++)
-        if (!oxl_scene_view(t->scene, i)->is_test) t->view[t->views++] = i;
-    if (t->views == 0) return oxl_fail(ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
-    return OXL_OK;
+    rc = train_begin_control(t);
+    return rc == OXL_OK ? train_begin_views(t) : rc;
 }
 
 static void train_end(struct train *t)
@@ -376,7 +476,9 @@ static void train_end(struct train *t)
     oxl_model_free(ctx, &t->gradient);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
+    ucd_free(ctx, &t->ucd);
     oxl_free(ctx, t->view);
+    oxl_free(ctx, t->held);
     oxl_free(ctx, t->target);
     oxl_free(ctx, t->weight);
 }
@@ -401,6 +503,8 @@ static void train_archive(struct archive *a, void *user)
     archive_model(a, &t->first);
     archive_model(a, &t->second);
     density_archive(a, t->density, t->model->count);
+    ucd_archive(a, &t->ucd);
+    prune_archive(a, &t->prune);
     archive_text(a, t->place->log);
     if (!a->reading || a->rc != OXL_OK) return;
     t->views   = (int)views;
@@ -442,6 +546,8 @@ static int train_report(const struct train *t, const oxl_callback *callback)
                              .gaussians    = t->model->count,
                              .loss         = t->loss,
                              .psnr         = t->psnr,
+                             .f_mid        = t->ucd.on ? t->ucd.f[0] : 1,
+                             .f_far        = t->ucd.on ? t->ucd.f[1] : 1,
                              .seconds      = seconds,
                              .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
                              .model        = t->model};
@@ -455,6 +561,7 @@ static oxl_result train_step(struct train *t)
     if (rc == OXL_OK) rc = train_bands(t);
     if (rc == OXL_OK) rc = train_on_view(t, view);
     if (rc == OXL_OK) rc = train_density(t);
+    if (rc == OXL_OK) rc = train_prune(t);
     if (rc == OXL_OK) rc = train_lobes(t);
     return rc;
 }

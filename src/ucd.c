@@ -116,6 +116,7 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *sc
     if (options->mode == OXL_UCD_AUTO || (u->on && options->bands == OXL_UCD_FADING))
         rc = contrast_measure(ctx, scene, &u->contrast);
     if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_is_needed(u, scene);
+    u->learns = u->learns && u->on;
     if (rc != OXL_OK || !u->on) return rc;
     ucd_place_bands(u, scene, options->bands);
     rc = ucd_begin_search(ctx, u, oxl_scene_view_count(scene), densifications / 2, ctx->options.seed);

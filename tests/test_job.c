@@ -75,7 +75,7 @@ TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"test\""));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"psnr\": "));
-    CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "iteration,loss,psnr,gaussians,seconds\n1,"));
+    CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "iteration,loss,psnr,gaussians,seconds,f_mid,f_far\n1,"));
     CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n12,"));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
     CHECK(os_is_file(test_path("out/renders/0.png.png")));

@@ -52,26 +52,7 @@ static const struct {
      "oceanxl (DoG selective); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
 };
 
-enum kind {
-    FLAG,
-    COUNTING,
-    LARGE,
-    REAL,
-    DEGREE,
-    SIZE,
-    DURATION,
-    PIXELS,
-    PLACE,
-    TEXT,
-    PRESET,
-    SPLIT,
-    AXES,
-    CUT,
-    UCD,
-    KEEP,
-    DOG,
-    LIMIT
-};
+enum kind { FLAG, COUNTING, LARGE, REAL, DEGREE, SIZE, DURATION, PIXELS, PLACE, TEXT, PRESET, SPLIT, AXES, CUT, DOG, LIMIT };
 
 static const struct option {
     const char *group, *name, *value;
@@ -125,10 +106,10 @@ static const struct option {
      "never more than this many (one for every 60 training pixels)"},
     {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), RUNS,
      "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
-    {"What the scene requires", "--ucd", "on|off|auto|MID,FAR", UCD, FIELD(ucd), TRAINS,
-     "densify more readily what is far away in water: weights learned, or given for two depth bands (auto)"},
-    {"What the scene requires", "--keep", "FRACTION|COUNT|SIZE|auto", KEEP, FIELD(keep), TRAINS,
-     "Gaussians left after pruning, as 0.5, 400000 or 80MB; 1: all (0.5)"},
+    {"What the scene requires", "--ucd", "on|off|auto|MID,FAR", TEXT, FIELD(ucd), TRAINS,
+     "densify more readily what is far away in water: weights of two depth bands, learned; MID,FAR: from there (auto)"},
+    {"What the scene requires", "--keep", "FRACTION|COUNT|SIZE|auto|all", TEXT, FIELD(keep), TRAINS,
+     "Gaussians left after pruning, as 0.5, 400000 or 80MB (all)"},
     {"What the scene requires", "--dog", "off|selective|all", DOG, FIELD(dog), TRAINS, "difference-of-Gaussians lobes (off)"},
     {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), TRAINS | IN(ABLATE),
      "selective: of the mean gradient, in half images; or the share that stays without, as 90% (0.0002)"},
@@ -249,43 +230,6 @@ static int parse_place(const char *text, double *out)
     return 1;
 }
 
-/* "on", "off", "auto", or two weights. */
-static int parse_ucd(const char *text, struct arguments *a)
-{
-    static const char *const words[] = {"off", "on", "auto"};
-    char                    *end;
-    if (parse_word(text, words, 3, &a->ucd)) return 1;
-    a->ucd            = OXL_UCD_FIXED;
-    a->ucd_weights[0] = strtod(text, &end);
-    if (end == text || *end != ',') return 0;
-    text              = end + 1;
-    a->ucd_weights[1] = strtod(text, &end);
-    return end > text && *end == 0 && a->ucd_weights[0] >= 1 && a->ucd_weights[1] >= a->ucd_weights[0];
-}
-
-/* 0.5 is a fraction, 400000 a count, 80MB or 80M a size. */
-static int parse_keep(const char *text, struct arguments *a)
-{
-    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.};
-    char                number[32];
-    const size_t        length = strlen(text);
-    char               *end;
-    if (strcmp(text, "auto") == 0) {
-        a->keep = OXL_KEEP_AUTO;
-        return 1;
-    }
-    if (length == 0 || length >= sizeof number) return 0;
-    memcpy(number, text, length + 1);
-    if (length > 1 && tolower((unsigned char)number[length - 1]) == 'b') number[length - 1] = 0;
-    a->keep_value = strtod(number, &end);
-    if (*end == 0 && number[length - 1] != 0) {
-        a->keep = a->keep_value == 1 ? OXL_KEEP_ALL : a->keep_value < 1 ? OXL_KEEP_FRACTION : OXL_KEEP_COUNT;
-        return end > number && a->keep_value > 0;
-    }
-    a->keep = OXL_KEEP_BYTES;
-    return parse_number(number, "kmgt", bytes, &a->keep_value) && a->keep_value > 0;
-}
-
 /* 0.0002, or 90%: stored as -0.9. */
 static int parse_limit(const char *text, double *out)
 {
@@ -321,8 +265,6 @@ static int parse_value(const struct option *o, const char *text, struct argument
         if (!parse_count(text, 3, &number)) return 0;
         *(int *)field = (int)number;
         return 1;
-    case UCD: return parse_ucd(text, a);
-    case KEEP: return parse_keep(text, a);
     case DOG: return parse_word(text, dogs, 3, field);
     case LIMIT: return parse_limit(text, field);
     case PIXELS: return parse_pixels(text, field);
@@ -477,8 +419,6 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .block         = -1,
                             .ram           = -1,
                             .seeds         = 1,
-                            .ucd           = -1,
-                            .keep          = -1,
                             .dog           = -1,
                             .dog_threshold = -2,
                             .max_time      = -1,

@@ -85,8 +85,9 @@ struct arguments { /* negative numbers and NULL: not given */
     double       max_time;         /* s */
     double       image_cache, ram; /* bytes */
     double       seed;
-    int          ucd, keep, dog;                            /* enum oxl_ucd, oxl_keep, oxl_dog */
-    double       ucd_weights[2], keep_value, dog_threshold; /* dog_threshold -2: not given */
+    int          dog;           /* enum oxl_dog */
+    double       dog_threshold; /* -2: not given */
+    const char  *ucd, *keep;    /* as oxl_ucd_parse and oxl_keep_parse take them */
     const char  *out, *images, *sparse, *masks, *rows;
 
     synth_options synth; /* holds its defaults where nothing was given */
