@@ -342,7 +342,7 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-static oxl_result run_ablate(const struct arguments *a, struct console *console)
+static oxl_result run_ablate(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     ablate_options options = {.scene    = a->path[0],
                               .out      = a->out,
@@ -350,8 +350,8 @@ static oxl_result run_ablate(const struct arguments *a, struct console *console)
                               .seeds    = a->seeds,
                               .context  = oxl_context_options_default(),
                               .callback = {on_progress, console}};
-    oxl_result     rc;
-    job_options(a, &options.job);
+    oxl_result     rc      = job_options(ctx, a, &options.job);
+    if (rc != OXL_OK) return rc;
     options.context.log  = on_log;
     options.context.user = console;
     if (a->threads > 0) options.context.threads = a->threads;
@@ -375,7 +375,7 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_PARTITION: return run_partition(ctx, a);
     case COMMAND_MERGE: return run_merge(ctx, a);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
-    case COMMAND_ABLATE: return run_ablate(a, console);
+    case COMMAND_ABLATE: return run_ablate(ctx, a, console);
     default: return OXL_ERR_USAGE;
     }
 }

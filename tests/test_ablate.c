@@ -174,11 +174,11 @@ TEST(ablate_rows_differ_by_what_the_paper_switches_and_nothing_else)
     const oxl_job_options base = ablate_job(&o, ablate_variant("3dgs", 4), 3), v2 = ablate_job(&o, ablate_variant("v2", 2), 3),
                           v3   = ablate_job(&o, ablate_variant("v3-315", 6), 3),
                           full = ablate_job(&o, ablate_variant("oceanxl", 7), 3);
-    CHECK(base.seed == 3 && base.partition.cut == OXL_CUT_MIDPOINT && base.train.ucd == OXL_UCD_OFF);
-    CHECK(base.train.keep == OXL_KEEP_ALL && base.train.dog == OXL_DOG_OFF);
-    CHECK(v2.partition.cut == OXL_CUT_BALANCED && v2.train.ucd == OXL_UCD_ON && v2.train.keep == OXL_KEEP_ALL);
-    CHECK(v3.train.keep == OXL_KEEP_FRACTION && v3.train.keep_value == 0.315 && v3.train.dog == OXL_DOG_OFF);
-    CHECK(full.train.keep == OXL_KEEP_FRACTION && full.train.keep_value == 0.5 && full.train.dog == OXL_DOG_SELECTIVE);
+    CHECK(base.seed == 3 && base.partition.cut == OXL_CUT_MIDPOINT && base.train.ucd.mode == OXL_UCD_OFF);
+    CHECK(base.train.keep.kind == OXL_KEEP_ALL && base.train.dog == OXL_DOG_OFF);
+    CHECK(v2.partition.cut == OXL_CUT_BALANCED && v2.train.ucd.mode == OXL_UCD_ON && v2.train.keep.kind == OXL_KEEP_ALL);
+    CHECK(v3.train.keep.kind == OXL_KEEP_FRACTION && v3.train.keep.value == 0.315 && v3.train.dog == OXL_DOG_OFF);
+    CHECK(full.train.keep.kind == OXL_KEEP_FRACTION && full.train.keep.value == 0.5 && full.train.dog == OXL_DOG_SELECTIVE);
     CHECK(full.train.iterations == base.train.iterations && full.train.sh_degree == base.train.sh_degree);
 }
 

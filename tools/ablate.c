@@ -118,10 +118,9 @@ static oxl_job_options ablate_job(const ablate_options *options, const struct ab
     job.seed            = (uint64_t)seed;
     job.block           = -1;
     job.partition.cut   = row->cut;
-    job.train.ucd       = row->ucd;
-    job.train.keep      = row->keep < KEEP_ALL ? OXL_KEEP_FRACTION : OXL_KEEP_ALL;
-    if (row->keep < KEEP_ALL) job.train.keep_value = row->keep;
-    job.train.dog = row->dog;
+    job.train.ucd.mode  = row->ucd;
+    job.train.keep      = (oxl_keep){row->keep < KEEP_ALL ? OXL_KEEP_FRACTION : OXL_KEEP_ALL, row->keep};
+    job.train.dog       = row->dog;
     return job;
 }
 

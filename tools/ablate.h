@@ -24,12 +24,12 @@ enum ablate_measure {
 enum { ABLATE_ROWS = 8, ABLATE_SEEDS = 99 };
 
 struct ablate_row {
-    const char *name, *label; /* in --rows and the folders' names; in the table */
-    oxl_cut     cut;
-    oxl_ucd     ucd;
-    double      keep; /* fraction; 1: all */
-    oxl_dog     dog;
-    double      paper[ABLATE_MEASURES]; /* OceanXL, ablation on Abyssal; 0: the paper does not say */
+    const char  *name, *label; /* in --rows and the folders' names; in the table */
+    oxl_cut      cut;
+    oxl_ucd_mode ucd;
+    double       keep; /* fraction; 1: all */
+    oxl_dog      dog;
+    double       paper[ABLATE_MEASURES]; /* OceanXL, ablation on Abyssal; 0: the paper does not say */
 };
 
 struct ablation {

@@ -39,7 +39,7 @@ static struct ablate_figure ablate_summary(const double *x, int count)
 
 struct ablate_figure ablate_mean(const struct ablation *a, int row, enum ablate_measure m)
 {
-    double x[ABLATE_SEEDS];
+    double x[ABLATE_SEEDS] = {0};
     for (int s = 0; s < a->seeds; s++) x[s] = a->value[row][s][m];
     return ablate_summary(x, a->seeds);
 }
@@ -51,7 +51,7 @@ static double ablate_compare(enum ablate_measure m, double value, double base)
 
 struct ablate_figure ablate_against(const struct ablation *a, int row, int base, enum ablate_measure m)
 {
-    double x[ABLATE_SEEDS];
+    double x[ABLATE_SEEDS] = {0};
     for (int s = 0; s < a->seeds; s++) x[s] = ablate_compare(m, a->value[row][s][m], a->value[base][s][m]);
     return ablate_summary(x, a->seeds);
 }
