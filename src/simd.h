@@ -39,7 +39,9 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
 #ifdef __clang__
 #define SIMD_TARGET_AVX512 __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl"), min_vector_width(512)))
 #else
-#define SIMD_TARGET_AVX512 __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512")))
+/* tune: gcc's generic costs make it load a vector again for each of its uses, even across cache lines, rather than keep it. */
+#define SIMD_TARGET_AVX512 \
+    __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512,tune=skylake-avx512")))
 #endif
 #define SIMD_DISPATCH(door, name, job_type)                           \
     SIMD_TARGET_AVX512 static void name##_avx512(const job_type *job) \
