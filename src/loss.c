@@ -6,8 +6,9 @@
  * x^2 + y^2 and xy,
  *     dS/dx = blur(D_x) + 2 x blur(D_xx) + y blur(D_xy).
  *
- * Both blurs are fused in one sweep down a strip of rows: a ring of 11 rows of blurred maps gives a row of derivatives, a second
- * ring of 11 rows of those gives a row of the gradient. Everything stays in the cache, and strips can be cut anywhere.
+ * Both blurs are fused in one sweep down a strip of rows, a band of eight rows at a time. Rings hold the rows that a band reaches:
+ * those of x and y, which are blurred down, then along, into a row of derivatives; and those of the derivatives, which are blurred
+ * along, then down, into the gradient. Everything stays in the cache, and strips can be cut anywhere.
  *
  * Invariant: each pixel's result and each row's sum is computed alike, wherever the strips are cut.
  */
@@ -15,7 +16,14 @@
 
 #define LOSS_TAPS        11
 #define LOSS_HALF        5 /* px: the window reaches this far */
-#define LOSS_MAPS        4 /* x, y, x^2 + y^2, xy */
+#define LOSS_BAND        8 /* rows blurred down together: each row that is loaded serves all whose windows hold it */
+#define LOSS_REACH       (LOSS_BAND + 2 * LOSS_HALF) /* rows that the windows of a band reach */
+#define LOSS_GAP         3                           /* zeros that a blur along a half row reaches past its end */
+#define LOSS_MAPS        4                           /* of x and y: */
+#define LOSS_X           0
+#define LOSS_Y           1
+#define LOSS_SQUARES     2 /* x^2 + y^2 */
+#define LOSS_PRODUCT     3 /* xy */
 #define LOSS_DERIVATIVES 3 /* of S in the blurred x, x^2 + y^2, xy */
 #define LOSS_SUMS        3 /* |x - y|, S, (x - y)^2 */
 
@@ -34,85 +42,204 @@ struct loss_strip {
     real                   l1_scale;            /* (1 - w) / number of values that count */
     real                   ssim_scale;          /* w / number of windows that count */
     int                    channel, first, end; /* rows */
+    size_t                 one;                 /* 1, see loss_blur_along */
     real                  *scratch;             /* loss_scratch_size(width) */
     double (*sums)[LOSS_SUMS];                  /* (H) of this channel: |x - y|, SSIM, (x - y)^2 */
 };
 
-/* Rows are padded by zeros to both sides and to whole vectors. */
+/* ---------------------------------------------------------------- rows in the scratch */
+
+/* A row lies there as its even pixels, then its odd ones. In a blur along the row each shifted load then serves two pixels, and
+ * those loads, across cache lines, are what limits it. Each half ends in LOSS_GAP zeros or more, at a whole pack; a pack of zeros
+ * stands before the row and one behind it. */
+static size_t loss_half(int width)
+{
+    return ((size_t)(width + 1) / 2 + LOSS_GAP + PACK - 1) / PACK * PACK;
+}
+
 static size_t loss_stride(int width)
 {
-    return ((size_t)width + 2 * LOSS_HALF + 2 * PACK) / PACK * PACK;
+    return 2 * loss_half(width) + 2 * PACK;
 }
 
 static size_t loss_scratch_size(int width)
 {
-    return loss_stride(width) * (LOSS_MAPS + LOSS_TAPS * LOSS_MAPS + LOSS_DERIVATIVES + LOSS_TAPS * LOSS_DERIVATIVES + 1);
+    return loss_stride(width) * ((2 + LOSS_DERIVATIVES) * LOSS_REACH + LOSS_MAPS * LOSS_BAND + LOSS_MAPS + LOSS_DERIVATIVES + 2);
 }
 
 struct loss_rows { /* the scratch, cut up */
-    size_t stride;
-    real  *input;      /* (LOSS_MAPS, stride) the maps of one row, padded */
-    real  *blurred;    /* (LOSS_TAPS, LOSS_MAPS, stride) ring */
-    real  *derivative; /* (LOSS_DERIVATIVES, stride) of one row, padded */
-    real  *returned;   /* (LOSS_TAPS, LOSS_DERIVATIVES, stride) ring */
-    real  *counts;     /* (stride) 1 or 0 for each pixel or window of the row, 0 past its end */
+    size_t half, stride;
+    real  *x, *y;      /* (LOSS_REACH, stride) rings */
+    real  *down;       /* (LOSS_MAPS, LOSS_BAND, stride) maps of a band, blurred down; later its derivatives */
+    real  *blurred;    /* (LOSS_MAPS, stride) maps of one row, blurred along it too */
+    real  *derivative; /* (LOSS_DERIVATIVES, stride) of one row */
+    real  *returned;   /* (LOSS_DERIVATIVES, LOSS_REACH, stride) rings of derivatives, blurred along */
+    real  *counts;     /* (stride) 1 or 0 for each pixel or window of a row, 0 past the ends */
+    real  *gradient;   /* (stride) of one row */
 };
 
-static struct loss_rows loss_rows(const struct loss_strip *s)
+SIMD_INLINE struct loss_rows loss_rows(const struct loss_strip *s)
 {
-    struct loss_rows r = {.stride = loss_stride(s->job->width), .input = s->scratch};
-    r.blurred          = r.input + r.stride * LOSS_MAPS;
-    r.derivative       = r.blurred + r.stride * LOSS_TAPS * LOSS_MAPS;
+    struct loss_rows r = {.half = loss_half(s->job->width), .stride = loss_stride(s->job->width), .x = s->scratch + PACK};
+    r.y                = r.x + r.stride * LOSS_REACH;
+    r.down             = r.y + r.stride * LOSS_REACH;
+    r.blurred          = r.down + r.stride * LOSS_MAPS * LOSS_BAND;
+    r.derivative       = r.blurred + r.stride * LOSS_MAPS;
     r.returned         = r.derivative + r.stride * LOSS_DERIVATIVES;
-    r.counts           = r.returned + r.stride * LOSS_TAPS * LOSS_DERIVATIVES;
+    r.counts           = r.returned + r.stride * LOSS_DERIVATIVES * LOSS_REACH;
+    r.gradient         = r.counts + r.stride;
     return r;
 }
 
-static int loss_ring(int row) /* rows start at -10 */
+/* A row of a ring; rows start at -2 LOSS_HALF. */
+SIMD_INLINE real *loss_ring(const struct loss_rows *r, real *ring, int row)
 {
-    return (row + 2 * LOSS_TAPS) % LOSS_TAPS;
+    return ring + (size_t)(row + LOSS_REACH) % LOSS_REACH * r->stride;
+}
+
+/* The rows of a ring that the windows of the band reach. */
+SIMD_INLINE void loss_window(const struct loss_rows *r, real *ring, int band, const real *rows[LOSS_REACH])
+{
+    for (int k = 0; k < LOSS_REACH; k++) rows[k] = loss_ring(r, ring, band - LOSS_HALF + k);
+}
+
+SIMD_INLINE void loss_split(const real *restrict in, int width, size_t half, real *restrict out)
+{
+    const size_t pairs = (size_t)width / 2;
+#pragma omp simd
+    for (size_t j = 0; j < pairs; j++) {
+        out[j]        = in[2 * j];
+        out[half + j] = in[2 * j + 1];
+    }
+    if (width & 1) out[pairs] = in[2 * pairs];
+}
+
+SIMD_INLINE void loss_join(const real *restrict in, int width, size_t half, real *restrict out)
+{
+    const size_t pairs = (size_t)width / 2;
+#pragma omp simd
+    for (size_t j = 0; j < pairs; j++) {
+        out[2 * j]     = in[j];
+        out[2 * j + 1] = in[half + j];
+    }
+    if (width & 1) out[2 * pairs] = in[pairs];
+}
+
+/* A row of an image (3,H,W). */
+SIMD_INLINE size_t loss_at(const struct loss_strip *s, int row)
+{
+    return ((size_t)s->channel * (size_t)s->job->height + (size_t)row) * (size_t)s->job->width;
+}
+
+/* A row of a weight map; without one the counts stay as loss_open left them. */
+SIMD_INLINE void loss_fill_counts(const struct loss_strip *s, const struct loss_rows *r, const real *map, int row)
+{
+    if (map) loss_split(map + (size_t)row * (size_t)s->job->width, s->job->width, r->half, r->counts);
+}
+
+SIMD_INLINE void loss_open(const struct loss_strip *s, const struct loss_rows *r)
+{
+    memset(s->scratch, 0, loss_scratch_size(s->job->width) * sizeof *s->scratch);
+    for (int j = 0; !s->job->weight && j < s->job->width; j++) r->counts[(size_t)(j & 1) * r->half + (size_t)(j / 2)] = 1;
 }
 
 /* ---------------------------------------------------------------- blurs */
 
-/* in is padded: in[j] lies LOSS_HALF left of out[j]; out is written up to a whole pack. Taps outside, pixels inside: the other
- * way round clang carries loads from one pixel to the next and then cannot vectorise. */
-SIMD_INLINE void loss_blur_along(const int fused, const real *restrict in, int n, real *restrict out)
+/* Pixel 2 j is even[j], 2 j + 1 is odd[j]. `one` is 1, but the compiler must not know: clang would carry loads from one pixel to
+ * the next, and then cannot vectorise. */
+SIMD_INLINE void loss_blur_along(const int fused, const size_t one, const real *row, size_t half, real *restrict out)
 {
-    for (int j = 0; j < n; j += PACK) {
-        real sum[PACK] = {0};
-        for (int k = 0; k < LOSS_TAPS; k++) {
+    const real *restrict even0 = row - 2, *restrict even1 = even0 + one, *restrict even2 = even1 + one;
+    const real *restrict even3 = even2 + one, *restrict even4 = even3 + one, *restrict even5 = even4 + one;
+    const real *restrict odd0 = row + half - 3, *restrict odd1 = odd0 + one, *restrict odd2 = odd1 + one;
+    const real *restrict odd3 = odd2 + one, *restrict odd4 = odd3 + one, *restrict odd5 = odd4 + one;
+    for (size_t j0 = 0; j0 < half; j0 += PACK) {
 #pragma omp simd
-            for (int l = 0; l < PACK; l++) sum[l] = muladd(fused, LOSS_WINDOW[k], in[j + k + l], sum[l]);
+        for (size_t l = 0; l < PACK; l++) {
+            const size_t j = j0 + l;
+            real         a = LOSS_WINDOW[0] * odd0[j], b = LOSS_WINDOW[0] * even0[j];
+            a = muladd(fused, LOSS_WINDOW[1], even0[j], a), b = muladd(fused, LOSS_WINDOW[1], odd1[j], b);
+            a = muladd(fused, LOSS_WINDOW[2], odd1[j], a), b = muladd(fused, LOSS_WINDOW[2], even1[j], b);
+            a = muladd(fused, LOSS_WINDOW[3], even1[j], a), b = muladd(fused, LOSS_WINDOW[3], odd2[j], b);
+            a = muladd(fused, LOSS_WINDOW[4], odd2[j], a), b = muladd(fused, LOSS_WINDOW[4], even2[j], b);
+            a = muladd(fused, LOSS_WINDOW[5], even2[j], a), b = muladd(fused, LOSS_WINDOW[5], odd3[j], b);
+            a = muladd(fused, LOSS_WINDOW[6], odd3[j], a), b = muladd(fused, LOSS_WINDOW[6], even3[j], b);
+            a = muladd(fused, LOSS_WINDOW[7], even3[j], a), b = muladd(fused, LOSS_WINDOW[7], odd4[j], b);
+            a = muladd(fused, LOSS_WINDOW[8], odd4[j], a), b = muladd(fused, LOSS_WINDOW[8], even4[j], b);
+            a = muladd(fused, LOSS_WINDOW[9], even4[j], a), b = muladd(fused, LOSS_WINDOW[9], odd5[j], b);
+            a = muladd(fused, LOSS_WINDOW[10], odd5[j], a), b = muladd(fused, LOSS_WINDOW[10], even5[j], b);
+            out[j]        = a;
+            out[half + j] = b;
         }
-        memcpy(out + j, sum, sizeof sum);
     }
 }
 
-/* One pixel column of a ring: rows[k][j], k from the top row of the window. */
-SIMD_INLINE real loss_blur_down(const int fused, const real *const rows[LOSS_TAPS], size_t j)
+struct loss_column { /* of a band, one pixel wide; by value: gcc makes no vector of it in memory */
+    real row[LOSS_BAND];
+};
+
+SIMD_INLINE real loss_tap(const int fused, const int k, real value, real sum)
 {
-    real sum = LOSS_WINDOW[0] * rows[0][j];
-    sum      = muladd(fused, LOSS_WINDOW[1], rows[1][j], sum);
-    sum      = muladd(fused, LOSS_WINDOW[2], rows[2][j], sum);
-    sum      = muladd(fused, LOSS_WINDOW[3], rows[3][j], sum);
-    sum      = muladd(fused, LOSS_WINDOW[4], rows[4][j], sum);
-    sum      = muladd(fused, LOSS_WINDOW[5], rows[5][j], sum);
-    sum      = muladd(fused, LOSS_WINDOW[6], rows[6][j], sum);
-    sum      = muladd(fused, LOSS_WINDOW[7], rows[7][j], sum);
-    sum      = muladd(fused, LOSS_WINDOW[8], rows[8][j], sum);
-    sum      = muladd(fused, LOSS_WINDOW[9], rows[9][j], sum);
-    return muladd(fused, LOSS_WINDOW[10], rows[10][j], sum);
+    return k >= 0 && k < LOSS_TAPS ? muladd(fused, LOSS_WINDOW[k], value, sum) : sum;
 }
 
-/* The window's rows of one map of a ring, centred on `row`. */
-static void loss_window(const real *ring, size_t stride, int maps, int map, int row, const real *rows[LOSS_TAPS])
+/* Adds the k-th row that the band's windows reach. */
+SIMD_INLINE struct loss_column loss_add_row(const int fused, const int k, real value, struct loss_column sum)
 {
-    for (int k = 0; k < LOSS_TAPS; k++)
-        rows[k] = ring + ((size_t)loss_ring(row - LOSS_HALF + k) * (size_t)maps + (size_t)map) * stride;
+    sum.row[0] = loss_tap(fused, k, value, sum.row[0]);
+    sum.row[1] = loss_tap(fused, k - 1, value, sum.row[1]);
+    sum.row[2] = loss_tap(fused, k - 2, value, sum.row[2]);
+    sum.row[3] = loss_tap(fused, k - 3, value, sum.row[3]);
+    sum.row[4] = loss_tap(fused, k - 4, value, sum.row[4]);
+    sum.row[5] = loss_tap(fused, k - 5, value, sum.row[5]);
+    sum.row[6] = loss_tap(fused, k - 6, value, sum.row[6]);
+    sum.row[7] = loss_tap(fused, k - 7, value, sum.row[7]);
+    return sum;
 }
 
-static real loss_sum_lanes(const real *lane) /* (PACK), pairwise */
+SIMD_INLINE real loss_map(const int fused, const int map, real x, real y)
+{
+    return map == LOSS_X ? x : map == LOSS_Y ? y : map == LOSS_SQUARES ? muladd(fused, x, x, y * y) : x * y;
+}
+
+/* A pack of columns of a map, blurred down for the rows of a band; x[k], y[k]: the k-th row that their windows reach. */
+SIMD_INLINE void loss_blur_down(const int fused, const int map, const real *const x[LOSS_REACH], const real *const y[LOSS_REACH],
+                                size_t j0, size_t stride, real *restrict out)
+{
+#pragma omp simd
+    for (size_t l = 0; l < PACK; l++) {
+        const size_t       j   = j0 + l;
+        struct loss_column sum = {{0}};
+        sum                    = loss_add_row(fused, 0, loss_map(fused, map, x[0][j], y[0][j]), sum);
+        sum                    = loss_add_row(fused, 1, loss_map(fused, map, x[1][j], y[1][j]), sum);
+        sum                    = loss_add_row(fused, 2, loss_map(fused, map, x[2][j], y[2][j]), sum);
+        sum                    = loss_add_row(fused, 3, loss_map(fused, map, x[3][j], y[3][j]), sum);
+        sum                    = loss_add_row(fused, 4, loss_map(fused, map, x[4][j], y[4][j]), sum);
+        sum                    = loss_add_row(fused, 5, loss_map(fused, map, x[5][j], y[5][j]), sum);
+        sum                    = loss_add_row(fused, 6, loss_map(fused, map, x[6][j], y[6][j]), sum);
+        sum                    = loss_add_row(fused, 7, loss_map(fused, map, x[7][j], y[7][j]), sum);
+        sum                    = loss_add_row(fused, 8, loss_map(fused, map, x[8][j], y[8][j]), sum);
+        sum                    = loss_add_row(fused, 9, loss_map(fused, map, x[9][j], y[9][j]), sum);
+        sum                    = loss_add_row(fused, 10, loss_map(fused, map, x[10][j], y[10][j]), sum);
+        sum                    = loss_add_row(fused, 11, loss_map(fused, map, x[11][j], y[11][j]), sum);
+        sum                    = loss_add_row(fused, 12, loss_map(fused, map, x[12][j], y[12][j]), sum);
+        sum                    = loss_add_row(fused, 13, loss_map(fused, map, x[13][j], y[13][j]), sum);
+        sum                    = loss_add_row(fused, 14, loss_map(fused, map, x[14][j], y[14][j]), sum);
+        sum                    = loss_add_row(fused, 15, loss_map(fused, map, x[15][j], y[15][j]), sum);
+        sum                    = loss_add_row(fused, 16, loss_map(fused, map, x[16][j], y[16][j]), sum);
+        sum                    = loss_add_row(fused, 17, loss_map(fused, map, x[17][j], y[17][j]), sum);
+        out[j]                 = sum.row[0];
+        out[stride + j]        = sum.row[1];
+        out[2 * stride + j]    = sum.row[2];
+        out[3 * stride + j]    = sum.row[3];
+        out[4 * stride + j]    = sum.row[4];
+        out[5 * stride + j]    = sum.row[5];
+        out[6 * stride + j]    = sum.row[6];
+        out[7 * stride + j]    = sum.row[7];
+    }
+}
+
+SIMD_INLINE real loss_sum_lanes(const real *lane) /* (PACK), pairwise */
 {
     real half[PACK];
     memcpy(half, lane, sizeof half);
@@ -121,125 +248,140 @@ static real loss_sum_lanes(const real *lane) /* (PACK), pairwise */
     return half[0];
 }
 
-/* ---------------------------------------------------------------- the three stages of the sweep */
+/* ---------------------------------------------------------------- the stages of the sweep */
 
-/* A row of a weight map, or of ones without a map. */
-static void loss_fill_counts(const struct loss_rows *r, const real *map, int row, int w)
+/* Stage 1: a row of x and y into their rings; zeros outside the image. */
+SIMD_INLINE void loss_take_row(const struct loss_strip *s, const struct loss_rows *r, int row)
 {
-    if (map) memcpy(r->counts, map + (size_t)row * (size_t)w, (size_t)w * sizeof *map);
-    else
-        for (int j = 0; j < w; j++) r->counts[j] = 1;
-}
-
-/* Stage 1: row -> its four maps, blurred along the row, into the ring. */
-SIMD_INLINE void loss_take_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int row)
-{
-    const struct loss_job *job  = s->job;
-    const int              w    = job->width;
-    real                  *ring = r->blurred + (size_t)loss_ring(row) * LOSS_MAPS * r->stride;
-    if (row < 0 || row >= job->height) {
-        memset(ring, 0, LOSS_MAPS * r->stride * sizeof *ring);
+    real *x = loss_ring(r, r->x, row), *y = loss_ring(r, r->y, row);
+    if (row < 0 || row >= s->job->height) {
+        memset(x, 0, 2 * r->half * sizeof *x);
+        memset(y, 0, 2 * r->half * sizeof *y);
         return;
     }
-    {
-        const size_t at        = ((size_t)s->channel * (size_t)job->height + (size_t)row) * (size_t)w;
-        const real *restrict x = job->x + at, *restrict y = job->y + at;
-        real *restrict mx = r->input + LOSS_HALF, *restrict my = mx + r->stride;
-        real *restrict mm = my + r->stride, *restrict mxy = mm + r->stride;
-#pragma omp simd
-        for (int j = 0; j < w; j++) {
-            const real a = x[j], b = y[j];
-            mx[j]  = a;
-            my[j]  = b;
-            mm[j]  = muladd(fused, a, a, b * b);
-            mxy[j] = a * b;
-        }
-    }
-    for (int map = 0; map < LOSS_MAPS; map++)
-        loss_blur_along(fused, r->input + (size_t)map * r->stride, w, ring + (size_t)map * r->stride);
+    loss_split(s->job->x + loss_at(s, row), s->job->width, r->half, x);
+    loss_split(s->job->y + loss_at(s, row), s->job->width, r->half, y);
 }
 
-/* Stage 2: the windows centred on `row` -> S and its three derivatives, blurred along the row, into the second ring. */
-SIMD_INLINE void loss_differentiate_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int row)
+/* Stage 2: the four maps, blurred down for the windows centred on the rows of a band. */
+SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int band)
 {
-    const struct loss_job *job       = s->job;
-    const int              w         = job->width;
-    real                  *ring      = r->returned + (size_t)loss_ring(row) * LOSS_DERIVATIVES * r->stride;
-    real                   sum[PACK] = {0};
-    const real            *mx[LOSS_TAPS], *my[LOSS_TAPS], *mm[LOSS_TAPS], *mxy[LOSS_TAPS];
-    real *restrict dx = r->derivative + LOSS_HALF, *restrict dm = dx + r->stride, *restrict dxy = dm + r->stride;
+    const real  *x[LOSS_REACH], *y[LOSS_REACH];
+    const size_t map = LOSS_BAND * r->stride;
+    loss_window(r, r->x, band, x);
+    loss_window(r, r->y, band, y);
+    for (size_t j = 0; j < 2 * r->half; j += PACK) {
+        loss_blur_down(fused, LOSS_X, x, y, j, r->stride, r->down);
+        loss_blur_down(fused, LOSS_Y, x, y, j, r->stride, r->down + map);
+        loss_blur_down(fused, LOSS_SQUARES, x, y, j, r->stride, r->down + 2 * map);
+        loss_blur_down(fused, LOSS_PRODUCT, x, y, j, r->stride, r->down + 3 * map);
+    }
+}
+
+/* S and its derivatives, of the blurred maps of a row. Returns the sum of S. */
+SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s, const struct loss_rows *r)
+{
+    const real *restrict mx = r->blurred, *restrict my = mx + r->stride;
+    const real *restrict mm = my + r->stride, *restrict mxy = mm + r->stride;
     const real *restrict counts = r->counts;
-    if (row < 0 || row >= job->height) {
-        memset(ring, 0, LOSS_DERIVATIVES * r->stride * sizeof *ring);
-        return;
-    }
-    loss_window(r->blurred, r->stride, LOSS_MAPS, 0, row, mx);
-    loss_window(r->blurred, r->stride, LOSS_MAPS, 1, row, my);
-    loss_window(r->blurred, r->stride, LOSS_MAPS, 2, row, mm);
-    loss_window(r->blurred, r->stride, LOSS_MAPS, 3, row, mxy);
-    loss_fill_counts(r, s->window_ok, row, w);
-    for (int j0 = 0; j0 < w; j0 += PACK) {
+    real *restrict dx = r->derivative, *restrict dm = dx + r->stride, *restrict dxy = dm + r->stride;
+    real       sum[PACK] = {0};
+    const real scale     = -2 * s->ssim_scale;
+    for (size_t j0 = 0; j0 < 2 * r->half; j0 += PACK) {
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) { /* the padding of the rings is readable */
-            const size_t j  = (size_t)(j0 + l);
-            const real   ux = loss_blur_down(fused, mx, j), uy = loss_blur_down(fused, my, j);
-            const real   uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
-            const real   a1 = 2 * uxy + LOSS_C1, b1 = uu + LOSS_C1;
-            const real a2 = 2 * (loss_blur_down(fused, mxy, j) - uxy) + LOSS_C2, b2 = loss_blur_down(fused, mm, j) - uu + LOSS_C2;
-            const real i = 1 / (b1 * b2), ssim = a1 * a2 * i, dvxy = 2 * a1 * i, dvv = -ssim * b1 * i;
-            const real scale = -s->ssim_scale * counts[j];
+        for (size_t l = 0; l < PACK; l++) {
+            const size_t j  = j0 + l;
+            const real   ux = mx[j], uy = my[j], uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
+            const real   a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, LOSS_C2);
+            const real   b1 = uu + LOSS_C1, b2 = mm[j] - uu + LOSS_C2, i = 1 / (b1 * b2);
+            const real   p = a1 * i, q = a2 * i, ssim = a1 * q, t = ssim * i, c = scale * counts[j];
             /* the variances hold -ux^2 and -ux uy */
-            dx[j]  = scale * (2 * uy * a2 * i - 2 * ux * ssim * b2 * i - 2 * ux * dvv - uy * dvxy);
-            dm[j]  = scale * dvv;
-            dxy[j] = scale * dvxy;
-            sum[l] += counts[j] * ssim;
+            dx[j]  = c * (uy * (q - p) - ux * t * (b2 - b1));
+            dm[j]  = (real)-0.5 * c * t * b1;
+            dxy[j] = c * p;
+            sum[l] = muladd(fused, counts[j], ssim, sum[l]);
         }
     }
-    for (int map = 0; map < LOSS_DERIVATIVES; map++)
-        loss_blur_along(fused, r->derivative + (size_t)map * r->stride, w, ring + (size_t)map * r->stride);
-    if (row >= s->first && row < s->end) s->sums[row][1] = loss_sum_lanes(sum);
+    return loss_sum_lanes(sum);
 }
 
-/* Stage 3: the second ring -> the gradient of `row`, with the part of L1. */
-SIMD_INLINE void loss_give_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int row)
+/* Stage 3: the maps blurred along a row of the band -> S and its derivatives there, blurred along the row, into their rings. */
+SIMD_INLINE void loss_return_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
 {
-    const struct loss_job *job = s->job;
-    const int              w   = job->width;
-    const size_t           at  = ((size_t)s->channel * (size_t)job->height + (size_t)row) * (size_t)w;
-    const real *restrict x = job->x + at, *restrict y = job->y + at;
+    real sum;
+    for (size_t k = 0; k < LOSS_MAPS; k++)
+        loss_blur_along(fused, s->one, r->down + (k * LOSS_BAND + (size_t)(row - band)) * r->stride, r->half,
+                        r->blurred + k * r->stride);
+    loss_fill_counts(s, r, s->window_ok, row);
+    sum = loss_differentiate(fused, s, r);
+    for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
+        loss_blur_along(fused, s->one, r->derivative + k * r->stride, r->half,
+                        loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row));
+    if (row >= s->first && row < s->end) s->sums[row][1] = sum;
+}
+
+/* The same below the image: nothing returns from there. */
+SIMD_INLINE void loss_return_nothing(const struct loss_rows *r, int row)
+{
+    for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
+        memset(loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row), 0, 2 * r->half * sizeof *r->returned);
+}
+
+/* Stage 4: the derivatives, blurred down for the rows of a band. */
+SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *r, int band)
+{
+    for (size_t k = 0; k < LOSS_DERIVATIVES; k++) {
+        const real *rows[LOSS_REACH];
+        loss_window(r, r->returned + k * LOSS_REACH * r->stride, band, rows);
+        for (size_t j = 0; j < 2 * r->half; j += PACK)
+            loss_blur_down(fused, LOSS_X, rows, rows, j, r->stride, r->down + k * LOSS_BAND * r->stride);
+    }
+}
+
+/* Stage 5: the gradient of a row of the band, with the part of L1. */
+SIMD_INLINE void loss_give_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
+{
+    const real *restrict x = loss_ring(r, r->x, row), *restrict y = loss_ring(r, r->y, row);
+    const real *restrict dx = r->down + (size_t)(row - band) * r->stride;
+    const real *restrict dm = dx + LOSS_BAND * r->stride, *restrict dxy = dm + LOSS_BAND * r->stride;
     const real *restrict counts = r->counts;
-    real *restrict out          = job->dx + at;
-    const real *dx[LOSS_TAPS], *dm[LOSS_TAPS], *dxy[LOSS_TAPS];
-    real        l1[PACK] = {0}, square[PACK] = {0};
-    loss_fill_counts(r, job->weight, row, w);
-    loss_window(r->returned, r->stride, LOSS_DERIVATIVES, 0, row, dx);
-    loss_window(r->returned, r->stride, LOSS_DERIVATIVES, 1, row, dm);
-    loss_window(r->returned, r->stride, LOSS_DERIVATIVES, 2, row, dxy);
-    for (int j0 = 0; j0 < w; j0 += PACK) {
-        const int n = OXL_MIN(PACK, w - j0);
+    real *restrict out          = r->gradient;
+    real l1[PACK] = {0}, square[PACK] = {0};
+    loss_fill_counts(s, r, s->job->weight, row);
+    for (size_t j0 = 0; j0 < 2 * r->half; j0 += PACK) {
 #pragma omp simd
-        for (int l = 0; l < n; l++) {
-            const size_t j = (size_t)(j0 + l);
+        for (size_t l = 0; l < PACK; l++) {
+            const size_t j = j0 + l;
             const real   a = x[j], b = y[j], difference = a - b;
             const real   sign    = difference > 0 ? (real)1 : difference < 0 ? (real)-1 : 0;
-            const real   through = muladd(fused, 2 * a, loss_blur_down(fused, dm, j), b * loss_blur_down(fused, dxy, j));
-            out[j]               = loss_blur_down(fused, dx, j) + through + s->l1_scale * counts[j] * sign;
+            const real   through = muladd(fused, 2 * a, dm[j], b * dxy[j]);
+            out[j]               = dx[j] + through + s->l1_scale * counts[j] * sign;
             l1[l] += counts[j] * (difference < 0 ? -difference : difference);
             square[l] += counts[j] * difference * difference;
         }
     }
+    loss_join(out, s->job->width, r->half, s->job->dx + loss_at(s, row));
     s->sums[row][0] = loss_sum_lanes(l1);
     s->sums[row][2] = loss_sum_lanes(square);
 }
 
 SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
 {
-    const struct loss_rows r = loss_rows(s);
-    memset(s->scratch, 0, loss_scratch_size(s->job->width) * sizeof *s->scratch);
-    for (int row = s->first - 2 * LOSS_HALF; row < s->end + 2 * LOSS_HALF; row++) {
-        loss_take_row(fused, s, &r, row);
-        if (row >= s->first) loss_differentiate_row(fused, s, &r, row - LOSS_HALF);
-        if (row >= s->first + 2 * LOSS_HALF) loss_give_row(fused, s, &r, row - 2 * LOSS_HALF);
+    const struct loss_rows r     = loss_rows(s);
+    const int              start = OXL_MAX(s->first - LOSS_HALF, 0), below = OXL_MIN(s->end + LOSS_HALF, s->job->height);
+    loss_open(s, &r);
+    for (int row = start - LOSS_HALF; row < start + LOSS_HALF; row++) loss_take_row(s, &r, row);
+    for (int band = start; band < s->end + LOSS_HALF; band += LOSS_BAND) {
+        const int given = band - LOSS_HALF; /* the band whose windows end with this one */
+        for (int row = band + LOSS_HALF; row < band + LOSS_HALF + LOSS_BAND; row++) loss_take_row(s, &r, row);
+        if (band < below) loss_blur_maps(fused, &r, band);
+        for (int row = band; row < band + LOSS_BAND; row++) {
+            if (row < below) loss_return_row(fused, s, &r, band, row);
+            else loss_return_nothing(&r, row);
+        }
+        if (given + LOSS_BAND > s->first) loss_blur_derivatives(fused, &r, given);
+        for (int row = OXL_MAX(given, s->first); row < OXL_MIN(given + LOSS_BAND, s->end); row++)
+            loss_give_row(fused, s, &r, given, row);
     }
 }
 
@@ -247,20 +389,51 @@ SIMD_DISPATCH(static, loss_strip, struct loss_strip)
 
 /* ---------------------------------------------------------------- the whole image */
 
-/* 1 where all of the 11 x 11 window inside the image counts. Returns how many. */
-static size_t loss_whole_windows(const struct loss_job *job, real *out)
+/* 1 where the window counts along the row. Returns how many pixels of the row count. */
+static int64_t loss_whole_along(const real *restrict weight, int width, real *restrict out)
 {
-    size_t count = 0;
-    for (int y = 0; y < job->height; y++)
-        for (int x = 0; x < job->width; x++) {
-            int whole = 1;
-            for (int v = OXL_MAX(y - LOSS_HALF, 0); whole && v <= OXL_MIN(y + LOSS_HALF, job->height - 1); v++)
-                for (int u = OXL_MAX(x - LOSS_HALF, 0); whole && u <= OXL_MIN(x + LOSS_HALF, job->width - 1); u++)
-                    whole = job->weight[(size_t)v * (size_t)job->width + (size_t)u] > 0;
-            out[(size_t)y * (size_t)job->width + (size_t)x] = (real)whole;
-            count += (size_t)whole;
-        }
+    int64_t count = 0;
+    for (int x = 0; x < width; x++) {
+        out[x] = 1;
+        count += weight[x] > 0;
+    }
+    for (int k = -LOSS_HALF; k <= LOSS_HALF; k++)
+        for (int x = OXL_MAX(-k, 0); x < OXL_MIN(width, width - k); x++) out[x] *= (real)(weight[x + k] > 0);
     return count;
+}
+
+/* 1 where all rows of the window do so too. Returns how many. */
+static int64_t loss_whole_down(const real *along, const struct loss_job *job, int row, real *restrict out)
+{
+    int64_t count = 0;
+    for (int x = 0; x < job->width; x++) out[x] = 1;
+    for (int v = OXL_MAX(row - LOSS_HALF, 0); v <= OXL_MIN(row + LOSS_HALF, job->height - 1); v++) {
+        const real *restrict in = along + (size_t)v * (size_t)job->width;
+        for (int x = 0; x < job->width; x++) out[x] *= in[x];
+    }
+    for (int x = 0; x < job->width; x++) count += out[x] > 0;
+    return count;
+}
+
+/* scratch->whole (2,H,W): first 1 where all of the 11 x 11 window inside the image counts; then the same along rows alone. */
+static oxl_result loss_whole_windows(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch, double *values,
+                                     double *windows)
+{
+    const size_t w = (size_t)job->width, image = w * (size_t)job->height;
+    int64_t      pixels = 0, count = 0;
+    real        *whole, *along;
+    oxl_result   rc = oxl_reserve(ctx, &scratch->whole, &scratch->whole_capacity, 2 * image, sizeof *whole);
+    if (rc != OXL_OK) return rc;
+    whole = scratch->whole;
+    along = whole + image;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : pixels)
+    for (int y = 0; y < job->height; y++)
+        pixels += loss_whole_along(job->weight + (size_t)y * w, job->width, along + (size_t)y * w);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : count)
+    for (int y = 0; y < job->height; y++) count += loss_whole_down(along, job, y, whole + (size_t)y * w);
+    *values  = 3 * (double)pixels;
+    *windows = 3 * (double)count;
+    return OXL_OK;
 }
 
 /* The rows of the three channels, end to end, are cut into equal lengths; a piece that crosses a channel becomes two strips. */
@@ -308,14 +481,8 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
     if (rc == OXL_OK) rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * ((size_t)pieces + 3), sizeof(real));
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height, LOSS_SUMS * sizeof(double));
-    if (rc == OXL_OK && job->weight) rc = oxl_reserve(ctx, &scratch->whole, &scratch->whole_capacity, pixels, sizeof(real));
+    if (rc == OXL_OK && job->weight) rc = loss_whole_windows(ctx, job, scratch, &values, &windows);
     if (rc != OXL_OK) return rc;
-    if (job->weight) {
-        double counted = 0;
-        for (size_t i = 0; i < pixels; i++) counted += job->weight[i];
-        values  = 3 * counted;
-        windows = 3 * (double)loss_whole_windows(job, scratch->whole);
-    }
     strip  = scratch->strip;
     strips = loss_cut(job->height, pieces, strip);
     for (int i = 0; i < strips; i++) {
@@ -323,6 +490,7 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
         strip[i].window_ok  = job->weight ? scratch->whole : NULL;
         strip[i].l1_scale   = values > 0 ? (1 - job->ssim_weight) / (real)values : 0;
         strip[i].ssim_scale = windows > 0 ? job->ssim_weight / (real)windows : 0;
+        strip[i].one        = 1;
         strip[i].scratch    = (real *)scratch->rows + room * (size_t)i;
         strip[i].sums       = (double(*)[LOSS_SUMS])scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
     }

@@ -181,32 +181,47 @@
 #define raster_score_lobed_avx512    raster_score_lobed_avx512_f64
 #define raster_score                 raster_score_f64
 
-#define loss_job               loss_job_f64
-#define loss_value             loss_value_f64
-#define loss_scratch           loss_scratch_f64
-#define LOSS_WINDOW            LOSS_WINDOW_F64
-#define loss_strip             loss_strip_f64
-#define loss_strip_body        loss_strip_body_f64
-#define loss_strip_base        loss_strip_base_f64
-#define loss_strip_avx2        loss_strip_avx2_f64
-#define loss_strip_avx512      loss_strip_avx512_f64
-#define loss_stride            loss_stride_f64
-#define loss_scratch_size      loss_scratch_size_f64
-#define loss_rows              loss_rows_f64
-#define loss_ring              loss_ring_f64
-#define loss_blur_along        loss_blur_along_f64
-#define loss_blur_down         loss_blur_down_f64
-#define loss_window            loss_window_f64
-#define loss_sum_lanes         loss_sum_lanes_f64
-#define loss_fill_counts       loss_fill_counts_f64
-#define loss_take_row          loss_take_row_f64
-#define loss_differentiate_row loss_differentiate_row_f64
-#define loss_give_row          loss_give_row_f64
-#define loss_whole_windows     loss_whole_windows_f64
-#define loss_cut               loss_cut_f64
-#define loss_add_up            loss_add_up_f64
-#define loss_forward_backward  loss_forward_backward_f64
-#define loss_free              loss_free_f64
+#define loss_job              loss_job_f64
+#define loss_value            loss_value_f64
+#define loss_scratch          loss_scratch_f64
+#define LOSS_WINDOW           LOSS_WINDOW_F64
+#define loss_strip            loss_strip_f64
+#define loss_strip_body       loss_strip_body_f64
+#define loss_strip_base       loss_strip_base_f64
+#define loss_strip_avx2       loss_strip_avx2_f64
+#define loss_strip_avx512     loss_strip_avx512_f64
+#define loss_stride           loss_stride_f64
+#define loss_scratch_size     loss_scratch_size_f64
+#define loss_half             loss_half_f64
+#define loss_rows             loss_rows_f64
+#define loss_ring             loss_ring_f64
+#define loss_split            loss_split_f64
+#define loss_join             loss_join_f64
+#define loss_at               loss_at_f64
+#define loss_open             loss_open_f64
+#define loss_blur_along       loss_blur_along_f64
+#define loss_blur_down        loss_blur_down_f64
+#define loss_column           loss_column_f64
+#define loss_tap              loss_tap_f64
+#define loss_add_row          loss_add_row_f64
+#define loss_map              loss_map_f64
+#define loss_window           loss_window_f64
+#define loss_sum_lanes        loss_sum_lanes_f64
+#define loss_fill_counts      loss_fill_counts_f64
+#define loss_take_row         loss_take_row_f64
+#define loss_blur_maps        loss_blur_maps_f64
+#define loss_differentiate    loss_differentiate_f64
+#define loss_return_row       loss_return_row_f64
+#define loss_return_nothing   loss_return_nothing_f64
+#define loss_blur_derivatives loss_blur_derivatives_f64
+#define loss_give_row         loss_give_row_f64
+#define loss_whole_along      loss_whole_along_f64
+#define loss_whole_down       loss_whole_down_f64
+#define loss_whole_windows    loss_whole_windows_f64
+#define loss_cut              loss_cut_f64
+#define loss_add_up           loss_add_up_f64
+#define loss_forward_backward loss_forward_backward_f64
+#define loss_free             loss_free_f64
 
 #define adam_job         adam_job_f64
 #define adam_pack        adam_pack_f64
@@ -539,16 +554,31 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef loss_strip_avx512
 #undef loss_stride
 #undef loss_scratch_size
+#undef loss_half
 #undef loss_rows
 #undef loss_ring
+#undef loss_split
+#undef loss_join
+#undef loss_at
+#undef loss_open
 #undef loss_blur_along
 #undef loss_blur_down
+#undef loss_column
+#undef loss_tap
+#undef loss_add_row
+#undef loss_map
 #undef loss_window
 #undef loss_sum_lanes
 #undef loss_fill_counts
 #undef loss_take_row
-#undef loss_differentiate_row
+#undef loss_blur_maps
+#undef loss_differentiate
+#undef loss_return_row
+#undef loss_return_nothing
+#undef loss_blur_derivatives
 #undef loss_give_row
+#undef loss_whole_along
+#undef loss_whole_down
 #undef loss_whole_windows
 #undef loss_cut
 #undef loss_add_up

@@ -73,6 +73,49 @@ TEST(loss_is_l1_and_ssim_as_defined)
     loss_case_free(&c);
 }
 
+/* At widths from 24 to 30 the halves of a row end at a pack, or a few pixels before. */
+TEST(loss_is_exact_for_images_of_any_size)
+{
+    for (int w = 1; w <= 30; w = w == 12 ? 24 : w + 1)
+        for (int h = 1; h <= 23; h = h < 4 ? h + 1 : h + 10) {
+            struct loss_case      c     = loss_case(w, h, 0);
+            struct loss_value_f64 value = loss_run(&c, 0.2);
+            double                ssim  = 0;
+            for (int ch = 0; ch < 3; ch++)
+                for (int i = 0; i < w * h; i++)
+                    ssim += loss_plain_ssim(c.x + ch * w * h, c.y + ch * w * h, w, h, i % w, i / w) / (3 * w * h);
+            CHECK_CLOSE(value.ssim, ssim, 1e-12);
+            loss_case_free(&c);
+        }
+}
+
+/* 1 where no pixel of the window is masked. */
+static int loss_plain_whole(const struct loss_case *c, int cx, int cy)
+{
+    int whole = 1;
+    for (int v = OXL_MAX(cy - 5, 0); v <= OXL_MIN(cy + 5, c->h - 1); v++)
+        for (int u = OXL_MAX(cx - 5, 0); u <= OXL_MIN(cx + 5, c->w - 1); u++) whole = whole && c->weight[v * c->w + u] > 0;
+    return whole;
+}
+
+TEST(loss_takes_the_windows_that_a_mask_leaves_whole)
+{
+    struct loss_case      c = loss_case(45, 40, 1);
+    struct loss_value_f64 value;
+    double                ssim = 0, windows = 0;
+    for (int i = 0; i < 45 * 40; i++) c.weight[i] = i % 311 != 7;
+    value = loss_run(&c, 0.2);
+    for (int ch = 0; ch < 3; ch++)
+        for (int i = 0; i < 45 * 40; i++) {
+            if (!loss_plain_whole(&c, i % 45, i / 45)) continue;
+            ssim += loss_plain_ssim(c.x + ch * 45 * 40, c.y + ch * 45 * 40, 45, 40, i % 45, i / 45);
+            windows++;
+        }
+    CHECK(windows > 0 && windows < 3 * 45 * 40);
+    CHECK_CLOSE(value.ssim, ssim / windows, 1e-12);
+    loss_case_free(&c);
+}
+
 static void loss_check_gradient(int masked)
 {
     struct loss_case c  = loss_case(23, 19, masked);
