@@ -200,7 +200,9 @@ static void exporter_image(const struct exporter *e, struct exporter_worker *w, 
     exporter_put_text(w, " ");
     exporter_put_text(w, e->colmap->names + image->name);
     exporter_put_text(w, "\n");
+#ifdef _OPENMP
 #pragma omp critical(exporter_read) /* a failure writes to the context */
+#endif
     {
         if (image->points_size) w->rc = os_reader_seek(e->ctx, &w->reader, image->points_at);
         if (w->rc == OXL_OK) w->rc = os_reader_read(e->ctx, &w->reader, w->list, image->points_size, &got);
@@ -364,10 +366,12 @@ static void exporter_free(struct exporter *e)
 static void exporter_wave_write(const struct exporter *e, int first, int count, struct exporter_files *files)
 {
     int next = 0;
-#pragma omp        parallel for schedule(static, 1) num_threads(e->ctx->threads)
+#pragma omp parallel for schedule(static, 1) num_threads(e->ctx->threads)
     for (int i = 0; i < e->ctx->threads; i++)
         for (int mine = 0; mine < count;) {
+#ifdef _OPENMP
 #pragma omp atomic capture
+#endif
             mine = next++;
             if (mine < count) exporter_block(e, &e->worker[i], first + mine, &files[mine]);
         }

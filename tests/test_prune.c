@@ -218,7 +218,7 @@ struct prune_case {
 static struct prune_case prune_two_patches(int many, int few, float low)
 {
     enum { SIDE = 32 };
-    struct prune_case c = {NULL};
+    struct prune_case c = {NULL, {0}, {0}, {0}};
     oxl_view          view[16];
     oxl_image         image[16];
     static char       names[16][16];

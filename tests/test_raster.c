@@ -323,7 +323,7 @@ static int raster_same(const struct raster_result *a, const struct raster_result
     int same = !memcmp(a->image.rgb, b->image.rgb, sizeof(float) * 3 * 113 * 71);
     for (int k = 0; k < oxl_model_planes(&a->gradient); k++)
         same &= !memcmp(a->gradient.plane[k], b->gradient.plane[k], sizeof(float) * a->gradient.count);
-    for (int k = OXL_LOBE; same && k < OXL_PLANES; k++)
+    for (int k = OXL_LOBE; same && a->gradient.lobes && k < OXL_PLANES; k++)
         same &= !memcmp(a->gradient.plane[k], b->gradient.plane[k], sizeof(float) * a->gradient.lobes);
     return same;
 }
