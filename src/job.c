@@ -151,7 +151,7 @@ static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
     if (!run->finished && job_has_blocks(job) && !job->options.restart)
         return oxl_fail(job->ctx, OXL_ERR_USAGE,
                         "%s holds the unfinished work of a run with other options or of another survey:\n"
-                        "there: %.400s\nhere:  %.400s\n"
+                        "there: %.250s\nhere:  %.250s\n"
                         "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
                         job->out, run->line, job->line.data);
     job_remove(job, "run.json");
