@@ -24,10 +24,10 @@ struct density {
     size_t capacity;
     int    banded;
     float  z_near, z_far; /* where the bands meet, camera z */
-    float *gradient;  /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than z_near */
-    float *mid, *far; /* (count) banded: the same from z_near and from z_far on */
-    float *views;     /* (count) how many saw it, from wherever */
-    uint8_t *verdict; /* (count) */
+    float *gradient; /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than z_near */
+    float *gradient_mid, *gradient_far; /* (count) banded: the same from z_near and from z_far on */
+    float *views;                       /* (count) how many saw it, from wherever */
+    uint8_t *verdict;                   /* (count) */
 };
 
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
@@ -38,7 +38,7 @@ OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
 
 static void density_release(oxl_context *ctx, struct density *d)
 {
-    float **const sums[] = {&d->gradient, &d->mid, &d->far, &d->views};
+    float **const sums[] = {&d->gradient, &d->gradient_mid, &d->gradient_far, &d->views};
     for (size_t k = 0; k < OXL_COUNT(sums); k++) {
         oxl_free(ctx, *sums[k]);
         *sums[k] = NULL;
@@ -58,7 +58,7 @@ OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d)
 static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t count)
 {
     const size_t  capacity = count + count / 2;
-    float **const sums[]   = {&d->gradient, &d->views, &d->mid, &d->far};
+    float **const sums[]   = {&d->gradient, &d->views, &d->gradient_mid, &d->gradient_far};
     const size_t  wanted   = d->banded ? 4 : 2;
     int           given    = 1;
     if (count <= d->capacity) return OXL_OK;
@@ -77,8 +77,8 @@ OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_
     if (rc != OXL_OK) return rc;
     memset(d->gradient, 0, count * sizeof *d->gradient);
     memset(d->views, 0, count * sizeof *d->views);
-    if (d->banded) memset(d->mid, 0, count * sizeof *d->mid);
-    if (d->banded) memset(d->far, 0, count * sizeof *d->far);
+    if (d->banded) memset(d->gradient_mid, 0, count * sizeof *d->gradient_mid);
+    if (d->banded) memset(d->gradient_far, 0, count * sizeof *d->gradient_far);
     return OXL_OK;
 }
 
@@ -97,14 +97,14 @@ OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t c
     if (a->rc != OXL_OK) return;
     archive_floats(a, d->gradient, count);
     archive_floats(a, d->views, count);
-    if (d->banded) archive_floats(a, d->mid, count);
-    if (d->banded) archive_floats(a, d->far, count);
+    if (d->banded) archive_floats(a, d->gradient_mid, count);
+    if (d->banded) archive_floats(a, d->gradient_far, count);
 }
 
 /* Where a gradient seen from this depth is added. */
 static float *density_band(const struct density *d, float depth)
 {
-    return !d->banded || depth < d->z_near ? d->gradient : depth < d->z_far ? d->mid : d->far;
+    return !d->banded || depth < d->z_near ? d->gradient : depth < d->z_far ? d->gradient_mid : d->gradient_far;
 }
 
 OXL_INTERNAL void density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count)
@@ -120,7 +120,7 @@ OXL_INTERNAL void density_observe(oxl_context *ctx, struct density *d, const str
 
 OXL_INTERNAL double density_mean_gradient(const struct density *d, size_t row)
 {
-    const double sum = d->gradient[row] + (d->banded ? (double)d->mid[row] + d->far[row] : 0);
+    const double sum = d->gradient[row] + (d->banded ? (double)d->gradient_mid[row] + d->gradient_far[row] : 0);
     return d->views[row] > 0 ? sum / d->views[row] : 0;
 }
 
@@ -130,7 +130,7 @@ static void density_weigh(oxl_context *ctx, struct density *d, size_t count, con
     (void)ctx;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)count; i++)
-        d->gradient[i] = (float)(d->gradient[i] + rules->f_mid * d->mid[i] + rules->f_far * d->far[i]);
+        d->gradient[i] = (float)(d->gradient[i] + rules->f_mid * d->gradient_mid[i] + rules->f_far * d->gradient_far[i]);
 }
 
 /* ---------------------------------------------------------------- verdicts */

@@ -602,15 +602,15 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 /* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
 
 struct ucd {
-    int             on, learns;
-    double          z_near, z_far; /* where the bands meet, camera z */
-    double          f[2];          /* f_mid, f_far: of the window's point; of the run, when they are not learned */
-    struct spsa     spsa;          /* spsa.f: what has been learned so far */
-    int             window;        /* step at which the window in progress began */
-    int             opened;        /* by a densification with f */
-    int             disturbed;     /* windows that began at this step or before do not count */
-    double          growth;        /* dN/N of that densification */
-    double          rise, time;    /* sums of y t and of t t over the window */
+    int             on, learns, too_short; /* too short a run to learn */
+    double          z_near, z_far;         /* where the bands meet, camera z */
+    double          f[2];                  /* f_mid, f_far: of the window's point; of the run, when they are not learned */
+    struct spsa     spsa;                  /* spsa.f: what has been learned so far */
+    int             window;                /* step at which the window in progress began */
+    int             opened;                /* by a densification with f */
+    int             disturbed;             /* windows that began at this step or before do not count */
+    double          growth;                /* dN/N of that densification */
+    double          rise, time;            /* sums of y t and of t t over the window */
     int             views;
     float          *level; /* (views) log loss expected at the window's start, or seen in the window */
     int            *seen;  /* (views) step of the last visit; 0: none */

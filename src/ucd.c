@@ -25,8 +25,8 @@
 #define UCD_FADE_MIN  0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
 #define UCD_ERRORS    3.0  /* auto: standard errors that it must be away from none */
 #define UCD_DEPTH_MAX 0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
-#define UCD_NEAR      0.10 /* quantiles of depth that auto compares */
-#define UCD_FAR       0.90
+#define UCD_FRONT     0.10 /* quantiles of depth that auto compares */
+#define UCD_BACK      0.90
 enum { UCD_PAIRS_LEAST = 10 }; /* fewer cannot move the weights by more than noise does */
 
 /* ---------------------------------------------------------------- options */
@@ -39,16 +39,16 @@ oxl_ucd oxl_ucd_default(void)
 oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
 {
     const char *at = text, *end = text + strlen(text);
-    double      mid = 0, far = 0;
+    double      mid = 0, back = 0;
     *out = oxl_ucd_default();
     if (strcmp(text, "auto") == 0) return OXL_OK;
     out->mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
     if (out->mode == OXL_UCD_OFF || strcmp(text, "on") == 0) return OXL_OK;
-    if (parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &far)) {
+    if (parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &back)) {
         out->f_mid = (float)mid;
-        out->f_far = (float)far;
+        out->f_far = (float)back;
         out->learn = strcmp(at, ",fixed") != 0;
-        if ((!*at || !out->learn) && mid >= 1 && far >= mid && far <= UCD_CAP) return OXL_OK;
+        if ((!*at || !out->learn) && mid >= 1 && back >= mid && back <= UCD_CAP) return OXL_OK;
     }
     return oxl_fail(
         ctx, OXL_ERR_USAGE,
@@ -76,29 +76,26 @@ static void ucd_place_bands(struct ucd *u, const oxl_scene *scene, enum oxl_ucd_
 }
 
 /* Whether contrast fades enough to matter, and what was seen, in words. */
-static int ucd_is_needed(struct ucd *u, const oxl_scene *scene)
+static void ucd_decide(struct ucd *u, const oxl_scene *scene)
 {
-    const struct contrast *c    = &u->contrast;
-    const double           span = scene_depth_quantile(scene, UCD_FAR) - scene_depth_quantile(scene, UCD_NEAR);
-    const double           fade = c->beta * span, error = c->error * span;
-    if (!c->measured) {
-        snprintf(u->reason, sizeof u->reason, "off: the survey has no points that are seen from several depths");
-        return 0;
-    }
-    u->on = fade >= UCD_FADE_MIN && fade >= UCD_ERRORS * error;
-    snprintf(
-        u->reason, sizeof u->reason,
-        "%s: from near to far (depth %.3g to %.3g) contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from log %.2f)",
-        u->on ? "on" : "off", scene_depth_quantile(scene, UCD_NEAR), scene_depth_quantile(scene, UCD_FAR),
-        100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
-    return u->on;
+    const struct contrast *c     = &u->contrast;
+    const double           front = scene_depth_quantile(scene, UCD_FRONT), back = scene_depth_quantile(scene, UCD_BACK);
+    const double           fade = c->beta * (back - front), error = c->error * (back - front);
+    u->on = c->measured && fade >= UCD_FADE_MIN && fade >= UCD_ERRORS * error;
+    if (!c->measured) snprintf(u->reason, sizeof u->reason, "off: there are no points that were seen from several depths");
+    else
+        snprintf(
+            u->reason, sizeof u->reason,
+            "%s: from depth %.3g to %.3g the photographs' contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from %.2f)",
+            u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
 }
 
 static oxl_result ucd_begin_search(oxl_context *ctx, struct ucd *u, int views, int pairs, uint64_t seed)
 {
     spsa_begin(&u->spsa, u->f, UCD_CAP, pairs, seed);
     memcpy(u->f, u->spsa.f, sizeof u->f);
-    u->learns = u->learns && pairs >= UCD_PAIRS_LEAST;
+    u->too_short = u->learns && pairs < UCD_PAIRS_LEAST;
+    u->learns    = u->learns && !u->too_short;
     if (!u->learns) return OXL_OK;
     u->views = views;
     u->level = oxl_calloc(ctx, (size_t)views + 1, sizeof *u->level);
@@ -115,7 +112,7 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *sc
     snprintf(u->reason, sizeof u->reason, "%s: as asked for", u->on ? "on" : "off");
     if (options->mode == OXL_UCD_AUTO || (u->on && options->bands == OXL_UCD_FADING))
         rc = contrast_measure(ctx, scene, &u->contrast);
-    if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_is_needed(u, scene);
+    if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_decide(u, scene);
     u->learns = u->learns && u->on;
     if (rc != OXL_OK || !u->on) return rc;
     ucd_place_bands(u, scene, options->bands);
@@ -137,7 +134,10 @@ OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size)
     const int used = snprintf(out, size, "depth weights %s", u->reason);
     if (!u->on || used < 0 || (size_t)used >= size) return;
     snprintf(out + used, size - (size_t)used, "; from depth %.3g f_mid %.2f, from %.3g f_far %.2f, %s", u->z_near, u->spsa.f[0],
-             u->z_far, u->spsa.f[1], u->learns ? "learned" : "fixed: the run has no 20 densifications to learn from");
+             u->z_far, u->spsa.f[1],
+             u->learns      ? "learned"
+             : u->too_short ? "fixed: the run is too short to learn them"
+                            : "fixed");
 }
 
 /* ---------------------------------------------------------------- a window */

@@ -6,11 +6,11 @@ static double spsa_bowl(const double f[2], double noise, uint64_t draw)
     return (f[0] - 1.6) * (f[0] - 1.6) + (f[1] - 2.4) * (f[1] - 2.4) + noise * density_normal(77, draw, 0);
 }
 
-static struct spsa spsa_run(double mid, double far, int pairs, double noise, uint64_t seed)
+static struct spsa spsa_run(double mid, double back, int pairs, double noise, uint64_t seed)
 {
     struct spsa s;
     double      f[2];
-    spsa_begin(&s, (double[]){mid, far}, 5, pairs, seed);
+    spsa_begin(&s, (double[]){mid, back}, 5, pairs, seed);
     for (int i = 0; i < 2 * pairs; i++) {
         spsa_ask(&s, f);
         CHECK(f[0] >= 1 && f[1] >= f[0] && f[1] <= 5);

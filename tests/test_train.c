@@ -143,9 +143,9 @@ TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
 
 TEST(density_mean_gradient_knows_no_weights)
 {
-    struct density_case c = density_banded_case();
-    c.density->far[0]     = 0.75f; /* seen once more, from afar */
-    c.density->views[0]   = 2;
+    struct density_case c      = density_banded_case();
+    c.density->gradient_far[0] = 0.75f; /* seen once more, from afar */
+    c.density->views[0]        = 2;
     CHECK(density_mean_gradient(c.density, 0) == 0.5 && density_mean_gradient(c.density, 2) == 0.25);
     CHECK(density_mean_gradient(c.density, 3) == 0);
     density_case_free(&c);
@@ -191,14 +191,14 @@ TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
     CHECK_OK(density_set_bands(test_ctx, d, 2, 2, 4));
     CHECK_OK(density_set_bands(test_ctx, copy, 2, 2, 4));
     density_observe_two(d);
-    CHECK(d->gradient[0] > 0 && d->mid[0] == 0 && d->far[0] == 0 && d->views[0] == 1);
-    CHECK(d->gradient[1] == 0 && d->mid[1] == 0 && d->far[1] > 0 && d->views[1] == 1);
+    CHECK(d->gradient[0] > 0 && d->gradient_mid[0] == 0 && d->gradient_far[0] == 0 && d->views[0] == 1);
+    CHECK(d->gradient[1] == 0 && d->gradient_mid[1] == 0 && d->gradient_far[1] > 0 && d->views[1] == 1);
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", density_two_state, d));
     CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", density_two_state, copy, &found));
-    CHECK(found && copy->far[1] == d->far[1] && copy->gradient[0] == d->gradient[0] && copy->views[1] == 1);
+    CHECK(found && copy->gradient_far[1] == d->gradient_far[1] && copy->gradient[0] == d->gradient[0] && copy->views[1] == 1);
     CHECK_OK(density_set_bands(test_ctx, d, 2, 0, 0)); /* and without bands all is one sum */
     density_observe_two(d);
-    CHECK(d->gradient[0] > 0 && d->gradient[1] == copy->far[1] && density_mean_gradient(d, 1) == d->gradient[1]);
+    CHECK(d->gradient[0] > 0 && d->gradient[1] == copy->gradient_far[1] && density_mean_gradient(d, 1) == d->gradient[1]);
     density_free(test_ctx, d);
     density_free(test_ctx, copy);
 }
