@@ -55,9 +55,20 @@ promise "a_run_in_blocks_survives_${kills}_kills" kill_often killed_blocks --blo
 promise it_gives_the_same_bytes_in_blocks same calm_blocks killed_blocks
 promise nothing_is_left_of_files_half_written sh -c '! find killed killed_blocks -name "*.tmp" | grep .'
 
-interrupt() { # a Ctrl-C in the middle
-    timeout --preserve-status -s INT 1 "$program" train survey -o "$1" --iterations $iterations 2>message.txt
-    [ $? = 130 ] && grep "go on: oceanxl train survey -o $1" message.txt && "$program" train survey -o "$1" --quiet
+# stop_at FILE OUT: Ctrl-C as soon as the run has written OUT/blocks/000/FILE, however fast the machine is.
+stop_at() {
+    "$program" train survey -o "$2" --iterations $iterations --threads 1 2>message.txt &
+    pid=$!
+    for i in $(seq 6000); do
+        [ -s "$2/blocks/000/$1" ] && break
+        sleep 0.01
+    done
+    kill -INT "$pid"
+    wait "$pid"
+    [ $? = 130 ]
+}
+interrupt() {
+    stop_at checkpoint.oxl "$1" && grep "go on: oceanxl train survey -o $1" message.txt && "$program" train survey -o "$1" --quiet
 }
 promise ctrl_c_says_how_to_go_on_and_that_command_does interrupt stopped
 promise after_ctrl_c_the_bytes_are_the_same same calm stopped
@@ -67,10 +78,9 @@ limited() {
 promise max_time_again_and_again_comes_to_an_end limited limited
 promise it_too_gives_the_same_bytes same calm limited
 
-damage() { # the newer checkpoint loses its end, the run goes on from the older
-    timeout --preserve-status -s INT 2 "$program" train survey -o "$1" --iterations $iterations --threads 1 --quiet
+damage() { # the newer checkpoint loses its end, the run goes on from the older; two are kept from the second save on
+    stop_at checkpoint.prev.oxl "$1" || return 1
     checkpoint=$1/blocks/000/checkpoint.oxl
-    [ -s "$checkpoint" ] || return 1
     head -c 5000 "$checkpoint" >cut && cp cut "$checkpoint"
     "$program" train survey -o "$1" 2>&1 | grep "is not whole"
 }
