@@ -107,6 +107,7 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
 /* The value as %.17g writes it in the "C" locale, which reads back exactly; returns the length. */
 enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
+OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
 
 /* ---------------------------------------------------------------- base.c again: random numbers */
 

@@ -225,6 +225,32 @@ OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out)
     return 1;
 }
 
+/* ---------------------------------------------------------------- digits */
+
+static const char number_pairs[] = "00010203040506070809101112131415161718192021222324252627282930313233343536373839"
+                                   "40414243444546474849505152535455565758596061626364656667686970717273747576777879"
+                                   "8081828384858687888990919293949596979899";
+
+/* Writes digits so that they end before `end`, two at a time; returns where they begin. */
+static char *number_put_digits(char *end, uint64_t w)
+{
+    for (; w >= 100; w /= 100) memcpy(end -= 2, number_pairs + 2 * (w % 100), 2);
+    if (w >= 10) memcpy(end -= 2, number_pairs + 2 * w, 2);
+    else *--end = (char)('0' + w);
+    return end;
+}
+
+OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value)
+{
+    char         text[20];
+    const char  *first = number_put_digits(text + sizeof text, value < 0 ? 0 - (uint64_t)value : (uint64_t)value);
+    const size_t size  = (size_t)(text + sizeof text - first);
+    if (value < 0) *out++ = '-';
+    memcpy(out, first, size);
+    out[size] = 0;
+    return size + (value < 0);
+}
+
 /* ---------------------------------------------------------------- a double to text */
 
 #ifdef __SIZEOF_INT128__
@@ -257,7 +283,7 @@ static int number_digits(double value, char digits[17], int *exponent)
     ten   = (int)guess - (guess < 0);
     w     = number_scale_up(bits, e, 16 - ten);
     if (w >= limit) w = number_scale_up(bits, e, 16 - ++ten);
-    for (int i = 16; i >= 0; i--, w /= 10) digits[i] = (char)('0' + w % 10);
+    number_put_digits(digits + 17, w); /* 10^16 <= w < 10^17 */
     *exponent = ten;
     return 1;
 }
@@ -270,14 +296,16 @@ static size_t number_format_plain(char *out, double value)
     if (!number_digits(value, digits, &ten) || ten < -4 || ten > 16) return 0;
     while (count > 1 && digits[count - 1] == '0') count--;
     if (ten < 0) {
-        *p++ = '0';
-        *p++ = '.';
-        for (int i = ten + 1; i < 0; i++) *p++ = '0';
+        memcpy(p, "0.000", 5); /* as many of its zeros as there are to be */
+        p += 1 - ten;
     }
-    for (int i = 0; i < OXL_MAX(count, ten + 1); i++) {
-        if (i == ten + 1 && ten >= 0) *p++ = '.';
-        *p++ = i < count ? digits[i] : '0';
+    memcpy(p, digits, 17);
+    if (ten >= 0 && count > ten + 1) {
+        memmove(p + ten + 2, p + ten + 1, (size_t)(16 - ten));
+        p[ten + 1] = '.';
+        count++;
     }
+    p += OXL_MAX(count, ten + 1); /* a large whole number keeps its zeros */
     *p = 0;
     return (size_t)(p - out);
 }

@@ -50,6 +50,7 @@ struct partition_node {
     struct partition_box box;      /* home */
     struct partition_box finite;   /* what is searched for a cut */
     struct partition_box expanded; /* of a leaf; of a node: around those of its leaves */
+    struct partition_box deep;     /* of a leaf: the part of it that no other block expands into */
     int                  parent;
     int                  child[2]; /* below the cut, and from it on; 0: a leaf, for the root is nobody's child */
     int                  axis;     /* of the cut */
@@ -353,15 +354,49 @@ static uint32_t partition_find_blocks(const struct partition_build *b, const dou
     return count;
 }
 
+/* Cuts from `deep` what the margins of other blocks below `node` cover of it: along the axis on which each reaches in least. */
+static void partition_carve(const struct partition_build *b, int node, int leaf, struct partition_box *deep)
+{
+    const struct partition_node *n     = &b->node[node];
+    double                       least = INFINITY, *face = NULL, at = 0;
+    if (node == leaf) return;
+    for (int k = 0; k < 3; k++) {
+        const double from_low = n->expanded.high[k] - deep->low[k], from_high = deep->high[k] - n->expanded.low[k];
+        if (!(from_low > 0 && from_high > 0)) return;
+        if (from_low < least) least = from_low, face = &deep->low[k], at = n->expanded.high[k];
+        if (from_high < least) least = from_high, face = &deep->high[k], at = n->expanded.low[k];
+    }
+    if (n->child[0]) {
+        partition_carve(b, n->child[0], leaf, deep);
+        partition_carve(b, n->child[1], leaf, deep);
+    } else if (face) {
+        *face = at;
+    }
+}
+
+/* Most points lie deeper in their home than any neighbour's margin reaches. */
+static uint32_t partition_find_all_blocks(const struct partition_build *b, size_t i, uint32_t *out)
+{
+    const struct partition_node *home = &b->node[b->home[i]];
+    if (!partition_contains(&home->deep, b->position + 3 * i)) return partition_find_blocks(b, b->position + 3 * i, out);
+    if (out) *out = (uint32_t)home->block;
+    return 1;
+}
+
 static oxl_result partition_find_members(struct partition_build *b)
 {
     size_t total = 0;
+    for (int i = 0; i < b->leaf_count; i++) {
+        struct partition_node *n = &b->node[b->leaf[i]];
+        n->deep                  = n->box;
+        partition_carve(b, 0, b->leaf[i], &n->deep);
+    }
     oxl_free(b->ctx, b->blocks);
     b->blocks = NULL;
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1); i++)
-            b->first[i] = b->home[i] == PARTITION_NOWHERE ? 0 : partition_find_blocks(b, b->position + 3 * i, NULL);
+            b->first[i] = b->home[i] == PARTITION_NOWHERE ? 0 : partition_find_all_blocks(b, i, NULL);
     for (size_t i = 0; i < b->count; i++) {
         const uint32_t count = b->first[i];
         b->first[i]          = (uint32_t)total;
@@ -374,7 +409,7 @@ static oxl_result partition_find_members(struct partition_build *b)
 #pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
     for (int task = 0; task < PARTITION_TASKS; task++)
         for (size_t i = partition_task_begin(b->count, task); i < partition_task_begin(b->count, task + 1); i++)
-            if (b->home[i] != PARTITION_NOWHERE) partition_find_blocks(b, b->position + 3 * i, b->blocks + b->first[i]);
+            if (b->home[i] != PARTITION_NOWHERE) partition_find_all_blocks(b, i, b->blocks + b->first[i]);
     return OXL_OK;
 }
 

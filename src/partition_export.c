@@ -74,18 +74,13 @@ static void exporter_put_text(struct exporter_worker *w, const char *text)
     exporter_put(w, text, strlen(text));
 }
 
-/* With `before` in front of it. */
+/* With `before` in front of it; 0: nothing. */
 static void exporter_put_whole(struct exporter_worker *w, char before, int64_t value)
 {
-    char     digits[20], *to = exporter_room(w, sizeof digits + 2);
-    uint64_t rest = value < 0 ? 0 - (uint64_t)value : (uint64_t)value;
-    int      n    = 0;
-    if (before) *to++ = before;
-    if (value < 0) *to++ = '-';
-    do digits[n++] = (char)('0' + rest % 10);
-    while ((rest /= 10) > 0);
-    while (n > 0) *to++ = digits[--n];
-    w->used = (size_t)(to - w->buffer);
+    char     *to     = exporter_room(w, NUMBER_TEXT_MAX + 1);
+    const int spaced = before != 0;
+    *to              = before;
+    w->used += (size_t)spaced + format_int64(to + spaced, value);
 }
 
 static void exporter_put_real(struct exporter_worker *w, double value)
@@ -156,26 +151,22 @@ static void exporter_clear_slots(const struct exporter *e, struct exporter_worke
         }
 }
 
-static int exporter_is_blank(char c)
+/* Blanks are spaces, tabs and carriage returns, and the text ends in a zero. */
+static const char *exporter_next_field(const char *p, const char **begin)
 {
-    return c == ' ' || c == '\t' || c == '\r';
-}
-
-static const char *exporter_next_field(const char *p, const char *end, const char **begin)
-{
-    while (p < end && exporter_is_blank(*p)) p++;
+    while (*p && (unsigned char)*p <= ' ') p++;
     *begin = p;
-    while (p < end && !exporter_is_blank(*p)) p++;
+    while ((unsigned char)*p > ' ') p++;
     return p;
 }
 
 /* X and Y as they stand there, POINT3D_ID anew. */
-static void exporter_list(const struct exporter *e, struct exporter_worker *w, const char *p, const char *end)
+static void exporter_list(const struct exporter *e, struct exporter_worker *w, const char *p)
 {
     for (size_t k = 0;; k++) {
         const char *x, *y, *id;
-        const char *x_end = exporter_next_field(p, end, &x), *y_end = exporter_next_field(x_end, end, &y);
-        p = exporter_next_field(y_end, end, &id);
+        const char *x_end = exporter_next_field(p, &x), *y_end = exporter_next_field(x_end, &y);
+        p = exporter_next_field(y_end, &id);
         if (id == p) return;
         if (k > 0) exporter_put(w, " ", 1);
         if (y - x_end > 1) {
@@ -211,7 +202,8 @@ static void exporter_image(const struct exporter *e, struct exporter_worker *w, 
                 oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: has become shorter since it was read\nfix: run once more", e->images_txt);
     }
     exporter_fill_slots(e, w, view);
-    exporter_list(e, w, w->list, w->list + got);
+    w->list[got] = 0;
+    exporter_list(e, w, w->list);
     exporter_clear_slots(e, w, view);
     exporter_put_text(w, "\n");
 }

@@ -6,8 +6,8 @@
 #include "partition.h"
 
 enum {
-    SVG_POINTS  = 14000, /* drawn in all panels together; 13 bytes each */
-    SVG_CAMERAS = 6000,
+    SVG_POINTS  = 12000, /* drawn in all panels together; 13 bytes each */
+    SVG_CAMERAS = 4000,
     SVG_WIDTH   = 1120, /* px of a panel, at most */
     SVG_HEIGHT  = 760,
     SVG_LEAST   = 700, /* px of the picture's width, for the words */
