@@ -277,10 +277,13 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a)
 
 static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 {
-    printf("%8s %8s  view\n", "PSNR dB", "SSIM");
+    printf("%8s %8s %8s  view\n", "PSNR dB", "SSIM", "MS-SSIM");
     for (int i = 0; i < m->count; i++)
-        printf("%8.3f %8.5f  %s\n", m->views[i].psnr, m->views[i].ssim, oxl_scene_view(scene, m->views[i].view)->name);
-    printf("%8.3f %8.5f  mean of %d\n", m->psnr, m->ssim, m->count);
+        printf("%8.3f %8.5f %8.5f  %s\n", m->views[i].psnr, m->views[i].ssim, m->views[i].ms_ssim,
+               oxl_scene_view(scene, m->views[i].view)->name);
+    printf("%8.3f %8.5f %8.5f  mean of %d\n", m->psnr, m->ssim, m->ms_ssim, m->count);
+    puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
+         "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)

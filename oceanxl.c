@@ -53,7 +53,7 @@
 #include "src/ucd.c"        /* weights by depth for density control, and their search */
 #include "src/prune.c"      /* fewer Gaussians: when, and which matter least */
 #include "src/train.c"      /* the loop: it reads like the paper's algorithm */
-#include "src/metrics.c"    /* PSNR, SSIM, evaluation */
+#include "src/metrics.c"    /* PSNR, SSIM, MS-SSIM, evaluation */
 #include "src/seam.c"       /* do the borders between blocks show? */
 
 /* the whole job */

@@ -718,7 +718,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
 
 OXL_INTERNAL double     metrics_shown(float v);                       /* what a screen shows: 0..1 */
 OXL_INTERNAL double     metrics_decibel(double error, double weight); /* PSNR of weighted squared errors; NaN of none */
-/* Adds the members "psnr", "ssim", "count" and "views" (name, psnr, ssim each) of a JSON object, without its braces. */
+/* Adds the members "psnr", "ssim", "ms_ssim", "count" and "views" (name and the three each) of a JSON object, without its braces. */
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
 /* ---------------------------------------------------------------- seam.c: do the borders between blocks show? */

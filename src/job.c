@@ -392,8 +392,9 @@ static oxl_result job_write_metrics(struct job *job, size_t bytes)
     struct seam     seam;
     oxl_result      rc = oxl_evaluate(job->ctx, &job->model, job->scene, split, &m);
     if (rc != OXL_OK) goto done;
-    oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f over %d; %zu Gaussians, %.1f MB",
-            split == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.count, job->model.count, (double)bytes / 1e6);
+    oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
+            split == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
+            (double)bytes / 1e6);
     text_add(&t, "{\n  \"split\": \"%s\",\n", split == OXL_SPLIT_TEST ? "test" : "train");
     job_add(&t, "gaussians", (double)job->model.count);
     job_add(&t, "bytes", (double)bytes);

@@ -1,7 +1,8 @@
-/* metrics.c - PSNR, SSIM, evaluation.
+/* metrics.c - PSNR, SSIM, MS-SSIM, evaluation.
  *
- * Source: SSIM of Wang et al. 2004 with the window of 3DGS (11 x 11 Gaussian of sigma 1.5, zero padding). It is written here
- * plainly and in double, apart from the training loss in loss.c, so that each can be held against the other.
+ * Sources: SSIM of Wang et al. 2004 with the window of 3DGS (11 x 11 Gaussian of sigma 1.5, zero padding); multi-scale SSIM of
+ * Wang et al. 2003, with whole windows alone, as there. Both are written here plainly and in double, apart from the training loss
+ * in loss.c, so that each can be held against the other.
  *
  * Invariant: sums go row by row in the order of the rows, so that the result does not depend on the number of threads.
  */
@@ -72,14 +73,19 @@ oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, do
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- SSIM */
+/* ---------------------------------------------------------------- windows */
 
-struct metrics_ssim {
-    const oxl_image *a, *b;
-    double           kernel[METRICS_WINDOW];
-    double          *scratch; /* (threads,6,W): five blurred columns and a mark for columns that hold a masked pixel */
-    double          *sum;     /* (H) */
-    size_t          *windows; /* (H) */
+struct metrics_row { /* sums over the windows that are centred in a row, by channel */
+    double ssim[3], contrast[3];
+    size_t windows; /* of one channel */
+};
+
+struct metrics_windows {
+    const oxl_image    *a, *b;
+    int                 whole; /* 1: windows that reach over the edge are left out; 0: outside is black */
+    double              kernel[METRICS_WINDOW];
+    double             *scratch; /* (threads,6,W): five blurred columns and a mark for columns that hold a masked pixel */
+    struct metrics_row *row;     /* (H) */
 };
 
 static void metrics_kernel(double kernel[METRICS_WINDOW])
@@ -94,7 +100,7 @@ static void metrics_kernel(double kernel[METRICS_WINDOW])
 }
 
 /* The five moments of one channel, blurred along y around row y: of a, b, aa, bb, ab. Outside of the image is black. */
-static void metrics_blur_columns(const struct metrics_ssim *s, int channel, int y, double *column[5])
+static void metrics_blur_columns(const struct metrics_windows *s, int channel, int y, double *column[5])
 {
     const int w = s->a->width, h = s->a->height, first = OXL_MAX(0, y - METRICS_RADIUS),
               last     = OXL_MIN(h - 1, y + METRICS_RADIUS);
@@ -114,7 +120,7 @@ static void metrics_blur_columns(const struct metrics_ssim *s, int channel, int 
     }
 }
 
-static void metrics_mark_columns(const struct metrics_ssim *s, int y, double *masked)
+static void metrics_mark_columns(const struct metrics_windows *s, int y, double *masked)
 {
     const int w = s->a->width, first = OXL_MAX(0, y - METRICS_RADIUS), last = OXL_MIN(s->a->height - 1, y + METRICS_RADIUS);
     for (int x = 0; x < w; x++) {
@@ -123,28 +129,31 @@ static void metrics_mark_columns(const struct metrics_ssim *s, int y, double *ma
     }
 }
 
-static double metrics_similarity(const double m[5])
+/* Wang 2004, eq. 13 with its exponents 1. *contrast: without the luminance, the c s of Wang 2003, eq. 7. */
+static double metrics_similarity(const double m[5], double *contrast)
 {
     const double mean_ab = m[0] * m[1], mean_aa = m[0] * m[0], mean_bb = m[1] * m[1];
     const double variance_a = m[2] - mean_aa, variance_b = m[3] - mean_bb, covariance = m[4] - mean_ab;
-    return (2 * mean_ab + METRICS_C1) * (2 * covariance + METRICS_C2) /
-           ((mean_aa + mean_bb + METRICS_C1) * (variance_a + variance_b + METRICS_C2));
+    *contrast = (2 * covariance + METRICS_C2) / (variance_a + variance_b + METRICS_C2);
+    return (2 * mean_ab + METRICS_C1) / (mean_aa + mean_bb + METRICS_C1) * *contrast;
 }
 
 /* Adds the windows centred in row y of one channel; those that touch a masked pixel are left out. */
-static void metrics_ssim_row(struct metrics_ssim *s, int channel, int y, double *column[5], const double *masked)
+static void metrics_add_windows(struct metrics_windows *s, int channel, int y, double *column[5], const double *masked)
 {
-    const int w = s->a->width;
-    metrics_blur_columns(s, channel, y, column);
-    for (int x = 0; x < w; x++) {
-        double touches = 0, m[5] = {0, 0, 0, 0, 0};
+    const int           w = s->a->width, edge = s->whole ? METRICS_RADIUS : 0;
+    struct metrics_row *row = &s->row[y];
+    row->windows            = 0;
+    for (int x = edge; x < w - edge; x++) {
+        double touches = 0, m[5] = {0, 0, 0, 0, 0}, contrast;
         for (int j = OXL_MAX(0, x - METRICS_RADIUS); j <= OXL_MIN(w - 1, x + METRICS_RADIUS); j++) {
             for (int q = 0; q < 5; q++) m[q] += s->kernel[j - x + METRICS_RADIUS] * column[q][j];
             touches += masked[j];
         }
         if (touches > 0) continue;
-        s->sum[y] += metrics_similarity(m);
-        s->windows[y]++;
+        row->ssim[channel] += metrics_similarity(m, &contrast);
+        row->contrast[channel] += contrast;
+        row->windows++;
     }
 }
 
@@ -157,46 +166,129 @@ static int metrics_thread(void)
 #endif
 }
 
-static void metrics_ssim_rows(oxl_context *ctx, struct metrics_ssim *s)
+static void metrics_rows(oxl_context *ctx, struct metrics_windows *s)
 {
     const size_t width = (size_t)s->a->width;
+    const int    edge  = s->whole ? METRICS_RADIUS : 0;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = 0; y < s->a->height; y++) {
+    for (int y = edge; y < s->a->height - edge; y++) {
         double *column[6];
         for (int q = 0; q < 6; q++) column[q] = s->scratch + (6 * (size_t)metrics_thread() + q) * width;
         metrics_mark_columns(s, y, column[5]);
-        for (int c = 0; c < 3; c++) metrics_ssim_row(s, c, y, column, column[5]);
+        for (int c = 0; c < 3; c++) {
+            metrics_blur_columns(s, c, y, column);
+            metrics_add_windows(s, c, y, column, column[5]);
+        }
     }
     (void)ctx;
 }
 
-oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+/* The sums over the image. */
+static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, const oxl_image *b, int whole,
+                                      struct metrics_row *out)
 {
-    struct metrics_ssim s       = {.a = a, .b = b};
-    double              sum     = 0;
-    size_t              windows = 0;
-    oxl_result          rc      = metrics_check(ctx, a, b);
-    *out                        = 0;
-    if (rc != OXL_OK) return rc;
-    s.scratch = oxl_alloc(ctx, (size_t)a->width * ctx->threads, 6 * sizeof *s.scratch);
-    s.sum     = oxl_calloc(ctx, (size_t)a->height, sizeof *s.sum);
-    s.windows = oxl_calloc(ctx, (size_t)a->height, sizeof *s.windows);
-    if (!s.scratch || !s.sum || !s.windows) {
+    struct metrics_windows s  = {.a = a, .b = b, .whole = whole};
+    oxl_result             rc = OXL_OK;
+    *out                      = (struct metrics_row){.windows = 0};
+    s.scratch                 = oxl_alloc(ctx, (size_t)a->width * ctx->threads, 6 * sizeof *s.scratch);
+    s.row                     = oxl_calloc(ctx, (size_t)a->height, sizeof *s.row);
+    if (!s.scratch || !s.row) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the SSIM of %d x %d px", a->width, a->height);
         goto done;
     }
     metrics_kernel(s.kernel);
-    metrics_ssim_rows(ctx, &s);
+    metrics_rows(ctx, &s);
     for (int y = 0; y < a->height; y++) {
-        sum += s.sum[y];
-        windows += s.windows[y];
+        for (int c = 0; c < 3; c++) {
+            out->ssim[c] += s.row[y].ssim[c];
+            out->contrast[c] += s.row[y].contrast[c];
+        }
+        out->windows += s.row[y].windows;
     }
-    if (windows) *out = sum / (double)windows;
-    else rc = metrics_fail_masked(ctx, "every window touches a masked pixel, so there is no SSIM");
 done:
     oxl_free(ctx, s.scratch);
-    oxl_free(ctx, s.sum);
-    oxl_free(ctx, s.windows);
+    oxl_free(ctx, s.row);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- SSIM */
+
+oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    struct metrics_row sum;
+    oxl_result         rc = metrics_check(ctx, a, b);
+    *out                  = 0;
+    if (rc == OXL_OK) rc = metrics_sum_windows(ctx, a, b, 0, &sum);
+    if (rc != OXL_OK) return rc;
+    if (sum.windows == 0) return metrics_fail_masked(ctx, "every window touches a masked pixel, so there is no SSIM");
+    *out = (sum.ssim[0] + sum.ssim[1] + sum.ssim[2]) / (3 * (double)sum.windows);
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- MS-SSIM */
+
+static const double METRICS_SCALES[] = {0.0448, 0.2856, 0.3001, 0.2363, 0.1333}; /* exponents, the finest first [Wang 2003] */
+
+/* Means of 2 x 2 pixels; a last odd row or column is dropped. A pixel counts when its four do. */
+static oxl_result metrics_halve(oxl_context *ctx, const oxl_image *in, oxl_image *out)
+{
+    const int    w = in->width / 2, h = in->height / 2;
+    const size_t wide = (size_t)in->width, plane = wide * in->height, small = (size_t)w * h;
+    oxl_result   rc = oxl_image_create(ctx, w, h, out);
+    if (rc == OXL_OK && in->weight && !(out->weight = oxl_alloc(ctx, small, sizeof *out->weight)))
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a mask of %d x %d px", w, h);
+    if (rc != OXL_OK) return rc;
+    for (size_t i = 0; i < small; i++) {
+        const size_t at = 2 * (i / w) * wide + 2 * (i % w);
+        for (int c = 0; c < 3; c++) {
+            const float *p    = in->rgb + c * plane + at;
+            const double four = metrics_shown(p[0]) + metrics_shown(p[1]) + metrics_shown(p[wide]) + metrics_shown(p[wide + 1]);
+            out->rgb[c * small + i] = (float)(four / 4);
+        }
+        if (out->weight) {
+            const float *p = in->weight + at;
+            out->weight[i] = p[0] > 0.5f && p[1] > 0.5f && p[wide] > 0.5f && p[wide + 1] > 0.5f;
+        }
+    }
+    return OXL_OK;
+}
+
+/* The product over scales for each channel, and its mean. Exponents are divided by the sum of those that are used. */
+static double metrics_over_scales(const struct metrics_row *sum, int scales)
+{
+    double used = 0, mean = 0;
+    for (int k = 0; k < scales; k++) used += METRICS_SCALES[k];
+    for (int c = 0; c < 3; c++) {
+        double log_product = 0;
+        for (int k = 0; k < scales; k++) {
+            const double of = k < scales - 1 ? sum[k].contrast[c] : sum[k].ssim[c]; /* luminance counts at the coarsest alone */
+            log_product += of > 0 ? METRICS_SCALES[k] / used * vecmath_log(of / (double)sum[k].windows) : -HUGE_VAL;
+        }
+        mean += vecmath_exp(log_product) / 3;
+    }
+    return mean;
+}
+
+/* Coarser scales end where not one whole window is left. */
+oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    enum { MOST = OXL_COUNT(METRICS_SCALES) };
+    struct metrics_row sum[MOST];
+    oxl_image          half[MOST][2] = {{{0}}};
+    int                scales        = 0;
+    oxl_result         rc            = metrics_check(ctx, a, b);
+    *out                             = 0;
+    while (rc == OXL_OK && scales < MOST && OXL_MIN(a->width, a->height) >= METRICS_WINDOW) {
+        rc = metrics_sum_windows(ctx, a, b, 1, &sum[scales]);
+        if (rc != OXL_OK || sum[scales].windows == 0 || ++scales == MOST) break;
+        rc = metrics_halve(ctx, a, &half[scales][0]);
+        if (rc == OXL_OK) rc = metrics_halve(ctx, b, &half[scales][1]);
+        a = &half[scales][0], b = &half[scales][1];
+    }
+    if (rc == OXL_OK && scales > 0) *out = metrics_over_scales(sum, scales);
+    else if (rc == OXL_OK) rc = oxl_ssim(ctx, a, b, out);
+    for (int k = 0; k < MOST; k++)
+        for (int i = 0; i < 2; i++) oxl_image_free(ctx, &half[k][i]);
     return rc;
 }
 
@@ -212,6 +304,7 @@ static oxl_result metrics_of_view(oxl_context *ctx, const oxl_model *model, oxl_
     rc                 = oxl_render(ctx, model, &oxl_scene_view(scene, row->view)->camera, &options, &drawn, NULL);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, photograph, &row->ssim);
+    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &drawn, photograph, &row->ms_ssim);
     oxl_image_free(ctx, &drawn);
     return rc;
 }
@@ -244,6 +337,7 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
     for (int i = 0; i < out->count; i++) {
         out->psnr += out->views[i].psnr / out->count;
         out->ssim += out->views[i].ssim / out->count;
+        out->ms_ssim += out->views[i].ms_ssim / out->count;
     }
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
@@ -262,6 +356,8 @@ OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, con
     text_add_number(t, m->psnr);
     text_add(t, ",\n  \"ssim\": ");
     text_add_number(t, m->ssim);
+    text_add(t, ",\n  \"ms_ssim\": ");
+    text_add_number(t, m->ms_ssim);
     text_add(t, ",\n  \"count\": %d,\n  \"views\": [", m->count);
     for (int i = 0; i < m->count; i++) {
         text_add(t, "%s\n    {\"name\": ", i ? "," : "");
@@ -270,6 +366,8 @@ OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, con
         text_add_number(t, m->views[i].psnr);
         text_add(t, ", \"ssim\": ");
         text_add_number(t, m->views[i].ssim);
+        text_add(t, ", \"ms_ssim\": ");
+        text_add_number(t, m->views[i].ms_ssim);
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");

@@ -1,10 +1,10 @@
-/* test_metrics.c - PSNR and SSIM against values of an independent implementation (torch's conv2d, and numpy for masks). */
+/* test_metrics.c - PSNR, SSIM and MS-SSIM against values of independent implementations (torch's conv2d; numpy). */
 
 enum { METRICS_TEST_W = 37, METRICS_TEST_H = 23, METRICS_TEST_N = 3 * METRICS_TEST_W * METRICS_TEST_H };
 
-static void metrics_noise(uint32_t state, float *out)
+static void metrics_noise(uint32_t state, float *out, int count)
 {
-    for (int i = 0; i < METRICS_TEST_N; i++) {
+    for (int i = 0; i < count; i++) {
         state  = state * 1664525u + 1013904223u;
         out[i] = (float)(state >> 8) / 16777216.0f;
     }
@@ -15,8 +15,8 @@ static void metrics_pair(oxl_image *a, oxl_image *b)
 {
     CHECK_OK(oxl_image_create(test_ctx, METRICS_TEST_W, METRICS_TEST_H, a));
     CHECK_OK(oxl_image_create(test_ctx, METRICS_TEST_W, METRICS_TEST_H, b));
-    metrics_noise(1, a->rgb);
-    metrics_noise(2, b->rgb);
+    metrics_noise(1, a->rgb, METRICS_TEST_N);
+    metrics_noise(2, b->rgb, METRICS_TEST_N);
     for (int i = 0; i < METRICS_TEST_N; i++) b->rgb[i] = (float)(0.75 * a->rgb[i] + 0.25 * b->rgb[i]);
 }
 
@@ -36,6 +36,74 @@ TEST(metrics_agree_with_an_independent_implementation)
     CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
     CHECK_CLOSE(psnr, 19.821407012856415, 1e-10);
     CHECK_CLOSE(ssim, 0.9319152063869652, 1e-12);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
+/* As in tests/ms_ssim.py: blocks of 8 x 8 px, some of them clamped, and a quarter of noise mixed in. */
+static void metrics_smooth(oxl_image *image)
+{
+    const int w = image->width, h = image->height;
+    for (int i = 0; i < 3 * (h / 8) * (w / 8); i++) {
+        const int at  = i / (w / 8) / (h / 8) * w * h + i / (w / 8) % (h / 8) * 8 * w + i % (w / 8) * 8;
+        double    sum = 0;
+        for (int k = 0; k < 64; k++) sum += image->rgb[at + k / 8 * w + k % 8];
+        for (int k = 0; k < 64; k++) image->rgb[at + k / 8 * w + k % 8] = (float)(sum / 64);
+    }
+    for (int i = 0; i < 3 * w * h; i++) image->rgb[i] = (float)(image->rgb[i] * 3.0 - 1.0);
+}
+
+static double metrics_test_ms_ssim(int width, int height, int masked)
+{
+    oxl_image a, b;
+    double    value = 0;
+    CHECK_OK(oxl_image_create(test_ctx, width, height, &a));
+    CHECK_OK(oxl_image_create(test_ctx, width, height, &b));
+    metrics_noise(1, a.rgb, 3 * width * height);
+    metrics_noise(2, b.rgb, 3 * width * height);
+    metrics_smooth(&a);
+    for (int i = 0; i < 3 * width * height; i++) b.rgb[i] = (float)(0.75 * a.rgb[i] + 0.25 * b.rgb[i]);
+    if (masked) {
+        b.weight = oxl_alloc(test_ctx, (size_t)(width * height), sizeof(float));
+        for (int i = 0; i < width * height; i++) b.weight[i] = i % width < 30 && i / width < 20 ? 0.0f : 1.0f;
+    }
+    CHECK_OK(oxl_ms_ssim(test_ctx, &a, &b, &value));
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+    return value;
+}
+
+/* Values: tests/ms_ssim.py, in double. Here halved images are stored as float. */
+TEST(metrics_ms_ssim_agrees_with_an_independent_implementation_at_any_size)
+{
+    CHECK_CLOSE(metrics_test_ms_ssim(200, 181, 0), 0.886240713295, 2e-8); /* 5 scales */
+    CHECK_CLOSE(metrics_test_ms_ssim(200, 181, 1), 0.874901484385, 2e-8); /* 4 */
+    CHECK_CLOSE(metrics_test_ms_ssim(61, 50, 0), 0.865510376199, 2e-8);   /* 3 */
+    CHECK_CLOSE(metrics_test_ms_ssim(61, 50, 1), 0.832188852384, 2e-8);   /* 2 */
+}
+
+TEST(metrics_ms_ssim_of_less_than_a_window_is_ssim_and_of_opposites_zero)
+{
+    oxl_image a, b;
+    double    ssim, multi;
+    CHECK_OK(oxl_image_create(test_ctx, 40, 10, &a));
+    CHECK_OK(oxl_image_create(test_ctx, 40, 10, &b));
+    metrics_noise(1, a.rgb, 1200);
+    metrics_noise(2, b.rgb, 1200);
+    CHECK_OK(oxl_ssim(test_ctx, &a, &b, &ssim));
+    CHECK_OK(oxl_ms_ssim(test_ctx, &a, &b, &multi));
+    CHECK(multi == ssim);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+    CHECK_OK(oxl_image_create(test_ctx, 30, 30, &a));
+    CHECK_OK(oxl_image_create(test_ctx, 30, 30, &b));
+    metrics_noise(1, a.rgb, 2700);
+    for (int i = 0; i < 2700; i++) b.rgb[i] = 1 - a.rgb[i]; /* contrast times structure is below 0 */
+    CHECK_OK(oxl_ms_ssim(test_ctx, &a, &b, &multi));
+    CHECK(multi == 0);
+    memcpy(b.rgb, a.rgb, 2700 * sizeof(float));
+    CHECK_OK(oxl_ms_ssim(test_ctx, &a, &b, &multi));
+    CHECK_CLOSE(multi, 1, 1e-12);
     oxl_image_free(test_ctx, &a);
     oxl_image_free(test_ctx, &b);
 }
@@ -141,6 +209,7 @@ TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
     CHECK(m.psnr > 54 && m.psnr < 100 && m.ssim > 0.99);
     CHECK_CLOSE(m.psnr, (m.views[0].psnr + m.views[1].psnr) / 2, 1e-12);
     CHECK_OK(metrics_write_json(test_ctx, &json, scene, &m));
+    CHECK_TEXT(json.data, "\"ms_ssim\": ");
     CHECK_TEXT(json.data, "\"count\": 2,\n  \"views\": [\n    {\"name\": \"a \\\"quoted\\\"\", \"psnr\": ");
     text_free(&json);
     oxl_metrics_free(test_ctx, &m);

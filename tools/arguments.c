@@ -36,9 +36,11 @@ static const struct {
      "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
     {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR", "Draws a model from the cameras of a survey.",
      "oceanxl render out/scene.ply survey -o pictures", "One PNG a view, named as its photograph."},
-    {"eval", COMMAND_EVAL, 2, "MODEL SCENE", "Compares a model with photographs: PSNR and SSIM, for each view and in the mean.",
+    {"eval", COMMAND_EVAL, 2, "MODEL SCENE",
+     "Compares a model with photographs: PSNR, SSIM and MS-SSIM, for each view and in the mean.",
      "oceanxl eval out/scene.ply survey",
-     "The photographs compared with are those that train held out, unless --split says otherwise."},
+     "The photographs compared with are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
+     "not available: compare OUT/renders/NAME.png with NAME.photo.png by a program that has one."},
     {"info", COMMAND_INFO, 1, "FILE", "Says what a model file holds.", "oceanxl info out/scene.ply", "Reads .ply and .splat."},
     {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply and .splat, by the files' extensions.",
      "oceanxl convert out/scene.ply scene.splat", ".splat holds 32 bytes a Gaussian and no colour that depends on the view."},
