@@ -2,6 +2,8 @@
 #include "../tools/ablate.c"
 #include "../tools/ablate_svg.c"
 #include "../tools/ablate_table.c"
+#include "../tools/study.c"
+#include "../tools/study_text.c"
 
 #include <locale.h>
 
@@ -21,10 +23,9 @@ static struct ablation ablate_test_made_up(void)
     return a;
 }
 
-static struct ablate_text ablate_test_text(void (*write)(struct ablate_text *t, const struct ablation *a),
-                                           const struct ablation *a)
+static struct study_text ablate_test_text(void (*write)(struct study_text *t, const struct ablation *a), const struct ablation *a)
 {
-    struct ablate_text t = {0};
+    struct study_text t = {0};
     write(&t, a);
     CHECK(!t.failed && t.data != NULL);
     return t;
@@ -69,8 +70,8 @@ static int ablate_test_tables(const char *text)
 
 TEST(ablate_table_says_ours_and_the_papers_in_aligned_columns)
 {
-    struct ablation    a = ablate_test_made_up();
-    struct ablate_text t = ablate_test_text(ablate_table, &a);
+    struct ablation   a = ablate_test_made_up();
+    struct study_text t = ablate_test_text(ablate_table, &a);
     CHECK_TEXT(t.data, "700 iterations, SH degree 2, seeds 1 to 2 (mean +- standard deviation)");
     CHECK_TEXT(t.data, "23.00 +-1.41");
     CHECK_TEXT(t.data, "+0.75 (+0.65)");
@@ -100,7 +101,7 @@ static int ablate_test_commas(const char *text, const char *start)
 TEST(ablate_csv_holds_every_run_then_means_and_spreads)
 {
     const struct ablation a     = ablate_test_made_up();
-    struct ablate_text    t     = ablate_test_text(ablate_csv, &a);
+    struct study_text     t     = ablate_test_text(ablate_csv, &a);
     int                   lines = 0;
     const int             wide  = ablate_test_commas(t.data, "row,seed,blocks,psnr_db");
     for (const char *p = t.data; *p; p++) lines += *p == '\n';
@@ -131,7 +132,7 @@ static int ablate_test_is_nested(const char *xml)
 TEST(ablate_svg_is_well_formed_and_draws_both)
 {
     const struct ablation a = ablate_test_made_up();
-    struct ablate_text    t = ablate_test_text(ablate_svg, &a);
+    struct study_text     t = ablate_test_text(ablate_svg, &a);
     CHECK(ablate_test_is_nested(t.data));
     CHECK_TEXT(t.data, "reef &lt;east&gt; &amp; west");
     CHECK_TEXT(t.data, ">+0.75</text>");
@@ -144,14 +145,14 @@ TEST(ablate_svg_is_well_formed_and_draws_both)
 TEST(ablate_digits_do_not_follow_the_locale)
 {
     const struct ablation a      = ablate_test_made_up();
-    struct ablate_text    before = ablate_test_text(ablate_svg, &a), after;
+    struct study_text     before = ablate_test_text(ablate_svg, &a), after;
     if (!setlocale(LC_NUMERIC, "de_DE.UTF-8") && !setlocale(LC_NUMERIC, "fr_FR.UTF-8")) {
         free(before.data);
         SKIP("no locale with a decimal comma is installed");
     }
     after = ablate_test_text(ablate_svg, &a);
     CHECK(strcmp(before.data, after.data) == 0);
-    CHECK_CLOSE(ablate_number("{\"psnr\": 23.25, \"x\": 1}", "psnr"), 23.25, 1e-12);
+    CHECK_CLOSE(study_number("{\"psnr\": 23.25, \"x\": 1}", "psnr"), 23.25, 1e-12);
     setlocale(LC_NUMERIC, "C");
     free(before.data);
     free(after.data);
@@ -161,11 +162,11 @@ TEST(ablate_reads_numbers_as_metrics_json_has_them)
 {
     const char *json =
         "{\n  \"gaussians\": 12345,\n  \"ssim\": 0.71828182845904523,\n  \"small\": -2.5e-05, \"large\": 1e+20,\n  \"none\": null }";
-    CHECK_CLOSE(ablate_number(json, "gaussians"), 12345, 0);
-    CHECK_CLOSE(ablate_number(json, "ssim"), 0.71828182845904523, 1e-15);
-    CHECK_CLOSE(ablate_number(json, "small"), -2.5e-5, 1e-18);
-    CHECK_CLOSE(ablate_number(json, "large"), 1e20, 1e6);
-    CHECK(isnan(ablate_number(json, "none")) && isnan(ablate_number(json, "psnr")) && isnan(ablate_number(NULL, "psnr")));
+    CHECK_CLOSE(study_number(json, "gaussians"), 12345, 0);
+    CHECK_CLOSE(study_number(json, "ssim"), 0.71828182845904523, 1e-15);
+    CHECK_CLOSE(study_number(json, "small"), -2.5e-5, 1e-18);
+    CHECK_CLOSE(study_number(json, "large"), 1e20, 1e6);
+    CHECK(isnan(study_number(json, "none")) && isnan(study_number(json, "psnr")) && isnan(study_number(NULL, "psnr")));
 }
 
 TEST(ablate_rows_differ_by_what_the_paper_switches_and_nothing_else)
@@ -200,10 +201,10 @@ TEST(ablate_refuses_rows_and_seeds_that_make_no_sense)
     CHECK_TEXT(error, "1 to 99");
 }
 
-TEST(ablate_counts_the_memory_that_a_context_holds)
+TEST(study_counts_the_memory_that_a_context_holds)
 {
-    struct ablate_meter meter   = {0};
-    oxl_context_options options = {.seed = 1, .reallocate = ablate_reallocate, .user = &meter};
+    struct study        meter   = {0};
+    oxl_context_options options = {.seed = 1, .reallocate = study_reallocate, .user = &meter};
     oxl_context        *ctx     = NULL;
     oxl_image           image   = {0};
     size_t              held;
@@ -218,21 +219,23 @@ TEST(ablate_counts_the_memory_that_a_context_holds)
 }
 
 /* begun 1: trained from its start; 2: in parts; 0: finished before. */
-TEST(ablate_remembers_the_peak_over_the_parts_of_a_job)
+TEST(study_remembers_peak_and_processor_time_over_the_parts_of_a_training)
 {
-    struct ablate_run a = {.meter = {.peak = 5000}, .begun = 1};
-    char              error[200], folder[300];
-    double            peak = 0;
-    a.error = error, a.error_size = sizeof error;
+    char                error[200], folder[300];
+    struct study        s = {.peak = 5000, .begun = 1, .cpu = 7, .error = error, .error_size = sizeof error};
+    struct study_result r;
     snprintf(folder, sizeof folder, "%s", test_folder());
-    CHECK_OK(ablate_note_memory(&a, folder, &peak));
-    a.begun = 2, a.meter.peak = 3000;
-    CHECK_OK(ablate_note_memory(&a, folder, &peak));
-    CHECK_CLOSE(peak, 5000, 0);
-    a.begun = 0, a.meter.peak = 9000;
-    CHECK_OK(ablate_note_memory(&a, folder, &peak));
-    CHECK_CLOSE(peak, 5000, 0);
-    a.begun = 1, a.meter.peak = 4000;
-    CHECK_OK(ablate_note_memory(&a, folder, &peak));
-    CHECK_CLOSE(peak, 4000, 0);
+    CHECK_OK(study_note(&s, folder, &r));
+    s.begun = 2, s.peak = 3000, s.cpu = 2.5;
+    CHECK_OK(study_note(&s, folder, &r));
+    CHECK_CLOSE(r.memory, 5000, 0);
+    CHECK_CLOSE(r.cpu, 9.5, 1e-12);
+    s.begun = 0, s.peak = 9000, s.cpu = 1;
+    CHECK_OK(study_note(&s, folder, &r));
+    CHECK_CLOSE(r.memory, 5000, 0);
+    CHECK_CLOSE(r.cpu, 9.5, 1e-12);
+    s.begun = 1, s.peak = 4000;
+    CHECK_OK(study_note(&s, folder, &r));
+    CHECK_CLOSE(r.memory, 4000, 0);
+    CHECK_CLOSE(r.cpu, 1, 1e-12);
 }

@@ -7,9 +7,7 @@
 #ifndef ABLATE_H
 #define ABLATE_H
 
-#include "tools.h"
-
-#include <stddef.h>
+#include "study.h"
 
 enum ablate_measure {
     ABLATE_PSNR, /* dB */
@@ -21,7 +19,7 @@ enum ablate_measure {
     ABLATE_MEASURES
 };
 
-enum { ABLATE_ROWS = 8, ABLATE_SEEDS = 99 };
+enum { ABLATE_ROWS = 8 };
 
 struct ablate_row {
     const char  *name, *label; /* in --rows and the folders' names; in the table */
@@ -39,39 +37,26 @@ struct ablation {
     int                      held_out; /* 1: judged by views that training never saw */
     const struct ablate_row *row[ABLATE_ROWS];
     int                      blocks[ABLATE_ROWS];
-    double                   value[ABLATE_ROWS][ABLATE_SEEDS][ABLATE_MEASURES]; /* not a number: not known */
+    double                   value[ABLATE_ROWS][STUDY_SEEDS][ABLATE_MEASURES]; /* not a number: not known */
 };
 
 /* ---------------------------------------------------------------- ablate_table.c */
 
-struct ablate_figure {   /* over the seeds; not a number: not known */
-    double mean, spread; /* spread: standard deviation, of at least two */
-};
-struct ablate_figure ablate_mean(const struct ablation *a, int row, enum ablate_measure m);
+struct study_figure ablate_mean(const struct ablation *a, int row, enum ablate_measure m);
 
 /* Seed by seed against another row: PSNR and SSIM as a difference, the rest as a ratio. */
-struct ablate_figure ablate_against(const struct ablation *a, int row, int base, enum ablate_measure m);
-double               ablate_paper_against(const struct ablation *a, int row, int base, enum ablate_measure m);
+struct study_figure ablate_against(const struct ablation *a, int row, int base, enum ablate_measure m);
+double              ablate_paper_against(const struct ablation *a, int row, int base, enum ablate_measure m);
 
-struct ablate_text {
-    char  *data; /* ends in 0; free() it */
-    size_t used, capacity;
-    int    failed; /* no memory */
-};
-void ablate_add(struct ablate_text *t, const char *format, ...); /* no %f in it: its point follows the locale */
-
-/* Digits the same in every locale; "" when value is not a number. Returns out. */
-const char *ablate_fixed(char out[32], double value, int decimals);
-#define ABLATE_FIXED(value, decimals) ablate_fixed((char[32]){0}, value, decimals)
 /* "+0.65" or "x0.885"; "-" when it is not known. */
 const char *ablate_relative(char out[32], enum ablate_measure m, double value);
 #define ABLATE_RELATIVE(m, value) ablate_relative((char[32]){0}, m, value)
 
-void ablate_table(struct ablate_text *t, const struct ablation *a);
-void ablate_csv(struct ablate_text *t, const struct ablation *a);
+void ablate_table(struct study_text *t, const struct ablation *a);
+void ablate_csv(struct study_text *t, const struct ablation *a);
 
 /* ---------------------------------------------------------------- ablate_svg.c */
 
-void ablate_svg(struct ablate_text *t, const struct ablation *a);
+void ablate_svg(struct study_text *t, const struct ablation *a);
 
 #endif
