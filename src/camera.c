@@ -307,3 +307,11 @@ OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3])
     const double *r = camera->rotation, *t = camera->translation;
     for (int i = 0; i < 3; i++) out[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
 }
+
+OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera)
+{
+    oxl_camera half = *camera;
+    half.width /= 2, half.height /= 2;
+    half.fx /= 2, half.fy /= 2, half.cx /= 2, half.cy /= 2;
+    return half;
+}

@@ -381,6 +381,22 @@ OXL_INTERNAL void image_from_photo(const struct photo *photo, float *rgb, float 
     for (size_t i = 0; weight && i < count; i++) weight[i] = !photo->mask || photo->mask[i] ? 1.0f : 0.0f;
 }
 
+/* In place, towards the front: a pixel is written when the four that it is the mean of have been read. */
+OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
+{
+    const size_t w = (size_t)width, small_w = w / 2, small_h = (size_t)height / 2;
+    for (size_t row = 0; row < 3 * small_h; row++) {
+        const float *in  = rgb + (row / small_h * (size_t)height + 2 * (row % small_h)) * w;
+        float       *out = rgb + row * small_w;
+        for (size_t x = 0; x < small_w; x++) out[x] = 0.25f * (in[2 * x] + in[2 * x + 1] + in[w + 2 * x] + in[w + 2 * x + 1]);
+    }
+    for (size_t row = 0; weight && row < small_h; row++) {
+        const float *in  = weight + 2 * row * w;
+        float       *out = weight + row * small_w;
+        for (size_t x = 0; x < small_w; x++) out[x] = in[2 * x] * in[2 * x + 1] * in[w + 2 * x] * in[w + 2 * x + 1];
+    }
+}
+
 /* ---------------------------------------------------------------- pictures out */
 
 static uint8_t image_to_byte(float v)

@@ -259,6 +259,9 @@ OXL_INTERNAL int  camera_is_distorted(const struct colmap_camera *camera);
 /* The ideal pinhole camera whose every pixel the real one saw (no blank pixels), same focal length, before --max-side. */
 OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera, oxl_camera *out);
 
+/* The same view at half the sides, rounded down. */
+OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
+
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
 OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
 
@@ -283,6 +286,9 @@ OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, con
                                          const struct colmap_camera *from, const oxl_camera *to, struct photo *out);
 OXL_INTERNAL void       image_photo_free(oxl_context *ctx, struct photo *photo);
 OXL_INTERNAL void       image_from_photo(const struct photo *photo, float *rgb, float *weight); /* weight may be NULL */
+/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, that count when all four do; an odd last row or column
+ * is dropped. */
+OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
 /* The other way, into memory that photo has already; weight of 0.5 and less is masked. */
 OXL_INTERNAL void       image_to_photo(const oxl_image *image, struct photo *photo);
 

@@ -387,6 +387,25 @@ SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
 
 SIMD_DISPATCH(static, loss_strip, struct loss_strip)
 
+/* What is left of the sweep when SSIM has no weight. */
+static void loss_l1_strip(const struct loss_strip *s)
+{
+    const size_t width = (size_t)s->job->width;
+    for (int row = s->first; row < s->end; row++) {
+        const real *restrict x = s->job->x + loss_at(s, row), *restrict y = s->job->y + loss_at(s, row);
+        const real *restrict weight = s->job->weight ? s->job->weight + (size_t)row * width : NULL;
+        real *restrict dx           = s->job->dx + loss_at(s, row);
+        double l1 = 0, square = 0;
+        for (size_t j = 0; j < width; j++) {
+            const real d = x[j] - y[j], w = weight ? weight[j] : 1;
+            dx[j] = s->l1_scale * w * (d > 0 ? (real)1 : d < 0 ? (real)-1 : 0);
+            l1 += w * (d < 0 ? -d : d);
+            square += w * d * d;
+        }
+        s->sums[row][0] = l1, s->sums[row][1] = 0, s->sums[row][2] = square;
+    }
+}
+
 /* ---------------------------------------------------------------- the whole image */
 
 /* 1 where the window counts along the row. Returns how many pixels of the row count. */
@@ -495,7 +514,10 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
         strip[i].sums       = (double(*)[LOSS_SUMS])scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
     }
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int i = 0; i < strips; i++) loss_strip(ctx->isa, &strip[i]);
+    for (int i = 0; i < strips; i++) {
+        if (job->ssim_weight > 0) loss_strip(ctx->isa, &strip[i]);
+        else loss_l1_strip(&strip[i]);
+    }
     loss_add_up(job, scratch->sums, values, windows, out);
     return OXL_OK;
 }

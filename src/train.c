@@ -5,8 +5,7 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define TRAIN_SH_EVERY (1.0 / 30) /* of the run: one more band (1000 of 30 000 iterations [Kerbl 2023]) */
-#define TRAIN_WARM_UP  500        /* iterations before the first densification, unless a quarter of the run is less */
+#define TRAIN_WARM_UP 500 /* iterations before the first densification, unless a quarter of the run is less */
 #define TRAIN_RESET_LEAST \
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
 #define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
@@ -21,6 +20,8 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
     oxl_train_options o = {.iterations          = 7000,
                            .sh_degree           = 3,
                            .ssim_weight         = 0.2f,
+                           .ssim_every          = 1,
+                           .bands_every         = 1.0f / 30,
                            .rate_mean_first     = 1.6e-4f,
                            .rate_mean_last      = 1.6e-6f,
                            .rate_log_scale      = 0.005f,
@@ -61,6 +62,7 @@ struct train {
     int                       resets;
     float                    *target, *weight; /* the photograph of this step: (3,H,W), (H,W) */
     int                       masked;          /* whether weight holds its mask */
+    int                       halved;          /* whether they are reduced to half the sides */
     size_t                    target_capacity, weight_capacity;
     double                    loss, psnr; /* smoothed */
     int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
@@ -122,6 +124,12 @@ static void train_shuffle(struct train *t, int epoch)
 
 /* ---------------------------------------------------------------- one photograph */
 
+/* In a step of the run's first share, at half the sides. */
+static int train_is_coarse(const struct train *t)
+{
+    return t->step <= t->options->coarse * t->options->iterations;
+}
+
 /* A view's photograph and mask into target and weight. OXL_ERR_INPUT: it cannot be read. */
 static oxl_result train_photo(struct train *t, int view)
 {
@@ -133,8 +141,11 @@ static oxl_result train_photo(struct train *t, int view)
     rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
     t->masked = photo->mask != NULL;
     if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    if (rc == OXL_OK) image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
-    return rc;
+    if (rc != OXL_OK) return rc;
+    image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
+    t->halved = train_is_coarse(t) && photo->width > 1 && photo->height > 1;
+    if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
+    return OXL_OK;
 }
 
 /* The next view whose photograph can be read; one that cannot is named and left out from then on. */
@@ -153,13 +164,20 @@ static oxl_result train_next_photo(struct train *t, int *view)
     return oxl_fail(t->ctx, OXL_ERR_INPUT, "none of the training photographs can be read");
 }
 
-/* The model drawn from a view, against its photograph. */
+/* The model drawn from a view, against its photograph as train_photo has left it. */
+static oxl_result train_compare(struct train *t, int view, float ssim_weight, struct renderer_loss *loss)
+{
+    const oxl_camera *whole  = &oxl_scene_view(t->scene, view)->camera;
+    const oxl_camera  camera = t->halved ? camera_halve(whole) : *whole;
+    oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
+    if (rc != OXL_OK) return rc;
+    return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
+}
+
+/* With the whole loss, for judgement. */
 static oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss)
 {
-    const oxl_camera *camera = &oxl_scene_view(t->scene, view)->camera;
-    oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, camera, &t->render);
-    if (rc != OXL_OK) return rc;
-    return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, t->options->ssim_weight, loss);
+    return train_compare(t, view, t->options->ssim_weight, loss);
 }
 
 /* Forward, loss, backward, step. */
@@ -167,7 +185,7 @@ static oxl_result train_on_view(struct train *t, int view)
 {
     float                rate[OXL_PLANES];
     struct renderer_loss loss;
-    oxl_result           rc = train_compare_view(t, view, &loss);
+    oxl_result           rc = train_compare(t, view, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
         oxl_log(t->ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not a number; the view is skipped", t->step,
@@ -181,7 +199,7 @@ static oxl_result train_on_view(struct train *t, int view)
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
-        ucd_observe(&t->ucd, t->step, view, loss.total);
+        ucd_observe(&t->ucd, t->step, view, t->options->ssim_every > 1 ? loss.l1 : loss.total); /* alike from step to step */
         prune_observe(&t->prune, t->step, loss.l1);
         t->loss += k * (loss.total - t->loss);
         t->psnr += k * (psnr - t->psnr);
@@ -369,11 +387,11 @@ static oxl_result train_lobes(struct train *t)
     return t->step == last ? train_give_lobes(t) : OXL_OK;
 }
 
-/* One more SH band each thirtieth of the run, up to the degree asked for. */
+/* One more SH band each such share of the run, up to the degree asked for. */
 static oxl_result train_bands(struct train *t)
 {
-    const int  wanted = OXL_MIN(t->options->sh_degree, (int)(t->step / (TRAIN_SH_EVERY * t->options->iterations)));
-    oxl_result rc     = OXL_OK;
+    const int wanted = OXL_MIN(t->options->sh_degree, (int)(t->step / (t->options->bands_every * t->options->iterations) + 1e-6));
+    oxl_result rc    = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
     ucd_disturb(&t->ucd, t->step, 0);
     rc = model_set_degree(t->ctx, t->model, wanted);
@@ -568,6 +586,11 @@ static oxl_result train_step(struct train *t)
 
 static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
+    if (!(o->ssim_every >= 1 && o->coarse >= 0 && o->coarse <= 1 && o->bands_every > 0))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
+                        "0 to 1, more than 0",
+                        o->ssim_every, o->coarse, o->bands_every);
     if (o->iterations >= 1 && o->sh_degree >= 0 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE, "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3, at least 1",
                     o->iterations, o->sh_degree, o->densify_every);

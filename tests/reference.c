@@ -190,6 +190,7 @@
 #define loss_strip_base       loss_strip_base_f64
 #define loss_strip_avx2       loss_strip_avx2_f64
 #define loss_strip_avx512     loss_strip_avx512_f64
+#define loss_l1_strip         loss_l1_strip_f64
 #define loss_stride           loss_stride_f64
 #define loss_scratch_size     loss_scratch_size_f64
 #define loss_half             loss_half_f64

@@ -166,3 +166,13 @@ TEST(camera_pose_turns_quaternions_and_finds_the_centre)
     camera_rotation_from_quaternion(zero, c.rotation);
     CHECK(c.rotation[0] == 1 && c.rotation[4] == 1 && c.rotation[8] == 1 && c.rotation[1] == 0);
 }
+
+/* The corner shared by four pixels is the centre of the one that they become. */
+TEST(camera_halved_sees_the_same_direction_at_half_the_pixel)
+{
+    const oxl_camera whole = {.width = 101, .height = 60, .fx = 90, .fy = 80, .cx = 51.3, .cy = 29.1},
+                     half  = camera_halve(&whole);
+    CHECK(half.width == 50 && half.height == 30);
+    CHECK_CLOSE((7.5 - half.cx) / half.fx, (15 - whole.cx) / whole.fx, 1e-15);
+    CHECK_CLOSE((9.5 - half.cy) / half.fy, (19 - whole.cy) / whole.fy, 1e-15);
+}

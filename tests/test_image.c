@@ -415,3 +415,16 @@ TEST(image_photograph_is_the_same_with_any_number_of_threads)
     }
     test_ctx->threads = before;
 }
+
+TEST(image_halved_is_means_of_four_and_drops_an_odd_edge)
+{
+    float rgb[3 * 5 * 3], weight[5 * 3];
+    for (int i = 0; i < 3 * 5 * 3; i++) rgb[i] = (float)(i % 15 + 100 * (i / 15));
+    for (int i = 0; i < 5 * 3; i++) weight[i] = i != 6; /* row 1, column 1 */
+    image_halve(5, 3, rgb, weight);
+    for (int c = 0; c < 3; c++) {
+        CHECK_CLOSE(rgb[2 * c], 100 * c + (0 + 1 + 5 + 6) / 4.0, 1e-5);
+        CHECK_CLOSE(rgb[2 * c + 1], 100 * c + (2 + 3 + 7 + 8) / 4.0, 1e-5);
+    }
+    CHECK(weight[0] == 0 && weight[1] == 1);
+}

@@ -359,3 +359,43 @@ TEST(train_refuses_options_that_make_no_sense)
     CHECK(oxl_train(test_ctx, scene, &options, NULL, &model) == OXL_ERR_USAGE && model.count == 0);
     oxl_scene_free(test_ctx, scene);
 }
+
+/* ---------------------------------------------------------------- less work a step */
+
+/* 60 steps: each option leaves a model of its own that has still learned the scene, whatever the number of threads. */
+TEST(train_options_that_save_work_change_the_run_and_still_learn)
+{
+    oxl_scene        *scene = train_scene(7);
+    oxl_train_options o[4];
+    oxl_model         model[4], again;
+    const int         threads = test_ctx->threads;
+    for (int i = 0; i < 4; i++) o[i] = train_options(60);
+    o[1].ssim_every = 2, o[2].coarse = 0.5f, o[3].bands_every = 0.5f;
+    for (int i = 0; i < 4; i++) {
+        test_ctx->threads = 1;
+        CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
+        test_ctx->threads = 3;
+        CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &again));
+        CHECK(train_same(&model[i], &again));
+        CHECK(i == 0 || !train_same(&model[i], &model[0]));
+        CHECK(train_psnr(scene, &model[i]) > train_psnr(scene, &model[0]) - 2);
+        oxl_model_free(test_ctx, &again);
+    }
+    test_ctx->threads = threads;
+    for (int i = 0; i < 4; i++) oxl_model_free(test_ctx, &model[i]);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(train_refuses_shares_of_a_run_that_are_none)
+{
+    oxl_scene        *scene = train_scene(4);
+    oxl_train_options o     = train_options(5);
+    oxl_model         model;
+    o.coarse = 1.5f;
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    o.coarse = 0, o.ssim_every = 0;
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    o.ssim_every = 1, o.bands_every = 0;
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    oxl_scene_free(test_ctx, scene);
+}

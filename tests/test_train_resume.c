@@ -19,10 +19,14 @@ struct checkpoint_case {
     oxl_model         whole; /* of a run that nothing disturbed */
 };
 
+/* All options that save work are on: the stops below fall on both sides of their changes. */
 static struct checkpoint_case checkpoint_case(void)
 {
     struct checkpoint_case c      = {train_scene(7), train_options(130), {.ctx = test_ctx}, 0, {0}};
-    c.options.densify_until       = 0.9f; /* at 100: rows, moments and statistics change shape */
+    c.options.ssim_every          = 3;
+    c.options.coarse              = 0.5f;
+    c.options.bands_every         = 0.76f; /* at 99 */
+    c.options.densify_until       = 0.9f;  /* at 100: rows, moments and statistics change shape */
     c.options.reset_opacity_every = 0;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     return c;

@@ -87,7 +87,9 @@ struct arguments { /* negative numbers and NULL: not given */
     double       seed;
     int          dog;           /* enum oxl_dog */
     double       dog_threshold; /* -2: not given */
-    const char  *ucd, *keep;    /* as oxl_ucd_parse and oxl_keep_parse take them */
+    int          ssim_every;
+    double       coarse, bands_every; /* shares of the run */
+    const char  *ucd, *keep;          /* as oxl_ucd_parse and oxl_keep_parse take them */
     const char  *out, *images, *sparse, *masks, *rows;
 
     synth_options synth; /* holds its defaults where nothing was given */
