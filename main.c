@@ -369,6 +369,29 @@ static oxl_result run_ablate(oxl_context *ctx, const struct arguments *a, struct
     return rc;
 }
 
+static oxl_result run_tradeoff(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    tradeoff_options options = {.scene         = a->path[0],
+                                .out           = a->out,
+                                .rows          = a->rows,
+                                .seeds         = a->seeds,
+                                .budget        = a->budget,
+                                .side_is_given = a->max_side >= 0,
+                                .context       = oxl_context_options_default(),
+                                .callback      = {on_progress, console}};
+    oxl_result       rc      = job_options(ctx, a, &options.job);
+    if (rc != OXL_OK) return rc;
+    options.context.log  = on_log;
+    options.context.user = console;
+    if (a->threads > 0) options.context.threads = a->threads;
+    catch_signals();
+    rc = tradeoff_run(&options, stdout, console->error, sizeof console->error);
+    console_clear(console);
+    if (rc == OXL_ERR_INTERRUPTED)
+        fputs("oxl: interrupted; what is trained is kept\n     go on: the same command again\n", stderr);
+    return rc;
+}
+
 static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     switch (a->command) {
@@ -382,6 +405,7 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_MERGE: return run_merge(ctx, a);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
     case COMMAND_ABLATE: return run_ablate(ctx, a, console);
+    case COMMAND_TRADEOFF: return run_tradeoff(ctx, a, console);
     default: return OXL_ERR_USAGE;
     }
 }

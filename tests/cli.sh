@@ -81,6 +81,9 @@ promise ablate_leaves_a_drawing 0 "</svg>" tail -n 1 ablation/ablation.svg
 promise ablate_leaves_each_run 0 "v1,mean," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && cat ablation/ablation.csv'
 promise ablate_does_not_train_again 0 "" sh -c "! '$program' ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 2>&1 | grep ETA"
 promise ablate_sets_what_rows_differ_by 2 "each row of ablate sets it itself" "$program" ablate survey -o ablation --ucd on
+promise tradeoff_says_the_price_in_words 0 "iterations-half: " on_stdout "$program" tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5,paper --iterations 20 --max-side 100 --budget 30s --threads 1 --quiet
+promise tradeoff_leaves_page_drawing_and_runs 0 "train,coarse-0.5,mean," sh -c 'test -s tradeoff/tradeoff.md && tail -n 1 tradeoff/tradeoff.svg | grep -q "</svg>" && test -s tradeoff/base-seed1/scene.ply && cat tradeoff/tradeoff.csv'
+promise tradeoff_goes_on_where_it_was 0 "" sh -c "! '$program' tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5 --iterations 20 --max-side 100 --budget 30s --threads 1 2>&1 | grep ETA"
 promise blocks_side_by_side_give_the_bytes_of_one_process 0 "" sh -c \
     "OCEANXL='$program' '$examples/cluster/local.sh' survey spread --block-points 250 --iterations 40 --seed 5 --keep 1 &&
      '$program' train survey -o alone --block-points 250 --iterations 40 --seed 5 --keep 1 && cmp spread/scene.ply alone/scene.ply"

@@ -13,7 +13,8 @@
 #define FIELD(name)  offsetof(struct arguments, name)
 #define IN(command)  (1u << COMMAND_##command)
 #define TRAINS       (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
-#define RUNS         (TRAINS | IN(ABLATE))
+#define STUDIES      (IN(ABLATE) | IN(TRADEOFF))
+#define RUNS         (TRAINS | STUDIES)
 #define SCENES       (RUNS | IN(RENDER) | IN(EVAL))
 #define EVERYWHERE   (~0u)
 
@@ -52,6 +53,11 @@ static const struct {
      "OUT gets ablation.csv, ablation.svg, and a run as train leaves it for each row and seed, in NAME-seedS/. A stopped one goes on when it\n"
      "is run again. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG on all),\n"
      "oceanxl (DoG selective); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
+    {"tradeoff", COMMAND_TRADEOFF, 1, "SCENE -o OUT",
+     "Measures what speed costs in accuracy on a survey: options one at a time, and the presets.",
+     "oceanxl tradeoff survey -o tradeoff --budget 20m",
+     "OUT gets tradeoff.md (a page with tables and words), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
+     "do not fit the budget are named; the same command with a larger one goes on. Without --max-side photographs are reduced to fit it."},
 };
 
 enum kind { FLAG, COUNTING, LARGE, REAL, DEGREE, SIZE, DURATION, PIXELS, PLACE, TEXT, PRESET, SPLIT, AXES, CUT, DOG, LIMIT };
@@ -65,7 +71,10 @@ static const struct option {
 } options[] = {
     {"What is compared", "--rows", "NAME,NAME...", TEXT, FIELD(rows), IN(ABLATE),
      "variants, the first is what the others are compared with (3dgs,v1,v2,v3,v4,oceanxl)"},
-    {"What is compared", "--seeds", "N", COUNTING, FIELD(seeds), IN(ABLATE), "each row is trained with seeds 1 to N (1)"},
+    {"What is compared", "--rows", "NAME,NAME...", TEXT, FIELD(rows), IN(TRADEOFF),
+     "beside the base: iterations-half, coarse-0.25, ssim-every-2, draft, standard and so on (all)"},
+    {"What is compared", "--seeds", "N", COUNTING, FIELD(seeds), STUDIES, "each row is trained with seeds 1 to N (1)"},
+    {"What is compared", "--budget", "TIME", DURATION, FIELD(budget), IN(TRADEOFF), "for all of it, as 90s, 20m or 8h (20m)"},
     {"What is read", "--images", "FOLDER", TEXT, FIELD(images), SCENES, "photographs (SCENE/images)"},
     {"What is read", "--sparse", "FOLDER", TEXT, FIELD(sparse), SCENES,
      "cameras.txt, images.txt, points3D.txt (SCENE/sparse/0, SCENE/sparse or SCENE)"},
@@ -88,7 +97,7 @@ static const struct option {
     {"What is made", "--origin", "X,Y,Z", PLACE, FIELD(synth.origin), IN(SYNTH),
      "where the middle lies in the export's world, metres (0,0,0)"},
     {"What is made", "--no-images", NULL, FLAG, FIELD(no_images), IN(SYNTH), "the three text files alone, for load tests"},
-    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | IN(ABLATE),
+    {"What is written", "-o", "FOLDER", TEXT, FIELD(out), IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | STUDIES,
      "where to; made when it is not there"},
     {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
     {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER),
@@ -122,7 +131,7 @@ static const struct option {
     {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), TRAINS | IN(ABLATE),
      "selective: of the mean gradient, in half images; or the share that stays without, as 90% (0.0002)"},
     {"How it is trained", "--block", "K", COUNTING, FIELD(block), IN(TRAIN), "this block alone, from 0; merge joins them (all)"},
-    {"How it is trained", "--restart", NULL, FLAG, FIELD(restart), IN(TRAIN) | IN(ABLATE),
+    {"How it is trained", "--restart", NULL, FLAG, FIELD(restart), IN(TRAIN) | STUDIES,
      "give up the unfinished work of other options in OUT"},
     {"How it is trained", "--ram", "SIZE", SIZE, FIELD(ram), RUNS,
      "memory that may be taken at the peak: blocks, photographs' cache and Gaussians follow (no limit)"},
@@ -427,6 +436,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .block         = -1,
                             .ram           = -1,
                             .seeds         = 1,
+                            .budget        = 1200,
                             .dog           = -1,
                             .dog_threshold = -2,
                             .ssim_every    = -1,
@@ -441,8 +451,9 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
         a->help = 1;
     if (a->version || a->help) return 0;
     if (argc < 2) {
-        snprintf(error, size,
-                 "a command is wanted: train, check, partition, render, eval, info, convert, synth, ablate\nfix: oceanxl --help");
+        snprintf(
+            error, size,
+            "a command is wanted: train, check, partition, render, eval, info, convert, synth, ablate, tradeoff\nfix: oceanxl --help");
         return 1;
     }
     if (find_command(argv[1], a, error, size)) return 1;

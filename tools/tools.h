@@ -55,6 +55,23 @@ typedef struct ablate_options {
  * the next call goes on from there. On failure the text says why. */
 oxl_result ablate_run(const ablate_options *options, FILE *to, char *error, size_t error_size);
 
+/* ---------------------------------------------------------------- tradeoff.c: speed against accuracy, on one's own survey */
+
+typedef struct tradeoff_options {
+    const char         *scene, *out;   /* folders */
+    const char         *rows;          /* names with commas between; NULL: all */
+    int                 seeds;         /* each row is trained with 1..seeds */
+    double              budget;        /* s: rows that do not fit any more are named, not trained */
+    int                 side_is_given; /* 0: photographs may be reduced to fit the budget */
+    oxl_job_options     job;           /* the base, and what the rows share */
+    oxl_context_options context;       /* threads and log of the context that is made here */
+    oxl_callback        callback;      /* progress of each job */
+} tradeoff_options;
+
+/* Leaves in `out`: tradeoff.csv, tradeoff.svg, tradeoff.md and NAME-seedS/ for each job; table and words go to `to`. When the callback
+ * stops it, or with a larger budget, the next call goes on from there. On failure the text says why. */
+oxl_result tradeoff_run(const tradeoff_options *options, FILE *to, char *error, size_t error_size);
+
 /* ---------------------------------------------------------------- arguments.c: the command line's words */
 
 enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
@@ -70,7 +87,8 @@ enum command {
     COMMAND_MERGE,
     COMMAND_PARTITION,
     COMMAND_SYNTH,
-    COMMAND_ABLATE
+    COMMAND_ABLATE,
+    COMMAND_TRADEOFF
 };
 
 struct arguments { /* negative numbers and NULL: not given */
@@ -82,7 +100,7 @@ struct arguments { /* negative numbers and NULL: not given */
     int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
     int          block_points;
     int          iterations, max_gaussians, sh_degree, max_side, test_every, threads, block, seeds;
-    double       max_time;         /* s */
+    double       max_time, budget; /* s */
     double       image_cache, ram; /* bytes */
     double       seed;
     int          dog;           /* enum oxl_dog */
