@@ -12,7 +12,7 @@ struct block {
     oxl_context             *ctx;
     const struct block_task *task;
     oxl_progress             last;
-    struct text              log;
+    struct text              log, notes;
     double                   log_written; /* seconds */
 };
 
@@ -69,7 +69,8 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     block_add(&t, "peak_rss_bytes", r->peak);
     block_add(&t, "predicted_memory_bytes", r->predicted_peak);
     block_add(&t, "predicted_seconds", r->predicted_seconds);
-    text_add(&t, "  %s\n}\n", b->task->key);
+    text_add(&t, "  %s,\n  \"notes\": [%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
+    t.failed |= b->notes.failed;
     rc = block_write(b, "block.json", &t);
     text_free(&t);
     return rc;
@@ -94,7 +95,7 @@ static void block_log_row(struct block *b, const oxl_progress *p)
     text_add_number(&b->log, block_rounded(p->f_mid, 1e4));
     text_add(&b->log, ",");
     text_add_number(&b->log, block_rounded(p->f_far, 1e4));
-    text_add(&b->log, "\n");
+    text_add(&b->log, ",%zu\n", os_peak_rss());
 }
 
 static int block_progress(void *user, const oxl_progress *progress)
@@ -161,19 +162,23 @@ static oxl_result block_finish(struct block *b, const oxl_model *model, int fini
 
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task)
 {
-    struct block             b     = {.ctx = ctx, .task = task, .log = {.ctx = ctx}};
-    const struct train_place place = {task->folder, task->key, &b.log};
+    struct block             b     = {.ctx = ctx, .task = task, .log = {.ctx = ctx}, .notes = {.ctx = ctx}};
+    const struct train_place place = {task->folder, task->key, &b.log, &b.notes};
+    struct text             *outer = ctx->notes;
     oxl_model                model = {0};
     oxl_result               rc    = os_make_folder(ctx, task->folder), written;
     if (rc == OXL_OK) rc = block_sweep(ctx, task->folder);
     if (rc != OXL_OK) return rc;
-    text_add(&b.log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far\n");
-    rc = train_run(ctx, scene, &task->train, &(oxl_callback){block_progress, &b}, &place, &model);
+    text_add(&b.log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
+    ctx->notes = &b.notes;
+    rc         = train_run(ctx, scene, &task->train, &(oxl_callback){block_progress, &b}, &place, &model);
+    ctx->notes = outer;
     if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) {
         written = block_finish(&b, &model, rc == OXL_OK && b.last.iteration == task->train.iterations);
         if (written != OXL_OK) rc = written;
     }
     oxl_model_free(ctx, &model);
     text_free(&b.log);
+    text_free(&b.notes);
     return rc;
 }

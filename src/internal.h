@@ -55,6 +55,7 @@ struct oxl_context {
     int                 threads; /* resolved: at least 1 */
     int                 isa;     /* enum isa of simd.h */
     char                error[1024];
+    struct text        *notes; /* lines of the log are kept here too, as elements of a JSON array; NULL: they are not */
 };
 
 /* All memory goes through these; NULL when the allocator refuses or count x size overflows. Aligned to 64 bytes. */
@@ -679,6 +680,7 @@ struct train_place {
     const char  *folder; /* of the checkpoints */
     const char  *key;    /* what the result depends on */
     struct text *log;    /* the caller's, kept with the state */
+    struct text *notes;  /* so are these */
 };
 /* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,

@@ -17,6 +17,7 @@ struct job {
     double              origin[3];
     oxl_model           model;
     struct text         line, found; /* "job": {...} and "found": {...} of run.json */
+    struct text         notes;       /* what the log says outside of the blocks' training */
     struct block_record total;       /* over the blocks */
     int                 block;       /* that is being trained */
     int                 unfinished;  /* blocks that were stopped by --max-time */
@@ -104,7 +105,8 @@ static oxl_result job_write_run(struct job *job, int finished)
     }
     text_add(&t, "],\n  %s,\n  %s,\n  \"survey\": ", job->line.data, job->found.data);
     survey_add_json(&t, &job->survey, "  ");
-    text_add(&t, "\n}\n");
+    text_add(&t, ",\n  \"notes\": [%s]\n}\n", job->notes.size ? job->notes.data : "");
+    t.failed |= job->notes.failed;
     rc = job_write(job, "run.json", &t);
     text_free(&t);
     return rc;
@@ -464,20 +466,24 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .callback   = callback,
                         .line       = {.ctx = ctx},
                         .found      = {.ctx = ctx},
+                        .notes      = {.ctx = ctx},
                         .begun      = os_seconds(),
                         .seed       = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
+    ctx->notes = &job->notes;
     run_describe(&job->line, scene, &job->options);
 }
 
 static void job_end(struct job *job)
 {
     job->ctx->options.seed = job->seed;
+    job->ctx->notes        = NULL;
     partition_free(job->ctx, &job->partition);
     oxl_model_free(job->ctx, &job->model);
     oxl_scene_free(job->ctx, job->scene);
     text_free(&job->line);
     text_free(&job->found);
+    text_free(&job->notes);
 }
 
 /* From the survey to the blocks; *done: nothing is left to do. */

@@ -524,6 +524,7 @@ static void train_archive(struct archive *a, void *user)
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
     archive_text(a, t->place->log);
+    archive_text(a, t->place->notes);
     if (!a->reading || a->rc != OXL_OK) return;
     t->views   = (int)views;
     t->seconds = spent;
