@@ -193,7 +193,9 @@ static void print_resume(const struct arguments *a)
 static void print_results(const struct arguments *a)
 {
     if (a->json) print_file(a->out, "metrics.json");
-    else printf("model     %s/scene.ply\nmetrics   %s/metrics.json\npictures  %s/renders\n", a->out, a->out, a->out);
+    else
+        printf("model     %s/scene.ply\nmetrics   %s/metrics.json\npictures  %s/renders\nreport    %s/report.html\n", a->out,
+               a->out, a->out, a->out);
 }
 
 static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct console *console)
@@ -209,18 +211,27 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     }
     oxl_run_free(ctx, &run);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
+    if (rc == OXL_OK && a->block < 0) rc = report_write(ctx, a->out, console->error, sizeof console->error);
     if (rc != OXL_OK) return rc;
     if (a->block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->block);
     else print_results(a);
     return rc;
 }
 
-static oxl_result run_merge(oxl_context *ctx, const struct arguments *a)
+static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     struct arguments merged = *a;
-    const oxl_result rc     = oxl_merge(ctx, a->path[0]);
+    oxl_result       rc     = oxl_merge(ctx, a->path[0]);
     merged.out              = a->path[0];
+    if (rc == OXL_OK) rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
     if (rc == OXL_OK) print_results(&merged);
+    return rc;
+}
+
+static oxl_result run_report(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    const oxl_result rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
+    if (rc == OXL_OK) printf("report    %s/report.html\n", a->path[0]);
     return rc;
 }
 
@@ -402,8 +413,9 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_INFO: return info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
     case COMMAND_PARTITION: return run_partition(ctx, a);
-    case COMMAND_MERGE: return run_merge(ctx, a);
+    case COMMAND_MERGE: return run_merge(ctx, a, console);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
+    case COMMAND_REPORT: return run_report(ctx, a, console);
     case COMMAND_ABLATE: return run_ablate(ctx, a, console);
     case COMMAND_TRADEOFF: return run_tradeoff(ctx, a, console);
     default: return OXL_ERR_USAGE;

@@ -108,6 +108,9 @@ OXL_API void       oxl_image_free(oxl_context *ctx, oxl_image *image);
 OXL_API oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out);
 OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image);
 
+/* A JPEG in memory, quality 1..100; free it with oxl_text_free. */
+OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size);
+
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
 
 /* ---------------------------------------------------------------- cameras and scenes */

@@ -433,7 +433,47 @@ done:
     return rc;
 }
 
+/* Where stb hands over the parts of a JPEG. */
+struct image_sink {
+    oxl_context *ctx;
+    void        *data;
+    size_t       size, capacity;
+    oxl_result   rc;
+};
+
+static void image_take(void *user, void *part, int size)
+{
+    struct image_sink *s = user;
+    if (s->rc == OXL_OK) s->rc = oxl_reserve(s->ctx, &s->data, &s->capacity, s->size + (size_t)size, 1);
+    if (s->rc != OXL_OK) return;
+    memcpy((char *)s->data + s->size, part, (size_t)size);
+    s->size += (size_t)size;
+}
+
 /* ---------------------------------------------------------------- the public door */
+
+oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size)
+{
+    const size_t      count = (size_t)image->width * image->height;
+    struct image_sink sink  = {.ctx = ctx};
+    uint8_t          *bytes;
+    *out  = NULL;
+    *size = 0;
+    if (!image->rgb || count == 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the image to encode is empty");
+    bytes = oxl_alloc(ctx, count, 3); /* interleaved */
+    if (!bytes) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
+    for (size_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_to_byte(image->rgb[c * count + i]);
+    stbi_write_jpg_to_func(image_take, &sink, image->width, image->height, 3, bytes, OXL_MAX(1, OXL_MIN(quality, 100)));
+    oxl_free(ctx, bytes);
+    if (sink.rc != OXL_OK) {
+        oxl_free(ctx, sink.data);
+        return sink.rc;
+    }
+    *out  = sink.data;
+    *size = sink.size;
+    return OXL_OK;
+}
 
 oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out)
 {

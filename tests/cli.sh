@@ -56,6 +56,9 @@ promise metrics_are_json 0 "" sh -c '! command -v python3 || { python3 -m json.t
 promise renders_show_the_held_out_views 0 "2" sh -c 'find out/renders -name "*.photo.png" | wc -l'
 promise a_pipe_sees_plain_lines 0 "ETA" sh -c "'$program' train survey -o lines --iterations 60 2>&1 | tr '\\r' '#' | grep -v '#'"
 promise quiet_is_quiet 0 "" sh -c "test -z \"\$('$program' train survey -o silent --iterations 20 --quiet 2>&1 >/dev/null)\""
+promise report_is_written_by_train 0 "</html>" tail -n 1 out/report.html
+promise report_is_written_anew 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"
+promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report survey
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
 promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
 promise the_same_seed_gives_the_same_bytes 0 "" sh -c \

@@ -75,7 +75,8 @@ TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"split\": \"test\""));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"psnr\": "));
-    CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,"));
+    CHECK(job_test_has(test_path("out/blocks/000/log.csv"),
+                       "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,"));
     CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n12,"));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
     CHECK(os_is_file(test_path("out/renders/0.png.png")));
@@ -213,7 +214,8 @@ TEST(job_keeps_what_the_log_said_also_over_an_interruption)
     CHECK(job_test_has(test_path("out/run.json"), "{\"level\": \"info\", \"text\": \"photographs "));
     CHECK(job_test_has(test_path("out/run.json"), "stay one block"));
     CHECK(!job_test_has(test_path("out/run.json"), "going on after iteration"));
-    CHECK(job_test_has(test_path("out/blocks/000/block.json"), "{\"level\": \"info\", \"text\": \"going on after iteration 5\"}"));
+    CHECK(
+        job_test_has(test_path("out/blocks/000/block.json"), "{\"level\": \"info\", \"text\": \"going on after iteration 5\"}"));
 }
 
 TEST(job_resume_finds_the_options_that_a_run_was_given)

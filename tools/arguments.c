@@ -26,7 +26,7 @@ static const struct {
 } commands[] = {
     {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: photographs and a COLMAP text export in, one splat model out.",
      "oceanxl train survey -o out",
-     "OUT gets scene.ply (opens in any 3DGS viewer), metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
+     "OUT gets scene.ply (opens in any 3DGS viewer), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
      "Ctrl-C stops in good order and saves the state, a crash loses a minute: run the same command again, and it goes on."},
     {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, and judges the whole.", "oceanxl merge out",
      "OUT gets what train would have left there, to the byte."},
@@ -45,6 +45,8 @@ static const struct {
     {"info", COMMAND_INFO, 1, "FILE", "Says what a model file holds.", "oceanxl info out/scene.ply", "Reads .ply and .splat."},
     {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply and .splat, by the files' extensions.",
      "oceanxl convert out/scene.ply scene.splat", ".splat holds 32 bytes a Gaussian and no colour that depends on the view."},
+    {"report", COMMAND_REPORT, 1, "OUT", "Writes what a run found, decided and reached as one page.", "oceanxl report out",
+     "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end."},
     {"synth", COMMAND_SYNTH, 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
      "oceanxl synth -o survey",
      "DIR gets images/, sparse/0/ and truth/: pictures without water, depth maps, the water's parameters."},
@@ -453,7 +455,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
     if (argc < 2) {
         snprintf(
             error, size,
-            "a command is wanted: train, check, partition, render, eval, info, convert, synth, ablate, tradeoff\nfix: oceanxl --help");
+            "a command is wanted: train, check, partition, render, eval, info, convert, report, synth, ablate, tradeoff\nfix: oceanxl --help");
         return 1;
     }
     if (find_command(argv[1], a, error, size)) return 1;

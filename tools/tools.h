@@ -16,6 +16,21 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
 
 void blocks_print(FILE *to, const oxl_partition_report *report);
 
+/* ---------------------------------------------------------------- json.c: a cursor over what the library writes as JSON */
+
+const char *json_member(const char *object, const char *name); /* its value, or NULL */
+const char *json_first(const char *array);                     /* its first element, or NULL */
+const char *json_next(const char *element);                    /* the one after it, or NULL */
+double      json_number(const char *object, const char *name); /* of a member; not a number: there is none */
+double      json_number_at(const char **cursor);               /* and moves past it; the point is a point in every locale */
+int         json_is_true(const char *object, const char *name);
+char       *json_string(const char *value); /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
+
+/* ---------------------------------------------------------------- report.c: what a run left, as one page */
+
+/* Writes OUT/report.html, whole or not at all. What is not there yet is left out. On failure the text says why. */
+oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t error_size);
+
 /* ---------------------------------------------------------------- synth.c: a procedural underwater survey with known truth */
 
 typedef struct synth_options {
@@ -88,7 +103,8 @@ enum command {
     COMMAND_PARTITION,
     COMMAND_SYNTH,
     COMMAND_ABLATE,
-    COMMAND_TRADEOFF
+    COMMAND_TRADEOFF,
+    COMMAND_REPORT
 };
 
 struct arguments { /* negative numbers and NULL: not given */

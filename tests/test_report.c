@@ -1,0 +1,189 @@
+/* test_report.c - the page says what the folder holds, whatever names are in it and whatever is missing. */
+#include "../tools/json.c"
+#include "../tools/report.c"
+#include "../tools/report_chart.c"
+#include "../tools/report_map.c"
+#include "../tools/report_page.c"
+#include "../tools/report_views.c"
+
+#define REPORT_TEST_JOB                                                                                                                \
+    "\"job\": {\"version\": \"0\", \"seed\": 3, \"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"iterations\": 12, "     \
+    "\"sh_degree\": 3, \"ucd\": 1, \"ucd_mid\": 1.5, \"ucd_far\": 2, \"ucd_learn\": 0, \"keep\": 1, \"keep_value\": 0.5, \"dog\": 1, " \
+    "\"dog_threshold\": -0.9, \"partition\": 1, \"cut\": 1}"
+
+/* The page of the test's folder OUT, in memory to be freed. */
+static char *report_test_page(void)
+{
+    const struct report r          = {.out = test_path("out")};
+    char                error[300] = "";
+    const oxl_result    rc         = report_write(test_ctx, test_path("out"), error, sizeof error);
+    char               *page;
+    CHECK(rc == OXL_OK);
+    if (rc != OXL_OK) printf("  %s\n", error);
+    page = report_read(&r, "report.html", NULL);
+    CHECK(page != NULL);
+    return page ? page : calloc(1, 1);
+}
+
+static void report_test_picture(const char *name, float grey)
+{
+    oxl_image image = {0};
+    CHECK_OK(oxl_image_create(test_ctx, 24, 16, &image));
+    for (int i = 0; i < 3 * 24 * 16; i++) image.rgb[i] = grey;
+    CHECK_OK(oxl_image_write(test_ctx, test_path(name), &image));
+    oxl_image_free(test_ctx, &image);
+}
+
+/* Two blocks; the worst view's name is as bad as a name can be. */
+static void report_test_run(void)
+{
+    test_write("out/run.json",
+               "{\"oceanxl\": \"0\", \"finished\": true, \"threads\": 2, \"instructions\": \"base\", \"preset\": \"draft\", "
+               "\"iterations_done\": 24, \"blocks\": 2, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
+               "\"survey\": {\"images\": 9, \"images_missing\": 0, \"train_views\": 7, \"test_views\": 2, \"points\": 16000},\n"
+               "\"notes\": [{\"level\": \"warning\", \"text\": \"a <warning> & more\"}, "
+               "{\"level\": \"info\", \"text\": \"partition in 2D: l3/l2 = 0.1 is below 0.3\"}]}");
+    test_write("out/metrics.json",
+               "{\"split\": \"test\", \"gaussians\": 22400, \"bytes\": 5736276, \"seconds\": 15.2, "
+               "\"seam\": {\"width\": 0.02, \"near_psnr\": 26, \"near_pixels\": 99, \"elsewhere_psnr\": 27.5}, "
+               "\"psnr\": 28.5, \"ssim\": 0.82, \"views\": [{\"name\": \"fine.png\", \"psnr\": 31, \"ssim\": 0.9}, "
+               "{\"name\": \"<b>&\\\".jpg\", \"psnr\": 26, \"ssim\": 0.8}]}");
+    for (int k = 0; k < 2; k++) {
+        char name[64];
+        snprintf(name, sizeof name, "out/blocks/%03d/block.json", k);
+        test_write(name, "{\"finished\": true, \"gaussians\": 11200, \"seconds\": 7.5}");
+        snprintf(name, sizeof name, "out/blocks/%03d/log.csv", k);
+        test_write(name, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n1,0.2,14,100,0.1,1.5,2,1000000\n"
+                         "12,0.1,20,200,1,1.5,2,2000000\n");
+    }
+}
+
+TEST(report_escapes_every_name)
+{
+    char *page;
+    report_test_run();
+    CHECK_OK(oxl_make_folder(test_ctx, test_path("out/renders")));
+    report_test_picture("out/renders/<b>&\".jpg.png", 0.5f);
+    report_test_picture("out/renders/<b>&\".jpg.photo.png", 0.75f);
+    page = report_test_page();
+    CHECK(!strstr(page, "<b>&\""));
+    CHECK(!strstr(page, "<warning>"));
+    CHECK(!strstr(page, "<where>"));
+    CHECK_TEXT(page, "alt=\"Photograph of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
+    CHECK_TEXT(page, "<li>a &lt;warning&gt; &amp; more</li>");
+    free(page);
+}
+
+TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
+{
+    char *page;
+    report_test_run();
+    page = report_test_page();
+    CHECK_TEXT(page, "The difference is -1.50 dB");
+    CHECK_TEXT(page, "<td>001<td class=\"n\">");
+    CHECK_TEXT(page, "partition in 2D: l3/l2 = 0.1 is below 0.3");
+    CHECK_TEXT(page, "Depth weights f_mid");
+    CHECK_TEXT(page, "22\xE2\x80\xAF"
+                     "400");
+    CHECK_TEXT(page, "world = model + (1.000000, -2.500000, 3.000000)");
+    CHECK_TEXT(page, "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
+    CHECK_TEXT(page, " --seed 3 --iterations 12 --partition 2d --split midpoint --ucd 1.5,2,fixed --keep 0.5 --dog selective "
+                     "--dog-threshold 90.000000%");
+    CHECK(strstr(page, "&lt;b&gt;&amp;&quot;.jpg") < strstr(page, "fine.png")); /* the worst first */
+    free(page);
+}
+
+TEST(report_asks_the_network_for_nothing)
+{
+    char *page;
+    report_test_run();
+    page = report_test_page();
+    CHECK(!strstr(page, "http:") && !strstr(page, "https:") && !strstr(page, "url(") && !strstr(page, "<script") &&
+          !strstr(page, "<link"));
+    free(page);
+}
+
+TEST(report_says_what_is_missing)
+{
+    char *page, error[300];
+    CHECK(report_write(test_ctx, test_path("nowhere"), error, sizeof error) == OXL_ERR_INPUT);
+    CHECK_TEXT(error, "holds no run.json");
+    report_test_run();
+    page = report_test_page();
+    CHECK_TEXT(page, "Its pictures are not in renders/.");
+    CHECK_TEXT(page, "No map: the survey's text files are no longer where they were.");
+    free(page);
+    test_write("out/run.json", "{\"finished\": false, \"blocks\": 3, " REPORT_TEST_JOB "}");
+    remove(test_path("out/metrics.json"));
+    page = report_test_page();
+    CHECK_TEXT(page, "not finished: run the same command again");
+    CHECK_TEXT(page, "<li>block 2: not finished</li>");
+    CHECK_TEXT(page, "Not judged yet");
+    free(page);
+}
+
+TEST(report_survives_files_that_are_cut_short)
+{
+    char *page;
+    report_test_run();
+    test_write("out/metrics.json", "{\"split\": \"test\", \"views\": [{\"name\": \"a\\");
+    test_write("out/blocks/000/log.csv", "iteration,loss\n1,0.2\n2,");
+    test_write("out/blocks/001/log.csv", "");
+    test_write("out/blocks/001/block.json", "{\"finished\": tr");
+    page = report_test_page();
+    CHECK_TEXT(page, "</html>");
+    free(page);
+}
+
+TEST(report_base64_pads_as_rfc_4648_says)
+{
+    static const char *const plain[] = {"f", "fo", "foo", "foob"}, *const coded[] = {"Zg==", "Zm8=", "Zm9v", "Zm9vYg=="};
+    for (int i = 0; i < 4; i++) {
+        struct study_text t = {0};
+        page_data(&t, "a/b", plain[i], strlen(plain[i]));
+        CHECK(strcmp(t.data + strlen("data:a/b;base64,"), coded[i]) == 0);
+        free(t.data);
+    }
+}
+
+TEST(report_json_reads_escapes_and_finds_members_at_their_own_depth)
+{
+    const char *json = "{\"a\": {\"b\": 1}, \"s\": \"x\\\"\\u00e9\\n]\", \"b\": [2, -3.5e-1 ,{}], \"t\": true}";
+    const char *list = json_member(json, "b");
+    char       *s    = json_string(json_member(json, "s"));
+    CHECK(s && strcmp(s, "x\"\xC3\xA9\n]") == 0);
+    CHECK(json_number(json_member(json, "a"), "b") == 1);
+    list = json_first(list);
+    CHECK_CLOSE(json_number_at(&(const char *){list}), 2, 0);
+    list = json_next(list);
+    CHECK_CLOSE(json_number_at(&(const char *){list}), -0.35, 1e-15);
+    list = json_next(list);
+    CHECK(*list == '{' && json_next(list) == NULL);
+    CHECK(json_is_true(json, "t") && !json_is_true(json, "a") && isnan(json_number(json, "none")));
+    free(s);
+}
+
+/* Cameras look down from above; right, up and above must be right-handed, and the widest axis goes right. */
+TEST(report_map_is_seen_from_the_cameras_and_not_mirrored)
+{
+    oxl_view   view       = {.name = "a", .camera = {8, 8, 8, 8, 4, 4, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0, 0, 5}}};
+    oxl_image  image      = {0};
+    oxl_point  points[30] = {{.error = 1}};
+    oxl_scene *scene      = NULL;
+    struct map m          = {0};
+    double     c[3], cross;
+    for (int i = 0; i < 30; i++)
+        points[i].position[0] = i % 6 * 2., points[i].position[1] = i / 6, points[i].position[2] = 0.01 * (i % 3);
+    CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, points, 30, &scene));
+    m.scene = scene;
+    map_frame(&m);
+    map_camera(&view, c);
+    CHECK_CLOSE(c[2], 5, 1e-12);
+    CHECK(map_along(&m, c, 2) > 0);
+    CHECK(fabs(m.axis[0][0]) > 0.99);
+    cross = m.axis[0][0] * m.axis[1][1] - m.axis[0][1] * m.axis[1][0];
+    CHECK(cross * m.axis[2][2] > 0.9);
+    oxl_scene_free(test_ctx, scene);
+    oxl_image_free(test_ctx, &image);
+}

@@ -1,0 +1,155 @@
+/* report_chart.c - curves over the iterations as inline SVG: loss, PSNR, Gaussians, depth weights, memory; a line for each block.
+ *
+ * Lengths are in the drawing's own units; drawn 420 wide it is read on a phone as it is.
+ * Invariant: an axis begins and ends on a multiple of its step, and every value lies within.
+ */
+#include "report.h"
+
+#include <math.h>
+
+enum {
+    CURVE_WIDTH  = 420,
+    CURVE_HEIGHT = 210,
+    CURVE_LEFT   = 46,
+    CURVE_RIGHT  = 14,
+    CURVE_TOP    = 12,
+    CURVE_FOOT   = 28,
+    CURVE_NAMED  = 6,   /* as many colours as the style has; with more blocks, all lines are alike */
+    CURVE_POINTS = 4000 /* of a chart at most, over all blocks */
+};
+
+static const struct curve {
+    const char        *title, *unit; /* the unit with its comma */
+    enum report_column column[2];    /* the second: dashed, when it is another */
+    double             scale;        /* shown = value / scale */
+    int                from_zero;
+} CURVES[] = {
+    {"Loss, smoothed", "", {REPORT_LOSS, REPORT_LOSS}, 1, 1},
+    {"PSNR of training photographs, smoothed", ", dB", {REPORT_PSNR, REPORT_PSNR}, 1, 0},
+    {"Gaussians", ", thousand", {REPORT_GAUSSIANS, REPORT_GAUSSIANS}, 1e3, 1},
+    {"Depth weights f_mid, and f_far dashed", "", {REPORT_F_MID, REPORT_F_FAR}, 1, 0},
+    {"Memory of the process, peak so far", ", MB", {REPORT_MEMORY, REPORT_MEMORY}, 1e6, 1},
+};
+
+struct curve_axis {
+    double low, high, step;
+};
+
+static struct curve_axis curve_axis_round(double low, double high)
+{
+    struct curve_axis a;
+    if (!(high - low > 1e-6 * fabs(high)) || !(high - low > 1e-5)) high = low + (fabs(low) > 1 ? fabs(low) : 1);
+    a.step = study_step(high - low);
+    a.low  = floor(low / a.step + 1e-9) * a.step;
+    a.high = ceil(high / a.step - 1e-9) * a.step;
+    return a;
+}
+
+/* 0: there is no value. */
+static int curve_axes(const struct report *r, const struct curve *c, struct curve_axis *x, struct curve_axis *y)
+{
+    double low = INFINITY, high = -INFINITY, last = 0;
+    for (int k = 0; k < r->blocks; k++)
+        for (int i = 0; i < r->block[k].rows; i++) {
+            const double *row = r->block[k].log + (size_t)i * REPORT_COLUMNS;
+            if (row[REPORT_ITERATION] > last) last = row[REPORT_ITERATION];
+            for (int j = 0; j < 2; j++) {
+                const double value = row[c->column[j]] / c->scale;
+                if (value < low) low = value;
+                if (value > high) high = value;
+            }
+        }
+    if (!(low <= high)) return 0;
+    *x = curve_axis_round(0, last);
+    *y = curve_axis_round(c->from_zero && low > 0 ? 0 : low, high);
+    return 1;
+}
+
+static double curve_x(const struct curve_axis *a, double value)
+{
+    return CURVE_LEFT + (CURVE_WIDTH - CURVE_LEFT - CURVE_RIGHT) * (value - a->low) / (a->high - a->low);
+}
+
+static double curve_y(const struct curve_axis *a, double value)
+{
+    return CURVE_HEIGHT - CURVE_FOOT - (CURVE_HEIGHT - CURVE_TOP - CURVE_FOOT) * (value - a->low) / (a->high - a->low);
+}
+
+static void curve_grid(struct study_text *t, const struct curve_axis *x, const struct curve_axis *y)
+{
+    const int decimals = y->step >= 1 ? 0 : (int)ceil(-log10(y->step) - 1e-9);
+    for (int i = 0; y->low + i * y->step <= y->high * (1 + 1e-9) + 1e-12; i++) {
+        const double value = y->low + i * y->step;
+        const char  *at    = STUDY_FIXED(curve_y(y, value), 1);
+        study_add(t, "<line class=\"grid\" x1=\"%d\" x2=\"%d\" y1=\"%s\" y2=\"%s\"/>", CURVE_LEFT, CURVE_WIDTH - CURVE_RIGHT, at,
+                  at);
+        study_add(t, "<text x=\"%d\" y=\"%s\" text-anchor=\"end\">%s</text>", CURVE_LEFT - 6,
+                  STUDY_FIXED(curve_y(y, value) + 4, 1), STUDY_FIXED(value, decimals));
+    }
+    for (int i = 0; x->low + i * x->step <= x->high * (1 + 1e-9); i++)
+        study_add(t, "<text x=\"%s\" y=\"%d\" text-anchor=\"middle\">%s</text>", STUDY_FIXED(curve_x(x, x->low + i * x->step), 1),
+                  CURVE_HEIGHT - 8, PAGE_COUNT(x->low + i * x->step));
+}
+
+static void curve_line(struct study_text *t, const struct report *r, int block, const struct curve *c, int second,
+                       const struct curve_axis *x, const struct curve_axis *y)
+{
+    const struct report_block *b     = &r->block[block];
+    const int                  every = 1 + b->rows * r->blocks / CURVE_POINTS, colour = r->blocks <= CURVE_NAMED ? block : 0;
+    char                       command = 'M';
+    study_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour, second ? " stroke-dasharray=\"5 4\"" : "");
+    for (int i = 0; i < b->rows; i++) {
+        const double *row = b->log + (size_t)i * REPORT_COLUMNS, value = row[c->column[second]] / c->scale;
+        if (!isfinite(value) || (i % every != 0 && i + 1 < b->rows)) continue;
+        study_add(t, "%c%s %s", command, STUDY_FIXED(curve_x(x, row[REPORT_ITERATION]), 1), STUDY_FIXED(curve_y(y, value), 1));
+        command = 'L';
+    }
+    study_add(t, "\"/>\n");
+}
+
+static void curve_draw(struct study_text *t, const struct report *r, const struct curve *c)
+{
+    struct curve_axis x, y;
+    if (!curve_axes(r, c, &x, &y)) return;
+    study_add(
+        t,
+        "<figure><figcaption>%s%s</figcaption>\n<svg class=\"chart%s\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" "
+        "aria-label=\"%s over the iterations\">",
+        c->title, c->unit, r->blocks > CURVE_NAMED ? " many" : "", CURVE_WIDTH, CURVE_HEIGHT, 2 * CURVE_WIDTH, 2 * CURVE_HEIGHT,
+        c->title);
+    curve_grid(t, &x, &y);
+    for (int k = 0; k < r->blocks; k++)
+        for (int j = 0; j < (c->column[0] == c->column[1] ? 1 : 2); j++) curve_line(t, r, k, c, j, &x, &y);
+    study_add(t, "</svg></figure>\n");
+}
+
+/* Weights that stayed at 1 are no curve. */
+static int curve_is_flat(const struct report *r, const struct curve *c)
+{
+    if (c->column[0] != REPORT_F_MID) return 0;
+    for (int k = 0; k < r->blocks; k++)
+        for (int i = 0; i < r->block[k].rows; i++)
+            for (int j = 0; j < 2; j++)
+                if (r->block[k].log[(size_t)i * REPORT_COLUMNS + (size_t)c->column[j]] > 1) return 0;
+    return 1;
+}
+
+void chart_section(struct report *r)
+{
+    struct study_text *t    = &r->page;
+    int                rows = 0;
+    for (int k = 0; k < r->blocks; k++) rows += r->block[k].rows;
+    page_section(t, "How training went");
+    if (rows == 0) study_add(t, "<p>There is no log.csv yet.</p>\n");
+    else study_add(t, "<p class=\"pale\">Along the bottom: iterations, of one photograph each.</p>\n<div class=\"charts\">\n");
+    for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++)
+        if (!curve_is_flat(r, &CURVES[i])) curve_draw(t, r, &CURVES[i]);
+    if (rows > 0) study_add(t, "</div>\n");
+    if (rows > 0 && r->blocks > 1 && r->blocks <= CURVE_NAMED) {
+        study_add(t, "<p><small>");
+        for (int k = 0; k < r->blocks; k++) study_add(t, "<b style=\"color:var(--s%d)\">&#9644; block %d</b> &nbsp; ", k, k);
+        study_add(t, "</small></p>\n");
+    } else if (rows > 0 && r->blocks > CURVE_NAMED)
+        study_add(t, "<p><small>One line for each of the %d blocks.</small></p>\n", r->blocks);
+    study_add(t, "</section>\n");
+}

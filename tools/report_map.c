@@ -1,0 +1,287 @@
+/* report_map.c - the survey from above: its points in their colours, the cameras on top.
+ *
+ * Above is along the third principal axis of the points, on the side of the cameras. The points become one picture, so the page
+ * does not grow with them; cameras are drawn on it, so they can be told apart at any size.
+ * Invariant: the map is never mirrored: right, up and above are a right-handed frame.
+ */
+#include "report.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MAP_WIDTH = 960, MAP_SAMPLE = 100000, MAP_CAMERAS = 4000 };
+
+struct map {
+    const oxl_scene *scene;
+    double           centre[3], axis[3][3]; /* right, up, above */
+    double           low[2], high[2];       /* along right and up */
+    double           scale;                 /* px a unit */
+    int              width, height;
+};
+
+/* ---------------------------------------------------------------- the frame */
+
+/* Eigenvectors of a symmetric matrix, as rows of v (Jacobi 1846); the diagonal of a becomes the eigenvalues. */
+static void map_jacobi(double a[3][3], double v[3][3])
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) v[i][j] = i == j;
+    for (int sweep = 0; sweep < 60; sweep++) {
+        const int    p = sweep % 3 == 2 ? 1 : 0, q = sweep % 3 == 0 ? 1 : 2;
+        const double angle = 0.5 * atan2(2 * a[p][q], a[q][q] - a[p][p]), c = cos(angle), s = sin(angle);
+        for (int k = 0; k < 3; k++) {
+            const double x = a[k][p], y = a[k][q];
+            a[k][p] = c * x - s * y, a[k][q] = s * x + c * y;
+        }
+        for (int k = 0; k < 3; k++) {
+            const double x = a[p][k], y = a[q][k], vx = v[p][k], vy = v[q][k];
+            a[p][k] = c * x - s * y, a[q][k] = s * x + c * y;
+            v[p][k] = c * vx - s * vy, v[q][k] = s * vx + c * vy;
+        }
+    }
+}
+
+static double map_along(const struct map *m, const double p[3], int axis)
+{
+    double sum = 0;
+    for (int k = 0; k < 3; k++) sum += m->axis[axis][k] * (p[k] - m->centre[k]);
+    return sum;
+}
+
+static void map_camera(const oxl_view *view, double out[3])
+{
+    const oxl_camera *c = &view->camera;
+    for (int k = 0; k < 3; k++)
+        out[k] = -(c->rotation[k] * c->translation[0] + c->rotation[3 + k] * c->translation[1] +
+                   c->rotation[6 + k] * c->translation[2]);
+}
+
+static size_t map_stride(const struct map *m)
+{
+    return 1 + oxl_scene_point_count(m->scene) / MAP_SAMPLE;
+}
+
+/* The widest axis goes right, the second up, the narrowest towards the cameras. */
+static void map_frame(struct map *m)
+{
+    const oxl_point *point   = oxl_scene_points(m->scene);
+    const size_t     count   = oxl_scene_point_count(m->scene);
+    double           a[3][3] = {{0}}, v[3][3], n = 0, above = 0;
+    int              order[3] = {0, 1, 2};
+    for (size_t i = 0; i < count; i += map_stride(m), n++)
+        for (int k = 0; k < 3; k++) m->centre[k] += point[i].position[k];
+    for (int k = 0; k < 3; k++) m->centre[k] /= n;
+    for (size_t i = 0; i < count; i += map_stride(m))
+        for (int k = 0; k < 9; k++)
+            a[k / 3][k % 3] += (point[i].position[k / 3] - m->centre[k / 3]) * (point[i].position[k % 3] - m->centre[k % 3]);
+    map_jacobi(a, v);
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2 - i; j++)
+            if (a[order[j]][order[j]] < a[order[j + 1]][order[j + 1]]) {
+                const int swapped = order[j];
+                order[j] = order[j + 1], order[j + 1] = swapped;
+            }
+    for (int i = 0; i < 3; i++) memcpy(m->axis[i], v[order[i]], sizeof v[0]);
+    for (int i = 0; i < oxl_scene_view_count(m->scene); i++) {
+        double c[3];
+        map_camera(oxl_scene_view(m->scene, i), c);
+        above += map_along(m, c, 2);
+    }
+    for (int k = 0; k < 3 && above < 0; k++) m->axis[2][k] = -m->axis[2][k];
+    for (int k = 0; k < 3; k++) /* up = above x right */
+        m->axis[1][k] = m->axis[2][(k + 1) % 3] * m->axis[0][(k + 2) % 3] - m->axis[2][(k + 2) % 3] * m->axis[0][(k + 1) % 3];
+}
+
+static int map_compare(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* All cameras, and all points but the outermost 1/200 on each side. 0: no memory. */
+static int map_bounds(struct map *m)
+{
+    const oxl_point *point = oxl_scene_points(m->scene);
+    const size_t     count = oxl_scene_point_count(m->scene);
+    double          *along = malloc(sizeof *along * (count / map_stride(m) + 1));
+    for (int d = 0; along && d < 2; d++) {
+        size_t n = 0;
+        for (size_t i = 0; i < count; i += map_stride(m)) along[n++] = map_along(m, point[i].position, d);
+        qsort(along, n, sizeof *along, map_compare);
+        m->low[d] = along[n / 200], m->high[d] = along[n - 1 - n / 200];
+        for (int i = 0; i < oxl_scene_view_count(m->scene); i++) {
+            double c[3], at;
+            map_camera(oxl_scene_view(m->scene, i), c);
+            at         = map_along(m, c, d);
+            m->low[d]  = fmin(m->low[d], at);
+            m->high[d] = fmax(m->high[d], at);
+        }
+    }
+    free(along);
+    return along != NULL;
+}
+
+static void map_size(struct map *m)
+{
+    const double wide = fmax(m->high[0] - m->low[0], 1e-9), tall = fmax(m->high[1] - m->low[1], 1e-9),
+                 edge = 0.03 * fmax(wide, tall);
+    for (int d = 0; d < 2; d++) m->low[d] -= edge, m->high[d] += edge;
+    m->width  = MAP_WIDTH;
+    m->scale  = MAP_WIDTH / (wide + 2 * edge);
+    m->height = (int)fmin(ceil((tall + 2 * edge) * m->scale), 2 * MAP_WIDTH);
+    m->scale  = fmin(m->scale, m->height / (tall + 2 * edge));
+}
+
+static double map_x(const struct map *m, const double p[3])
+{
+    return (map_along(m, p, 0) - m->low[0]) * m->scale;
+}
+
+static double map_y(const struct map *m, const double p[3])
+{
+    return (m->high[1] - map_along(m, p, 1)) * m->scale;
+}
+
+/* ---------------------------------------------------------------- the picture of the points */
+
+/* The highest point shows; top (H,W). */
+static void map_draw_points(const struct map *m, oxl_image *image, double *top)
+{
+    const oxl_point *point = oxl_scene_points(m->scene);
+    const size_t     count = oxl_scene_point_count(m->scene), pixels = (size_t)m->width * (size_t)m->height;
+    const int        side =
+        fmin(sqrt((double)pixels / ((double)count + 1)), 5) < 2 ? 1 : (int)fmin(sqrt((double)pixels / (double)count), 5);
+    static const float sea[3] = {0.035f, 0.10f, 0.14f};
+    for (size_t i = 0; i < pixels; i++) {
+        top[i] = -INFINITY;
+        for (int c = 0; c < 3; c++) image->rgb[(size_t)c * pixels + i] = sea[c];
+    }
+    for (size_t i = 0; i < count; i++) {
+        const double x = map_x(m, point[i].position), y = map_y(m, point[i].position),
+                     height = map_along(m, point[i].position, 2);
+        for (int k = 0; k < side * side; k++) {
+            const double px = floor(x) + k % side, py = floor(y) + k / side;
+            size_t       at;
+            if (!(px >= 0 && py >= 0 && px < m->width && py < m->height)) continue;
+            at = (size_t)py * (size_t)m->width + (size_t)px;
+            if (height <= top[at]) continue;
+            top[at] = height;
+            for (int c = 0; c < 3; c++) image->rgb[(size_t)c * pixels + at] = (float)point[i].rgb[c] / 255;
+        }
+    }
+}
+
+static void map_points(struct report *r, const struct map *m)
+{
+    oxl_image image = {0};
+    double   *top   = malloc(sizeof *top * (size_t)m->width * (size_t)m->height);
+    if (top && oxl_image_create(r->ctx, m->width, m->height, &image) == OXL_OK) {
+        map_draw_points(m, &image, top);
+        page_jpeg(r, &image, 82);
+    } else r->page.failed = 1;
+    oxl_image_free(r->ctx, &image);
+    free(top);
+}
+
+/* ---------------------------------------------------------------- the drawing */
+
+static void map_cameras(struct study_text *t, const struct map *m)
+{
+    const int    views = oxl_scene_view_count(m->scene), stride = 1 + views / MAP_CAMERAS;
+    const double radius = fmax(2.2, fmin(6, 60 / sqrt((double)views)));
+    for (int test = 0; test < 2; test++)
+        for (int i = 0; i < views; i += stride) {
+            const oxl_view *view = oxl_scene_view(m->scene, i);
+            double          c[3];
+            if (view->is_test != test) continue;
+            map_camera(view, c);
+            study_add(t, "<circle cx=\"%s\" cy=\"%s\" r=\"%s\" %s>", STUDY_FIXED(map_x(m, c), 1), STUDY_FIXED(map_y(m, c), 1),
+                      STUDY_FIXED(radius, 1),
+                      test ? "fill=\"#ffd24a\" stroke=\"#000\""
+                           : "fill=\"#fff\" fill-opacity=\".85\" stroke=\"#0a6781\" stroke-width=\"1.5\"");
+            if (views <= 500) {
+                study_add(t, "<title>");
+                page_text(t, view->name);
+                study_add(t, "</title>");
+            }
+            study_add(t, "</circle>\n");
+        }
+}
+
+/* A bar of 1, 2 or 5 times a power of ten, a fifth of the width at most. */
+static void map_ruler(struct study_text *t, const struct map *m)
+{
+    const double most = m->width / m->scale / 5, power = pow(10, floor(log10(most)));
+    const double length = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1), px = length * m->scale;
+    const int    y = m->height - 22, decimals = length < 1 ? (int)ceil(-log10(length) - 1e-9) : 0;
+    study_add(t, "<rect x=\"14\" y=\"%d\" width=\"%s\" height=\"50\" rx=\"6\" fill=\"#000\" fill-opacity=\".55\"/>", y - 36,
+              STUDY_FIXED(fmax(px, 100) + 24, 1));
+    study_add(t, "<path d=\"M26 %d v8 h%s v-8\" fill=\"none\" stroke=\"#fff\" stroke-width=\"2\"/>", y - 2, STUDY_FIXED(px, 1));
+    study_add(t, "<text x=\"26\" y=\"%d\">%s unit%s</text>", y - 12, STUDY_FIXED(length, decimals), length == 1 ? "" : "s");
+}
+
+static void map_figure(struct report *r, const oxl_scene *scene)
+{
+    struct study_text *t = &r->page;
+    struct map         m = {.scene = scene};
+    map_frame(&m);
+    if (!map_bounds(&m)) {
+        t->failed = 1;
+        return;
+    }
+    map_size(&m);
+    study_add(
+        t,
+        "<figure><svg class=\"map\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" aria-label=\"Map of cameras and points\">"
+        "<image width=\"%d\" height=\"%d\" href=\"",
+        m.width, m.height, m.width, m.height, m.width, m.height);
+    map_points(r, &m);
+    study_add(t, "\"/>\n");
+    map_cameras(t, &m);
+    map_ruler(t, &m);
+    study_add(
+        t, "</svg>\n<figcaption>From above: the points that training starts from, in their colours; white: cameras of training, "
+           "yellow: cameras held out.</figcaption></figure>\n");
+}
+
+/* The survey as the run read it, without its photographs. */
+static oxl_scene *map_load(struct report *r)
+{
+    static const char *const names[3]   = {"images_folder", "sparse_folder", "masks_folder"};
+    char                    *path[3]    = {NULL, NULL, NULL};
+    oxl_scene_options        options    = oxl_scene_options_default();
+    oxl_scene               *scene      = NULL;
+    const double             test_every = json_number(r->job, "test_every"), max_side = json_number(r->job, "max_side");
+    for (int i = 0; i < 3; i++) path[i] = json_string(json_member(r->job, names[i]));
+    options.images      = path[0];
+    options.sparse      = path[1];
+    options.masks       = path[2];
+    options.read_images = 0;
+    if (test_every >= 0) options.test_every = (int)test_every;
+    if (max_side >= 1) options.max_side = (int)max_side;
+    if (oxl_scene_load(r->ctx, r->scene, &options, &scene) != OXL_OK) scene = NULL;
+    for (int i = 0; i < 3; i++) free(path[i]);
+    return scene;
+}
+
+static void map_partition(struct report *r)
+{
+    size_t size = 0;
+    char  *svg  = r->blocks > 1 ? report_read(r, "partition.svg", &size) : NULL;
+    if (svg && size < 3000000) {
+        study_add(&r->page, "<figure><img alt=\"The survey in blocks\" src=\"");
+        page_data(&r->page, "image/svg+xml", svg, size);
+        study_add(&r->page, "\"><figcaption>partition.svg: how the survey was cut into blocks.</figcaption></figure>\n");
+    } else if (svg) study_add(&r->page, "<p>How it was cut into blocks: partition.svg, too large to be repeated here.</p>\n");
+    free(svg);
+}
+
+void map_section(struct report *r)
+{
+    oxl_scene *scene = r->scene ? map_load(r) : NULL;
+    if (scene && oxl_scene_point_count(scene) > 0) map_figure(r, scene);
+    else study_add(&r->page, "<p class=\"pale\">No map: the survey's text files are no longer where they were.</p>\n");
+    oxl_scene_free(r->ctx, scene);
+    map_partition(r);
+}

@@ -1,0 +1,209 @@
+/* report_views.c - every judged view by PSNR; the worst, beside the photograph and with a map of the error.
+ *
+ * Pictures are those of OUT/renders, made smaller for the page. The error is the mean over the channels of |drawn - photograph|.
+ */
+#include "report.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen at once */ };
+#define VIEWS_ERROR_FULL 0.25f /* of full white: the brightest colour of the error map */
+
+struct views_row {
+    char  *name;
+    double psnr, ssim;
+};
+
+struct views {
+    struct views_row *row;
+    int               count;
+};
+
+/* ---------------------------------------------------------------- the rows */
+
+static int views_compare(const void *a, const void *b)
+{
+    const struct views_row *x = a, *y = b;
+    if (x->psnr != y->psnr) return x->psnr < y->psnr ? -1 : 1;
+    return strcmp(x->name, y->name);
+}
+
+static struct views views_read(struct report *r)
+{
+    const char  *list = json_member(r->metrics, "views");
+    struct views v    = {0};
+    int          n    = 0;
+    for (const char *e = json_first(list); e; e = json_next(e)) n++;
+    v.row = calloc((size_t)n + 1, sizeof *v.row);
+    if (!v.row) r->page.failed = 1;
+    for (const char *e = json_first(list); v.row && e; e = json_next(e)) {
+        struct views_row row = {json_string(json_member(e, "name")), json_number(e, "psnr"), json_number(e, "ssim")};
+        if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
+        else free(row.name);
+    }
+    if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
+    return v;
+}
+
+static void views_free(struct views *v)
+{
+    for (int i = 0; i < v->count; i++) free(v->row[i].name);
+    free(v->row);
+}
+
+/* ---------------------------------------------------------------- pictures */
+
+/* OUT/renders/NAME + suffix, as the library names it: no name leads out of the folder. 0: it is not there. */
+static int views_picture(struct report *r, const char *name, const char *suffix, oxl_image *out)
+{
+    const size_t size = strlen(r->out) + strlen(name) + strlen(suffix) + 16;
+    char        *path = malloc(size);
+    int          rc;
+    if (!path) return 0;
+    snprintf(path, size, "%s/renders/%s%s", r->out, name, suffix);
+    for (char *c = path + strlen(r->out) + 9; (name[0] == '/' || strstr(name, "..")) && *c; c++)
+        if (*c == '/') *c = '_';
+    rc = oxl_image_read(r->ctx, path, out) == OXL_OK;
+    free(path);
+    return rc;
+}
+
+/* The mean of n x n pixels becomes one, until the longer side is at most VIEWS_SIDE. */
+static oxl_result views_reduce(struct report *r, oxl_image *image)
+{
+    const int  longer = image->width > image->height ? image->width : image->height, n = (longer + VIEWS_SIDE - 1) / VIEWS_SIDE;
+    oxl_image  small = {0};
+    oxl_result rc    = n > 1 ? oxl_image_create(r->ctx, image->width / n, image->height / n, &small) : OXL_OK;
+    if (rc != OXL_OK || n <= 1) return rc;
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < small.height; y++)
+            for (int x = 0; x < small.width; x++) {
+                float sum = 0;
+                for (int k = 0; k < n * n; k++)
+                    sum += image->rgb[((size_t)c * (size_t)image->height + (size_t)(y * n + k / n)) * (size_t)image->width +
+                                      (size_t)(x * n + k % n)];
+                small.rgb[((size_t)c * (size_t)small.height + (size_t)y) * (size_t)small.width + (size_t)x] =
+                    sum / (float)(n * n);
+            }
+    oxl_image_free(r->ctx, image);
+    *image = small;
+    return OXL_OK;
+}
+
+/* From black over blue and green to pale yellow: it grows in brightness, so it reads without colour too. */
+static const float VIEWS_RAMP[5][3] = {
+    {.02f, .03f, .08f}, {.10f, .22f, .52f}, {.10f, .55f, .53f}, {.55f, .80f, .30f}, {1.f, .97f, .70f}};
+
+static void views_colour(float error, float out[3])
+{
+    const float at = fminf(error / VIEWS_ERROR_FULL, 1) * 4;
+    const int   k  = at < 3 ? (int)at : 3;
+    for (int c = 0; c < 3; c++) out[c] = VIEWS_RAMP[k][c] + (at - (float)k) * (VIEWS_RAMP[k + 1][c] - VIEWS_RAMP[k][c]);
+}
+
+static oxl_result views_error(struct report *r, const oxl_image *a, const oxl_image *b, oxl_image *out)
+{
+    const size_t     pixels = (size_t)a->width * (size_t)a->height;
+    const oxl_result rc     = oxl_image_create(r->ctx, a->width, a->height, out);
+    for (size_t i = 0; rc == OXL_OK && i < pixels; i++) {
+        float error = 0, colour[3];
+        for (size_t c = 0; c < 3; c++) error += fabsf(a->rgb[c * pixels + i] - b->rgb[c * pixels + i]) / 3;
+        views_colour(error, colour);
+        for (size_t c = 0; c < 3; c++) out->rgb[c * pixels + i] = colour[c];
+    }
+    return rc;
+}
+
+static void views_figure(struct report *r, const oxl_image *image, const char *what, const char *name)
+{
+    study_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of ", image->width, image->height, what);
+    page_text(&r->page, name);
+    study_add(&r->page, "\" src=\"");
+    page_jpeg(r, image, 80);
+    study_add(&r->page, "\"><figcaption>%s</figcaption></figure>\n", what);
+}
+
+static void views_show(struct report *r, const struct views_row *row)
+{
+    struct study_text *t     = &r->page;
+    oxl_image          drawn = {0}, photo = {0}, error = {0};
+    study_add(t, "<h3>");
+    page_text(t, row->name);
+    study_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", STUDY_FIXED(row->psnr, 2), STUDY_FIXED(row->ssim, 3));
+    if (!views_picture(r, row->name, ".png", &drawn) || !views_picture(r, row->name, ".photo.png", &photo) ||
+        drawn.width != photo.width || drawn.height != photo.height)
+        study_add(t, "<p class=\"pale\">Its pictures are not in renders/.</p>\n");
+    else if (views_reduce(r, &drawn) == OXL_OK && views_reduce(r, &photo) == OXL_OK &&
+             views_error(r, &drawn, &photo, &error) == OXL_OK) {
+        study_add(t, "<div class=\"three\">\n");
+        views_figure(r, &photo, "Photograph", row->name);
+        views_figure(r, &drawn, "The model", row->name);
+        views_figure(r, &error, "Error", row->name);
+        study_add(t, "</div>\n");
+    } else t->failed = 1;
+    oxl_image_free(r->ctx, &drawn);
+    oxl_image_free(r->ctx, &photo);
+    oxl_image_free(r->ctx, &error);
+}
+
+static void views_legend(struct study_text *t)
+{
+    study_add(t, "<div class=\"ramp\" style=\"background:linear-gradient(90deg");
+    for (int k = 0; k < 5; k++)
+        study_add(t, ",rgb(%d,%d,%d)", (int)(255 * VIEWS_RAMP[k][0]), (int)(255 * VIEWS_RAMP[k][1]),
+                  (int)(255 * VIEWS_RAMP[k][2]));
+    study_add(t, ")\"></div>\n<p><small>The error's colours, from none to %d %% of full white and more.</small></p>\n",
+              (int)(100 * VIEWS_ERROR_FULL));
+}
+
+/* ---------------------------------------------------------------- the section */
+
+static void views_rows(struct study_text *t, const struct views *v, int from, int to)
+{
+    const double best = v->row[v->count - 1].psnr;
+    study_add(
+        t,
+        "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th class=\"wide\" style=\"width:30%%\"></tr>\n");
+    for (int i = from; i < to; i++) {
+        const struct views_row *row = &v->row[i];
+        study_add(t, "<tr><td class=\"name\">");
+        page_text(t, row->name);
+        study_add(
+            t, "<td class=\"n\">%s<td class=\"n\">%s<td class=\"wide\"><span class=\"bar\" style=\"width:%s%%\"></span></tr>\n",
+            STUDY_FIXED(row->psnr, 2), STUDY_FIXED(row->ssim, 3), STUDY_FIXED(best > 0 ? 100 * fmax(row->psnr, 0) / best : 0, 1));
+    }
+    study_add(t, "</table></div>\n");
+}
+
+void views_section(struct report *r)
+{
+    struct study_text *t     = &r->page;
+    struct views       v     = views_read(r);
+    char              *split = json_string(json_member(r->metrics, "split"));
+    const int          held  = split && strcmp(split, "test") == 0;
+    page_section(t, "How well it foresees photographs");
+    if (v.count == 0) study_add(t, "<p>Not judged yet: metrics.json is not there.</p>\n");
+    else {
+        study_add(
+            t,
+            "<p>%s PSNR is the error in decibels, 3 dB more is half the squared error; SSIM says how alike structures are, 1 is equal. "
+            "The worst come first.</p>\n",
+            held ? "These photographs were held out: training has not seen them."
+                 : "<b class=\"warn\">These are photographs of training: none was held out, so they flatter.</b>");
+        views_rows(t, &v, 0, v.count < VIEWS_OPEN ? v.count : VIEWS_OPEN);
+        if (v.count > VIEWS_OPEN) {
+            study_add(t, "<details><summary>%d more views</summary>\n", v.count - VIEWS_OPEN);
+            views_rows(t, &v, VIEWS_OPEN, v.count);
+            study_add(t, "</details>\n");
+        }
+        study_add(t, "</section>\n");
+        page_section(t, "The worst views");
+        for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, &v.row[i]);
+        views_legend(t);
+    }
+    study_add(t, "</section>\n");
+    free(split);
+    views_free(&v);
+}
