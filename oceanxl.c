@@ -57,6 +57,7 @@
 #include "src/seam.c"       /* do the borders between blocks show? */
 
 /* the whole job */
+#include "src/rehearse.c"          /* some steps before the run, to see how long its steps will take */
 #include "src/survey.c"            /* what a survey holds, and what training it would take */
 #include "src/partition_balance.c" /* how even the blocks are, and what each will take */
 #include "src/budget.c"            /* --ram: what fits into how much memory */

@@ -689,7 +689,8 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options);
 OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options);
-OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training views */
+OXL_INTERNAL double train_pixels(const oxl_scene *scene);                   /* of all training views */
+OXL_INTERNAL int    train_densifications(const oxl_train_options *options); /* in a whole run */
 
 /* ---------------------------------------------------------------- run.c: run.json, what a result depends on */
 
@@ -760,6 +761,16 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
 OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out);
 /* An object without a newline at its end; its lines after the first start with `indent`. */
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
+
+/* Of the scene that the cost is of, in all its blocks: from steps that are tried, or, where that would take too long, by the cost. */
+OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options,
+                                   const struct survey_cost *cost);
+
+/* ---------------------------------------------------------------- rehearse.c: how long steps will take */
+
+/* Seconds of a run that is to end with so many Gaussians, from steps that are tried here and now; 0: it cannot be told so, be it that trying
+ * would take too long, or for want of memory. */
+OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options, double gaussians);
 
 /* ---------------------------------------------------------------- budget.c: --ram */
 

@@ -277,7 +277,7 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     cost                    = survey_cost(job->ctx, o, &load);
     task->train             = o->train;
     task->predicted_peak    = cost.memory;
-    task->predicted_seconds = cost.seconds;
+    task->predicted_seconds = survey_seconds(job->ctx, scene, o, &cost);
     if (task->train.max_seconds > 0)
         task->train.max_seconds = OXL_MAX(1e-3, task->train.max_seconds - (os_seconds() - job->begun));
     return OXL_OK;

@@ -1,6 +1,7 @@
 /* survey.c - what a survey holds, and what training it would take: the first message of `train`, the whole of `check`.
  *
- * The predictions are arithmetic on counts, with the measured constants below; they are to be right within a factor of two.
+ * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is told from steps that are tried (rehearse.c);
+ * where that would take too long, and between blocks, from such arithmetic too.
  * Invariant: nothing here changes what is trained.
  */
 #include "internal.h"
@@ -67,6 +68,23 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
     return cost;
 }
 
+/* How many blocks halving makes of it. */
+static double survey_blocks(const oxl_job_options *o, size_t points)
+{
+    double blocks = 1;
+    while (o->partition.kind != OXL_PARTITION_NONE && (double)points > blocks * o->partition.block_points) blocks *= 2;
+    return blocks;
+}
+
+OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                   const struct survey_cost *cost)
+{
+    double seconds = rehearse(ctx, scene, &o->train, cost->gaussians);
+    if (!(seconds > 0)) seconds = cost->seconds;
+    seconds *= survey_blocks(o, oxl_scene_point_count(scene));
+    return o->train.max_seconds > 0 ? OXL_MIN(seconds, o->train.max_seconds) : seconds;
+}
+
 OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene)
 {
     const struct scene_stats *stats = scene_stats_of(scene);
@@ -81,7 +99,7 @@ OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene)
     return load;
 }
 
-static void survey_predict(const oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
+static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
 {
     const struct survey_load load   = survey_load(scene);
     oxl_job_options          fitted = *o;
@@ -90,7 +108,7 @@ static void survey_predict(const oxl_context *ctx, const oxl_scene *scene, const
     cost           = survey_cost(ctx, &fitted, &load);
     s->gaussians   = cost.gaussians;
     s->memory      = cost.memory;
-    s->seconds     = cost.seconds;
+    s->seconds     = survey_seconds(ctx, scene, &fitted, &cost);
     s->memory_free = (double)os_memory_free();
 }
 

@@ -99,11 +99,15 @@ static void train_rates(const struct train *t, float rate[OXL_PLANES])
 
 /* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
  * photographs must be learned before gradients say where detail is missing, and a reset must be made up for. */
+static int train_densifies_at(const oxl_train_options *o, int step)
+{
+    const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(TRAIN_WARM_UP, 0.25 * o->iterations));
+    return step >= from && step <= o->densify_until * o->iterations && step % o->densify_every == 0;
+}
+
 static int train_densifies(const struct train *t)
 {
-    const oxl_train_options *o    = t->options;
-    const double             from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(TRAIN_WARM_UP, 0.25 * o->iterations));
-    return t->step >= from && t->step <= o->densify_until * o->iterations && t->step % o->densify_every == 0;
+    return train_densifies_at(t->options, t->step);
 }
 
 static int train_resets_opacity(const struct train *t)
@@ -416,12 +420,10 @@ static oxl_result train_first_model(struct train *t)
     return rc;
 }
 
-/* How many densifications train_densifies will say yes to. */
-static int train_densifications(const struct train *t)
+OXL_INTERNAL int train_densifications(const oxl_train_options *options)
 {
-    struct train at    = *t;
-    int          count = 0;
-    for (at.step = 1; at.step <= t->options->iterations; at.step++) count += train_densifies(&at);
+    int count = 0;
+    for (int step = 1; step <= options->iterations; step++) count += train_densifies_at(options, step);
     return count;
 }
 
@@ -438,7 +440,7 @@ static oxl_result train_begin_control(struct train *t)
     const oxl_train_options *o     = t->options;
     const int                until = (int)(o->densify_until * o->iterations), views = train_training_views(t->scene);
     char                     words[320];
-    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd, train_densifications(t));
+    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd, train_densifications(o));
     if (rc != OXL_OK) return rc;
     ucd_describe(&t->ucd, words, sizeof words);
     if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);

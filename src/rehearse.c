@@ -1,0 +1,153 @@
+/* rehearse.c - some steps before the run, to see how long its steps will take: on this machine, as busy as it is, with these threads.
+ *
+ * What a step costs depends on how many Gaussians lie over a pixel, which no count in the survey's files tells. So two models stand in
+ * for those of the run: the starting one, and one that has as many Gaussians as the run is expected to end with, beside the points
+ * that there are. Both have all bands, as a run has after a tenth of it. Steps of both are taken over a few views; the run's are between them.
+ *
+ * Invariant: nothing of this is left behind. The run that follows ends in the same bytes as without.
+ */
+#include "internal.h"
+#include "vecmath.h"
+
+#define REHEARSE_GROWN   0.75 /* share of a run's steps that cost what those of the grown model do, the others as the first */
+#define REHEARSE_TRAINED 1.2  /* steps of trained models over those of fresh ones with as many Gaussians */
+#define REHEARSE_GROWTH  1.25 /* of their number in a densification: 1.1 to 1.35 were seen, until the cap */
+#define REHEARSE_SECONDS 1.0  /* each model is tried for at most about so long */
+#define REHEARSE_APART   0.7  /* new Gaussians stand so many standard deviations from those that they grow beside */
+enum {
+    REHEARSE_VIEWS = 12,     /* tried */
+    REHEARSE_MOST  = 1000000 /* points: of more, the blocks will be tried, not the whole */
+};
+
+struct rehearsal {
+    oxl_context       *ctx;
+    const oxl_scene   *scene;
+    oxl_render_options render;
+    struct renderer   *renderer;
+    oxl_model          first, second, gradient; /* the shape of the model that is tried */
+    float             *target;                  /* (3,H,W) of the largest view: grey */
+};
+
+static oxl_result rehearse_target(struct rehearsal *r)
+{
+    size_t most = 0;
+    for (int i = 0; i < oxl_scene_view_count(r->scene); i++) {
+        const oxl_camera *c = &oxl_scene_view(r->scene, i)->camera;
+        most                = OXL_MAX(most, (size_t)c->width * (size_t)c->height);
+    }
+    r->target = oxl_alloc(r->ctx, 3 * most, sizeof *r->target);
+    if (!r->target) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "no memory to try a step");
+    for (size_t i = 0; i < 3 * most; i++) r->target[i] = 0.5f;
+    return OXL_OK;
+}
+
+static oxl_result rehearse_step(struct rehearsal *r, oxl_model *model, const oxl_camera *camera)
+{
+    const float          rate[OXL_PLANES] = {0};
+    struct renderer_loss loss;
+    oxl_result           rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
+    if (rc == OXL_OK) rc = renderer_loss(r->ctx, r->renderer, r->target, NULL, 0.2f, &loss);
+    if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, &r->gradient);
+    if (rc == OXL_OK) renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, rate, 1);
+    return rc;
+}
+
+/* Views from all over the survey. The first step makes room for the others and does not count. */
+static oxl_result rehearse_steps(struct rehearsal *r, oxl_model *model, int halved, double *seconds)
+{
+    const int  count = oxl_scene_view_count(r->scene), views = OXL_MIN(count, REHEARSE_VIEWS);
+    double     sum   = 0;
+    int        steps = -1;
+    oxl_result rc    = OXL_OK;
+    for (int k = 0; k <= views && rc == OXL_OK && (sum < REHEARSE_SECONDS || steps < 1); k++) {
+        const oxl_camera *whole  = &oxl_scene_view(r->scene, k * (count - 1) / OXL_MAX(1, views))->camera;
+        const oxl_camera  camera = halved ? camera_halve(whole) : *whole;
+        const double      begun  = os_seconds();
+        rc                       = rehearse_step(r, model, &camera);
+        if (steps++ >= 0) sum += os_seconds() - begun;
+    }
+    *seconds = sum / OXL_MAX(1, steps);
+    return rc;
+}
+
+static void rehearse_end_model(struct rehearsal *r)
+{
+    oxl_model_free(r->ctx, &r->first);
+    oxl_model_free(r->ctx, &r->second);
+    oxl_model_free(r->ctx, &r->gradient);
+}
+
+/* halved: may be NULL. */
+static oxl_result rehearse_model(struct rehearsal *r, oxl_model *model, double *seconds, double *halved)
+{
+    oxl_result rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->first);
+    if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->second);
+    if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->gradient);
+    if (rc == OXL_OK) rc = rehearse_steps(r, model, 0, seconds);
+    if (rc == OXL_OK && halved) rc = rehearse_steps(r, model, 1, halved);
+    rehearse_end_model(r);
+    return rc;
+}
+
+/* As many as `count`: the model's own centres, again and again, from the second time on a little beside. */
+static oxl_result rehearse_grow(oxl_context *ctx, const oxl_model *model, size_t count, oxl_model *out)
+{
+    oxl_point *point = oxl_calloc(ctx, count + 1, sizeof *point);
+    oxl_result rc    = point ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to try %zu Gaussians", count);
+    for (size_t i = 0; rc == OXL_OK && i < count; i++) {
+        const size_t row = i % model->count;
+        const double far = i < model->count ? 0 : 2 * REHEARSE_APART * vecmath_exp(model->plane[OXL_LOG_SCALE][row]);
+        for (int a = 0; a < 3; a++)
+            point[i].position[a] = model->plane[OXL_MEAN + a][row] + far * (random_unit(random_bits(1, i, (uint64_t)a)) - 0.5);
+    }
+    if (rc == OXL_OK) rc = oxl_model_from_points(ctx, point, count, model->sh_degree, out);
+    oxl_free(ctx, point);
+    return rc;
+}
+
+/* Seconds of a step: of the starting model, of the same at half the sides, of the grown one. */
+struct rehearsed {
+    double early, halved, late;
+};
+
+static oxl_result rehearse_both(struct rehearsal *r, const oxl_train_options *o, size_t count, struct rehearsed *out)
+{
+    const int  degree = o->sh_degree < 0 ? 3 : o->sh_degree;
+    oxl_model  model = {0}, grown = {0};
+    oxl_result rc = rehearse_target(r);
+    if (rc == OXL_OK) rc = renderer_create(r->ctx, &r->renderer);
+    if (rc == OXL_OK)
+        rc = oxl_model_from_points(r->ctx, oxl_scene_points(r->scene), oxl_scene_point_count(r->scene), degree, &model);
+    if (rc == OXL_OK) rc = rehearse_model(r, &model, &out->early, o->coarse > 0 ? &out->halved : NULL);
+    if (rc == OXL_OK) rc = rehearse_grow(r->ctx, &model, count, &grown);
+    if (rc == OXL_OK) rc = rehearse_model(r, &grown, &out->late, NULL);
+    oxl_model_free(r->ctx, &model);
+    oxl_model_free(r->ctx, &grown);
+    renderer_free(r->ctx, r->renderer);
+    oxl_free(r->ctx, r->target);
+    return rc;
+}
+
+/* At the end of the run; `most` is what the arithmetic says. */
+static size_t rehearse_count(const oxl_train_options *o, size_t points, double most)
+{
+    double count = (double)points;
+    for (int n = train_densifications(o); n > 0 && count < most; n--) count *= REHEARSE_GROWTH;
+    return OXL_MAX(points, (size_t)OXL_MIN(count, most));
+}
+
+OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *o, double gaussians)
+{
+    struct rehearsal r      = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
+    struct rehearsed t      = {0};
+    const size_t     points = oxl_scene_point_count(scene), count = rehearse_count(o, points, gaussians);
+    double           step;
+    if (points == 0 || count > REHEARSE_MOST || oxl_scene_view_count(scene) == 0) return 0;
+    r.render.near_plane = (float)scene_near_plane(scene);
+    if (rehearse_both(&r, o, count, &t) != OXL_OK) return 0;
+    oxl_log(ctx, OXL_LOG_DEBUG, "tried: %.3f ms a step at the start, %.3f ms with %zu Gaussians", 1e3 * t.early, 1e3 * t.late,
+            count);
+    step = REHEARSE_TRAINED * ((1 - REHEARSE_GROWN) * t.early + REHEARSE_GROWN * t.late);
+    if (o->coarse > 0 && t.early > 0) step *= 1 - o->coarse * (1 - t.halved / t.early);
+    return o->iterations * step;
+}

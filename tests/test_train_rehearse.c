@@ -1,0 +1,52 @@
+/* test_train_rehearse.c - steps that are tried before a run tell its time and leave nothing behind. */
+
+TEST(rehearse_tells_a_time_and_leaves_the_run_as_it_would_be)
+{
+    oxl_scene        *scene = train_scene(5);
+    oxl_train_options o     = train_options(20);
+    oxl_model         before, after;
+    double            few, many;
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &before));
+    few          = rehearse(test_ctx, scene, &o, 400);
+    o.iterations = 20000;
+    many         = rehearse(test_ctx, scene, &o, 400);
+    o.iterations = 20;
+    CHECK(few > 0 && many > few);
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &after));
+    CHECK(train_same(&before, &after));
+    oxl_model_free(test_ctx, &before);
+    oxl_model_free(test_ctx, &after);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(rehearse_expects_growth_with_densification_up_to_the_arithmetic)
+{
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
+    o.iterations        = 400; /* densified at 100 and 200 */
+    CHECK(train_densifications(&o) == 2);
+    CHECK(rehearse_count(&o, 1000, 1e6) == (size_t)(1000 * REHEARSE_GROWTH * REHEARSE_GROWTH));
+    CHECK(rehearse_count(&o, 1000, 1100) == 1100);
+    CHECK(rehearse_count(&o, 1000, 10) == 1000);
+}
+
+TEST(rehearse_grows_a_model_beside_its_own_centres)
+{
+    static const oxl_point at[3] = {{.position = {0, 0, 0}}, {.position = {1, 0, 0}}, {.position = {0, 1, 0}}};
+    oxl_model              model, grown;
+    CHECK_OK(oxl_model_from_points(test_ctx, at, 3, 1, &model));
+    CHECK_OK(rehearse_grow(test_ctx, &model, 9, &grown));
+    CHECK(grown.count == 9 && grown.sh_degree == 1);
+    for (int i = 0; i < 9; i++)
+        for (int a = 0; a < 3; a++) CHECK(grown.plane[OXL_MEAN + a][i] > -1.5f && grown.plane[OXL_MEAN + a][i] < 2.5f);
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &grown);
+}
+
+TEST(survey_arithmetic_is_in_proportion_to_iterations)
+{
+    oxl_job_options          o    = oxl_job_options_default(OXL_PRESET_DRAFT);
+    const struct survey_load load = {.points = 5000, .views = 10, .pixels = 1e6, .train_pixels = 9e5, .largest = 1e5};
+    const double             less = survey_cost(test_ctx, &o, &load).seconds;
+    o.train.iterations *= 10;
+    CHECK_CLOSE(survey_cost(test_ctx, &o, &load).seconds / less, 10, 1e-9);
+}
