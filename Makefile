@@ -34,7 +34,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] examples/*.c)
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help test demo setup bench oracle modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help test demo setup bench cost oracle modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -92,9 +92,11 @@ oracle: $(BUILD)/oracle ## build/oracle SCENE.txt OUT.txt: our kernels in the fo
 bench: $(BUILD)/bench ## time per stage of a training step, and pairs per second against the machine's ceiling
 	$(BUILD)/bench $(BENCH)
 
+cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
+$(BUILD)/cost: SOURCE = bench/cost.c
 $(BUILD)/oracle: SOURCE = tests/oracle.c
 $(BUILD)/bench: SOURCE = bench/bench.c
-$(BUILD)/oracle $(BUILD)/bench: tests/oracle.c bench/bench.c $(BUILD)/flags
+$(BUILD)/oracle $(BUILD)/bench $(BUILD)/cost: tests/oracle.c bench/bench.c bench/cost.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*
