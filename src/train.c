@@ -40,7 +40,8 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .dog_opacity_factor  = 0.1f,
                            .dog_scale_factor    = 1.6f};
     if (preset == OXL_PRESET_DRAFT)
-        o.iterations = 2000, o.densify_gradient = 4e-4f; /* half the growth: 2000 iterations cannot train more */
+        o.iterations = 2000, o.densify_gradient = 4e-4f,
+        o.coarse = 0.25f; /* half the growth: 2000 iterations cannot train more */
     if (preset == OXL_PRESET_PAPER) o.iterations = 40000;
     return o;
 }

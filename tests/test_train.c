@@ -369,7 +369,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     oxl_train_options o[4];
     oxl_model         model[4], again;
     const int         threads = test_ctx->threads;
-    for (int i = 0; i < 4; i++) o[i] = train_options(60);
+    for (int i = 0; i < 4; i++) o[i] = train_options(60), o[i].coarse = 0;
     o[1].ssim_every = 2, o[2].coarse = 0.5f, o[3].bands_every = 0.5f;
     for (int i = 0; i < 4; i++) {
         test_ctx->threads = 1;

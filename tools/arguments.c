@@ -122,7 +122,7 @@ static const struct option {
     {"Speed for accuracy", "--ssim-every", "N", COUNTING, FIELD(ssim_every), RUNS,
      "SSIM in every N-th step, L1 alone in the others (1: in all)"},
     {"Speed for accuracy", "--coarse", "SHARE", REAL, FIELD(coarse), RUNS,
-     "of the run, its first, at half the photographs' sides, as 0.25 (0)"},
+     "of the run, its first, at half the photographs' sides, as 0.25 (0, draft 0.25)"},
     {"Speed for accuracy", "--sh-every", "SHARE", REAL, FIELD(bands_every), RUNS,
      "of the run, after which there is one more band of spherical harmonics, as 0.2 (0.0333)"},
     {"What the scene requires", "--ucd", "on|off|auto|MID,FAR", TEXT, FIELD(ucd), TRAINS,
