@@ -337,6 +337,15 @@ typedef struct oxl_train_options {
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
 
+/* Numbers that were not finite, or as good as not, and what was done about them: all 0 in a run that went well. */
+typedef struct oxl_faults {
+    size_t photographs; /* that could not be read: left out */
+    size_t steps;       /* whose loss was not finite: skipped */
+    size_t rows;        /* steps of single Gaussians whose gradient was not finite: skipped */
+    size_t cleared;     /* Gaussians that held such a number: made invisible, or removed at the end */
+    size_t degenerate;  /* of the result: without a rotation, or of a scale past e^+-87; drawn all the same */
+} oxl_faults;
+
 typedef struct oxl_progress {
     int              iteration, iterations;
     int              block, blocks; /* of a job that trains several, from 0; else 0, 0 */
@@ -347,6 +356,7 @@ typedef struct oxl_progress {
     double           seconds_left; /* predicted */
     size_t           memory;       /* bytes at the peak so far; only in a job, else 0 */
     const oxl_model *model;        /* as it stands; valid during the call */
+    oxl_faults       faults;       /* so far */
 } oxl_progress;
 
 /* Called after every iteration; nonzero stops the run, which then returns OXL_ERR_INTERRUPTED and a usable model. */

@@ -14,6 +14,7 @@ struct block {
     oxl_progress             last;
     struct text              log, notes;
     double                   log_written; /* seconds */
+    oxl_faults               faults;
 };
 
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
@@ -38,12 +39,13 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     if (rc == OXL_OK && map.data && strstr(map.data, key)) {
         out->there             = 1;
         out->finished          = strstr(map.data, "\"finished\": true") != NULL;
-        out->iterations        = (int)run_number(map.data, "iterations_done");
-        out->gaussians         = (size_t)run_number(map.data, "gaussians");
+        out->iterations        = (int)OXL_CLAMP(run_number(map.data, "iterations_done"), 0, INT_MAX);
+        out->gaussians         = (size_t)OXL_CLAMP(run_number(map.data, "gaussians"), 0, 1e9);
         out->seconds           = run_number(map.data, "seconds");
         out->peak              = run_number(map.data, "peak_rss_bytes");
         out->predicted_peak    = run_number(map.data, "predicted_memory_bytes");
         out->predicted_seconds = run_number(map.data, "predicted_seconds");
+        faults_read_json(map.data, &out->faults);
     }
     os_release_file(ctx, &map);
     oxl_free(ctx, path);
@@ -69,6 +71,7 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     block_add(&t, "peak_rss_bytes", r->peak);
     block_add(&t, "predicted_memory_bytes", r->predicted_peak);
     block_add(&t, "predicted_seconds", r->predicted_seconds);
+    faults_add_json(&t, &r->faults);
     text_add(&t, "  %s,\n  \"notes\": [%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
     t.failed |= b->notes.failed;
     rc = block_write(b, "block.json", &t);
@@ -150,7 +153,8 @@ static oxl_result block_finish(struct block *b, const oxl_model *model, int fini
                                         .seconds           = block_rounded(b->last.seconds, 1e3),
                                         .peak              = (double)os_peak_rss(),
                                         .predicted_peak    = b->task->predicted_peak,
-                                        .predicted_seconds = block_rounded(b->task->predicted_seconds, 1e3)};
+                                        .predicted_seconds = block_rounded(b->task->predicted_seconds, 1e3),
+                                        .faults            = b->faults};
     char                     *path   = oxl_path_join(b->ctx, b->task->folder, "model.ply");
     oxl_result rc = path ? block_write(b, "log.csv", &b->log) : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write model.ply");
     if (rc == OXL_OK) rc = modelfile_write_ply(b->ctx, path, model, model->sh_degree);
@@ -163,7 +167,7 @@ static oxl_result block_finish(struct block *b, const oxl_model *model, int fini
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task)
 {
     struct block             b     = {.ctx = ctx, .task = task, .log = {.ctx = ctx}, .notes = {.ctx = ctx}};
-    const struct train_place place = {task->folder, task->key, &b.log, &b.notes};
+    const struct train_place place = {task->folder, task->key, &b.log, &b.notes, &b.faults};
     struct text             *outer = ctx->notes;
     oxl_model                model = {0};
     oxl_result               rc    = os_make_folder(ctx, task->folder), written;

@@ -109,6 +109,13 @@ OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count)
     for (size_t i = 0; i < count; i++) archive_int(a, &values[i]);
 }
 
+OXL_INTERNAL void archive_expect(struct archive *a, int is_so)
+{
+    if (a->reading && !is_so)
+        archive_fail(a, OXL_ERR_INPUT,
+                     "holds numbers that no run writes\nfix: remove this file and run again; the run starts anew");
+}
+
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t)
 {
     size_t size = t->size;
@@ -142,6 +149,7 @@ OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
     archive_doubles(a, model->origin, 3);
     for (int k = 0; k < oxl_model_planes(model) && a->rc == OXL_OK; k++) archive_floats(a, model->plane[k], count);
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES && a->rc == OXL_OK; k++) archive_floats(a, model->plane[k], lobes);
+    for (size_t i = 0; a->reading && a->rc == OXL_OK && i < count; i++) archive_expect(a, model_row_is_finite(model, i));
 }
 
 /* ---------------------------------------------------------------- writing */

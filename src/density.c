@@ -135,14 +135,6 @@ static void density_weigh(oxl_context *ctx, struct density *d, size_t count, con
 
 /* ---------------------------------------------------------------- verdicts */
 
-static int density_is_finite(const oxl_model *m, size_t i)
-{
-    float sum = 0; /* 0 x anything finite is 0; 0 x inf and 0 x nan are not */
-    for (int k = 0; k < oxl_model_planes(m); k++) sum += 0 * m->plane[k][i];
-    for (int k = OXL_LOBE; i < m->lobes && k < OXL_PLANES; k++) sum += 0 * m->plane[k][i];
-    return sum == 0;
-}
-
 static double density_scale(const oxl_model *m, size_t i)
 {
     const float a = m->plane[OXL_LOG_SCALE][i], b = m->plane[OXL_LOG_SCALE + 1][i], c = m->plane[OXL_LOG_SCALE + 2][i];
@@ -153,7 +145,7 @@ static enum density_verdict density_judge(const struct density *d, const oxl_mod
                                           const struct density_rules *rules)
 {
     const double mean = d->views[i] > 0 ? d->gradient[i] / d->views[i] : 0;
-    if (!density_is_finite(m, i)) return DENSITY_REMOVE;
+    if (!model_row_is_finite(m, i)) return DENSITY_REMOVE;
     if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return DENSITY_REMOVE;
     if (rules->remove_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_REMOVE;
     if (!(mean >= rules->gradient)) return DENSITY_KEEP;

@@ -442,6 +442,7 @@ OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t
 /* Grows or shrinks the SH bands; new planes are zero. */
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
+OXL_INTERNAL int        model_row_is_finite(const oxl_model *model, size_t row); /* its lobe too */
 /* Keeps the rows whose byte in keep (count) is not 0, in their order, lobes with them; the others are cleared. */
 OXL_INTERNAL void       model_keep_rows(oxl_model *model, const uint8_t *keep);
 
@@ -498,11 +499,19 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
  * each row seen, the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
 
-/* Adam on the rows seen by the last view. rates (planes) as they apply at this step; step counts from 1. */
-OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                oxl_model *first, oxl_model *second, const float *rates, int step);
+/* Adam on the rows seen by the last view, but for those of which a number or its gradient is not finite: these count as not
+ * seen from then on.
+ * rates (planes) as they apply at this step; step counts from 1. */
+struct renderer_aside {
+    size_t rows, first; /* how many; the first of them */
+};
+OXL_INTERNAL struct renderer_aside renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model,
+                                                 const oxl_model *gradient, oxl_model *first, oxl_model *second,
+                                                 const float *rates, int step);
 
+OXL_INTERNAL void  renderer_forget(struct renderer *r); /* as if the last view had seen nothing */
 /* What the last view saw of row i. */
+OXL_INTERNAL int   renderer_drew_finite(const struct renderer *r, size_t row); /* 1 too when it did not see it */
 OXL_INTERNAL int   renderer_saw(const struct renderer *r, size_t row);
 OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
 OXL_INTERNAL float renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
@@ -515,7 +524,19 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 
 struct archive; /* checkpoint.c */
 
-struct archive; /* checkpoint.c */
+/* ---------------------------------------------------------------- faults.c: numbers that are not finite */
+
+OXL_INTERNAL void       faults_of_photo(oxl_context *ctx, oxl_faults *f); /* why it cannot be read is the context's error */
+/* The loss of a view that the renderer drew last is not finite. */
+OXL_INTERNAL void       faults_of_view(oxl_context *ctx, oxl_faults *f, int step, const char *view, const struct renderer *r,
+                                       oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void       faults_of_rows(oxl_context *ctx, oxl_faults *f, int step, const char *view, struct renderer_aside aside,
+                                       oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL oxl_result faults_end(oxl_context *ctx, oxl_faults *f, oxl_model *model); /* removes; says what there was */
+OXL_INTERNAL void       faults_add(oxl_faults *to, const oxl_faults *from);
+OXL_INTERNAL void       faults_archive(struct archive *a, oxl_faults *f);
+OXL_INTERNAL void       faults_add_json(struct text *t, const oxl_faults *f); /* members, each with a comma behind it */
+OXL_INTERNAL void       faults_read_json(const char *text, oxl_faults *f);
 
 /* ---------------------------------------------------------------- density.c: clone, split, prune, reset */
 
@@ -565,6 +586,8 @@ OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
 OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
 OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
 OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
+/* When reading: what was read must be so, or the file is refused. The sum at its end tells of accidents, not of intent. */
+OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t);             /* reading: the text is replaced */
 OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);          /* reading: the model is replaced */
 OXL_INTERNAL int  archive_holds(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
@@ -681,6 +704,7 @@ struct train_place {
     const char  *key;    /* what the result depends on */
     struct text *log;    /* the caller's, kept with the state */
     struct text *notes;  /* so are these */
+    oxl_faults  *faults; /* out: of the whole run; may be NULL */
 };
 /* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
@@ -709,9 +733,10 @@ OXL_INTERNAL double     run_number(const char *text, const char *name);         
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 
 struct block_record { /* block.json */
-    int    there, finished, iterations;
-    size_t gaussians;
-    double seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
+    int        there, finished, iterations;
+    size_t     gaussians;
+    double     seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
+    oxl_faults faults;
 };
 struct block_task {
     const char         *folder, *key; /* key: the run's line */

@@ -264,6 +264,7 @@ static void job_add_record(struct job *job, const struct block_record *r)
     t->peak              = OXL_MAX(t->peak, r->peak);
     t->predicted_peak    = OXL_MAX(t->predicted_peak, r->predicted_peak);
     t->predicted_seconds = t->predicted_seconds + r->predicted_seconds;
+    faults_add(&t->faults, &r->faults);
     job->unfinished += !r->finished;
 }
 
@@ -406,6 +407,7 @@ static oxl_result job_write_metrics(struct job *job, size_t bytes)
     job_add(&t, "predicted_seconds", job->total.predicted_seconds);
     job_add(&t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
     job_add(&t, "predicted_memory_bytes", job->total.predicted_peak);
+    faults_add_json(&t, &job->total.faults);
     if (job->partition.block_count > 1) rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, split, &seam);
     if (rc != OXL_OK) goto done;
     if (job->partition.block_count > 1) seam_add_json(&t, &seam);

@@ -160,6 +160,15 @@ OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep)
     model_clear_rows(model, model->count, count);
 }
 
+OXL_INTERNAL int model_row_is_finite(const oxl_model *m, size_t i)
+{
+    float     sum    = 0; /* 0 x anything finite is 0; 0 x inf and 0 x nan are not */
+    const int planes = oxl_model_planes(m);
+    for (int k = 0; k < planes; k++) sum += 0 * m->plane[k][i];
+    for (int k = OXL_LOBE; i < m->lobes && k < OXL_PLANES; k++) sum += 0 * m->plane[k][i];
+    return sum == 0;
+}
+
 /* Active rows first, each part in its order. `other` (count) is scratch. */
 static void model_active_first(oxl_model *model, const uint8_t *active, float *other)
 {

@@ -153,6 +153,7 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
     archive_doubles(a, &p->stamp, 1);
     archive_doubles(a, &p->l1_sum, 1);
     archive_doubles(a, &p->held, 1);
+    archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
 }
 
 /* ---------------------------------------------------------------- fine detail of a photograph */

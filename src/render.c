@@ -288,8 +288,35 @@ static void render_step_planes(const struct render_step *s, int first_plane, int
 }
 
 /* Second lobes are stepped up to the end of their last pack; past the last of them gradient and moments are 0, and so is the step. */
-OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                oxl_model *first, oxl_model *second, const float *rates, int step)
+/* 0 x anything finite is 0; 0 x inf and 0 x nan are not, and stay so in a sum. */
+static void render_look_through(const struct adam_job *job, size_t at, float *restrict sum)
+{
+    for (int k = 0; k < job->planes; k++) {
+        const float *g = job->gradient[k] + at, *p = job->parameter[k] + at;
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) sum[l] += 0 * g[l] + 0 * p[l];
+    }
+}
+
+/* Clears the bits of a pack's rows of which a gradient or a number of their own is not finite, and counts them. Both are about to be
+ * read anyway. */
+static void render_put_aside(const struct adam_job *rows, const struct adam_job *lobe, size_t pack, uint16_t *visible,
+                             struct renderer_aside *out)
+{
+    const size_t at        = pack * PACK;
+    float        sum[PACK] = {0};
+    render_look_through(rows, at, sum);
+    render_look_through(lobe, at, sum);
+    for (unsigned l = 0; l < PACK; l++) {
+        if (sum[l] == 0 || !(visible[pack] >> l & 1)) continue;
+        visible[pack] = (uint16_t)(visible[pack] & ~(1u << l));
+        if (out->rows++ == 0) out->first = at + l;
+    }
+}
+
+OXL_INTERNAL struct renderer_aside renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model,
+                                                 const oxl_model *gradient, oxl_model *first, oxl_model *second,
+                                                 const float *rates, int step)
 {
     const struct render_step s     = {model, first, second, gradient, rates, 1 - vecmath_exp(step * vecmath_log(0.9))};
     const size_t             lobes = render_packs(r->in.lobes);
@@ -297,12 +324,19 @@ OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model 
     struct adam_job          rows  = {.visible            = r->visible,
                                       .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))))};
     struct adam_job          lobe  = rows;
+    const struct adam_job    none  = {.planes = 0};
+    size_t                   aside = 0, first_aside = SIZE_MAX;
     render_step_planes(&s, 0, OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1), &rows);
     if (lobes) render_step_planes(&s, OXL_LOBE, MODEL_LOBE_PLANES, &lobe);
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : aside) reduction(min : first_aside)
     for (int64_t task = 0; task < tasks; task++) {
         const size_t    first_pack = (size_t)task * RENDER_TASK, end_pack = OXL_MIN(first_pack + RENDER_TASK, r->bins.packs);
-        struct adam_job job = rows;
+        struct adam_job job        = rows;
+        struct renderer_aside here = {0};
+        for (size_t pack = first_pack; pack < end_pack; pack++)
+            if (r->visible[pack]) render_put_aside(&rows, pack < lobes ? &lobe : &none, pack, r->visible, &here);
+        aside += here.rows;
+        if (here.rows) first_aside = OXL_MIN(first_aside, here.first);
         job.first_pack = first_pack, job.end_pack = end_pack;
         adam_step(ctx->isa, &job);
         if (first_pack >= lobes) continue;
@@ -310,11 +344,24 @@ OXL_INTERNAL void renderer_step(oxl_context *ctx, struct renderer *r, oxl_model 
         job.first_pack = first_pack, job.end_pack = OXL_MIN(end_pack, lobes);
         adam_step(ctx->isa, &job);
     }
+    return (struct renderer_aside){aside, first_aside};
 }
 
 OXL_INTERNAL int renderer_saw(const struct renderer *r, size_t row)
 {
     return r->visible[row / PACK] >> (row % PACK) & 1;
+}
+
+OXL_INTERNAL void renderer_forget(struct renderer *r)
+{
+    memset(r->visible, 0, r->bins.packs * sizeof *r->visible);
+}
+
+OXL_INTERNAL int renderer_drew_finite(const struct renderer *r, size_t row)
+{
+    const struct splat *s = &r->splat[row];
+    if (!renderer_saw(r, row)) return 1;
+    return 0 * (s->u + s->v + s->a + s->k + s->e + s->peak + s->colour[0] + s->colour[1] + s->colour[2]) == 0;
 }
 
 OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row)

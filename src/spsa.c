@@ -124,4 +124,5 @@ OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
     archive_int(a, &s->pair);
     archive_int(a, &s->told);
     archive_int(a, &s->first);
+    archive_expect(a, s->pair >= 0 && s->pair < INT_MAX / 2 && (s->told | 1) == 1 && (s->first | 1) == 1);
 }

@@ -66,6 +66,7 @@ struct train {
     int                       halved;          /* whether they are reduced to half the sides */
     size_t                    target_capacity, weight_capacity;
     double                    loss, psnr; /* smoothed */
+    oxl_faults                faults;
     int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
     double                    begun;      /* when it did */
     double                    seconds;    /* that others had spent on the run before */
@@ -163,7 +164,7 @@ static oxl_result train_next_photo(struct train *t, int *view)
         *view = t->view[slot];
         rc    = train_photo(t, *view);
         if (rc != OXL_ERR_INPUT) return rc;
-        oxl_log(t->ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(t->ctx));
+        faults_of_photo(t->ctx, &t->faults);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(t->ctx, OXL_ERR_INPUT, "none of the training photographs can be read");
@@ -188,19 +189,22 @@ static oxl_result train_compare_view(struct train *t, int view, struct renderer_
 /* Forward, loss, backward, step. */
 static oxl_result train_on_view(struct train *t, int view)
 {
-    float                rate[OXL_PLANES];
-    struct renderer_loss loss;
-    oxl_result           rc = train_compare(t, view, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
+    const char           *name = oxl_scene_view(t->scene, view)->name;
+    float                 rate[OXL_PLANES];
+    struct renderer_loss  loss;
+    struct renderer_aside aside;
+    oxl_result            rc = train_compare(t, view, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
-        oxl_log(t->ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not a number; the view is skipped", t->step,
-                oxl_scene_view(t->scene, view)->name);
+        faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
+        renderer_forget(t->renderer); /* what follows a step must not read the gradients of an earlier one */
         return OXL_OK;
     }
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     train_rates(t, rate);
-    renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, rate, t->step);
+    aside = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, rate, t->step);
+    faults_of_rows(t->ctx, &t->faults, t->step, name, aside, t->model, &t->first, &t->second);
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
@@ -506,6 +510,11 @@ static void train_end(struct train *t)
 
 /* ---------------------------------------------------------------- checkpoints */
 
+static int train_alike(const oxl_model *a, const oxl_model *b)
+{
+    return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
+}
+
 /* All that the steps to come depend on; the gradient is made anew in each. */
 static void train_archive(struct archive *a, void *user)
 {
@@ -517,12 +526,17 @@ static void train_archive(struct archive *a, void *user)
     archive_doubles(a, &t->loss, 1);
     archive_doubles(a, &t->psnr, 1);
     archive_doubles(a, &spent, 1);
+    faults_archive(a, &t->faults);
     archive_size(a, &views);
-    if (a->rc == OXL_OK && views > (size_t)oxl_scene_view_count(t->scene)) a->rc = OXL_ERR_INPUT; /* not with this key */
+    archive_expect(a, t->step >= 0 && t->step <= t->options->iterations && t->resets >= 0);
+    archive_expect(a, views <= (size_t)t->views); /* those that began; some may have been left out since */
     if (a->rc == OXL_OK) archive_ints(a, t->view, views);
+    for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
+        archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
     archive_model(a, t->model);
     archive_model(a, &t->first);
     archive_model(a, &t->second);
+    archive_expect(a, t->model->count > 0 && train_alike(t->model, &t->first) && train_alike(t->model, &t->second));
     density_archive(a, t->density, t->model->count);
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
@@ -572,7 +586,8 @@ static int train_report(const struct train *t, const oxl_callback *callback)
                              .f_far        = t->ucd.on ? t->ucd.f[1] : 1,
                              .seconds      = seconds,
                              .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
-                             .model        = t->model};
+                             .model        = t->model,
+                             .faults       = t->faults};
     return callback && callback->progress && callback->progress(callback->user, &progress);
 }
 
@@ -628,11 +643,14 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                                   const oxl_callback *callback, const struct train_place *place, oxl_model *out)
 {
     struct train t  = {.ctx = ctx, .scene = scene, .options = options, .model = out, .begun = os_seconds(), .place = place};
-    oxl_result   rc = train_check(ctx, options);
-    *out            = (oxl_model){0};
+    oxl_result   rc = train_check(ctx, options), ended = OXL_OK;
+    *out = (oxl_model){0};
     if (rc == OXL_OK) rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);
     if (rc == OXL_OK) rc = train_loop(&t, callback);
+    if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = faults_end(ctx, &t.faults, out);
+    if (ended != OXL_OK) rc = ended;
+    if (place && place->faults) *place->faults = t.faults;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     else if (rc != OXL_OK) oxl_model_free(ctx, out);
     train_end(&t);

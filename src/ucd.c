@@ -203,4 +203,6 @@ OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
     archive_int(a, &u->disturbed);
     archive_floats(a, u->level, (size_t)u->views);
     archive_ints(a, u->seen, (size_t)u->views);
+    archive_expect(a, u->window >= 0 && u->disturbed >= 0);
+    for (int i = 0; i < u->views; i++) archive_expect(a, u->seen[i] >= 0);
 }

@@ -1,0 +1,180 @@
+/* test_train_faults.c - training that cannot be poisoned: numbers that are not finite, planted where they might arise. */
+
+static char faults_heard[2000]; /* warnings */
+
+static void faults_listen(void *user, oxl_log_level level, const char *text)
+{
+    const size_t used = strlen(faults_heard);
+    (void)user;
+    if (level == OXL_LOG_WARNING) snprintf(faults_heard + used, sizeof faults_heard - used, "%s\n", text);
+}
+
+struct faults_case {
+    oxl_train_options options;
+    oxl_model         model, before;
+    struct train      t;
+};
+
+/* A run of which `steps` steps are done. */
+static void faults_begin(struct faults_case *c, int steps)
+{
+    memset(c, 0, sizeof *c);
+    faults_heard[0]       = 0;
+    test_ctx->options.log = faults_listen;
+    c->options            = train_options(200);
+    c->t                  = (struct train){.ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .model = &c->model};
+    CHECK_OK(train_begin(&c->t));
+    while (c->t.step < steps) {
+        c->t.step++;
+        CHECK_OK(train_step(&c->t));
+    }
+    CHECK_OK(model_copy(test_ctx, &c->model, &c->before));
+}
+
+static void faults_free(struct faults_case *c)
+{
+    oxl_scene *scene = c->t.scene;
+    train_end(&c->t);
+    oxl_model_free(test_ctx, &c->model);
+    oxl_model_free(test_ctx, &c->before);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* One step on view 2, whose photograph gets this value in one pixel. */
+static void faults_step_with_pixel(struct faults_case *c, float value)
+{
+    c->t.step++;
+    CHECK_OK(train_photo(&c->t, 2));
+    c->t.target[100] = value;
+    CHECK_OK(train_on_view(&c->t, 2));
+    CHECK_OK(train_density(&c->t));
+}
+
+static int faults_model_is_finite(const oxl_model *m)
+{
+    int finite = 1;
+    for (size_t i = 0; i < m->count; i++) finite &= model_row_is_finite(m, i);
+    return finite;
+}
+
+TEST(faults_a_photograph_with_a_number_that_is_none_costs_its_step_alone)
+{
+    struct faults_case c;
+    for (int steps = 0; steps < 2; steps++) { /* the first step has nothing of an earlier one to fall back on */
+        faults_begin(&c, steps);
+        faults_step_with_pixel(&c, steps ? INFINITY : NAN);
+        CHECK(train_same(&c.model, &c.before));
+        CHECK(c.t.faults.steps == 1 && c.t.faults.cleared == 0 && c.t.faults.rows == 0);
+        CHECK_TEXT(faults_heard, steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
+        c.t.step++;
+        CHECK_OK(train_step(&c.t));
+        CHECK(c.t.faults.steps == 1 && faults_model_is_finite(&c.model) && !train_same(&c.model, &c.before));
+        faults_free(&c);
+    }
+}
+
+TEST(faults_a_gaussian_that_turns_bad_is_traced_and_cleared_and_the_rest_is_trained)
+{
+    static const int planes[] = {OXL_SH + 1, OXL_OPACITY, OXL_MEAN, OXL_LOG_SCALE + 2, OXL_ROTATION + 3};
+    for (size_t k = 0; k < OXL_COUNT(planes); k++) {
+        struct faults_case c;
+        size_t             bad = 0;
+        faults_begin(&c, 10);
+        c.model.plane[planes[k]][77] = k % 2 ? INFINITY : NAN;
+        while (c.t.step < 25) {
+            c.t.step++;
+            CHECK_OK(train_step(&c.t));
+        }
+        CHECK(c.t.faults.steps <= 1 && c.t.faults.rows <= 15);
+        if (k == 0) CHECK_TEXT(faults_heard, "Gaussian 77 met a number that is not finite: the step is skipped, 1 cleared");
+        for (size_t i = 0; i < c.model.count; i++) bad += !model_row_is_finite(&c.model, i);
+        CHECK(bad == (c.t.faults.cleared == 0)); /* one that no view can see harms none, and goes at the end */
+        CHECK(c.model.plane[OXL_MEAN][5] != c.before.plane[OXL_MEAN][5]);
+        CHECK_OK(faults_end(test_ctx, &c.t.faults, &c.model));
+        CHECK(faults_model_is_finite(&c.model) && c.t.faults.cleared == 1);
+        faults_free(&c);
+    }
+}
+
+TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_other)
+{
+    struct faults_case    c;
+    struct renderer_aside aside;
+    struct renderer_loss  loss;
+    float                 rates[OXL_PLANES];
+    faults_begin(&c, 3);
+    for (int k = 0; k < OXL_PLANES; k++) rates[k] = 0.01f;
+    c.t.step++;
+    CHECK_OK(train_photo(&c.t, 2));
+    CHECK_OK(train_compare_view(&c.t, 2, &loss));
+    CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &c.t.gradient));
+    c.t.gradient.plane[OXL_ROTATION + 1][40] = NAN;
+    c.t.gradient.plane[OXL_SH + 2][41]       = -INFINITY;
+    aside = renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, rates, c.t.step);
+    CHECK(aside.rows == 2 && aside.first == 40 && !renderer_saw(c.t.renderer, 40) && renderer_saw(c.t.renderer, 42));
+    for (int k = 0; k < oxl_model_planes(&c.model); k++)
+        for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);
+    CHECK(c.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] && c.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
+    faults_of_rows(test_ctx, &c.t.faults, c.t.step, "v02.png", aside, &c.model, &c.t.first, &c.t.second);
+    CHECK_TEXT(faults_heard,
+               "step 4: in v02.png, Gaussian 40 and 1 more met a number that is not finite: the step is skipped, 0");
+    CHECK(c.t.faults.rows == 2 && c.t.faults.cleared == 0 && faults_model_is_finite(&c.model) &&
+          faults_model_is_finite(&c.t.first));
+    faults_free(&c);
+}
+
+TEST(faults_are_told_at_the_end_and_kept_in_the_records)
+{
+    const oxl_faults f    = {1, 2, 3, 4, 5};
+    oxl_faults       back = {0}, end = f;
+    struct text      t = {.ctx = test_ctx};
+    oxl_model        m;
+    faults_heard[0]       = 0;
+    test_ctx->options.log = faults_listen;
+    faults_add_json(&t, &f);
+    CHECK_TEXT(t.data, "\"steps_skipped\": 2,\n  \"gaussian_steps_skipped\": 3,\n  \"gaussians_cleared\": 4,\n");
+    faults_read_json(t.data, &back);
+    CHECK(memcmp(&back, &f, sizeof f) == 0);
+    faults_add(&back, &f);
+    CHECK(back.photographs == 2 && back.degenerate == 10);
+    CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
+    m.plane[OXL_ROTATION][0]      = 0;
+    m.plane[OXL_LOG_SCALE + 1][1] = -90;
+    m.plane[OXL_SH][2]            = NAN;
+    CHECK_OK(faults_end(test_ctx, &end, &m));
+    CHECK(m.count == 2 && end.cleared == 5 && end.degenerate == 2);
+    CHECK_TEXT(faults_heard, "1 photographs left out, 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
+    CHECK_TEXT(faults_heard, "2 Gaussians have no rotation");
+    oxl_model_free(test_ctx, &m);
+    text_free(&t);
+}
+
+/* A state with one thing changed that no run would write, and a right checksum. */
+TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
+{
+    for (int fault = 0; fault < 7; fault++) {
+        struct text              log   = {.ctx = test_ctx};
+        const struct train_place place = {test_folder(), "key", &log, NULL};
+        struct faults_case       c, again;
+        int                      found = 0;
+        faults_begin(&c, 2);
+        c.t.place = &place;
+        if (fault == 1) c.t.view[3] = 7;
+        if (fault == 2) c.t.step = 201;
+        if (fault == 3) CHECK_OK(model_set_degree(test_ctx, &c.t.first, 1));
+        if (fault == 4) c.t.second.count--;
+        if (fault == 5) c.t.model->plane[OXL_SH][3] = NAN;
+        if (fault == 6) c.t.prune.drops = -1;
+        CHECK_OK(checkpoint_write(test_ctx, place.folder, place.key, train_archive, &c.t));
+        faults_begin(&again, 0);
+        again.t.place = &place;
+        CHECK(checkpoint_read(test_ctx, place.folder, place.key, train_archive, &again.t, &found) ==
+              (fault ? OXL_ERR_INPUT : OXL_OK));
+        CHECK(found == (fault == 0));
+        if (fault) CHECK_TEXT(oxl_error_text(test_ctx), "holds numbers that no run writes");
+        checkpoint_remove(test_ctx, place.folder);
+        faults_free(&c);
+        faults_free(&again);
+        text_free(&log);
+    }
+}
