@@ -7,17 +7,22 @@
 
 #include <stddef.h>
 
-enum run_kind { RUN_INT, RUN_FLOAT, RUN_DOUBLE, RUN_SIZE };
+enum run_kind { RUN_INT, RUN_CHOICE, RUN_FLOAT, RUN_DOUBLE, RUN_SIZE };
 
 /* Each option once, for both ways. */
 static const struct run_field {
     const char   *name;
     enum run_kind kind;
-    size_t        at; /* in oxl_job_options */
+    size_t        at;   /* in oxl_job_options */
+    int           last; /* of a choice: its enum counts from 0 to here */
 } RUN_FIELDS[] = {
-#define RUN_FIELD(name, kind, member)                 \
-    {                                                 \
-        name, kind, offsetof(oxl_job_options, member) \
+#define RUN_FIELD(name, kind, member)                    \
+    {                                                    \
+        name, kind, offsetof(oxl_job_options, member), 0 \
+    }
+#define RUN_ENUM(name, member, last)                              \
+    {                                                             \
+        name, RUN_CHOICE, offsetof(oxl_job_options, member), last \
     }
     RUN_FIELD("max_side", RUN_INT, scene.max_side),
     RUN_FIELD("test_every", RUN_INT, scene.test_every),
@@ -43,23 +48,24 @@ static const struct run_field {
     RUN_FIELD("densify_every", RUN_INT, train.densify_every),
     RUN_FIELD("densify_gradient", RUN_FLOAT, train.densify_gradient),
     RUN_FIELD("reset_opacity_every", RUN_FLOAT, train.reset_opacity_every),
-    RUN_FIELD("ucd", RUN_INT, train.ucd.mode),
-    RUN_FIELD("ucd_bands", RUN_INT, train.ucd.bands),
+    RUN_ENUM("ucd", train.ucd.mode, OXL_UCD_AUTO),
+    RUN_ENUM("ucd_bands", train.ucd.bands, OXL_UCD_FADING),
     RUN_FIELD("ucd_mid", RUN_FLOAT, train.ucd.f_mid),
     RUN_FIELD("ucd_far", RUN_FLOAT, train.ucd.f_far),
     RUN_FIELD("ucd_learn", RUN_INT, train.ucd.learn),
-    RUN_FIELD("keep", RUN_INT, train.keep.kind),
+    RUN_ENUM("keep", train.keep.kind, OXL_KEEP_AUTO),
     RUN_FIELD("keep_value", RUN_DOUBLE, train.keep.value),
-    RUN_FIELD("dog", RUN_INT, train.dog),
+    RUN_ENUM("dog", train.dog, OXL_DOG_ALL),
     RUN_FIELD("dog_from", RUN_FLOAT, train.dog_from),
     RUN_FIELD("dog_threshold", RUN_FLOAT, train.dog_threshold),
     RUN_FIELD("dog_opacity_factor", RUN_FLOAT, train.dog_opacity_factor),
     RUN_FIELD("dog_scale_factor", RUN_FLOAT, train.dog_scale_factor),
     RUN_FIELD("ram", RUN_SIZE, ram),
     RUN_FIELD("block_points", RUN_INT, partition.block_points),
-    RUN_FIELD("partition", RUN_INT, partition.kind),
-    RUN_FIELD("cut", RUN_INT, partition.cut),
+    RUN_ENUM("partition", partition.kind, OXL_PARTITION_NONE),
+    RUN_ENUM("cut", partition.cut, OXL_CUT_MIDPOINT),
 #undef RUN_FIELD
+#undef RUN_ENUM
 };
 
 static const struct run_path {
@@ -85,7 +91,7 @@ static double run_decimal(float value)
 static double run_get(const oxl_job_options *o, const struct run_field *field)
 {
     const char *at = (const char *)o + field->at;
-    if (field->kind == RUN_INT) return *(const int *)at;
+    if (field->kind == RUN_INT || field->kind == RUN_CHOICE) return *(const int *)at;
     if (field->kind == RUN_DOUBLE) return *(const double *)at;
     if (field->kind == RUN_SIZE) return (double)*(const size_t *)at;
     return run_decimal(*(const float *)at);
@@ -114,10 +120,20 @@ OXL_INTERNAL void run_describe(struct text *t, const char *scene, const oxl_job_
 
 /* ---------------------------------------------------------------- text to options */
 
+/* A number that the option cannot hold is not taken: the run is then one of other options, and job.c says so. */
+static int run_holds(const struct run_field *field, double value)
+{
+    if (field->kind == RUN_INT) return fabs(value) <= INT_MAX;
+    if (field->kind == RUN_CHOICE) return value >= 0 && value <= field->last;
+    if (field->kind == RUN_SIZE) return value >= 0 && value <= (double)(SIZE_MAX / 2);
+    return fabs(value) <= (field->kind == RUN_FLOAT ? FLT_MAX : DBL_MAX);
+}
+
 static void run_set(oxl_job_options *o, const struct run_field *field, double value)
 {
     char *at = (char *)o + field->at;
-    if (field->kind == RUN_INT) *(int *)at = (int)value;
+    if (!run_holds(field, value)) return;
+    if (field->kind == RUN_INT || field->kind == RUN_CHOICE) *(int *)at = (int)value;
     else if (field->kind == RUN_DOUBLE) *(double *)at = value;
     else if (field->kind == RUN_SIZE) *(size_t *)at = (size_t)value;
     else *(float *)at = (float)value;
@@ -137,7 +153,7 @@ OXL_INTERNAL double run_number(const char *text, const char *name)
     const char *s     = run_find(text, name);
     double      value = 0;
     if (s) parse_double(&s, s + strlen(s), &value);
-    return value;
+    return fabs(value) <= DBL_MAX ? value : 0;
 }
 
 /* A JSON string as text_add_json_string writes it, into fresh memory; *out = NULL for null or nothing. */

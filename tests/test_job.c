@@ -300,3 +300,18 @@ TEST(survey_predicts_that_more_takes_more)
     CHECK_OK(oxl_check(test_ctx, survey, &options, &less));
     CHECK_CLOSE(less.seconds, 1e-9, 1e-12);
 }
+
+TEST(run_numbers_that_no_option_can_hold_are_not_taken)
+{
+    oxl_job_options       o     = oxl_job_options_default(OXL_PRESET_DRAFT);
+    const oxl_job_options plain = o;
+    struct oxl_run        run;
+    test_write(
+        "run.json",
+        "{\n  \"job\": {\"cut\": 77, \"ucd\": -1, \"iterations\": 3e9, \"ram\": -1, \"keep\": nan, \"max_side\": 900}\n}\n");
+    CHECK_OK(run_read(test_ctx, test_folder(), &run));
+    run_options(&run, &o);
+    CHECK(o.partition.cut == plain.partition.cut && o.train.ucd.mode == plain.train.ucd.mode && o.ram == plain.ram);
+    CHECK(o.train.iterations == plain.train.iterations && o.train.keep.kind == plain.train.keep.kind && o.scene.max_side == 900);
+    run_free(test_ctx, &run);
+}

@@ -702,6 +702,18 @@ TEST(model_splat_of_nothing_a_flat_scale_and_no_rotation_is_mended_and_a_cut_fil
     CHECK_TEXT(oxl_error_text(test_ctx), "33 bytes, wanted a multiple of 32");
 }
 
+TEST(model_read_refuses_more_lobes_than_vertices_before_any_memory_is_taken)
+{
+    static const char text[] = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+                               "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float opacity\n"
+                               "property float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float rot_0\n"
+                               "property float rot_1\nproperty float rot_2\nproperty float rot_3\nelement dog 1000000000000\n"
+                               "end_header\n0 0 0 0 0 0 0 0 0 0 1 0 0 0\n";
+    oxl_model         m;
+    CHECK(oxl_model_read(test_ctx, test_write("m.ply", text), &m) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "element dog announces 1000000000000 rows for 1 vertices");
+}
+
 /* ---------------------------------------------------------------- memory that runs out */
 
 static long model_test_left; /* allocations until the allocator says no */
