@@ -1,0 +1,343 @@
+/* targets.c - what reads files and words of strangers, each as a function of some bytes: for fuzz.c and tests/test_fuzz.c.
+ *
+ * It promises of any bytes: no crash, no undefined behaviour, no memory left, never more of it than FUZZ_MEMORY, and a text that
+ * says why when something is refused.
+ *
+ * Include it after oceanxl.c.
+ */
+#ifndef FUZZ_TARGETS_C
+#define FUZZ_TARGETS_C
+#include "../tools/arguments.c"
+
+#define FUZZ_MEMORY ((size_t)64 << 20) /* bytes; inputs are of a few thousand */
+
+/* ---------------------------------------------------------------- a context that counts */
+
+struct fuzz_memory {
+    size_t held, blocks;
+};
+
+/* The size stands before the block. */
+static void *fuzz_reallocate(void *user, void *old, size_t size)
+{
+    enum { HEAD = 16 };
+    struct fuzz_memory *m        = user;
+    char               *raw      = old ? (char *)old - HEAD : NULL;
+    size_t              old_size = 0;
+    if (raw) memcpy(&old_size, raw, sizeof old_size);
+    if (size == 0) {
+        m->held -= old_size;
+        m->blocks -= raw != NULL;
+        free(raw);
+        return NULL;
+    }
+    if (size > FUZZ_MEMORY || m->held - old_size + size > FUZZ_MEMORY) return NULL;
+    if ((raw = realloc(raw, HEAD + size)) == NULL) return NULL;
+    memcpy(raw, &size, sizeof size);
+    m->held += size - old_size;
+    m->blocks += old == NULL;
+    return raw + HEAD;
+}
+
+static void fuzz_promise(int kept, const char *what)
+{
+    if (kept) return;
+    fprintf(stderr, "fuzz: not kept: %s\n", what);
+    abort();
+}
+
+/* Either it went well or there is a text. */
+static void fuzz_explained(oxl_context *ctx, oxl_result rc)
+{
+    fuzz_promise(rc == OXL_OK || oxl_error_text(ctx)[0], "a refusal has a text");
+    ctx->error[0] = 0;
+}
+
+/* ---------------------------------------------------------------- bytes as files */
+
+static const char *fuzz_folder(void)
+{
+    static char folder[128];
+    if (folder[0]) return folder;
+    snprintf(folder, sizeof folder, "%s/oceanxl-fuzz-%ld", os_is_folder("/dev/shm") ? "/dev/shm" : "/tmp", os_process());
+    os_make_one_folder(folder);
+    return folder;
+}
+
+static const char *fuzz_path(const char *name)
+{
+    static char path[160];
+    snprintf(path, sizeof path, "%s/%s", fuzz_folder(), name);
+    return path;
+}
+
+static void fuzz_write(const char *name, const uint8_t *data, size_t size)
+{
+    FILE *file = fopen(fuzz_path(name), "wb");
+    fuzz_promise(file && (size == 0 || fwrite(data, 1, size, file) == size) && fclose(file) == 0, "the input can be written");
+}
+
+static void fuzz_clean(void)
+{
+    static const char *const names[] = {"cameras.txt", "images.txt", "points3D.txt",   "model.ply",    "model.splat",
+                                        "run.json",    "block.json", "checkpoint.oxl", "partition.txt"};
+    for (size_t i = 0; i < OXL_COUNT(names); i++) os_remove(fuzz_path(names[i]));
+    remove(fuzz_folder());
+    os_make_one_folder(fuzz_folder());
+}
+
+/* ---------------------------------------------------------------- COLMAP: three files, a form feed between them */
+
+static void fuzz_colmap_files(const uint8_t *data, size_t size)
+{
+    static const char *const names[] = {"cameras.txt", "images.txt", "points3D.txt"};
+    for (int i = 0; i < 3; i++) {
+        const uint8_t *feed = i < 2 ? memchr(data, '\f', size) : NULL;
+        const size_t   part = feed ? (size_t)(feed - data) : size;
+        fuzz_write(names[i], data, part);
+        data += part + (feed != NULL), size -= part + (feed != NULL);
+    }
+}
+
+/* No step of a path goes up, and it does not begin at the top. */
+static int fuzz_stays_inside(const char *name)
+{
+    if (!name[0] || name[0] == '/' || name[0] == '\\') return 0;
+    for (const char *part = name;; part += strcspn(part, "/\\") + 1) {
+        if (strncmp(part, "..", 2) == 0 && strchr("/\\", part[2])) return 0; /* strchr finds the end too */
+        if (!part[strcspn(part, "/\\")]) return 1;
+    }
+}
+
+/* What was promised of names and ids. */
+static void fuzz_check_colmap(const struct colmap *c)
+{
+    for (size_t i = 0; i < c->image_count; i++)
+        fuzz_promise(fuzz_stays_inside(c->names + c->image[i].name), "names stay in the image folder");
+    for (size_t i = 0; i < c->track_count; i++) fuzz_promise(c->track[i].image_row < c->image_count, "tracks name images");
+    for (size_t i = 0; i < c->point_count; i++)
+        fuzz_promise(c->point[i].first_track + c->point[i].track_count <= c->track_count, "points have their tracks");
+}
+
+static void fuzz_colmap(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    oxl_scene_options     options = oxl_scene_options_default();
+    oxl_partition_options cut     = oxl_partition_options_default();
+    struct partition      partition;
+    struct colmap         c;
+    oxl_scene            *scene = NULL;
+    oxl_result            rc;
+    fuzz_colmap_files(data, size);
+    rc = colmap_read_in_windows(ctx, fuzz_folder(), 1, 64, &c);
+    fuzz_explained(ctx, rc);
+    if (rc != OXL_OK) return;
+    fuzz_check_colmap(&c);
+    colmap_free(ctx, &c);
+    options.read_images = 0;
+    cut.block_points    = 4;
+    rc                  = oxl_scene_load(ctx, fuzz_folder(), &options, &scene);
+    fuzz_explained(ctx, rc);
+    if (rc == OXL_OK) {
+        fuzz_explained(ctx, partition_make(ctx, scene, &cut, &partition));
+        partition_free(ctx, &partition);
+    }
+    oxl_scene_free(ctx, scene);
+}
+
+/* ---------------------------------------------------------------- models */
+
+/* A model that was read can be written and drawn. */
+static void fuzz_use_model(oxl_context *ctx, const oxl_model *model)
+{
+    const oxl_camera camera = {16, 16, 20, 20, 8, 8, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}};
+    oxl_image        image;
+    oxl_result       rc = oxl_render(ctx, model, &camera, NULL, &image, NULL);
+    fuzz_explained(ctx, rc);
+    for (int i = 0; rc == OXL_OK && i < 3 * 16 * 16; i++) fuzz_promise(fabsf(image.rgb[i]) <= FLT_MAX, "a finite picture");
+    oxl_image_free(ctx, &image);
+}
+
+static void fuzz_model(oxl_context *ctx, const char *name, const uint8_t *data, size_t size)
+{
+    oxl_model  model;
+    oxl_result rc;
+    fuzz_write(name, data, size);
+    rc = oxl_model_read(ctx, fuzz_path(name), &model);
+    fuzz_explained(ctx, rc);
+    if (rc == OXL_OK) fuzz_use_model(ctx, &model);
+    oxl_model_free(ctx, &model);
+}
+
+static void fuzz_ply(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    fuzz_model(ctx, "model.ply", data, size);
+}
+
+static void fuzz_splat(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    fuzz_model(ctx, "model.splat", data, size);
+}
+
+/* ---------------------------------------------------------------- checkpoints: the state behind the key */
+
+static oxl_scene *fuzz_scene(oxl_context *ctx)
+{
+    enum { SIDE = 12, VIEWS = 3, POINTS = 6 };
+    oxl_view   view[VIEWS];
+    oxl_image  image[VIEWS];
+    oxl_point  point[POINTS];
+    oxl_scene *scene = NULL;
+    for (int i = 0; i < POINTS; i++)
+        point[i] = (oxl_point){.position = {0.3 * (i % 3) - 0.3, 0.3 * (i / 3), 0.1 * i}, .rgb = {90, 120, 200}};
+    for (int v = 0; v < VIEWS; v++) {
+        view[v] = (oxl_view){"view", {SIDE, SIDE, 14, 14, 6, 6, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 2}}, 0};
+        fuzz_promise(oxl_image_create(ctx, SIDE, SIDE, &image[v]) == OXL_OK, "memory for a picture");
+    }
+    fuzz_promise(oxl_scene_from_arrays(ctx, view, image, VIEWS, point, POINTS, &scene) == OXL_OK, "a scene of three views");
+    for (int v = 0; v < VIEWS; v++) oxl_image_free(ctx, &image[v]);
+    return scene;
+}
+
+static oxl_train_options fuzz_train_options(void)
+{
+    oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
+    options.iterations        = 60;
+    options.sh_degree         = 1;
+    options.densify_every     = 2;
+    options.densify_until     = 0.9f;
+    options.ucd.mode          = OXL_UCD_ON;
+    options.keep              = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
+    options.dog               = OXL_DOG_SELECTIVE;
+    options.max_gaussians     = 50;
+    return options;
+}
+
+/* The file as checkpoint_write makes it, with a right sum. */
+static void fuzz_write_checkpoint(const uint8_t *data, size_t size)
+{
+    static const unsigned char head[] = {'O', 'X', 'L', 'S', 'T', 'A', 'T', 'E', CHECKPOINT_VERSION, 0, 0, 0, 0, 0, 0, 0, 3, 0, 0,
+                                         0,   0,   0,   0,   0,   'k', 'e', 'y'};
+    unsigned char             *bytes  = malloc(sizeof head + size + 8);
+    uint64_t                   sum;
+    fuzz_promise(bytes != NULL, "memory for the input");
+    memcpy(bytes, head, sizeof head);
+    if (size) memcpy(bytes + sizeof head, data, size);
+    sum = checkpoint_hash(CHECKPOINT_SEED, bytes, sizeof head + size);
+    for (int i = 0; i < 8; i++) bytes[sizeof head + size + (size_t)i] = (unsigned char)(sum >> 8 * i);
+    fuzz_write("checkpoint.oxl", bytes, sizeof head + size + 8);
+    free(bytes);
+}
+
+/* A state that is taken must carry the run on for some steps. */
+static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    const oxl_train_options  options = fuzz_train_options();
+    struct text              log     = {.ctx = ctx};
+    const struct train_place place   = {fuzz_folder(), "key", &log, NULL};
+    oxl_model                model   = {0};
+    struct train             t = {.ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .place = &place};
+    oxl_result               rc;
+    fuzz_write_checkpoint(data, size);
+    fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
+    rc = train_resume(&t);
+    fuzz_explained(ctx, rc);
+    for (int i = 0; i < 3 && rc == OXL_OK && t.step < options.iterations; i++) {
+        t.step++;
+        rc = train_step(&t);
+        fuzz_explained(ctx, rc);
+    }
+    train_end(&t);
+    oxl_model_free(ctx, &model);
+    oxl_scene_free(ctx, t.scene);
+    text_free(&log);
+}
+
+/* ---------------------------------------------------------------- run.json, block.json, partition.txt */
+
+static void fuzz_run(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    oxl_job_options     options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    struct oxl_run      run;
+    struct block_record record;
+    struct text         line = {.ctx = ctx};
+    oxl_result          rc;
+    fuzz_write("run.json", data, size);
+    fuzz_write("block.json", data, size);
+    fuzz_write("model.ply", data, 0);
+    rc = run_read(ctx, fuzz_folder(), &run);
+    fuzz_explained(ctx, rc);
+    if (rc == OXL_OK && run.line) {
+        run_options(&run, &options);
+        run_describe(&line, "scene", &options);
+    }
+    text_free(&line);
+    run_free(ctx, &run);
+    fuzz_explained(ctx, block_read(ctx, fuzz_folder(), "\"job\": {", &record));
+}
+
+static void fuzz_partition(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    struct partition p;
+    oxl_result       rc;
+    const double     place[3] = {1, 2, 3};
+    double           frame[3];
+    fuzz_write("partition.txt", data, size);
+    rc = partition_read(ctx, fuzz_path("partition.txt"), &p);
+    fuzz_explained(ctx, rc);
+    if (rc != OXL_OK) return;
+    partition_to_frame(&p, place, frame);
+    for (int i = 0; i < p.block_count; i++) partition_contains(&p.block[i].box, frame);
+    partition_free(ctx, &p);
+}
+
+/* ---------------------------------------------------------------- words: one a line */
+
+static void fuzz_options(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    enum { WORDS = 24 };
+    char            *text = oxl_calloc(ctx, size + 1, 1), *argv[WORDS + 1] = {(char *)"oceanxl"};
+    int              argc = 1;
+    struct arguments a;
+    char             error[600];
+    oxl_keep         keep;
+    oxl_ucd          ucd;
+    fuzz_promise(text != NULL, "memory for the words");
+    if (size) memcpy(text, data, size);
+    for (char *word = text; argc < WORDS && word < text + size; word += strlen(word) + 1) {
+        word[strcspn(word, "\n")] = 0;
+        argv[argc++]              = word;
+    }
+    error[0] = 0;
+    if (arguments_parse(argc, argv, &a, error, sizeof error)) {
+        fuzz_promise(error[0] != 0, "a refusal has a text");
+    } else {
+        if (a.keep) fuzz_explained(ctx, oxl_keep_parse(ctx, a.keep, &keep));
+        if (a.ucd) fuzz_explained(ctx, oxl_ucd_parse(ctx, a.ucd, &ucd));
+    }
+    oxl_free(ctx, text);
+}
+
+/* ---------------------------------------------------------------- the list */
+
+static const struct fuzz_target {
+    const char *name; /* its inputs are in fuzz/corpus/NAME */
+    void (*run)(oxl_context *ctx, const uint8_t *data, size_t size);
+} fuzz_targets[] = {{"colmap", fuzz_colmap},         {"ply", fuzz_ply}, {"splat", fuzz_splat},
+                    {"checkpoint", fuzz_checkpoint}, {"run", fuzz_run}, {"partition", fuzz_partition},
+                    {"options", fuzz_options}};
+
+static void fuzz_one(const struct fuzz_target *target, const uint8_t *data, size_t size)
+{
+    struct fuzz_memory  memory  = {0};
+    oxl_context_options options = oxl_context_options_default();
+    oxl_context        *ctx;
+    options.reallocate = fuzz_reallocate;
+    options.user       = &memory;
+    options.threads    = 1;
+    fuzz_promise(oxl_context_create(&options, &ctx) == OXL_OK, "a context");
+    target->run(ctx, data, size);
+    oxl_context_free(ctx);
+    fuzz_promise(memory.blocks == 0 && memory.held == 0, "all memory is given back");
+}
+
+#endif
