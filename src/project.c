@@ -41,14 +41,16 @@ struct project_geometry {
     real        det;                /* its determinant */
 };
 
-/* Quaternions need not be normalised. The zero quaternion counts as the identity. Dividing by the largest component first keeps
- * huge and tiny ones from overflowing when squared. */
+#define QUATERNION_MIN ((real)1.2e-38) /* shorter ones count as the identity: the inverse would overflow in float */
+
+/* Quaternions need not be normalised. Dividing by the largest component first keeps huge and tiny ones from overflowing when squared. */
 SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project_geometry *g)
 {
     const real mw = real_abs(w), mx = real_abs(x), my = real_abs(y), mz = real_abs(z);
     const real mwx = mw > mx ? mw : mx, myz = my > mz ? my : mz, most = mwx > myz ? mwx : myz;
-    const real down = most > 0 ? 1 / most : 0;
-    const real sw = most > 0 ? w * down : 1, sx = x * down, sy = y * down, sz = z * down;
+    const int  turns = most > QUATERNION_MIN;
+    const real down  = turns ? 1 / most : 0;
+    const real sw = turns ? w * down : 1, sx = x * down, sy = y * down, sz = z * down;
     const real n = 1 / real_sqrt(sw * sw + sx * sx + sy * sy + sz * sz);
     const real a = sw * n, b = sx * n, c = sy * n, d = sz * n;
     g->q[0] = a, g->q[1] = b, g->q[2] = c, g->q[3] = d;
@@ -535,10 +537,10 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
 {
     const struct lens            *lens = job->lens;
     int                           in_front;
-    const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
-    const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
-    const struct project_pull     p       = project_pull(lens, &g, d->sums, l);
-    const int                     ok      = seen >> l & 1;
+    const struct project_geometry g    = project_geometry(fused, &job->in, lens, i, &in_front);
+    const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, digits kept */
+    const struct project_pull     p    = project_pull(lens, &g, d->sums, l);
+    const int                     ok   = seen >> l & 1;
     d->mean[0][l] += p.mean.x, d->mean[1][l] += p.mean.y, d->mean[2][l] += p.mean.z;
     d->u[l] = p.u, d->v[l] = p.v;
     job->out.plane[OXL_LOG_SCALE][i]     = ok ? p.log_scale.x : 0;
@@ -548,9 +550,8 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     job->out.plane[OXL_ROTATION + 1][i]  = ok ? p.q[1] : 0;
     job->out.plane[OXL_ROTATION + 2][i]  = ok ? p.q[2] : 0;
     job->out.plane[OXL_ROTATION + 3][i]  = ok ? p.q[3] : 0;
-    job->out.plane[OXL_OPACITY][i] =
-        ok ? d->sums[SUM_G][l] * (1 - opacity) : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
-    job->dmean2d[i] = ok ? project_length(lens, p.u, p.v) : 0;
+    job->out.plane[OXL_OPACITY][i]       = ok ? d->sums[SUM_G][l] * rest : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
+    job->dmean2d[i]                      = ok ? project_length(lens, p.u, p.v) : 0;
 }
 
 /* The second lobe's part, added to what project_lane_backward wrote. Product rule: log o' = log o + log sigmoid(a), log s' = log s + b,
@@ -560,10 +561,10 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
 {
     const struct lens            *lens = job->lens;
     int                           in_front;
-    const struct project_geometry g       = project_lobe_geometry(fused, &job->in, lens, i, &in_front);
-    const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
-    const real                    factor  = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
-    const struct project_pull     p       = project_pull(lens, &g, sums, l);
+    const struct project_geometry g           = project_lobe_geometry(fused, &job->in, lens, i, &in_front);
+    const real                    rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
+    const real                    rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
+    const struct project_pull     p           = project_pull(lens, &g, sums, l);
     const real                    tied = 1 - job->in.lobe_free, pull = sums[SUM_G][l];
     const int                     ok = seen >> l & 1; /* seen: of the rows with a lobe */
     d->mean[0][l] += ok ? p.mean.x : 0, d->mean[1][l] += ok ? p.mean.y : 0, d->mean[2][l] += ok ? p.mean.z : 0;
@@ -574,8 +575,8 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     job->out.plane[OXL_ROTATION + 1][i] += ok ? p.q[1] : 0;
     job->out.plane[OXL_ROTATION + 2][i] += ok ? p.q[2] : 0;
     job->out.plane[OXL_ROTATION + 3][i] += ok ? p.q[3] : 0;
-    job->out.plane[OXL_OPACITY][i] += ok ? tied * pull * (1 - opacity) : 0;
-    job->out.plane[OXL_LOBE][i]     = ok ? pull * (1 - factor) : 0;
+    job->out.plane[OXL_OPACITY][i] += ok ? tied * pull * rest : 0;
+    job->out.plane[OXL_LOBE][i]     = ok ? pull * rest_factor : 0;
     job->out.plane[OXL_LOBE + 1][i] = ok ? p.log_scale.x : 0;
     job->out.plane[OXL_LOBE + 2][i] = ok ? p.log_scale.y : 0;
     job->out.plane[OXL_LOBE + 3][i] = ok ? p.log_scale.z : 0;
