@@ -31,10 +31,10 @@ LIBS  = $(LDFLAGS) -lm
 TOOLS   := $(wildcard tools/*.c)
 MODULES := $(filter-out src/reference.c,$(wildcard src/*.c))
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] examples/*.c)
+OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help test demo setup bench cost oracle modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help test extremes fuzz demo setup bench cost oracle modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -92,11 +92,32 @@ oracle: $(BUILD)/oracle ## build/oracle SCENE.txt OUT.txt: our kernels in the fo
 bench: $(BUILD)/bench ## time per stage of a training step, and pairs per second against the machine's ceiling
 	$(BUILD)/bench $(BENCH)
 
+extremes: $(BUILD)/extremes ## docs/STABILITY.md: the kernels at the extremes, float against double (minutes)
+	@rm -rf $(BUILD)/surveys
+	$(BUILD)/extremes $(BUILD)/surveys > $(BUILD)/STABILITY.md
+	mv $(BUILD)/STABILITY.md docs/STABILITY.md
+
+# libFuzzer comes with clang. Inputs that are kept lie in fuzz/corpus; what is found goes to build/fuzz/NAME, crashes beside it.
+SECONDS ?= 10
+FUZZ_CC ?= clang
+FUZZ_TARGETS := $(notdir $(wildcard fuzz/corpus/*))
+fuzz: $(BUILD)/fuzz/fuzz ## each reader of strangers' files for SECONDS (10) under libFuzzer; FUZZ_TARGETS=ply for one
+	@for t in $(FUZZ_TARGETS); do mkdir -p $(BUILD)/fuzz/$$t; echo "fuzz $$t"; \
+	  OXL_FUZZ=$$t $< -max_total_time=$(SECONDS) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
+	    -artifact_prefix=$(BUILD)/fuzz/crash-$$t- $(BUILD)/fuzz/$$t fuzz/corpus/$$t > $(BUILD)/fuzz/$$t.log 2>&1 || \
+	  { tail -n 25 $(BUILD)/fuzz/$$t.log; exit 1; }; grep -h -e 'cov: ' -e number_of_executed $(BUILD)/fuzz/$$t.log | tail -n 2; done
+FUZZ_SANITIZE := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=undefined,float-cast-overflow
+$(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(wildcard oceanxl.[ch] src/* tools/*)
+	@mkdir -p $(@D)
+	$(FUZZ_CC) -std=c99 -O1 -g $(FLOATS) -DOXL_NO_SIMD -Wno-unknown-pragmas -fsanitize=fuzzer $(FUZZ_SANITIZE) -I. \
+	  fuzz/fuzz.c $(filter-out tools/arguments.c,$(TOOLS)) -o $@ -lm
+
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
 $(BUILD)/cost: SOURCE = bench/cost.c
 $(BUILD)/oracle: SOURCE = tests/oracle.c
 $(BUILD)/bench: SOURCE = bench/bench.c
-$(BUILD)/oracle $(BUILD)/bench $(BUILD)/cost: tests/oracle.c bench/bench.c bench/cost.c $(BUILD)/flags
+$(BUILD)/extremes: SOURCE = tests/extremes.c
+$(BUILD)/oracle $(BUILD)/bench $(BUILD)/cost $(BUILD)/extremes: tests/oracle.c bench/bench.c bench/cost.c tests/extremes.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*

@@ -1,0 +1,87 @@
+/* test_memory.c - memory that fails: whichever allocation of a whole job is refused, the job says so or ends in the same result.
+ *
+ * After SQLite's tests: the n-th allocation fails, those after it succeed, which also finds errors that are swallowed. A few dozen n
+ * here; OXL_ALL_ALLOCATIONS=1 takes every one (.ci/slow).
+ */
+
+static long memory_left; /* allocations until one is refused */
+
+static void *memory_reallocate(void *user, void *old, size_t size)
+{
+    if (size != 0 && memory_left-- == 0) return NULL;
+    return counting_reallocate(user, old, size);
+}
+
+/* Several blocks, masks, weights by depth, pruning and second lobes: as many places as there are. */
+static oxl_job_options memory_options(void)
+{
+    oxl_job_options o        = job_test_options();
+    o.train.densify_every    = 3;
+    o.train.densify_until    = 0.6f;
+    o.train.densify_gradient = 1e-6f;
+    o.train.ucd.mode         = OXL_UCD_AUTO;
+    o.train.keep             = (oxl_keep){OXL_KEEP_FRACTION, 0.7};
+    o.train.dog              = OXL_DOG_SELECTIVE;
+    o.train.dog_threshold    = -0.5f;
+    o.train.sh_degree        = 1;
+    o.partition.block_points = 24;
+    return o;
+}
+
+/* Runs the job with the n-th allocation refused. */
+static oxl_result memory_job(const char *survey, const char *out, long n)
+{
+    const oxl_job_options options = memory_options();
+    char                  command[600];
+    oxl_result            rc;
+    snprintf(command, sizeof command, "rm -rf '%s'", out);
+    CHECK(system(command) == 0);
+    test_ctx->options.reallocate = memory_reallocate;
+    memory_left                  = n;
+    rc                           = oxl_job_run(test_ctx, survey, out, &options, NULL);
+    test_ctx->options.reallocate = counting_reallocate;
+    return rc;
+}
+
+static uint64_t memory_sum(const char *file)
+{
+    struct os_file_map map;
+    uint64_t           sum = 0;
+    if (!os_is_file(file) || os_read_file(test_ctx, file, &map) != OXL_OK) return 0;
+    sum = checkpoint_hash(CHECKPOINT_SEED, (const unsigned char *)map.data, map.size);
+    os_release_file(test_ctx, &map);
+    return sum;
+}
+
+TEST(memory_refused_anywhere_in_a_job_is_told_or_changes_nothing)
+{
+    const char *survey = job_test_survey(), *out = test_path("out");
+    char        name[64], ply[512];
+    uint64_t    whole;
+    long        count, stride, held, told = 0;
+    test_write("survey/masks/.keep", "");
+    for (int i = 0; i < 3; i++) {
+        snprintf(name, sizeof name, "survey/masks/%d.png", i);
+        CHECK_OK(job_test_photograph(test_path(name), i));
+    }
+    snprintf(ply, sizeof ply, "%s/scene.ply", out);
+    test_ctx->threads = 1;
+    CHECK_OK(memory_job(survey, out, LONG_MAX));
+    count  = LONG_MAX - memory_left;
+    whole  = memory_sum(ply);
+    held   = blocks_held;
+    stride = getenv("OXL_ALL_ALLOCATIONS") ? 1 : OXL_MAX(count / 40, 1);
+    CHECK(whole != 0 && count > 1000);
+    for (long n = stride / 2; n < count; n += stride) {
+        const oxl_result rc = memory_job(survey, out, n);
+        told += rc == OXL_ERR_MEMORY;
+        if (rc == OXL_ERR_MEMORY ? blocks_held == held && oxl_error_text(test_ctx)[0] : rc == OXL_OK && memory_sum(ply) == whole)
+            continue;
+        test_failed++;
+        printf("  allocation %ld of %ld refused: result %d, %ld blocks kept, %s\n", n, count, rc, blocks_held - held,
+               rc == OXL_OK ? "another result" : oxl_error_text(test_ctx));
+        if (rc == OXL_OK) continue;
+        held = blocks_held;
+    }
+    CHECK(told > 10);
+}
