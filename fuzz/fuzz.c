@@ -16,13 +16,14 @@ static void fuzz_write_seed(const char *path)
     const oxl_train_options options = fuzz_train_options();
     oxl_context            *ctx;
     struct os_file_map      map;
-    struct text             log;
-    struct train_place      place = {fuzz_folder(), "key", &log, NULL};
+    struct text             log, notes;
+    struct train_place      place = {fuzz_folder(), "key", &log, &notes, NULL};
     oxl_model               model = {0};
     struct train            t     = {.options = &options, .model = &model, .place = &place};
     const size_t            head  = 27;
     fuzz_promise(oxl_context_create(NULL, &ctx) == OXL_OK, "a context");
     log     = (struct text){.ctx = ctx};
+    notes   = log;
     t.ctx   = ctx;
     t.scene = fuzz_scene(ctx);
     text_add(&log, "iteration,loss\n");

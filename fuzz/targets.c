@@ -232,9 +232,9 @@ static void fuzz_write_checkpoint(const uint8_t *data, size_t size)
 static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     const oxl_train_options  options = fuzz_train_options();
-    struct text              log     = {.ctx = ctx};
-    const struct train_place place   = {fuzz_folder(), "key", &log, NULL};
-    oxl_model                model   = {0};
+    struct text              log = {.ctx = ctx}, notes = {.ctx = ctx};
+    const struct train_place place = {fuzz_folder(), "key", &log, &notes, NULL};
+    oxl_model                model = {0};
     struct train             t = {.ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .place = &place};
     oxl_result               rc;
     fuzz_write_checkpoint(data, size);
@@ -250,6 +250,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, t.scene);
     text_free(&log);
+    text_free(&notes);
 }
 
 /* ---------------------------------------------------------------- run.json, block.json, partition.txt */

@@ -74,6 +74,7 @@ OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *fo
     va_start(args, format);
     vsnprintf(ctx->error, sizeof ctx->error, format, args);
     va_end(args);
+    ctx->failed = rc;
     return rc;
 }
 

@@ -149,6 +149,7 @@ static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struc
             struct contrast_sample *s = &w->sample[i];
             if (s->view != view || !s->valid) continue;
             if (!photo && (photo = scene_photo(ctx, scene, view))) rc = contrast_integrate(ctx, photo, w);
+            if (!photo && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
             if (photo && rc == OXL_OK) contrast_look(photo, w->integral, s);
             else s->valid = 0;
         }

@@ -55,7 +55,8 @@ struct oxl_context {
     int                 threads; /* resolved: at least 1 */
     int                 isa;     /* enum isa of simd.h */
     char                error[1024];
-    struct text        *notes; /* lines of the log are kept here too, as elements of a JSON array; NULL: they are not */
+    struct text        *notes;  /* lines of the log are kept here too, as elements of a JSON array; NULL: they are not */
+    oxl_result          failed; /* what `error` is about: for doors that return a pointer or NULL */
 };
 
 /* All memory goes through these; NULL when the allocator refuses or count x size overflows. Aligned to 64 bytes. */

@@ -4,7 +4,7 @@
  */
 #include "internal.h"
 
-/* FOLDER/NAME + suffix, with the folders that NAME asks for, none of them outside FOLDER. */
+/* FOLDER/NAME + suffix, with the folders that NAME asks for, none of them outside FOLDER; NULL with the error set. */
 static char *pictures_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
 {
     struct text t = {.ctx = ctx};
@@ -31,7 +31,7 @@ static oxl_result pictures_write_image(oxl_context *ctx, const char *folder, con
                                        const oxl_image *image)
 {
     char            *path = pictures_path(ctx, folder, name, suffix);
-    const oxl_result rc   = path ? oxl_image_write(ctx, path, image) : OXL_ERR_IO;
+    const oxl_result rc   = path ? oxl_image_write(ctx, path, image) : ctx->failed;
     oxl_free(ctx, path);
     return rc;
 }
@@ -44,7 +44,7 @@ static oxl_result pictures_write_pfm(oxl_context *ctx, const char *folder, const
     const int        small = *(const unsigned char *)&one; /* little endian */
     char            *path  = pictures_path(ctx, folder, name, ".depth.pfm");
     struct os_writer writer;
-    oxl_result       rc = path ? os_writer_open(ctx, path, &writer) : OXL_ERR_IO;
+    oxl_result       rc = path ? os_writer_open(ctx, path, &writer) : ctx->failed;
     if (rc != OXL_OK) goto done;
     fprintf(writer.file, "Pf\n%d %d\n%s\n", width, height, small ? "-1.0" : "1.0");
     for (int y = height - 1; y >= 0; y--) fwrite(depth + (size_t)y * width, sizeof *depth, (size_t)width, writer.file);

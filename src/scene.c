@@ -271,29 +271,34 @@ static void scene_split(oxl_scene *scene, int test_every)
 
 /* ---------------------------------------------------------------- masks */
 
-/* masks/NAME.png, NAME with or without its extension. NULL: none. */
-static char *scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name)
+/* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */
+static oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out)
 {
     const char *base = find_base_name(name), *dot = strrchr(base, '.');
     const int   whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
     for (int i = 0; i < 2 && scene->masks; i++) {
         struct text t = {.ctx = ctx};
         text_add(&t, "%s/%.*s.png", scene->masks, i == 0 ? whole : bare, name);
-        if (!t.failed && os_is_file(t.data)) return t.data;
-        text_free(&t);
+        if (text_take(&t, out) != OXL_OK) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+        if (os_is_file(*out)) return OXL_OK;
+        oxl_free(ctx, *out);
     }
-    return NULL;
+    *out = NULL;
+    return OXL_OK;
 }
 
-static void scene_count_masks(oxl_context *ctx, oxl_scene *scene)
+static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
 {
     for (int i = 0; i < scene->view_count && scene->masks; i++) {
-        char *path = scene_mask_path(ctx, scene, scene->view[i].name);
+        char            *path;
+        const oxl_result rc = scene_mask_path(ctx, scene, scene->view[i].name, &path);
+        if (rc != OXL_OK) return rc;
         scene->stats.masks += path != NULL;
         oxl_free(ctx, path);
     }
     if (scene->masks && scene->stats.masks == 0)
         oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; wanted NAME.png, NAME as in images.txt", scene->masks);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- origin, extent, depth */
@@ -450,8 +455,8 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     if (rc == OXL_OK) rc = scene_take_points(ctx, scene);
     if (rc != OXL_OK) goto done;
     scene_split(scene, o.test_every);
-    if (o.read_images) scene_count_masks(ctx, scene);
-    rc = scene_measure(ctx, scene);
+    if (o.read_images) rc = scene_count_masks(ctx, scene);
+    if (rc == OXL_OK) rc = scene_measure(ctx, scene);
     if (rc == OXL_OK && scene->view_count == 1)
         oxl_log(ctx, OXL_LOG_WARNING, "only one photograph: there will be no depth in the scene");
 done:
@@ -548,10 +553,12 @@ OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene,
     scene->used[view]   = ++scene->clock;
     if (!photo->rgb) {
         char      *path = oxl_path_join(ctx, scene->images, scene->view[view].name);
-        char      *mask = scene_mask_path(ctx, scene, scene->view[view].name);
-        oxl_result rc   = path ? image_load_photo(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera],
-                                                  &scene->view[view].camera, photo)
+        char      *mask = NULL;
+        oxl_result rc   = path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask)
                                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+        if (rc == OXL_OK)
+            rc = image_load_photo(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera,
+                                  photo);
         oxl_free(ctx, path);
         oxl_free(ctx, mask);
         if (rc != OXL_OK) return NULL;
@@ -569,7 +576,7 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
     photo = scene_photo(ctx, scene, view);
-    if (!photo) return OXL_ERR_INPUT;
+    if (!photo) return ctx->failed;
     rc = oxl_image_create(ctx, photo->width, photo->height, out);
     if (rc == OXL_OK && photo->mask) {
         out->weight = oxl_alloc(ctx, (size_t)photo->width * photo->height, sizeof *out->weight);

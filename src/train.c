@@ -142,7 +142,7 @@ static oxl_result train_photo(struct train *t, int view)
     const struct photo *photo = scene_photo(t->ctx, t->scene, view);
     oxl_result          rc;
     size_t              pixels;
-    if (!photo) return OXL_ERR_INPUT;
+    if (!photo) return t->ctx->failed;
     pixels    = (size_t)photo->width * (size_t)photo->height;
     rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
     t->masked = photo->mask != NULL;
@@ -292,19 +292,25 @@ static oxl_result train_density(struct train *t)
 
 /* ---------------------------------------------------------------- pruning */
 
-/* Mean loss over the training views that `--keep auto` set apart. */
+/* Mean loss over the training views that `--keep auto` set apart; one whose photograph cannot be read is left out from then on. */
 static oxl_result train_held_loss(struct train *t, double *out)
 {
     struct renderer_loss loss;
-    oxl_result           rc  = OXL_OK;
     double               sum = 0;
-    for (int i = 0; i < t->held_views && rc == OXL_OK; i++) {
-        rc = train_photo(t, t->held[i]);
+    for (int i = 0; i < t->held_views;) {
+        oxl_result rc = train_photo(t, t->held[i]);
+        if (rc == OXL_ERR_INPUT) {
+            faults_of_photo(t->ctx, &t->faults);
+            t->held[i] = t->held[--t->held_views];
+            continue;
+        }
         if (rc == OXL_OK) rc = train_compare_view(t, t->held[i], &loss);
-        if (rc == OXL_OK) sum += loss.total;
+        if (rc != OXL_OK) return rc;
+        sum += loss.total;
+        i++;
     }
     *out = sum / OXL_MAX(1, t->held_views);
-    return rc;
+    return OXL_OK;
 }
 
 static oxl_result train_prune(struct train *t)

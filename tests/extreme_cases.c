@@ -281,7 +281,7 @@ static const struct extreme EXTREMES[] = {
     {"8192 x 5464 px", extreme_wide_picture, 8192, 300, 1, 20, 4e-3, 1e-3, 1},
     {"1e3 units from the model's origin", extreme_far, 1e3, 100, 1, 0, 1e-2, 1e-2, 0},
     {"1e5 units from the model's origin", extreme_far, 1e5, 100, 1, 0, 0.5, 0.5, 0},
-    {"a scene of 1e-3 units", extreme_unit, 1e-3, 100, 1, 20, 5e-6, 2e-5, 0},
+    {"a scene of 1e-3 units", extreme_unit, 1e-3, 100, 1, 20, 4e-3, 1e-3, 0},
     {"a scene of 1e5 units", extreme_unit, 1e5, 100, 1, 20, 4e-3, 1e-3, 0},
     {"quaternions of length 0: unturned", extreme_quaternion, 0, 60, 0, 0, 5e-6, 2e-5, 0},
     {"quaternions of length 1e-42: unturned", extreme_quaternion, 1e-42, 60, 0, 0, 5e-6, 2e-5, 0},

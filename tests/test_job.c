@@ -315,3 +315,18 @@ TEST(run_numbers_that_no_option_can_hold_are_not_taken)
     CHECK(o.train.iterations == plain.train.iterations && o.train.keep.kind == plain.train.keep.kind && o.scene.max_side == 900);
     run_free(test_ctx, &run);
 }
+
+/* With --keep auto some photographs are for judging alone: 4.png is. */
+TEST(job_leaves_out_photographs_that_cannot_be_read_and_counts_them)
+{
+    oxl_job_options options  = job_test_options();
+    const char     *survey   = job_test_survey();
+    options.train.iterations = 150;
+    options.train.keep       = (oxl_keep){OXL_KEEP_AUTO, 0};
+    test_write("survey/images/4.png", "no picture");
+    test_write("survey/images/2.png", "nor this");
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"photographs_left_out\": 2"));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"steps_skipped\": 0"));
+    CHECK(job_test_has(test_path("out/blocks/000/block.json"), "\"photographs_left_out\": 2"));
+}

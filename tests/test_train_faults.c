@@ -153,8 +153,8 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
 TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
     for (int fault = 0; fault < 7; fault++) {
-        struct text              log   = {.ctx = test_ctx};
-        const struct train_place place = {test_folder(), "key", &log, NULL};
+        struct text              log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
+        const struct train_place place = {test_folder(), "key", &log, &notes, NULL};
         struct faults_case       c, again;
         int                      found = 0;
         faults_begin(&c, 2);
@@ -176,5 +176,6 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         faults_free(&c);
         faults_free(&again);
         text_free(&log);
+        text_free(&notes);
     }
 }
