@@ -40,11 +40,11 @@ static oxl_result pictures_write_image(oxl_context *ctx, const char *folder, con
 static oxl_result pictures_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
                                      int height)
 {
-    const uint16_t   one   = 1;
-    const int        small = *(const unsigned char *)&one; /* little endian */
-    char            *path  = pictures_path(ctx, folder, name, ".depth.pfm");
-    struct os_writer writer;
-    oxl_result       rc = path ? os_writer_open(ctx, path, &writer) : ctx->failed;
+    const uint16_t   one    = 1;
+    const int        small  = *(const unsigned char *)&one; /* little endian */
+    char            *path   = pictures_path(ctx, folder, name, ".depth.pfm");
+    struct os_writer writer = {0};
+    oxl_result       rc     = path ? os_writer_open(ctx, path, &writer) : ctx->failed;
     if (rc != OXL_OK) goto done;
     fprintf(writer.file, "Pf\n%d %d\n%s\n", width, height, small ? "-1.0" : "1.0");
     for (int y = height - 1; y >= 0; y--) fwrite(depth + (size_t)y * width, sizeof *depth, (size_t)width, writer.file);
