@@ -34,7 +34,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help test extremes fuzz demo setup bench cost oracle modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help test extremes fuzz coverage mutate portable demo setup bench cost oracle modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -82,6 +82,13 @@ $(BUILD)/test_list.h: FORCE
 TEST_FLAGS = $(if $(filter -O3,$(CFLAGS)),-O2 -g,$(CFLAGS))
 $(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(BUILD)/flags
 	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c -o $@ $(LIBS)
+
+coverage: ## lines and branches of src/ that the tests reach (gcov)
+	tests/coverage.sh
+mutate: ## plants faults in the kernels and shows which ones the tests miss (a quarter of an hour)
+	tests/mutate.sh
+portable: ## other machines under qemu, musl, mingw-w64, tcc: what is installed of them
+	tests/portable.sh
 
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 sanitize: ## the library's tests under the address and undefined-behaviour sanitizers
