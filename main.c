@@ -124,7 +124,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->image_cache >= 0) o->scene.image_cache_bytes = (size_t)a->image_cache;
     if (a->iterations >= 0) o->train.iterations = a->iterations;
     if (a->max_gaussians >= 0) o->train.max_gaussians = a->max_gaussians;
-    if (a->sh_degree >= 0) o->train.sh_degree = a->sh_degree;
+    if (a->sh_degree >= -1) o->train.sh_degree = a->sh_degree;
     if (a->max_time >= 0) o->train.max_seconds = a->max_time;
     if (a->block_points >= 0) o->partition.block_points = a->block_points;
     if (a->axes >= 0) o->partition.kind = (oxl_partition_kind)a->axes;

@@ -53,6 +53,7 @@
 #include "src/ucd.c"        /* weights by depth for density control, and their search */
 #include "src/prune.c"      /* fewer Gaussians: when, and which matter least */
 #include "src/faults.c"     /* numbers that are not finite: put aside, counted, told */
+#include "src/decide.c"     /* model only what the scene requires: SH bands, second lobes */
 #include "src/train.c"      /* the loop: it reads like the paper's algorithm */
 #include "src/metrics.c"    /* PSNR, SSIM, MS-SSIM, evaluation */
 #include "src/seam.c"       /* do the borders between blocks show? */

@@ -264,7 +264,8 @@ OXL_API void       oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics);
 typedef enum oxl_dog { /* which Gaussians get a second, negative lobe [OceanXL eq. 3-4] */
                        OXL_DOG_OFF = 0,
                        OXL_DOG_SELECTIVE, /* those whose mean |dL/d(mean)| is above dog_threshold late in the run */
-                       OXL_DOG_ALL
+                       OXL_DOG_ALL,
+                       OXL_DOG_AUTO /* selective, where a trial on views held out for it says that they pay */
 } oxl_dog;
 
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
@@ -310,7 +311,7 @@ OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *ou
 
 typedef struct oxl_train_options {
     int iterations;    /* one photograph each */
-    int sh_degree;     /* 0..3: bands at the end of the run */
+    int sh_degree;     /* 0..3: bands at the end of the run; -1 (auto): as many as training views held out for it ask for */
     int max_gaussians; /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
     double   max_seconds; /* stop in good order after this long; 0: no limit */
     float    background[3];

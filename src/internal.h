@@ -42,7 +42,7 @@
 #define OXL_MAX(a, b)    ((a) > (b) ? (a) : (b))
 #define OXL_SWAP(type, a, b)          \
     do {                              \
-        const type swapped = (a);     \
+        type const swapped = (a);     \
         (a)                = (b);     \
         (b)                = swapped; \
     } while (0)
@@ -680,12 +680,11 @@ struct prune {
 };
 /* densified: the step after which density is left alone; views: for training; row_bytes: prune_row_bytes. */
 OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
-OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes); /* lobes: every row may have a second one */
-/* Whether the index-th of `views` training views is not to be trained on, because `auto` judges by it. */
-OXL_INTERNAL int    prune_holds(const struct prune *p, int index, int views);
+OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);                     /* lobes: every row may have a second one */
+OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* what was kept, in words */
 OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the window are ignored */
 OXL_INTERNAL int    prune_checks(const struct prune *p, int step); /* whether prune_due would look: then `auto` needs `held` */
-/* After the step: how many of `count` Gaussians are to go now. held: mean loss of the views that prune_holds names; auto alone reads it. */
+/* After the step: how many of `count` Gaussians are to go now. held: mean loss of the training views that stand aside; auto alone reads it. */
 OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held);
 /* Removes the `drop` that matter least, from the moments too. */
 OXL_INTERNAL oxl_result prune_apply(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
@@ -701,11 +700,13 @@ OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, fl
 
 /* Where a run keeps its state. */
 struct train_place {
-    const char  *folder; /* of the checkpoints */
-    const char  *key;    /* what the result depends on */
-    struct text *log;    /* the caller's, kept with the state */
-    struct text *notes;  /* so are these */
-    oxl_faults  *faults; /* out: of the whole run; may be NULL */
+    const char      *folder;    /* of the checkpoints */
+    const char      *key;       /* what the result depends on */
+    struct text     *log;       /* the caller's, kept with the state */
+    struct text     *notes;     /* so are these */
+    const oxl_model *start;     /* what training starts from; NULL: the scene's points */
+    struct text     *decisions; /* gets members of a JSON object: what was decided, and on what evidence; or NULL */
+    oxl_faults      *faults;    /* out: of the whole run; or NULL */
 };
 /* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
@@ -746,6 +747,8 @@ struct block_task {
     double              predicted_seconds, predicted_peak;
 };
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out);
+/* Adds what the training of a block decided, the members of a JSON object; nothing when there is no block.json. */
+OXL_INTERNAL oxl_result block_read_decisions(oxl_context *ctx, const char *folder, struct text *out);
 /* Goes on from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as far as it came. */
 OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
 

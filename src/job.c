@@ -89,10 +89,42 @@ static void job_describe_found(struct job *job)
     text_add(t, "}");
 }
 
+static void job_add_partition_decision(const struct job *job, struct text *t)
+{
+    const struct partition *p     = &job->partition;
+    const double            ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
+    text_add(t,
+             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points in blocks of at most %d; l3/l2 = ",
+             p->block_count == 1  ? "none"
+             : p->dimensions == 2 ? "2d"
+                                  : "3d",
+             p->block_count, job->survey.points, job->options.partition.block_points);
+    text_add_number(t, floor(ratio * 1e3 + 0.5) / 1e3);
+    text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as asked for");
+}
+
+/* What was decided, and on what evidence, block by block. */
+static oxl_result job_add_decisions(struct job *job, struct text *t)
+{
+    oxl_result rc = OXL_OK;
+    text_add(t, "  \"decisions\": {");
+    job_add_partition_decision(job, t);
+    text_add(t, ", \"blocks\": [");
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        char *folder = job_block_path(job, k, NULL);
+        text_add(t, k > 0 ? ", {" : "{");
+        rc = folder ? block_read_decisions(job->ctx, folder, t) : OXL_ERR_MEMORY;
+        text_add(t, "}");
+        oxl_free(job->ctx, folder);
+    }
+    text_add(t, "]},\n");
+    return rc;
+}
+
 static oxl_result job_write_run(struct job *job, int finished)
 {
-    struct text t = {.ctx = job->ctx};
-    oxl_result  rc;
+    struct text t  = {.ctx = job->ctx};
+    oxl_result  rc = OXL_OK;
     text_add(&t, "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n", OXL_VERSION,
              finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
     text_add(&t, "  \"preset\": ");
@@ -103,11 +135,13 @@ static oxl_result job_write_run(struct job *job, int finished)
         if (k > 0) text_add(&t, ", ");
         text_add_number(&t, job->origin[k]);
     }
-    text_add(&t, "],\n  %s,\n  %s,\n  \"survey\": ", job->line.data, job->found.data);
+    text_add(&t, "],\n  %s,\n  %s,\n", job->line.data, job->found.data);
+    if (finished) rc = job_add_decisions(job, &t);
+    text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");
     text_add(&t, ",\n  \"notes\": [%s]\n}\n", job->notes.size ? job->notes.data : "");
     t.failed |= job->notes.failed;
-    rc = job_write(job, "run.json", &t);
+    if (rc == OXL_OK) rc = job_write(job, "run.json", &t);
     text_free(&t);
     return rc;
 }
@@ -336,35 +370,62 @@ static oxl_result job_blocks(struct job *job)
 
 /* ---------------------------------------------------------------- at the end */
 
-/* One block's model is the whole's; those of several are merged, one after the other. */
-static oxl_result job_join(struct job *job)
+/* A block's model; its standard one when that is wanted and it has second lobes. */
+static oxl_result job_read_block(struct job *job, int block, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count;
-    oxl_result rc     = blocks > 1 ? oxl_model_create(job->ctx, 0, 0, &job->model) : OXL_OK;
-    memcpy(job->model.origin, job->origin, sizeof job->origin);
-    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
-        char     *path = job_block_path(job, k, "model.ply");
-        oxl_model part = {0};
-        rc             = path ? oxl_model_read(job->ctx, path, &part) : OXL_ERR_MEMORY;
-        if (rc == OXL_OK && blocks > 1) rc = merge_block(job->ctx, &job->partition, k, &part, &job->model);
-        else if (rc == OXL_OK) OXL_SWAP(oxl_model, job->model, part);
-        oxl_model_free(job->ctx, &part);
-        oxl_free(job->ctx, path);
-    }
-    if (rc == OXL_OK && job->model.count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
+    char      *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
+    oxl_result rc    = path ? OXL_OK : OXL_ERR_MEMORY;
+    const int  plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes */
+    *out             = (oxl_model){0};
+    if (plain) oxl_free(job->ctx, path), path = job_block_path(job, block, "model.ply");
+    if (rc == OXL_OK) rc = path ? oxl_model_read(job->ctx, path, out) : OXL_ERR_MEMORY;
+    oxl_free(job->ctx, path);
     return rc;
 }
 
-static oxl_result job_write_model(struct job *job, size_t *bytes)
+/* One block's model is the whole's; those of several are merged, one after the other. */
+static oxl_result job_join(struct job *job, int standard, oxl_model *out)
+{
+    const int  blocks = job->partition.block_count;
+    oxl_result rc     = OXL_OK;
+    *out              = (oxl_model){0};
+    if (blocks > 1) rc = oxl_model_create(job->ctx, 0, 0, out);
+    memcpy(out->origin, job->origin, sizeof job->origin);
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
+        oxl_model part;
+        rc = job_read_block(job, k, standard, &part);
+        if (rc == OXL_OK && blocks > 1) rc = merge_block(job->ctx, &job->partition, k, &part, out);
+        else if (rc == OXL_OK) OXL_SWAP(oxl_model, *out, part);
+        oxl_model_free(job->ctx, &part);
+    }
+    if (rc == OXL_OK && out->count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
+    return rc;
+}
+
+static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
 {
     struct os_file_map map  = {0};
-    char              *path = oxl_path_join(job->ctx, job->out, "scene.ply");
-    oxl_result         rc   = path ? oxl_model_write(job->ctx, path, &job->model) : job_no_memory(job);
+    char              *path = oxl_path_join(job->ctx, job->out, name);
+    oxl_result         rc   = path ? modelfile_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
     if (rc == OXL_OK) rc = os_read_file(job->ctx, path, &map);
     *bytes = map.size;
     os_release_file(job->ctx, &map);
     oxl_free(job->ctx, path);
     return rc;
+}
+
+/* scene.ply holds the bands that are carried, and the lobes; unless that is the standard's file already, scene_standard.ply is. */
+static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
+{
+    const int  is_standard = job->model.sh_degree == 3 && job->model.lobes == 0;
+    oxl_result rc          = job_write_ply(job, "scene.ply", &job->model, job->model.sh_degree, &bytes[0]);
+    bytes[1]               = bytes[0];
+    if (is_standard) job_remove(job, "scene_standard.ply");
+    if (rc != OXL_OK || is_standard) return rc;
+    if (job->model.lobes > 0 && !job->unfinished) rc = job_join(job, 1, standard);
+    else rc = model_copy(job->ctx, &job->model, standard);
+    model_drop_lobes(standard);
+    return rc == OXL_OK ? job_write_ply(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
 }
 
 static void job_add(struct text *t, const char *name, double value)
@@ -387,28 +448,61 @@ oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const o
     return rc;
 }
 
-static oxl_result job_write_metrics(struct job *job, size_t bytes)
+static oxl_split job_split(const struct job *job)
 {
-    const oxl_split split = job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
-    oxl_metrics     m     = {0};
-    struct text     t     = {.ctx = job->ctx};
-    struct seam     seam;
-    oxl_result      rc = oxl_evaluate(job->ctx, &job->model, job->scene, split, &m);
+    return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
+}
+
+/* What a viewer that knows no second lobes will show. */
+static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, double psnr)
+{
+    oxl_metrics m;
+    oxl_result  rc;
+    if (job->model.lobes == 0) return OXL_OK;
+    rc = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &m);
+    if (rc != OXL_OK) return rc;
+    oxl_log(job->ctx, OXL_LOG_INFO, "scene_standard.ply, without lobes: PSNR %.2f dB (%.2f less)", m.psnr, psnr - m.psnr);
+    text_add(t, "  \"standard\": {\"psnr\": ");
+    text_add_number(t, m.psnr);
+    text_add(t, ", \"ssim\": ");
+    text_add_number(t, m.ssim);
+    text_add(t, ", \"psnr_lost\": ");
+    text_add_number(t, psnr - m.psnr);
+    text_add(t, ", \"bytes\": %zu},\n", bytes);
+    oxl_metrics_free(job->ctx, &m);
+    return OXL_OK;
+}
+
+static void job_add_figures(struct job *job, struct text *t, size_t bytes)
+{
+    text_add(t, "{\n  \"split\": \"%s\",\n", job_split(job) == OXL_SPLIT_TEST ? "test" : "train");
+    job_add(t, "gaussians", (double)job->model.count);
+    job_add(t, "lobes", (double)job->model.lobes);
+    job_add(t, "sh_degree", job->model.sh_degree);
+    job_add(t, "bytes", (double)bytes);
+    job_add(t, "blocks", job->partition.block_count);
+    job_add(t, "iterations", job->total.iterations);
+    job_add(t, "seconds", job->total.seconds);
+    job_add(t, "predicted_seconds", job->total.predicted_seconds);
+    job_add(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
+    job_add(t, "predicted_memory_bytes", job->total.predicted_peak);
+    faults_add_json(t, &job->total.faults);
+}
+
+static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, const size_t bytes[2])
+{
+    oxl_metrics m = {0};
+    struct text t = {.ctx = job->ctx};
+    struct seam seam;
+    oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_split(job), &m);
     if (rc != OXL_OK) goto done;
     oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
-            split == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
-            (double)bytes / 1e6);
-    text_add(&t, "{\n  \"split\": \"%s\",\n", split == OXL_SPLIT_TEST ? "test" : "train");
-    job_add(&t, "gaussians", (double)job->model.count);
-    job_add(&t, "bytes", (double)bytes);
-    job_add(&t, "blocks", job->partition.block_count);
-    job_add(&t, "iterations", job->total.iterations);
-    job_add(&t, "seconds", job->total.seconds);
-    job_add(&t, "predicted_seconds", job->total.predicted_seconds);
-    job_add(&t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
-    job_add(&t, "predicted_memory_bytes", job->total.predicted_peak);
-    faults_add_json(&t, &job->total.faults);
-    if (job->partition.block_count > 1) rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, split, &seam);
+            job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
+            (double)bytes[0] / 1e6);
+    job_add_figures(job, &t, bytes[0]);
+    rc = job_add_standard(job, &t, standard, bytes[1], m.psnr);
+    if (rc == OXL_OK && job->partition.block_count > 1)
+        rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
     if (rc != OXL_OK) goto done;
     if (job->partition.block_count > 1) seam_add_json(&t, &seam);
     rc = metrics_write_json(job->ctx, &t, job->scene, &m);
@@ -422,7 +516,7 @@ done:
 
 static oxl_result job_draw(struct job *job)
 {
-    const oxl_pictures what   = {job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN, 1, 0};
+    const oxl_pictures what   = {job_split(job), 1, 0};
     char              *folder = oxl_path_join(job->ctx, job->out, "renders");
     int                drawn;
     const oxl_result   rc =
@@ -434,13 +528,15 @@ static oxl_result job_draw(struct job *job)
 /* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
 static oxl_result job_finish(struct job *job, int judge)
 {
-    size_t     bytes = 0;
-    oxl_result rc    = job->scene || !judge ? OXL_OK : job_load(job);
-    if (rc == OXL_OK) rc = job_join(job);
-    if (rc == OXL_OK) rc = job_write_model(job, &bytes);
-    if (rc == OXL_OK && judge) rc = job_write_metrics(job, bytes);
+    oxl_model  standard = {0};
+    size_t     bytes[2];
+    oxl_result rc = job->scene || !judge ? OXL_OK : job_load(job);
+    if (rc == OXL_OK) rc = job_join(job, 0, &job->model);
+    if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
+    if (rc == OXL_OK && judge) rc = job_write_metrics(job, &standard, bytes);
     if (rc == OXL_OK && judge && job->options.renders) rc = job_draw(job);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
+    oxl_model_free(job->ctx, &standard);
     return rc;
 }
 

@@ -25,7 +25,6 @@
 enum {
     PRUNE_EVERY_LEAST = 25, /* steps: in fewer no Gaussian has adapted */
     PRUNE_AUTO_SHARE  = 8,  /* auto: each drop takes one eighth of what is left */
-    PRUNE_HELD        = 8,  /* auto: at most so many training views are kept out */
     PRUNE_GUARD = 3,   /* views: one that fewer see is judged as if these had; a speck in front of one camera is not precious */
     PRUNE_VIEWS = 100, /* a score is taken of so many views, or of 1 for each */
     PRUNE_STEPS_A_VIEW = 40 /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
@@ -93,12 +92,6 @@ OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, in
     p->views    = OXL_MAX(PRUNE_VIEWS, iterations / PRUNE_STEPS_A_VIEW);
 }
 
-OXL_INTERNAL int prune_holds(const struct prune *p, int index, int views)
-{
-    const int held = OXL_CLAMP(views / 16, 1, PRUNE_HELD), stride = views / held;
-    return p->keep.kind == OXL_KEEP_AUTO && views > 1 && index % stride == stride / 2 && index / stride < held;
-}
-
 OXL_INTERNAL int prune_checks(const struct prune *p, int step)
 {
     if (p->keep.kind == OXL_KEEP_ALL || step < p->start || step > p->end) return 0;
@@ -141,6 +134,17 @@ OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double he
     p->last  = step;
     goal     = p->first_count - excess * (size_t)prune_drops[p->drops - 1] / 16;
     return count > goal ? count - goal : 0;
+}
+
+OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
+{
+    if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as asked for");
+    else if (p->keep.kind != OXL_KEEP_AUTO)
+        snprintf(out, size, "%zu of %zu after density control: as asked for", p->target, p->first_count);
+    else
+        snprintf(out, size,
+                 "%d drops of an eighth, while the loss of training views that stood aside rose by at most %.2g from %.4f",
+                 p->drops, PRUNE_EPSILON, p->held);
 }
 
 OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)

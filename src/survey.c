@@ -49,7 +49,7 @@ static void survey_largest(const oxl_scene *scene, oxl_survey *s)
 
 OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load)
 {
-    const int          degree = o->train.sh_degree;
+    const int          degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double       planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double       a_view = load->pixels / OXL_MAX(1, load->views);
     const double       photos = OXL_MIN(3.0 * load->pixels, (double)o->scene.image_cache_bytes);

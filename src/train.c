@@ -2,23 +2,22 @@
  *
  * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
  */
-#include "internal.h"
+#include "train.h"
 #include "vecmath.h"
 
 #define TRAIN_WARM_UP 500 /* iterations before the first densification, unless a quarter of the run is less */
 #define TRAIN_RESET_LEAST \
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
 #define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
-#define TRAIN_RANDOM_POINTS 10000      /* to start from when the scene has none */
-#define TRAIN_WATCH         (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
-#define TRAIN_SAVE_STEPS    500        /* a checkpoint after so many iterations, */
-#define TRAIN_SAVE_SECONDS  60.0       /* or so long, whichever comes first */
-#define TRAIN_SMOOTHING     0.02       /* of loss and PSNR in progress reports: about the last 50 views */
+#define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
+#define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
+#define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
+#define TRAIN_SMOOTHING     0.02  /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
 {
     oxl_train_options o = {.iterations          = 7000,
-                           .sh_degree           = 3,
+                           .sh_degree           = -1,
                            .ssim_weight         = 0.2f,
                            .ssim_every          = 1,
                            .bands_every         = 1.0f / 30,
@@ -40,40 +39,11 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .dog_opacity_factor  = 0.1f,
                            .dog_scale_factor    = 1.6f};
     if (preset == OXL_PRESET_DRAFT)
-        o.iterations = 2000, o.densify_gradient = 4e-4f,
-        o.coarse = 0.25f; /* half the growth: 2000 iterations cannot train more */
-    if (preset == OXL_PRESET_PAPER) o.iterations = 40000;
+        o.iterations = 2000, o.densify_gradient = 4e-4f, /* half the growth: 2000 iterations cannot train more */
+            o.coarse = 0.25f;
+    if (preset == OXL_PRESET_PAPER) o.iterations = 40000, o.sh_degree = 3;
     return o;
 }
-
-struct train {
-    oxl_context              *ctx;
-    oxl_scene                *scene;
-    const oxl_train_options  *options;
-    oxl_render_options        render;
-    oxl_model                *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
-    struct renderer          *renderer;
-    struct density           *density;
-    struct ucd                ucd;
-    struct prune              prune;
-    int                      *view; /* (views) training views in this epoch's order */
-    int                       views, step;
-    int                      *held; /* (held_views) training views that are not trained on: --keep auto judges by them */
-    int                       held_views;
-    int                       resets;
-    float                    *target, *weight; /* the photograph of this step: (3,H,W), (H,W) */
-    int                       masked;          /* whether weight holds its mask */
-    int                       halved;          /* whether they are reduced to half the sides */
-    size_t                    target_capacity, weight_capacity;
-    double                    loss, psnr; /* smoothed */
-    oxl_faults                faults;
-    int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
-    double                    begun;      /* when it did */
-    double                    seconds;    /* that others had spent on the run before */
-    const struct train_place *place;      /* of its checkpoints, or NULL */
-    int                       saved_step; /* of the last checkpoint, */
-    double                    saved_at;   /* and when it was */
-};
 
 static double train_seconds(const struct train *t)
 {
@@ -136,8 +106,7 @@ static int train_is_coarse(const struct train *t)
     return t->step <= t->options->coarse * t->options->iterations;
 }
 
-/* A view's photograph and mask into target and weight. OXL_ERR_INPUT: it cannot be read. */
-static oxl_result train_photo(struct train *t, int view)
+OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
 {
     const struct photo *photo = scene_photo(t->ctx, t->scene, view);
     oxl_result          rc;
@@ -181,7 +150,7 @@ static oxl_result train_compare(struct train *t, int view, float ssim_weight, st
 }
 
 /* With the whole loss, for judgement. */
-static oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss)
+OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss)
 {
     return train_compare(t, view, t->options->ssim_weight, loss);
 }
@@ -240,7 +209,7 @@ OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *o
     return train_cap_of(oxl_scene_point_count(scene), train_pixels(scene), options);
 }
 
-static oxl_result train_resize(struct train *t)
+OXL_INTERNAL oxl_result train_resize(struct train *t)
 {
     oxl_result rc;
     oxl_model_free(t->ctx, &t->gradient);
@@ -292,36 +261,16 @@ static oxl_result train_density(struct train *t)
 
 /* ---------------------------------------------------------------- pruning */
 
-/* Mean loss over the training views that `--keep auto` set apart; one whose photograph cannot be read is left out from then on. */
-static oxl_result train_held_loss(struct train *t, double *out)
-{
-    struct renderer_loss loss;
-    double               sum = 0;
-    for (int i = 0; i < t->held_views;) {
-        oxl_result rc = train_photo(t, t->held[i]);
-        if (rc == OXL_ERR_INPUT) {
-            faults_of_photo(t->ctx, &t->faults);
-            t->held[i] = t->held[--t->held_views];
-            continue;
-        }
-        if (rc == OXL_OK) rc = train_compare_view(t, t->held[i], &loss);
-        if (rc != OXL_OK) return rc;
-        sum += loss.total;
-        i++;
-    }
-    *out = sum / OXL_MAX(1, t->held_views);
-    return OXL_OK;
-}
-
 static oxl_result train_prune(struct train *t)
 {
-    double     held = 0;
+    double     held = NAN, psnr;
     size_t     drop;
     oxl_result rc = OXL_OK;
     if (!prune_checks(&t->prune, t->step)) return OXL_OK;
-    if (t->held_views > 0) rc = train_held_loss(t, &held);
+    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = decide_judge(t, &held, &psnr);
     if (rc != OXL_OK) return rc;
-    drop = prune_due(&t->prune, t->step, t->model->count, held);
+    t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
+    drop               = prune_due(&t->prune, t->step, t->model->count, held);
     if (drop == 0) return OXL_OK;
     rc = prune_apply(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, &t->first, &t->second);
     if (rc == OXL_OK) rc = train_resize(t);
@@ -331,82 +280,13 @@ static oxl_result train_prune(struct train *t)
     return rc;
 }
 
-/* ---------------------------------------------------------------- second lobes */
+/* ---------------------------------------------------------------- bands of spherical harmonics */
 
-static int train_gives_lobes_at(const struct train *t)
-{
-    return (int)(t->options->dog_from * t->options->iterations);
-}
-
-/* Steps over which gradients are watched before lobes are given out: 1000 of 40 000 [OceanXL]. */
-static int train_watch(const struct train *t)
-{
-    return OXL_MAX(1, (int)(TRAIN_WATCH * t->options->iterations));
-}
-
-static int train_by_size(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-/* A threshold at or below 0 is a quantile: -0.9 lets the upper tenth have lobes. */
-static oxl_result train_lobe_threshold(const struct train *t, double *out)
-{
-    const float  threshold = t->options->dog_threshold;
-    const size_t count     = t->model->count;
-    double      *gradient;
-    *out = threshold;
-    if (t->options->dog == OXL_DOG_ALL) *out = -1;
-    if (threshold > 0 || t->options->dog == OXL_DOG_ALL) return OXL_OK;
-    gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
-    if (!gradient) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
-    for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
-    qsort(gradient, count, sizeof *gradient, train_by_size);
-    *out = measure_quantile(gradient, count, -threshold);
-    oxl_free(t->ctx, gradient);
-    return OXL_OK;
-}
-
-/* Those that the loss still pulls about get a second lobe: decided once [OceanXL sec. 3.2]. */
-static oxl_result train_give_lobes(struct train *t)
-{
-    const oxl_train_options *o         = t->options;
-    uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
-    size_t                   given     = 0;
-    double                   threshold = 0;
-    oxl_result rc = active ? train_lobe_threshold(t, &threshold) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
-    if (rc != OXL_OK) goto done;
-    for (size_t i = 0; i < t->model->count; i++) {
-        active[i] = density_mean_gradient(t->density, i) > threshold;
-        given += active[i];
-    }
-    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->model->count);
-    if (given > 0)
-        rc = model_activate_lobes(t->ctx, t->model, &t->first, &t->second, active, o->dog_opacity_factor, o->dog_scale_factor);
-    if (rc == OXL_OK && given > 0) rc = train_resize(t);
-done:
-    oxl_free(t->ctx, active);
-    return rc;
-}
-
-static oxl_result train_lobes(struct train *t)
-{
-    const int last = train_gives_lobes_at(t);
-    if (t->options->dog == OXL_DOG_OFF || t->step <= last - train_watch(t) || t->step > last) return OXL_OK;
-    if (t->step == last - train_watch(t) + 1) {
-        const oxl_result rc = density_clear(t->ctx, t->density, t->model->count);
-        if (rc != OXL_OK) return rc;
-    }
-    density_observe(t->ctx, t->density, t->renderer, t->model->count);
-    return t->step == last ? train_give_lobes(t) : OXL_OK;
-}
-
-/* One more SH band each such share of the run, up to the degree asked for. */
+/* One more SH band each such share of the run, up to the degree that it is to have. */
 static oxl_result train_bands(struct train *t)
 {
-    const int wanted = OXL_MIN(t->options->sh_degree, (int)(t->step / (t->options->bands_every * t->options->iterations) + 1e-6));
-    oxl_result rc    = OXL_OK;
+    const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->bands_every * t->options->iterations) + 1e-6));
+    oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
     ucd_disturb(&t->ucd, t->step, 0);
     rc = model_set_degree(t->ctx, t->model, wanted);
@@ -417,11 +297,12 @@ static oxl_result train_bands(struct train *t)
 
 /* ---------------------------------------------------------------- the run */
 
-/* One Gaussian a point; without points, random ones in front of the cameras. */
+/* One Gaussian a point; without points, random ones in front of the cameras. Or a model that is there already. */
 static oxl_result train_first_model(struct train *t)
 {
     oxl_point *random = NULL;
     oxl_result rc;
+    if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
     if (oxl_scene_point_count(t->scene) > 0)
         return oxl_model_from_points(t->ctx, oxl_scene_points(t->scene), oxl_scene_point_count(t->scene), 0, t->model);
     oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones", TRAIN_RANDOM_POINTS);
@@ -438,7 +319,7 @@ OXL_INTERNAL int train_densifications(const oxl_train_options *options)
     return count;
 }
 
-static int train_training_views(const oxl_scene *scene)
+OXL_INTERNAL int train_training_views(const oxl_scene *scene)
 {
     int views = 0;
     for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
@@ -456,25 +337,8 @@ static oxl_result train_begin_control(struct train *t)
     ucd_describe(&t->ucd, words, sizeof words);
     if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
     if (t->ucd.on) rc = density_set_bands(t->ctx, t->density, t->model->count, t->ucd.z_near, t->ucd.z_far);
-    prune_begin(&t->prune, o->keep, o->iterations, until, views, prune_row_bytes(o->sh_degree, o->dog != OXL_DOG_OFF));
+    prune_begin(&t->prune, o->keep, o->iterations, until, views, prune_row_bytes(3, o->dog != OXL_DOG_OFF));
     return rc;
-}
-
-/* Training views in the order of their names; those that pruning judges by stand aside. */
-static oxl_result train_begin_views(struct train *t)
-{
-    const int views = train_training_views(t->scene);
-    int       index = 0;
-    t->view         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
-    t->held         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
-    if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
-    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
-        if (oxl_scene_view(t->scene, i)->is_test) continue;
-        if (prune_holds(&t->prune, index++, views)) t->held[t->held_views++] = i;
-        else t->view[t->views++] = i;
-    }
-    if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
-    return OXL_OK;
 }
 
 static oxl_result train_begin(struct train *t)
@@ -486,8 +350,8 @@ static oxl_result train_begin(struct train *t)
     t->render            = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
-    rc = oxl_model_create(ctx, t->model->count, 0, &t->first);
-    if (rc == OXL_OK) rc = oxl_model_create(ctx, t->model->count, 0, &t->second);
+    rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->first);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->second);
     if (rc == OXL_OK) rc = train_resize(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
@@ -496,7 +360,7 @@ static oxl_result train_begin(struct train *t)
     memset(t->first.plane[OXL_ROTATION], 0, t->first.capacity * sizeof(float));
     memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
     rc = train_begin_control(t);
-    return rc == OXL_OK ? train_begin_views(t) : rc;
+    return rc == OXL_OK ? decide_begin(t) : rc;
 }
 
 static void train_end(struct train *t)
@@ -510,6 +374,7 @@ static void train_end(struct train *t)
     ucd_free(ctx, &t->ucd);
     oxl_free(ctx, t->view);
     oxl_free(ctx, t->held);
+    text_free(&t->decisions);
     oxl_free(ctx, t->target);
     oxl_free(ctx, t->weight);
 }
@@ -535,7 +400,7 @@ static void train_archive(struct archive *a, void *user)
     faults_archive(a, &t->faults);
     archive_size(a, &views);
     archive_expect(a, t->step >= 0 && t->step <= t->options->iterations && t->resets >= 0);
-    archive_expect(a, views <= (size_t)t->views); /* those that began; some may have been left out since */
+    archive_expect(a, views <= (size_t)train_training_views(t->scene));
     if (a->rc == OXL_OK) archive_ints(a, t->view, views);
     for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
         archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
@@ -546,6 +411,9 @@ static void train_archive(struct archive *a, void *user)
     density_archive(a, t->density, t->model->count);
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
+    decide_archive(a, t);
+    archive_expect(a,
+                   views + (size_t)t->held_views <= (size_t)train_training_views(t->scene)); /* those held come back to `view` */
     archive_text(a, t->place->log);
     archive_text(a, t->place->notes);
     if (!a->reading || a->rc != OXL_OK) return;
@@ -580,32 +448,39 @@ static oxl_result train_resume(struct train *t)
 
 /* ---------------------------------------------------------------- the loop */
 
-static int train_report(const struct train *t, const oxl_callback *callback)
+OXL_INTERNAL int train_report(const struct train *t)
 {
-    const double seconds = train_seconds(t), here = os_seconds() - t->begun;
-    oxl_progress progress = {.iteration    = t->step,
-                             .iterations   = t->options->iterations,
-                             .gaussians    = t->model->count,
-                             .loss         = t->loss,
-                             .psnr         = t->psnr,
-                             .f_mid        = t->ucd.on ? t->ucd.f[0] : 1,
-                             .f_far        = t->ucd.on ? t->ucd.f[1] : 1,
-                             .seconds      = seconds,
-                             .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
-                             .model        = t->model,
-                             .faults       = t->faults};
+    const oxl_callback *callback = t->callback;
+    const double        seconds = train_seconds(t), here = os_seconds() - t->begun;
+    oxl_progress        progress = {.iteration    = t->step,
+                                    .iterations   = t->options->iterations,
+                                    .gaussians    = t->model->count,
+                                    .loss         = t->loss,
+                                    .psnr         = t->psnr,
+                                    .f_mid        = t->ucd.on ? t->ucd.f[0] : 1,
+                                    .f_far        = t->ucd.on ? t->ucd.f[1] : 1,
+                                    .seconds      = seconds,
+                                    .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
+                                    .model        = t->model,
+                                    .faults       = t->faults};
     return callback && callback->progress && callback->progress(callback->user, &progress);
+}
+
+OXL_INTERNAL oxl_result train_photograph(struct train *t)
+{
+    int        view = -1;
+    oxl_result rc   = train_next_photo(t, &view);
+    return rc == OXL_OK ? train_on_view(t, view) : rc;
 }
 
 static oxl_result train_step(struct train *t)
 {
-    int        view = -1;
-    oxl_result rc   = train_next_photo(t, &view);
-    if (rc == OXL_OK) rc = train_bands(t);
-    if (rc == OXL_OK) rc = train_on_view(t, view);
+    oxl_result rc = train_bands(t);
+    if (rc == OXL_OK) rc = train_photograph(t);
     if (rc == OXL_OK) rc = train_density(t);
     if (rc == OXL_OK) rc = train_prune(t);
-    if (rc == OXL_OK) rc = train_lobes(t);
+    if (rc == OXL_OK) rc = decide_lobes(t);
+    if (rc == OXL_OK) decide_bands(t);
     return rc;
 }
 
@@ -616,49 +491,73 @@ static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
                         "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
                         "0 to 1, more than 0",
                         o->ssim_every, o->coarse, o->bands_every);
-    if (o->iterations >= 1 && o->sh_degree >= 0 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE, "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3, at least 1",
+    if (o->iterations >= 1 && o->sh_degree >= -1 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3 or -1 (auto), at least 1",
                     o->iterations, o->sh_degree, o->densify_every);
 }
 
 /* Whatever ends the loop early, the state is saved: an order to stop, the time allowed. */
-static oxl_result train_loop(struct train *t, const oxl_callback *callback)
+static oxl_result train_stop(struct train *t)
+{
+    const oxl_result rc = train_save(t);
+    return rc == OXL_OK ? OXL_ERR_INTERRUPTED : rc;
+}
+
+static oxl_result train_loop(struct train *t)
 {
     const oxl_train_options *o  = t->options;
     oxl_result               rc = OXL_OK;
     t->first_step               = t->step;
-    if (t->step > 0 && train_report(t, callback)) return OXL_ERR_INTERRUPTED;
+    if (t->step > 0 && train_report(t)) return OXL_ERR_INTERRUPTED;
     while (rc == OXL_OK && t->step < o->iterations) {
+        if (t->trial_is_next) {
+            rc = decide_trial(t);
+            if (rc == OXL_ERR_INTERRUPTED) return train_stop(t);
+            continue;
+        }
         t->step++;
         rc = train_step(t);
         if (rc != OXL_OK) break;
-        if (train_report(t, callback)) {
-            rc = train_save(t);
-            return rc == OXL_OK ? OXL_ERR_INTERRUPTED : rc;
-        }
+        if (train_report(t)) return train_stop(t);
         if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations) {
             oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t->step, o->iterations);
             return train_save(t);
         }
         if (train_save_is_due(t)) rc = train_save(t);
     }
+    if (rc == OXL_OK) decide_end(t);
     return rc;
+}
+
+/* What was decided, for the one who asked where the run has its place. */
+static void train_hand_over(struct train *t)
+{
+    if (t->place && t->place->decisions && t->decisions.data) text_add(t->place->decisions, "%s", t->decisions.data);
 }
 
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, const struct train_place *place, oxl_model *out)
 {
-    struct train t  = {.ctx = ctx, .scene = scene, .options = options, .model = out, .begun = os_seconds(), .place = place};
+    struct train t  = {.ctx       = ctx,
+                       .scene     = scene,
+                       .options   = options,
+                       .model     = out,
+                       .begun     = os_seconds(),
+                       .place     = place,
+                       .callback  = callback,
+                       .decisions = {.ctx = ctx}};
     oxl_result   rc = train_check(ctx, options), ended = OXL_OK;
     *out = (oxl_model){0};
     if (rc == OXL_OK) rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);
-    if (rc == OXL_OK) rc = train_loop(&t, callback);
+    if (rc == OXL_OK) rc = train_loop(&t);
     if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = faults_end(ctx, &t.faults, out);
     if (ended != OXL_OK) rc = ended;
     if (place && place->faults) *place->faults = t.faults;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     else if (rc != OXL_OK) oxl_model_free(ctx, out);
+    train_hand_over(&t);
     train_end(&t);
     return rc;
 }

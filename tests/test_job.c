@@ -56,6 +56,21 @@ static int job_test_has(const char *file, const char *words)
     return has;
 }
 
+/* The first `from` in a file becomes `to`. */
+static void job_test_replace(const char *file, const char *from, const char *to)
+{
+    struct os_file_map map = {0};
+    struct text        t   = {.ctx = test_ctx};
+    const char        *at;
+    CHECK_OK(os_read_file(test_ctx, file, &map));
+    at = strstr(map.data, from);
+    CHECK(at != NULL);
+    if (at) text_add(&t, "%.*s%s%s", (int)(at - map.data), map.data, to, at + strlen(from));
+    CHECK_OK(os_write_file(test_ctx, file, t.data, t.size));
+    text_free(&t);
+    os_release_file(test_ctx, &map);
+}
+
 struct job_test_watch {
     int calls, stop_at;
 };
@@ -316,17 +331,51 @@ TEST(run_numbers_that_no_option_can_hold_are_not_taken)
     run_free(test_ctx, &run);
 }
 
-/* With --keep auto some photographs are for judging alone: 4.png is. */
 TEST(job_leaves_out_photographs_that_cannot_be_read_and_counts_them)
 {
-    oxl_job_options options  = job_test_options();
-    const char     *survey   = job_test_survey();
-    options.train.iterations = 150;
-    options.train.keep       = (oxl_keep){OXL_KEEP_AUTO, 0};
+    oxl_job_options options = job_test_options();
+    const char     *survey  = job_test_survey();
     test_write("survey/images/4.png", "no picture");
     test_write("survey/images/2.png", "nor this");
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"photographs_left_out\": 2"));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"steps_skipped\": 0"));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "\"photographs_left_out\": 2"));
+}
+
+/* A model with second lobes is followed by a standard one, refined without them; a run that ended between the two goes on there. */
+TEST(job_writes_a_standard_model_beside_one_with_lobes)
+{
+    oxl_job_options    options = job_test_options();
+    oxl_model          model, standard;
+    struct os_file_map first, again;
+    options.train.dog       = OXL_DOG_ALL;
+    options.train.sh_degree = 1;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene_standard.ply"), &standard));
+    CHECK(model.lobes == model.count && model.sh_degree == 1);
+    CHECK(standard.lobes == 0 && standard.count == model.count && standard.sh_degree == 3); /* 62 columns */
+    CHECK(standard.plane[OXL_OPACITY][0] != model.plane[OXL_OPACITY][0]);
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"psnr_lost\": "));
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &standard);
+    CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &first));
+    job_test_replace(test_path("out/blocks/000/block.json"), "\"finished\": true", "\"finished\": false");
+    job_test_replace(test_path("out/run.json"), "\"finished\": true", "\"finished\": false");
+    CHECK(os_remove(test_path("out/blocks/000/model_standard.ply")) == 0 && os_remove(test_path("out/scene_standard.ply")) == 0);
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(os_read_file(test_ctx, test_path("out/scene_standard.ply"), &again));
+    CHECK(first.size == again.size && memcmp(first.data, again.data, first.size) == 0);
+    os_release_file(test_ctx, &first);
+    os_release_file(test_ctx, &again);
+}
+
+TEST(job_says_in_run_json_what_was_decided_and_why)
+{
+    oxl_job_options options = job_test_options();
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/run.json"), "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
+    CHECK(job_test_has(test_path("out/run.json"), "\"sh_degree\": {\"chosen\": \"3\", \"evidence\": \"too few training views"));
+    CHECK(job_test_has(test_path("out/run.json"), "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"depth weights off"));
 }

@@ -111,7 +111,7 @@ TEST(prune_auto_goes_on_while_views_it_does_not_train_on_stay_as_good)
 {
     struct prune p;
     size_t       count = 8000, at_limit = 0;
-    int          last = 0, held = 0;
+    int          last = 0;
     prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
     for (int step = 1; step <= 40000; step++) {
         const size_t drop = prune_due(&p, step, count, count < 4000 ? 0.1012 : 0.1); /* 1.2 % worse below 4000 */
@@ -120,13 +120,8 @@ TEST(prune_auto_goes_on_while_views_it_does_not_train_on_stay_as_good)
         count -= drop;
     }
     CHECK(count < 4000 && count >= 3500 && at_limit == 0 && last < 30200);
-    for (int i = 0; i < 300; i++) held += prune_holds(&p, i, 300);
-    CHECK(held == 8 && !prune_holds(&p, 0, 1));
-    for (int i = held = 0; i < 20; i++) held += prune_holds(&p, i, 20);
-    CHECK(held == 1);
-    prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, 40000, 20000, 300, 248);
-    for (int i = held = 0; i < 300; i++) held += prune_holds(&p, i, 300);
-    CHECK(held == 0);
+    prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
+    for (int step = 1; step <= 40000; step++) CHECK(prune_due(&p, step, 8000, NAN) == 0); /* nothing to judge by */
 }
 
 static void prune_state(struct archive *a, void *user)

@@ -205,8 +205,9 @@ TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
 
 /* ---------------------------------------------------------------- the loop */
 
-/* Seven views of a coloured plane, drawn by our own renderer from a known model: points near the truth, wrong colours. */
-static oxl_scene *train_scene(int views)
+/* Views of a coloured plane, drawn by our own renderer from a known model: points near the truth, wrong colours. shine: how much
+ * the colours change with the view, in bands of degree 1. */
+static oxl_scene *train_scene_of(int views, double shine)
 {
     enum { SIDE = 48, GRID = 12 };
     oxl_model  truth;
@@ -214,8 +215,10 @@ static oxl_scene *train_scene(int views)
     oxl_image  image[16];
     oxl_point  point[GRID * GRID];
     oxl_scene *scene = NULL;
-    CHECK_OK(oxl_model_create(test_ctx, GRID * GRID, 0, &truth));
+    CHECK_OK(oxl_model_create(test_ctx, GRID * GRID, 1, &truth));
     for (int i = 0; i < GRID * GRID; i++) {
+        for (int k = 3; k < 12; k++)
+            truth.plane[OXL_SH + k][i] = (float)(shine * (random_unit(random_bits(5, (uint64_t)i, (uint64_t)k)) - 0.5));
         const double x = (i % GRID - 5.5) * 0.3, y = (i / GRID - 5.5) * 0.3;
         truth.plane[OXL_MEAN][i]     = (float)x;
         truth.plane[OXL_MEAN + 1][i] = (float)y;
@@ -239,6 +242,11 @@ static oxl_scene *train_scene(int views)
     for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
     oxl_model_free(test_ctx, &truth);
     return scene;
+}
+
+static oxl_scene *train_scene(int views)
+{
+    return train_scene_of(views, 0);
 }
 
 static oxl_train_options train_options(int iterations)

@@ -14,16 +14,21 @@ static int checkpoint_stop(void *user, const oxl_progress *progress)
 struct checkpoint_case {
     oxl_scene        *scene;
     oxl_train_options options;
-    struct text       log;
+    struct text       log, notes, decisions;
     int               first; /* iteration that the last run reported first */
     oxl_model         whole; /* of a run that nothing disturbed */
-    struct text       notes;
 };
+
+static struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options options)
+{
+    const struct text empty = {.ctx = test_ctx};
+    return (struct checkpoint_case){.scene = scene, .options = options, .log = empty, .notes = empty, .decisions = empty};
+}
 
 /* All options that save work are on: the stops below fall on both sides of their changes. */
 static struct checkpoint_case checkpoint_case(void)
 {
-    struct checkpoint_case c      = {train_scene(7), train_options(130), {.ctx = test_ctx}, 0, {0}, {.ctx = test_ctx}};
+    struct checkpoint_case c      = checkpoint_of(train_scene(7), train_options(130));
     c.options.ssim_every          = 3;
     c.options.coarse              = 0.5f;
     c.options.bands_every         = 0.76f; /* at 99 */
@@ -39,12 +44,13 @@ static void checkpoint_case_free(struct checkpoint_case *c)
     oxl_scene_free(test_ctx, c->scene);
     text_free(&c->log);
     text_free(&c->notes);
+    text_free(&c->decisions);
 }
 
 /* Runs from where the folder's state is to step `until`. */
 static oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out)
 {
-    const struct train_place place = {test_folder(), key, &c->log, &c->notes, NULL};
+    const struct train_place place = {test_folder(), key, &c->log, &c->notes, NULL, &c->decisions, NULL};
     struct checkpoint_watch  watch = {until, 0};
     const oxl_callback       stop  = {checkpoint_stop, &watch};
     const oxl_result         rc    = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);

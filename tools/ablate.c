@@ -67,12 +67,19 @@ static oxl_result ablate_choose_rows(struct ablate_run *a)
     return OXL_OK;
 }
 
+/* The same for every row, or their bytes would not compare. */
+static int ablate_degree(const ablate_options *options)
+{
+    return options->job.train.sh_degree < 0 ? 3 : options->job.train.sh_degree;
+}
+
 static oxl_job_options ablate_job(const ablate_options *options, const struct ablate_row *row, int seed)
 {
     oxl_job_options job = options->job;
     job.seed            = (uint64_t)seed;
     job.block           = -1;
     job.partition.cut   = row->cut;
+    job.train.sh_degree = ablate_degree(options);
     job.train.ucd.mode  = row->ucd;
     job.train.keep      = (oxl_keep){row->keep < KEEP_ALL ? OXL_KEEP_FRACTION : OXL_KEEP_ALL, row->keep};
     job.train.dog       = row->dog;
@@ -138,7 +145,7 @@ oxl_result ablate_run(const ablate_options *options, FILE *to, char *error, size
         .study   = {.options = &options->context, .callback = &options->callback, .error = error, .error_size = error_size}};
     a->found.scene      = options->scene;
     a->found.iterations = options->job.train.iterations;
-    a->found.sh_degree  = options->job.train.sh_degree;
+    a->found.sh_degree  = ablate_degree(options);
     a->found.seeds      = options->seeds;
     rc                  = ablate_check(a);
     if (rc == OXL_OK) rc = study_open(&a->study, options->out);

@@ -118,7 +118,7 @@ static const struct option {
     {"How it is trained", "--max-gaussians", "N", COUNTING, FIELD(max_gaussians), RUNS,
      "never more than this many (one for every 60 training pixels)"},
     {"How it is trained", "--sh-degree", "auto|0..3", DEGREE, FIELD(sh_degree), RUNS,
-     "colour that changes with the view: bands of spherical harmonics (auto: the preset's)"},
+     "colour that changes with the view: bands of spherical harmonics; auto: those that pay on views held out (auto, paper: 3)"},
     {"Speed for accuracy", "--ssim-every", "N", COUNTING, FIELD(ssim_every), RUNS,
      "SSIM in every N-th step, L1 alone in the others (1: in all)"},
     {"Speed for accuracy", "--coarse", "SHARE", REAL, FIELD(coarse), RUNS,
@@ -129,7 +129,8 @@ static const struct option {
      "densify more readily what is far away in water: weights of two depth bands, learned; MID,FAR: from there (auto)"},
     {"What the scene requires", "--keep", "FRACTION|COUNT|SIZE|auto|all", TEXT, FIELD(keep), TRAINS,
      "Gaussians left after pruning, as 0.5, 400000 or 80MB (all)"},
-    {"What the scene requires", "--dog", "off|selective|all", DOG, FIELD(dog), TRAINS, "difference-of-Gaussians lobes (off)"},
+    {"What the scene requires", "--dog", "off|selective|all|auto", DOG, FIELD(dog), TRAINS,
+     "difference-of-Gaussians lobes; auto: selective, if they pay on views held out (off)"},
     {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), TRAINS | IN(ABLATE),
      "selective: of the mean gradient, in half images; or the share that stays without, as 90% (0.0002)"},
     {"How it is trained", "--block", "K", COUNTING, FIELD(block), IN(TRAIN), "this block alone, from 0; merge joins them (all)"},
@@ -266,7 +267,7 @@ static int parse_value(const struct option *o, const char *text, struct argument
 {
     static const char *const presets[] = {"draft", "standard", "paper"}, *const splits[] = {"test", "train", "all"};
     static const char *const axes[] = {"auto", "2d", "3d", "none"}, *const cuts[] = {"balanced", "midpoint"};
-    static const char *const dogs[]  = {"off", "selective", "all"};
+    static const char *const dogs[]  = {"off", "selective", "all", "auto"};
     static const double      bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
     void *const              field = (char *)a + o->field;
     double                   number;
@@ -280,11 +281,11 @@ static int parse_value(const struct option *o, const char *text, struct argument
     case SIZE: return parse_number(text, "kmgt", bytes, field);
     case DURATION: return parse_number(text, "smhd", seconds, field) && *(double *)field > 0;
     case DEGREE:
-        if (strcmp(text, "auto") == 0) return 1;
+        if (strcmp(text, "auto") == 0) return *(int *)field = -1, 1;
         if (!parse_count(text, 3, &number)) return 0;
         *(int *)field = (int)number;
         return 1;
-    case DOG: return parse_word(text, dogs, 3, field);
+    case DOG: return parse_word(text, dogs, 4, field);
     case LIMIT: return parse_limit(text, field);
     case PIXELS: return parse_pixels(text, field);
     case PLACE: return parse_place(text, field);
@@ -431,7 +432,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .block_points  = -1,
                             .iterations    = -1,
                             .max_gaussians = -1,
-                            .sh_degree     = -1,
+                            .sh_degree     = -2,
                             .max_side      = -1,
                             .test_every    = -1,
                             .threads       = -1,

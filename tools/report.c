@@ -278,7 +278,7 @@ static void report_keep(const struct report *r, char out[80])
     else snprintf(out, 80, "%s", kind == OXL_KEEP_AUTO ? "auto" : "all");
 }
 
-static const char *const REPORT_DOGS[] = {"off", "selective", "all"}, *const REPORT_AXES[] = {"auto", "2d", "3d", "none"},
+static const char *const REPORT_DOGS[] = {"off", "selective", "all", "auto"}, *const REPORT_AXES[] = {"auto", "2d", "3d", "none"},
                          *const REPORT_CUTS[] = {"balanced", "midpoint"};
 
 static void report_decision(struct report *r, const char *term, const char *chosen, const char *const *evidence, int count)
@@ -293,24 +293,27 @@ static void report_decisions(struct report *r)
 {
     static const char *const partition[] = {"partition in ", "stay one block", " blocks of ",
                                             "joined",        "see too little", "--ram "};
-    static const char *const ucd[] = {"depth weights"}, *const keep[] = {"are dropped"}, *const dog[] = {"second lobe"};
-    struct study_text *t      = &r->page;
-    char              *preset = json_string(json_member(r->run, "preset"));
-    char               words[80];
+    static const char *const ucd[] = {"depth weights"}, *const keep[] = {"are dropped"}, *const dog[] = {"second lobe"},
+                             *const bands[] = {"SH degree"};
+    struct study_text              *t       = &r->page;
+    char                           *preset  = json_string(json_member(r->run, "preset"));
+    char                            words[80];
     page_section(t, "What was decided, and why");
     study_add(t, "<dl>\n");
     report_term(t, "Preset");
     page_text(t, preset ? preset : "");
-    study_add(t, "<small>%s iterations, colour bands up to degree %s, seed %s</small></dd>\n",
-              PAGE_COUNT(json_number(r->job, "iterations")), STUDY_FIXED(json_number(r->job, "sh_degree"), 0),
+    study_add(t, "<small>%s iterations, seed %s</small></dd>\n", PAGE_COUNT(json_number(r->job, "iterations")),
               STUDY_FIXED(json_number(r->job, "seed"), 0));
+    snprintf(words, sizeof words, "%s",
+             json_number(r->job, "sh_degree") < 0 ? "auto" : STUDY_FIXED(json_number(r->job, "sh_degree"), 0));
+    report_decision(r, "Colour bands (--sh-degree)", words, bands, 1);
     snprintf(words, sizeof words, "%d, cuts %s", r->blocks, report_word(r, "cut", REPORT_CUTS, 2));
     report_decision(r, "Blocks", r->blocks == 1 ? "1" : words, partition, 6);
     report_ucd(r, words);
     report_decision(r, "More where water takes contrast (--ucd)", words, ucd, 1);
     report_keep(r, words);
     report_decision(r, "Pruning (--keep)", words, keep, 1);
-    report_decision(r, "Second lobes (--dog)", report_word(r, "dog", REPORT_DOGS, 3), dog, 1);
+    report_decision(r, "Second lobes (--dog)", report_word(r, "dog", REPORT_DOGS, 4), dog, 1);
     study_add(t, "</dl>\n</section>\n");
     free(preset);
 }
@@ -456,7 +459,8 @@ static void report_command(struct report *r)
     report_folder_option(r, "--masks", "masks_folder");
     report_number_option(r, "--seed", "seed", 1);
     report_number_option(r, "--iterations", "iterations", fresh.train.iterations);
-    report_number_option(r, "--sh-degree", "sh_degree", fresh.train.sh_degree);
+    if (json_number(r->job, "sh_degree") >= 0) report_number_option(r, "--sh-degree", "sh_degree", fresh.train.sh_degree);
+    else if (fresh.train.sh_degree >= 0) study_add(&r->page, " --sh-degree auto");
     report_number_option(r, "--max-gaussians", "max_gaussians", fresh.train.max_gaussians);
     report_number_option(r, "--max-side", "max_side", fresh.scene.max_side);
     report_number_option(r, "--test-every", "test_every", fresh.scene.test_every);
@@ -468,7 +472,7 @@ static void report_command(struct report *r)
     report_word_option(r, "--ucd", words, fresh.train.ucd.mode == OXL_UCD_AUTO ? "auto" : fresh.train.ucd.mode ? "on" : "off");
     report_keep(r, words);
     report_word_option(r, "--keep", words, "all");
-    report_word_option(r, "--dog", report_word(r, "dog", REPORT_DOGS, 3), "off");
+    report_word_option(r, "--dog", report_word(r, "dog", REPORT_DOGS, 4), "off");
     report_digits(r, "dog_threshold", digits);
     if (limit < 0) study_add(&r->page, " --dog-threshold %s%%", STUDY_FIXED(-100 * limit, 6));
     else if (fabs(limit - (double)fresh.train.dog_threshold) > 1e-9) study_add(&r->page, " --dog-threshold %s", digits);

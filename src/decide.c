@@ -1,0 +1,377 @@
+/* decide.c - model only what the scene requires: SH bands and second lobes are kept where photographs that were not trained on say
+ * that they pay.
+ *
+ * Some training views stand aside until the last decision is made, and train from then on like all others. A decision is a trial: a
+ * fortieth of the run is trained from the same state in each way, and the way that is good enough for less goes on. (To leave bands
+ * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
+ * decision is noted with its evidence (run.json).
+ *
+ * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial makes it again.
+ */
+#include "train.h"
+#include "vecmath.h"
+
+#define DECIDE_BANDS_EARN 0.1        /* dB that bands must bring together over fewer of them */
+#define DECIDE_LOBES_EARN 0.05       /* dB that second lobes must bring */
+#define DECIDE_WATCH      (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
+#define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long lobes are tried */
+enum {
+    DECIDE_VIEWS_LEAST = 8, /* fewer training views cannot spare one */
+    DECIDE_VIEWS_MOST  = 8  /* that stand aside */
+};
+
+/* What was chosen, and why: one member of the object. */
+static void decide_note(struct train *t, const char *what, const char *chosen, const char *why)
+{
+    struct text *d = &t->decisions;
+    if (d->size > 0) text_add(d, ", ");
+    text_add_json_string(d, what);
+    text_add(d, ": {\"chosen\": ");
+    text_add_json_string(d, chosen);
+    text_add(d, ", \"evidence\": ");
+    text_add_json_string(d, why);
+    text_add(d, "}");
+}
+
+/* ---------------------------------------------------------------- views that stand aside */
+
+static int decide_bands_at(const struct train *t)
+{
+    return t->options->sh_degree < 0 ? (int)(t->options->densify_until * t->options->iterations) : 0;
+}
+
+static int decide_lobes_at(const struct train *t)
+{
+    return t->options->dog == OXL_DOG_OFF ? 0 : (int)(t->options->dog_from * t->options->iterations);
+}
+
+/* The step after which no view stands aside any more. */
+static int decide_last(const struct train *t)
+{
+    const int lobes = t->options->dog == OXL_DOG_AUTO ? decide_lobes_at(t) : 0;
+    const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
+    return OXL_MAX(keep, OXL_MAX(lobes, decide_bands_at(t)));
+}
+
+OXL_INTERNAL int decide_holds(int index, int views)
+{
+    const int held = OXL_CLAMP(views / 8, 1, DECIDE_VIEWS_MOST), stride = views / held;
+    return views > 1 && index % stride == stride / 2 && index / stride < held;
+}
+
+/* Training views in the order of their names; those that decisions are judged by stand aside. */
+OXL_INTERNAL oxl_result decide_begin(struct train *t)
+{
+    const int views = train_training_views(t->scene), holds = decide_last(t) > 0 && views >= DECIDE_VIEWS_LEAST;
+    int       index = 0;
+    t->sh_degree    = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
+    t->view         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
+    t->held         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
+    if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
+        if (oxl_scene_view(t->scene, i)->is_test) continue;
+        if (holds && decide_holds(index++, views)) t->held[t->held_views++] = i;
+        else t->view[t->views++] = i;
+    }
+    if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
+    return OXL_OK;
+}
+
+static void decide_release_views(struct train *t)
+{
+    if (t->step < decide_last(t) || t->trial_is_next) return;
+    while (t->held_views > 0) t->view[t->views++] = t->held[--t->held_views];
+}
+
+OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr)
+{
+    struct renderer_loss one;
+    oxl_result           rc    = OXL_OK;
+    int                  count = 0;
+    *loss = *psnr = 0;
+    for (int i = 0; i < t->held_views && rc == OXL_OK; i++) {
+        rc = train_photo(t, t->held[i]);
+        if (rc == OXL_ERR_INPUT) { /* it cannot be read, and so cannot judge */
+            rc = OXL_OK;
+            continue;
+        }
+        if (rc == OXL_OK) rc = train_compare_view(t, t->held[i], &one);
+        if (rc != OXL_OK) break;
+        *loss += one.total;
+        *psnr -= 4.342944819032518 * vecmath_log(one.mse > 1e-10 ? one.mse : 1e-10);
+        count++;
+    }
+    *loss /= OXL_MAX(1, count);
+    *psnr /= OXL_MAX(1, count);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- a trial: the same steps from the same state */
+
+struct decide_branch { /* what a step changes */
+    oxl_model model, first, second;
+    int      *view, views, step;
+    double    loss, psnr;
+};
+
+static void decide_branch_free(struct train *t, struct decide_branch *b)
+{
+    oxl_model_free(t->ctx, &b->model);
+    oxl_model_free(t->ctx, &b->first);
+    oxl_model_free(t->ctx, &b->second);
+    oxl_free(t->ctx, b->view);
+    *b = (struct decide_branch){0};
+}
+
+static oxl_result decide_branch_copy(const struct train *t, struct decide_branch *out)
+{
+    oxl_result rc;
+    *out      = (struct decide_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
+    out->view = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
+    if (!out->view)
+        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
+    memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
+    rc = model_copy(t->ctx, t->model, &out->model);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
+    return rc;
+}
+
+static oxl_result decide_branch_swap(struct train *t, struct decide_branch *b)
+{
+    OXL_SWAP(oxl_model, *t->model, b->model);
+    OXL_SWAP(oxl_model, t->first, b->first);
+    OXL_SWAP(oxl_model, t->second, b->second);
+    OXL_SWAP(int *, t->view, b->view);
+    OXL_SWAP(int, t->views, b->views);
+    OXL_SWAP(int, t->step, b->step);
+    OXL_SWAP(double, t->loss, b->loss);
+    OXL_SWAP(double, t->psnr, b->psnr);
+    return train_resize(t);
+}
+
+/* Leaves t in the state `start`, and what t was in `aside`; start stays. */
+static oxl_result decide_branch_restart(struct train *t, struct decide_branch *start, struct decide_branch *aside)
+{
+    oxl_result rc;
+    decide_branch_free(t, aside);
+    rc = decide_branch_swap(t, start);
+    if (rc != OXL_OK) return rc;
+    *aside = *start;
+    return decide_branch_copy(t, start);
+}
+
+static int decide_steps(const struct train *t, double share)
+{
+    return OXL_MAX(1, (int)(share * t->options->iterations));
+}
+
+/* Trains on for the length of a trial, and judges what came of it. */
+static oxl_result decide_try(struct train *t, double *psnr)
+{
+    const int  end = OXL_MIN(t->step + decide_steps(t, DECIDE_TRIAL), t->options->iterations);
+    oxl_result rc  = OXL_OK;
+    double     loss;
+    while (rc == OXL_OK && t->step < end) {
+        t->step++;
+        rc = train_photograph(t);
+        if (rc == OXL_OK && train_report(t)) rc = OXL_ERR_INTERRUPTED;
+    }
+    return rc == OXL_OK ? decide_judge(t, &loss, psnr) : rc;
+}
+
+/* ---------------------------------------------------------------- SH bands */
+
+static oxl_result decide_set_degree(struct train *t, int degree)
+{
+    oxl_model *all[3] = {t->model, &t->first, &t->second};
+    oxl_result rc     = OXL_OK;
+    for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
+    return rc == OXL_OK ? train_resize(t) : rc;
+}
+
+static void decide_note_bands(struct train *t, int most, const double psnr[4])
+{
+    char why[256], chosen[16];
+    int  used = snprintf(why, sizeof why, "%d training views that stood aside, after %d steps: degree %d %.2f dB", t->held_views,
+                         decide_steps(t, DECIDE_TRIAL), most, psnr[most]);
+    for (int d = 0; d < most && d <= t->sh_degree; d++)
+        used += snprintf(why + used, sizeof why - (size_t)used, ", degree %d %.2f", d, psnr[d]);
+    snprintf(why + used, sizeof why - (size_t)used, "; the first within %.2g dB is enough", DECIDE_BANDS_EARN);
+    snprintf(chosen, sizeof chosen, "%d", t->sh_degree);
+    decide_note(t, "sh_degree", chosen, why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: SH degree %d: %s", t->step, t->sh_degree, why);
+}
+
+/* All bands first, then none, one... until that is enough: t is that branch in the end. */
+static oxl_result decide_try_bands(struct train *t, struct decide_branch *start, struct decide_branch *all, double psnr[4])
+{
+    struct decide_branch other = {0};
+    const int            most  = t->model->sh_degree;
+    oxl_result           rc    = decide_try(t, &psnr[most]);
+    t->sh_degree               = most;
+    if (rc == OXL_OK) rc = decide_branch_restart(t, start, all);
+    for (int d = 0; d < most && rc == OXL_OK; d++) {
+        if (d > 0) rc = decide_branch_restart(t, start, &other);
+        if (rc == OXL_OK) rc = decide_set_degree(t, d);
+        if (rc == OXL_OK) rc = decide_try(t, &psnr[d]);
+        if (rc == OXL_OK && psnr[d] >= psnr[most] - DECIDE_BANDS_EARN) {
+            t->sh_degree = d;
+            break;
+        }
+    }
+    decide_branch_free(t, &other);
+    return rc == OXL_OK && t->sh_degree == most ? decide_branch_swap(t, all) : rc;
+}
+
+/* ---------------------------------------------------------------- which Gaussians get a second lobe */
+
+static int decide_by_size(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* A threshold at or below 0 is a quantile: -0.9 lets the upper tenth have lobes. */
+static oxl_result decide_threshold(const struct train *t, double *out)
+{
+    const float  threshold = t->options->dog_threshold;
+    const size_t count     = t->model->count;
+    double      *gradient;
+    *out = threshold;
+    if (t->options->dog == OXL_DOG_ALL) *out = -1;
+    if (threshold > 0 || t->options->dog == OXL_DOG_ALL) return OXL_OK;
+    gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
+    if (!gradient) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
+    for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
+    qsort(gradient, count, sizeof *gradient, decide_by_size);
+    *out = measure_quantile(gradient, count, -threshold);
+    oxl_free(t->ctx, gradient);
+    return OXL_OK;
+}
+
+/* Those that the loss still pulls about get a second lobe: decided once [OceanXL sec. 3.2]. */
+static oxl_result decide_give_lobes(struct train *t)
+{
+    const oxl_train_options *o         = t->options;
+    uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
+    size_t                   given     = 0;
+    double                   threshold = 0;
+    oxl_result rc = active ? decide_threshold(t, &threshold) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    if (rc != OXL_OK) goto done;
+    for (size_t i = 0; i < t->model->count; i++) {
+        active[i] = density_mean_gradient(t->density, i) > threshold;
+        given += active[i];
+    }
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->model->count);
+    if (given > 0)
+        rc = model_activate_lobes(t->ctx, t->model, &t->first, &t->second, active, o->dog_opacity_factor, o->dog_scale_factor);
+    if (rc == OXL_OK && given > 0) rc = train_resize(t);
+done:
+    oxl_free(t->ctx, active);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result decide_lobes(struct train *t)
+{
+    const int  last = decide_lobes_at(t), watch = decide_steps(t, DECIDE_WATCH);
+    oxl_result rc = OXL_OK;
+    if (t->step <= last - watch || t->step > last) return OXL_OK;
+    if (t->step == last - watch + 1) rc = density_clear(t->ctx, t->density, t->model->count);
+    if (rc != OXL_OK) return rc;
+    density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (t->step < last) return OXL_OK;
+    if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
+    return t->options->dog == OXL_DOG_AUTO ? OXL_OK : decide_give_lobes(t);
+}
+
+/* ---------------------------------------------------------------- trials */
+
+OXL_INTERNAL void decide_bands(struct train *t)
+{
+    if (t->step == decide_bands_at(t) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_BANDS;
+    decide_release_views(t);
+}
+
+static void decide_note_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
+{
+    char why[256];
+    snprintf(why, sizeof why,
+             "%d training views that stood aside, after %d steps: %.2f dB with second lobes, %.2f without; %.1f %% more bytes; "
+             "worth it from +%.2g dB",
+             t->held_views, decide_steps(t, DECIDE_TRIAL), psnr[1], psnr[0], 100 * (bytes[1] / bytes[0] - 1), DECIDE_LOBES_EARN);
+    decide_note(t, "dog", kept ? "selective" : "off", why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: second lobes %s: %s", t->step, kept ? "stay" : "go", why);
+}
+
+/* Without lobes first, then with them: t is the better one in the end. */
+static oxl_result decide_try_lobes(struct train *t, struct decide_branch *start, struct decide_branch *other, double psnr[2])
+{
+    double     bytes[2];
+    oxl_result rc = decide_try(t, &psnr[0]);
+    if (rc == OXL_OK) rc = decide_branch_restart(t, start, other);
+    if (rc == OXL_OK) rc = decide_give_lobes(t);
+    if (rc == OXL_OK) rc = decide_try(t, &psnr[1]);
+    if (rc != OXL_OK) return rc;
+    bytes[0] = (double)t->model->count * prune_row_bytes(t->model->sh_degree, 0);
+    bytes[1] = bytes[0] + (double)t->model->lobes * (prune_row_bytes(0, 1) - prune_row_bytes(0, 0));
+    decide_note_lobes(t, psnr[1] >= psnr[0] + DECIDE_LOBES_EARN, psnr, bytes);
+    return psnr[1] >= psnr[0] + DECIDE_LOBES_EARN ? OXL_OK : decide_branch_swap(t, other);
+}
+
+OXL_INTERNAL oxl_result decide_trial(struct train *t)
+{
+    struct decide_branch start, other = {0};
+    double               psnr[4] = {0, 0, 0, 0};
+    const int            most    = t->model->sh_degree;
+    oxl_result           rc      = decide_branch_copy(t, &start);
+    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = decide_try_lobes(t, &start, &other, psnr);
+    else if (rc == OXL_OK) rc = decide_try_bands(t, &start, &other, psnr);
+    if (rc == OXL_OK) {
+        if (t->trial_is_next == TRAIN_TRIES_BANDS) decide_note_bands(t, most, psnr);
+        t->trial_is_next = TRAIN_TRIES_NOTHING;
+        decide_release_views(t);
+    } else if (start.second.memory) { /* as if it had not begun */
+        t->sh_degree = start.model.sh_degree;
+        if (decide_branch_swap(t, &start) != OXL_OK) rc = OXL_ERR_MEMORY;
+    }
+    decide_branch_free(t, &start);
+    decide_branch_free(t, &other);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- at the end, and in between */
+
+OXL_INTERNAL void decide_end(struct train *t)
+{
+    const oxl_train_options *o = t->options;
+    char                     chosen[64], why[320];
+    if (t->decisions.failed) return;
+    ucd_describe(&t->ucd, why, sizeof why);
+    snprintf(chosen, sizeof chosen, t->ucd.on ? "%.3g,%.3g" : "off", t->ucd.f[0], t->ucd.f[1]);
+    decide_note(t, "ucd", chosen, why);
+    prune_describe(&t->prune, why, sizeof why);
+    snprintf(chosen, sizeof chosen, "%zu", t->model->count);
+    decide_note(t, "keep", chosen, why);
+    snprintf(chosen, sizeof chosen, "%d", t->model->sh_degree);
+    if (!strstr(t->decisions.data, "\"sh_degree\""))
+        decide_note(t, "sh_degree", chosen,
+                    o->sh_degree < 0 ? "too few training views to spare one to judge by" : "as asked for");
+    snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
+    if (!strstr(t->decisions.data, "\"dog\""))
+        decide_note(t, "dog", chosen,
+                    o->dog == OXL_DOG_AUTO ? "too few training views to spare one to judge by" : "as asked for");
+}
+
+OXL_INTERNAL void decide_archive(struct archive *a, struct train *t)
+{
+    archive_int(a, &t->sh_degree);
+    archive_int(a, &t->trial_is_next);
+    archive_int(a, &t->held_views);
+    archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_LOBES);
+    archive_expect(a, t->held_views >= 0 && t->held_views <= train_training_views(t->scene));
+    if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
+    for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)
+        archive_expect(a, t->held[i] >= 0 && t->held[i] < oxl_scene_view_count(t->scene));
+    archive_text(a, &t->decisions);
+}

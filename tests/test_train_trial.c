@@ -1,0 +1,102 @@
+/* test_train_trial.c - what a scene does not require is not modelled: SH bands, second lobes; and what was seen is written down. */
+
+TEST(decide_lets_an_eighth_of_the_views_stand_aside_and_eight_at_most)
+{
+    int held = 0;
+    for (int i = 0; i < 300; i++) held += decide_holds(i, 300);
+    CHECK(held == 8 && !decide_holds(0, 1));
+    for (int i = held = 0; i < 20; i++) held += decide_holds(i, 20);
+    CHECK(held == 2);
+}
+
+struct decide_case {
+    oxl_scene        *scene;
+    oxl_train_options options;
+    struct text       log, decisions;
+    oxl_model         model;
+};
+
+/* The same cameras and points before a wall without any pattern. */
+static oxl_scene *decide_grey(oxl_scene *scene)
+{
+    oxl_view   view[14];
+    oxl_image  image[14];
+    oxl_scene *grey = NULL;
+    for (int v = 0; v < 14; v++) {
+        view[v] = *oxl_scene_view(scene, v);
+        CHECK_OK(oxl_scene_image(test_ctx, scene, v, &image[v]));
+        for (int i = 0; i < 3 * image[v].width * image[v].height; i++) image[v].rgb[i] = 0.5f;
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 14, oxl_scene_points(scene), oxl_scene_point_count(scene), &grey));
+    for (int v = 0; v < 14; v++) oxl_image_free(test_ctx, &image[v]);
+    oxl_scene_free(test_ctx, scene);
+    return grey;
+}
+
+/* Trains; decisions and model are left. */
+static struct decide_case decide_case(oxl_scene *scene, int sh_degree, oxl_dog dog)
+{
+    struct decide_case       c     = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
+    const struct train_place place = {
+        .folder = test_folder(), .key = "key", .log = &c.log, .notes = &c.log, .decisions = &c.decisions};
+    c.options.sh_degree = sh_degree;
+    c.options.dog       = dog;
+    CHECK_OK(train_run(test_ctx, c.scene, &c.options, NULL, &place, &c.model));
+    return c;
+}
+
+static void decide_case_free(struct decide_case *c)
+{
+    oxl_scene_free(test_ctx, c->scene);
+    oxl_model_free(test_ctx, &c->model);
+    text_free(&c->log);
+    text_free(&c->decisions);
+}
+
+TEST(decide_carries_no_bands_where_colours_do_not_change_with_the_view)
+{
+    struct decide_case c = decide_case(decide_grey(train_scene(14)), -1, OXL_DOG_OFF);
+    if (c.model.sh_degree) printf("%s\n", c.decisions.data);
+    CHECK(c.model.sh_degree == 0);
+    CHECK(strstr(c.decisions.data, "\"sh_degree\": {\"chosen\": \"0\"") != NULL);
+    decide_case_free(&c);
+}
+
+TEST(decide_carries_bands_where_colours_change_with_the_view)
+{
+    struct decide_case c = decide_case(train_scene_of(14, 4), -1, OXL_DOG_OFF);
+    CHECK(c.model.sh_degree >= 1);
+    decide_case_free(&c);
+}
+
+TEST(decide_does_as_asked_for)
+{
+    struct decide_case c = decide_case(train_scene(14), 2, OXL_DOG_SELECTIVE);
+    CHECK(c.model.sh_degree == 2);
+    CHECK(strstr(c.decisions.data, "\"sh_degree\": {\"chosen\": \"2\", \"evidence\": \"as asked for\"}") != NULL);
+    CHECK(strstr(c.decisions.data, "\"dog\": ") && strstr(c.decisions.data, "\"ucd\": ") &&
+          strstr(c.decisions.data, "\"keep\": "));
+    decide_case_free(&c);
+}
+
+/* The trial of second lobes: stopped at any of its steps it is made again, and the decision and the bytes are the same. */
+TEST(decide_a_run_stopped_in_its_trial_ends_in_the_same_bytes)
+{
+    static const int       stops[] = {119, 120, 121, 126, 188, 189, 193, 194, 195};
+    struct checkpoint_case c       = checkpoint_of(train_scene(14), train_options(240));
+    oxl_model              model;
+    c.options.dog           = OXL_DOG_AUTO;
+    c.options.sh_degree     = -1;
+    c.options.dog_threshold = -0.5f; /* half of them */
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    text_free(&c.decisions);
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole) && model.lobes == c.whole.lobes);
+    CHECK(strstr(c.decisions.data, "\"dog\": {\"chosen\": ") && strstr(c.decisions.data, "without; "));
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
