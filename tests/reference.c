@@ -91,16 +91,21 @@
 #define bin_sort          bin_sort_f64
 #define bin_box_tiles     bin_box_tiles_f64
 #define bin_contour       bin_contour_f64
-#define bin_span          bin_span_f64
-#define bin_block_row     bin_block_row_f64
+#define bin_spans         bin_spans_f64
+#define bin_block_rows    bin_block_rows_f64
 #define bin_footprint     bin_footprint_f64
 #define bin_lay_out       bin_lay_out_f64
-#define bin_stage_part    bin_stage_part_f64
+#define bin_stage         bin_stage_f64
 #define bin_scatter_part  bin_scatter_part_f64
 #define bin_prefix        bin_prefix_f64
 #define bin_order_tiles   bin_order_tiles_f64
 #define bin_reserve_tiles bin_reserve_tiles_f64
 #define bin_splats        bin_splats_f64
+#define bin_part          bin_part_f64
+#define bin_stage_body    bin_stage_body_f64
+#define bin_stage_base    bin_stage_base_f64
+#define bin_stage_avx2    bin_stage_avx2_f64
+#define bin_stage_avx512  bin_stage_avx512_f64
 #define bin_free          bin_free_f64
 #define bin_join          bin_join_f64
 #define bin_reshaped      bin_reshaped_f64
@@ -450,16 +455,21 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef bin_sort
 #undef bin_box_tiles
 #undef bin_contour
-#undef bin_span
-#undef bin_block_row
+#undef bin_spans
+#undef bin_block_rows
 #undef bin_footprint
 #undef bin_lay_out
-#undef bin_stage_part
+#undef bin_stage
 #undef bin_scatter_part
 #undef bin_prefix
 #undef bin_order_tiles
 #undef bin_reserve_tiles
 #undef bin_splats
+#undef bin_part
+#undef bin_stage_body
+#undef bin_stage_base
+#undef bin_stage_avx2
+#undef bin_stage_avx512
 #undef bin_free
 #undef bin_join
 #undef bin_reshaped
