@@ -9,7 +9,8 @@
  */
 #include "kernels.h"
 
-#define BIN_PARTS      64 /* of the depth order; each is counted and scattered on its own */
+#define BIN_PARTS      64  /* of the depth order, at most; each is counted and scattered on its own */
+#define BIN_PART_LEAST 128 /* splats of a part, about, if there are more than one: each part has a counter for each tile */
 #define BIN_RADIX_BITS 11
 #define BIN_RADIX      (1 << BIN_RADIX_BITS)
 
@@ -31,6 +32,7 @@ struct bin_scratch {
     uint32_t          *pack_start;
     size_t key_capacity, other_capacity, staged_capacity, count_capacity, order_capacity, pair_capacity, start_capacity,
         tile_order_capacity, pack_capacity;
+    int    parts;
     size_t part_end[BIN_PARTS + 1]; /* in the depth order */
 };
 
@@ -120,11 +122,11 @@ struct bin_contour {
     real slack;   /* px */
 };
 
-struct bin_span { /* blocks of a row, inclusive; first > last: none */
-    int first, last;
+struct bin_spans { /* blocks of each of PACK rows, inclusive; none: first is INT_MAX, last -1 */
+    int32_t first[PACK], last[PACK];
 };
 
-static struct bin_contour bin_contour(const struct splat *s)
+SIMD_INLINE struct bin_contour bin_contour(const struct splat *s)
 {
     struct bin_contour c;
     c.r       = (s->peak + LOG2_255) * (real)1.0001 + (real)0.001;
@@ -134,34 +136,43 @@ static struct bin_contour bin_contour(const struct splat *s)
 }
 
 /* In the slab of a block row's pixel centres the contour reaches furthest left at its leftmost point or, when that lies outside,
- * at the nearer edge of the slab, since an ellipse is convex; and likewise to the right. */
-SIMD_INLINE struct bin_span bin_block_row(const struct splat *s, const struct bin_contour *c, int block_row, int width)
+ * at the nearer edge of the slab, since an ellipse is convex; and likewise to the right. block_row: the first of PACK. */
+SIMD_INLINE void bin_block_rows(const struct splat *s, const struct bin_contour *c, int block_row, int width,
+                                struct bin_spans *out)
 {
-    const real      top = block_row * 4 + (real)0.5 - s->v, bottom = top + 3;
-    const real      y0 = top > -s->half_y ? top : -s->half_y, y1 = bottom < s->half_y ? bottom : s->half_y;
-    const real      yl = OXL_CLAMP(c->extreme, y0, y1), yr = OXL_CLAMP(-c->extreme, y0, y1);
-    const real      cl = c->r - s->e * yl * yl, cr = c->r - s->e * yr * yr;
-    const real      left  = s->u - s->k * yl - real_sqrt((cl > 0 ? cl : 0) / s->a) - c->slack;
-    const real      right = s->u - s->k * yr + real_sqrt((cr > 0 ? cr : 0) / s->a) + c->slack;
-    struct bin_span span  = {0, -1};
-    int             first, last;
-    if (y0 > y1 || !(right >= (real)0.5) || !(left <= width - (real)0.5)) return span;
-    first = left > (real)0.5 ? (int)(left + (real)0.4999) : 0; /* the first pixel whose centre is not left of it */
-    last  = right < width ? (int)(right - (real)0.5) : width - 1;
-    if (first <= last) span = (struct bin_span){first / 4, last / 4};
-    return span;
+    const real u = s->u, v = s->v, a = s->a, k = s->k, e = s->e, half_y = s->half_y;
+    const real r = c->r, extreme = c->extreme, slack = c->slack;
+    const real leftmost = (real)0.5, rightmost = width - (real)0.5; /* pixel centres */
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        const real top = (block_row + l) * 4 + (real)0.5 - v, bottom = top + 3;
+        const real y0 = top > -half_y ? top : -half_y, y1 = bottom < half_y ? bottom : half_y;
+        const real yl = OXL_CLAMP(extreme, y0, y1), yr = OXL_CLAMP(-extreme, y0, y1);
+        const real cl = r - e * yl * yl, cr = r - e * yr * yr;
+        const real left  = u - k * yl - real_sqrt((cl > 0 ? cl : 0) / a) - slack;
+        const real right = u - k * yr + real_sqrt((cr > 0 ? cr : 0) / a) + slack;
+        const int  meets = (y0 <= y1) & (right >= leftmost) & (left <= rightmost);
+        const real from = left + (real)0.4999, to = right - (real)0.5; /* from: the first pixel whose centre is not left of it */
+        const int32_t first = (int32_t)(meets & (from > 0) ? from : 0),
+                      last  = (int32_t)(meets & (to < rightmost) ? to : rightmost);
+        const int some      = meets & (first <= last);
+        out->first[l]       = some ? first / 4 : INT_MAX;
+        out->last[l]        = some ? last / 4 : -1;
+    }
 }
 
 /* The hull of both. */
-static struct bin_span bin_join(struct bin_span a, struct bin_span b)
+SIMD_INLINE void bin_join(struct bin_spans *spans, const struct bin_spans *other)
 {
-    if (a.first > a.last) return b;
-    if (b.first > b.last) return a;
-    return (struct bin_span){OXL_MIN(a.first, b.first), OXL_MAX(a.last, b.last)};
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        spans->first[l] = OXL_MIN(spans->first[l], other->first[l]);
+        spans->last[l]  = OXL_MAX(spans->last[l], other->last[l]);
+    }
 }
 
 /* A splat with another shape in the same place. */
-static struct splat bin_reshaped(const struct splat *s, const struct lobe *lobe)
+SIMD_INLINE struct splat bin_reshaped(const struct splat *s, const struct lobe *lobe)
 {
     struct splat other = *s;
     other.a = lobe->a, other.k = lobe->k, other.e = lobe->e, other.peak = lobe->peak;
@@ -175,6 +186,7 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
 {
     struct splat       main, second;
     struct bin_contour contour, other;
+    struct bin_spans   spans, more;
     uint32_t           count = 0;
     if (lobe) {
         second      = bin_reshaped(s, lobe);
@@ -185,21 +197,23 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
     }
     contour = bin_contour(s);
     for (int ty = s->tile_y0; ty <= s->tile_y1; ty++) {
-        struct bin_span span[4];
-        int             first = INT_MAX, last = -1;
-        for (int r = 0; r < 4; r++) {
-            span[r] = bin_block_row(s, &contour, 4 * ty + r, width);
-            if (lobe) span[r] = bin_join(span[r], bin_block_row(&second, &other, 4 * ty + r, width));
-            if (span[r].first > span[r].last) continue;
-            first = OXL_MIN(first, span[r].first);
-            last  = OXL_MAX(last, span[r].last);
+        const int r0    = (ty - s->tile_y0) * 4 % PACK; /* the tile row's first block row among the spans */
+        int       first = INT_MAX, last = -1;
+        if (r0 == 0) {
+            bin_block_rows(s, &contour, 4 * ty, width, &spans);
+            if (lobe) bin_block_rows(&second, &other, 4 * ty, width, &more);
+            if (lobe) bin_join(&spans, &more);
+        }
+        for (int r = r0; r < r0 + 4; r++) {
+            first = OXL_MIN(first, spans.first[r]);
+            last  = OXL_MAX(last, spans.last[r]);
         }
         first = OXL_MAX(first / 4, s->tile_x0); /* rounding may differ from the box's by a tile: the box bounds the room */
         last  = last < 0 ? -1 : OXL_MIN(last / 4, s->tile_x1);
         for (int tx = first; tx <= last; tx++) {
             uint32_t blocks = 0;
             for (int r = 0; r < 4; r++) {
-                const int a = OXL_MAX(span[r].first - 4 * tx, 0), b = OXL_MIN(span[r].last - 4 * tx, 3);
+                const int a = OXL_MAX(spans.first[r0 + r] - 4 * tx, 0), b = OXL_MIN(spans.last[r0 + r] - 4 * tx, 3);
                 if (a <= b) blocks |= ((2u << (b - a)) - 1) << a << (4 * r);
             }
             if (blocks) out[count++] = (struct bin_staged){(uint32_t)(ty * tiles_x + tx), row, blocks};
@@ -231,29 +245,39 @@ static oxl_result bin_lay_out(oxl_context *ctx, struct bins *b)
     }
     for (size_t i = 0; i < b->visible_count; i++) {
         struct splat *splat = &b->splat[b->order[i]];
-        while (part < BIN_PARTS && slot >= total * (size_t)part / BIN_PARTS) s->part_end[part++] = i;
+        while (part < s->parts && slot >= total * (size_t)part / (size_t)s->parts) s->part_end[part++] = i;
         splat->first_slot = (uint32_t)slot;
         slot += bin_room(b, b->order[i]);
     }
-    while (part <= BIN_PARTS) s->part_end[part++] = b->visible_count;
+    while (part <= s->parts) s->part_end[part++] = b->visible_count;
     b->slot_count = total;
     return oxl_reserve(ctx, (void **)&s->staged, &s->staged_capacity, total + 1, sizeof *s->staged);
 }
 
-static void bin_stage_part(struct bins *b, int part, int width)
+struct bin_part {
+    struct bins *bins;
+    int          part, width;
+};
+
+SIMD_BODY void bin_stage_body(const int fused, const struct bin_part *job)
 {
+    struct bins        *b     = job->bins;
     struct bin_scratch *s     = b->scratch;
-    uint32_t           *count = s->count + (size_t)part * (size_t)(b->tiles_x * b->tiles_y);
-    memset(count, 0, sizeof *count * (size_t)(b->tiles_x * b->tiles_y));
-    for (size_t i = s->part_end[part]; i < s->part_end[part + 1]; i++) {
+    const size_t        tiles = (size_t)(b->tiles_x * b->tiles_y);
+    uint32_t           *count = s->count + (size_t)job->part * tiles;
+    (void)fused;
+    memset(count, 0, sizeof *count * tiles);
+    for (size_t i = s->part_end[job->part]; i < s->part_end[job->part + 1]; i++) {
         const uint32_t     row   = b->order[i];
         struct splat      *splat = &b->splat[row];
         struct bin_staged *out   = s->staged + splat->first_slot;
-        if (row < b->lobes) splat->slots = bin_footprint(splat, &b->lobe[row], row, b->tiles_x, width, out);
-        else splat->slots = bin_footprint(splat, NULL, row, b->tiles_x, width, out);
+        if (row < b->lobes) splat->slots = bin_footprint(splat, &b->lobe[row], row, b->tiles_x, job->width, out);
+        else splat->slots = bin_footprint(splat, NULL, row, b->tiles_x, job->width, out);
         for (uint32_t k = 0; k < splat->slots; k++) count[out[k].tile]++;
     }
 }
+
+SIMD_DISPATCH(static, bin_stage, struct bin_part)
 
 static void bin_scatter_part(struct bins *b, int part)
 {
@@ -275,7 +299,7 @@ static size_t bin_prefix(struct bins *b)
     uint32_t     sum   = 0;
     for (size_t t = 0; t < tiles; t++) {
         b->tile_start[t] = sum;
-        for (int part = 0; part < BIN_PARTS; part++) {
+        for (int part = 0; part < b->scratch->parts; part++) {
             uint32_t      *count = &b->scratch->count[(size_t)part * tiles + t];
             const uint32_t here  = *count;
             *count               = sum;
@@ -323,15 +347,19 @@ OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *b, int width, 
     }
     if ((rc = bin_collect(ctx, b)) != OXL_OK) return rc;
     bin_sort(b);
+    b->scratch->parts = (int)OXL_CLAMP(b->visible_count / BIN_PART_LEAST, 1, BIN_PARTS);
     if ((rc = bin_reserve_tiles(ctx, b)) != OXL_OK) return rc;
     if ((rc = bin_lay_out(ctx, b)) != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int part = 0; part < BIN_PARTS; part++) bin_stage_part(b, part, width);
+    for (int part = 0; part < b->scratch->parts; part++) {
+        const struct bin_part job = {b, part, width};
+        bin_stage(ctx->isa, &job);
+    }
     b->pair_count = bin_prefix(b);
     rc            = oxl_reserve(ctx, (void **)&b->pair, &b->scratch->pair_capacity, b->pair_count + 1, sizeof *b->pair);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int part = 0; part < BIN_PARTS; part++) bin_scatter_part(b, part);
+    for (int part = 0; part < b->scratch->parts; part++) bin_scatter_part(b, part);
     bin_order_tiles(b);
     return OXL_OK;
 }

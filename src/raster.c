@@ -10,11 +10,11 @@
  * A splat's score is the sum over its pixels of (o_i dS/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply", arXiv 2602.24136].
  *
  * A splat with a second lobe has alpha = min(.99, o G) - min(.99, o' G') [OceanXL eq. 3], which may be negative: then T grows. The same
- * formulas hold. Such splats have passes of their own; a tile of a scene without them runs the code that knows of none.
+ * formulas hold. A tile of a scene without such splats runs code that knows of none.
  *
  * A pixel that has ended keeps its T as a negative number: any further splat then fails the test T (1 - alpha) >= 1e-4 by itself.
  *
- * Invariants: every sum has a written order, so the vector width does not show in the result. A block's sums go to the pair's own
+ * Invariants: every sum has a written order, so the vector width does not show in the result. A splat's sums over a tile go to the pair's own
  * slot: no atomics, and no dependence on which thread took the tile.
  */
 #include "kernels.h"
@@ -25,78 +25,77 @@ struct raster_pixels { /* of a tile, block by block, 16 pixels a block */
 };
 
 struct raster_gradients {
+    real t[TILE_PIXELS];
     real g[3][TILE_PIXELS];   /* dL/dC */
     real behind[TILE_PIXELS]; /* S - s: light that comes from behind the splats met so far */
 };
 
 struct raster_tile {
-    int                x, y; /* px of its top-left pixel */
+    int                x, y;          /* px of its top-left pixel */
+    int                columns, rows; /* px inside the image: TILE but at its right and lower edge */
     const struct pair *pair, *end;
 };
 
-static struct raster_tile raster_tile(const struct raster_job *job)
+SIMD_INLINE struct raster_tile raster_tile(const struct raster_job *job)
 {
     const struct bins *b = job->bins;
-    return (struct raster_tile){job->tile % b->tiles_x * TILE, job->tile / b->tiles_x * TILE, b->pair + b->tile_start[job->tile],
+    const int          x = job->tile % b->tiles_x * TILE, y = job->tile / b->tiles_x * TILE;
+    return (struct raster_tile){x,
+                                y,
+                                OXL_MIN(TILE, job->width - x),
+                                OXL_MIN(TILE, job->height - y),
+                                b->pair + b->tile_start[job->tile],
                                 b->pair + b->tile_start[job->tile + 1]};
 }
 
-/* ---------------------------------------------------------------- between the image's rows and the tile's blocks */
+/* ---------------------------------------------------------------- between the image's rows and the tile's blocks
+ *
+ * Inside the image a block's row of four pixels is copied as one piece.
+ */
 
-/* Four pixels of a block's row. */
-static real *raster_quad(real *blocks, int row, int quad)
+SIMD_INLINE int raster_at(int row, int column)
 {
-    return blocks + (row / 4 * 4 + quad) * PACK + row % 4 * 4;
+    return (row / 4 * 4 + column / 4) * PACK + row % 4 * 4 + column % 4;
 }
 
-/* How many of the quad's pixels lie inside the image: 4, but for the quads at its right edge and past it. */
-static int raster_inside(const struct raster_job *job, const struct raster_tile *tile, int row, int quad)
+SIMD_INLINE int raster_whole(const struct raster_tile *tile)
 {
-    return tile->y + row < job->height ? OXL_CLAMP(job->width - tile->x - 4 * quad, 0, 4) : 0;
-}
-
-static size_t raster_index(const struct raster_job *job, const struct raster_tile *tile, int row, int quad)
-{
-    return (size_t)(tile->y + row) * (size_t)job->width + (size_t)(tile->x + 4 * quad);
+    return tile->columns == TILE && tile->rows == TILE;
 }
 
 /* Copies the part of an image plane under the tile; 0 past the image's edge. */
-static void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane, real *blocks)
+SIMD_INLINE void raster_load(const struct raster_job *job, const struct raster_tile *tile, const real *plane, real *blocks)
 {
+    const real *in = plane + (size_t)tile->y * (size_t)job->width + tile->x;
+    if (raster_whole(tile)) {
+        for (int row = 0; row < TILE; row++, in += job->width)
+            for (int quad = 0; quad < TILE; quad += 4) memcpy(blocks + raster_at(row, quad), in + quad, 4 * sizeof *in);
+        return;
+    }
     memset(blocks, 0, TILE_PIXELS * sizeof *blocks);
-    for (int row = 0; row < TILE; row++)
-        for (int quad = 0; quad < 4; quad++) {
-            const int inside = raster_inside(job, tile, row, quad);
-            if (inside == 4)
-                memcpy(raster_quad(blocks, row, quad), plane + raster_index(job, tile, row, quad), 4 * sizeof *plane);
-            else
-                for (int i = 0; i < inside; i++)
-                    raster_quad(blocks, row, quad)[i] = plane[raster_index(job, tile, row, quad) + (size_t)i];
-        }
+    for (int row = 0; row < tile->rows; row++, in += job->width)
+        for (int column = 0; column < tile->columns; column++) blocks[raster_at(row, column)] = in[column];
 }
 
-static void raster_store(const struct raster_job *job, const struct raster_tile *tile, real *blocks, real *plane)
+SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_tile *tile, const real *blocks, real *plane)
 {
-    for (int row = 0; row < TILE; row++)
-        for (int quad = 0; quad < 4; quad++) {
-            const int inside = raster_inside(job, tile, row, quad);
-            if (inside == 4)
-                memcpy(plane + raster_index(job, tile, row, quad), raster_quad(blocks, row, quad), 4 * sizeof *plane);
-            else
-                for (int i = 0; i < inside; i++)
-                    plane[raster_index(job, tile, row, quad) + (size_t)i] = raster_quad(blocks, row, quad)[i];
-        }
+    real *out = plane + (size_t)tile->y * (size_t)job->width + tile->x;
+    if (raster_whole(tile)) {
+        for (int row = 0; row < TILE; row++, out += job->width)
+            for (int quad = 0; quad < TILE; quad += 4) memcpy(out + quad, blocks + raster_at(row, quad), 4 * sizeof *out);
+        return;
+    }
+    for (int row = 0; row < tile->rows; row++, out += job->width)
+        for (int column = 0; column < tile->columns; column++) out[column] = blocks[raster_at(row, column)];
 }
 
 /* Every pixel starts with all of the light to come; those past the image's edge have ended. */
-static void raster_open(const struct raster_job *job, const struct raster_tile *tile, real *t)
+SIMD_INLINE void raster_open(const struct raster_tile *tile, real *t)
 {
+    for (int i = 0; i < TILE_PIXELS; i++) t[i] = 1;
+    if (raster_whole(tile)) return;
     for (int row = 0; row < TILE; row++)
-        for (int quad = 0; quad < 4; quad++) {
-            const int inside = raster_inside(job, tile, row, quad);
-            real     *out    = raster_quad(t, row, quad);
-            for (int i = 0; i < 4; i++) out[i] = i < inside ? 1 : -1;
-        }
+        for (int column = row < tile->rows ? tile->columns : 0; column < TILE; column++) t[raster_at(row, column)] = -1;
 }
 
 /* Blocks with a pixel that has not ended. */
@@ -112,372 +111,301 @@ SIMD_INLINE uint32_t raster_alive(const real *t)
     return alive;
 }
 
-/* ---------------------------------------------------------------- a batch: some splats on the blocks that they touch
+/* ---------------------------------------------------------------- a batch: some of the tile's splats
  *
- * A batch goes through in short passes: all of its exponentials, then the compositing, then (backward) the sums. One pass with all
- * of that would be a chain of 90 cycles and more a block, too long for a processor to overlap one with the next; docs/SPEED.md.
+ * A batch goes through block by block: a block's pixels stay in registers while all of the batch's splats that touch it pass over
+ * them. Only the sums over a splat's pixels are taken splat by splat, in a second pass over what the first one left.
  */
 
-#define RASTER_BATCH 8 /* pairs; between batches the blocks that have ended are dropped */
-#define RASTER_ITEMS (RASTER_BATCH * TILE_BLOCKS)
+#define RASTER_BATCH 16 /* splats; between batches the blocks that have ended are dropped */
+
+struct raster_splat {   /* what the passes need, next to each other */
+    real u, v;          /* centre from the tile's first pixel centre, px */
+    real a, k, e, peak; /* -a, k, -e and peak of the splat or of its second lobe */
+    real colour[3];
+};
 
 struct raster_batch {
-    uint32_t blocks[RASTER_BATCH];             /* of each pair: those that are alive */
-    real     u[RASTER_BATCH], v[RASTER_BATCH]; /* its splat's centre from the tile's first pixel centre, px */
-    real     a[RASTER_BATCH], k[RASTER_BATCH], e[RASTER_BATCH], peak[RASTER_BATCH]; /* -a, k, -e and peak of the splat */
-    real     colour[RASTER_BATCH][3];
-    int      items;                                 /* one block under one splat each */
-    uint8_t  block[RASTER_ITEMS], of[RASTER_ITEMS]; /* their block and pair */
-    real     value[RASTER_ITEMS][PACK];             /* o G, 0 below 1/255; later alpha dL/dalpha */
-    real     weight[RASTER_ITEMS][PACK];            /* alpha T */
+    const struct pair  *pair;
+    int                 count;
+    struct raster_splat splat[RASTER_BATCH], second[RASTER_BATCH]; /* second: of those that have a second lobe */
+    uint32_t            lobed;                                     /* bit n: splat n has one */
+    uint32_t            blocks[RASTER_BATCH];                      /* of each splat: the blocks under it that are alive */
+    uint32_t            splats[TILE_BLOCKS];                       /* the same of each block: the splats over it */
+    real                value[RASTER_BATCH][TILE_BLOCKS][PACK];    /* alpha dL/dalpha; for the score dS/dalpha */
+    real                lobe[RASTER_BATCH][TILE_BLOCKS][PACK];     /* o' dL/do' of the second lobe */
+    real                weight[RASTER_BATCH][TILE_BLOCKS][PACK];   /* alpha T */
 };
 
-/* Where the pixels of each block lie in the tile. */
-struct raster_grid {
-    real x[TILE_BLOCKS][PACK], y[TILE_BLOCKS][PACK];
-};
-
-static void raster_grid(struct raster_grid *grid)
+/* lobed: 0 or 1, a constant: 0 leaves nothing of the lobes in the code. */
+SIMD_INLINE void raster_collect(const int lobed, const struct raster_job *job, const struct raster_tile *tile,
+                                const struct pair *pair, uint32_t alive, struct raster_batch *batch)
 {
-    for (int i = 0; i < TILE_PIXELS; i++) {
-        grid->x[i / PACK][i % PACK] = (real)(i / PACK % 4 * 4 + i % 4);
-        grid->y[i / PACK][i % PACK] = (real)(i / PACK / 4 * 4 + i % PACK / 4);
-    }
-}
-
-/* Lists the items, and copies what the passes need of the splats next to each other. */
-SIMD_INLINE void raster_collect(const struct raster_job *job, const struct raster_tile *tile, const struct pair *pair, int pairs,
-                                uint32_t alive, struct raster_batch *batch)
-{
-    int n = 0;
-    for (int i = 0; i < pairs; i++) {
-        const struct splat *s = &job->bins->splat[pair[i].splat];
-        batch->u[i]           = s->u - (tile->x + (real)0.5);
-        batch->v[i]           = s->v - (tile->y + (real)0.5);
-        batch->a[i] = -s->a, batch->k[i] = s->k, batch->e[i] = -s->e, batch->peak[i] = s->peak;
-        for (int c = 0; c < 3; c++) batch->colour[i][c] = s->colour[c];
-        batch->blocks[i] = pair[i].blocks & alive;
-        for (uint32_t blocks = batch->blocks[i]; blocks; blocks &= blocks - 1) {
-            batch->of[n]      = (uint8_t)i;
-            batch->block[n++] = (uint8_t)simd_lowest_bit(blocks);
-        }
-    }
-    batch->items = n;
-}
-
-/* Pass 1: the values o G of the items first..end-1. */
-SIMD_INLINE void raster_evaluate(const int fused, const struct raster_grid *grid, int first, int end, struct raster_batch *batch)
-{
-    for (int i = first; i < end; i++) {
-        const int  n = batch->of[i];
-        const real u = batch->u[n], v = batch->v[n], a = batch->a[n], k = batch->k[n], e = batch->e[n], peak = batch->peak[n];
-        const real *restrict x = grid->x[batch->block[i]], *restrict y = grid->y[batch->block[i]];
-        real *restrict value = batch->value[i];
+    batch->pair  = pair;
+    batch->count = (int)OXL_MIN(RASTER_BATCH, tile->end - pair);
+    batch->lobed = 0;
+    memset(batch->splats, 0, sizeof batch->splats);
+    for (int n = 0; n < batch->count; n++) {
+        const struct splat *s      = &job->bins->splat[pair[n].splat];
+        const uint32_t      blocks = pair[n].blocks & alive;
+        batch->splat[n]            = (struct raster_splat){s->u - (tile->x + (real)0.5),
+                                                           s->v - (tile->y + (real)0.5),
+                                                           -s->a,
+                                                           s->k,
+                                                           -s->e,
+                                                           s->peak,
+                                                           {s->colour[0], s->colour[1], s->colour[2]}};
+        batch->blocks[n]           = blocks;
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) {
-            const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u);
-            const real exponent = muladd(fused, a * w, w, muladd(fused, e * dy, dy, peak)), g = real_exp2(fused, exponent);
-            value[l] = exponent >= -LOG2_255 ? g : 0;
+        for (int block = 0; block < TILE_BLOCKS; block++) batch->splats[block] |= (blocks >> block & 1) << n;
+        if (lobed && pair[n].splat < job->bins->lobes) {
+            const struct lobe *o = &job->bins->lobe[pair[n].splat];
+            batch->lobed |= 1u << n;
+            batch->second[n]   = batch->splat[n];
+            batch->second[n].a = -o->a, batch->second[n].k = o->k, batch->second[n].e = -o->e, batch->second[n].peak = o->peak;
         }
     }
 }
 
-/* One pixel's share of a splat: what forward and backward must have alike to the bit. The weight alpha T is taken as the difference
- * of T, so the weights of a pixel and what is left sum to 1. */
+/* Whether splat n of the batch has a second lobe. */
+SIMD_INLINE int raster_lobed(const int lobed, const struct raster_batch *batch, int n)
+{
+    return lobed && batch->lobed >> n & 1;
+}
+
+/* Where the pixels of a block lie in the tile, by its column and row of blocks. */
+static const real RASTER_X[4][PACK] = {{0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3},
+                                       {4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7},
+                                       {8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11},
+                                       {12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15}};
+static const real RASTER_Y[4][PACK] = {{0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3},
+                                       {4, 4, 4, 4, 5, 5, 5, 5, 6, 6, 6, 6, 7, 7, 7, 7},
+                                       {8, 8, 8, 8, 9, 9, 9, 9, 10, 10, 10, 10, 11, 11, 11, 11},
+                                       {12, 12, 12, 12, 13, 13, 13, 13, 14, 14, 14, 14, 15, 15, 15, 15}};
+
+/* ---------------------------------------------------------------- a pixel under a splat */
+
+#define RASTER_FAR ((real)-120) /* exponents of lobes below it count as o G = 0: real_exp2 ends at -126 */
+
+/* o G at (x, y), at most ALPHA_MAX, and 0 where the exponent is below `least`. */
+SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, real least, real x, real y)
+{
+    const real dy = y - s->v, w = muladd(fused, s->k, dy, x - s->u);
+    const real exponent = muladd(fused, s->a * w, w, muladd(fused, s->e * dy, dy, s->peak)), g = real_exp2(fused, exponent);
+    const real value = g < ALPHA_MAX ? g : ALPHA_MAX;
+    return exponent >= least ? value : 0;
+}
+
+/* What forward and backward must have alike to the bit. The weight alpha T is taken as the difference of T, so the weights of a
+ * pixel and what is left sum to 1. With a second lobe alpha and weight may be negative. */
 struct raster_share {
-    real alpha;  /* what was composited, if anything was */
-    real weight; /* alpha T, 0 when nothing was */
-    real t;      /* T afterwards */
+    real value, lobe; /* of the two lobes, see raster_value */
+    real alpha;       /* what was composited, if anything was */
+    real weight;      /* alpha T, 0 when nothing was */
+    real t;           /* T afterwards */
 };
 
-SIMD_INLINE struct raster_share raster_share(const int fused, real value, real t)
+SIMD_INLINE struct raster_share raster_share(const int fused, const int lobed, const struct raster_batch *batch, int n, real x,
+                                             real y, real t)
 {
     struct raster_share p;
-    real                next, kept;
-    p.alpha  = value < ALPHA_MAX ? value : ALPHA_MAX;
+    real                next, end;
+    int                 drawn;
+    p.value = raster_value(fused, &batch->splat[n], lobed ? RASTER_FAR : -LOG2_255, x, y);
+    p.lobe  = lobed ? raster_value(fused, &batch->second[n], RASTER_FAR, x, y) : 0;
+    p.alpha = p.value;
+    if (lobed) {
+        const real alpha = p.value - p.lobe, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
+        p.alpha = room >= ALPHA_MIN ? alpha : 0;
+    }
     next     = muladd(fused, -p.alpha, t, t);
-    kept     = next >= TRANSMITTANCE_MIN ? next : t;
-    p.weight = t - kept;
-    p.t      = next >= TRANSMITTANCE_MIN ? next : -real_abs(t);
+    end      = -real_abs(t);
+    drawn    = next >= TRANSMITTANCE_MIN;
+    p.weight = t - (drawn ? next : t);
+    p.t      = drawn ? next : end;
     return p;
 }
 
-/* Pass 2 forward: colours. */
-SIMD_INLINE void raster_composite(const int fused, const struct raster_batch *batch, int first, int end,
-                                  struct raster_pixels *pixels)
+/* ---------------------------------------------------------------- forward */
+
+struct raster_lit { /* a block's pixels */
+    real t[PACK], r[PACK], g[PACK], b[PACK];
+};
+
+SIMD_INLINE void raster_composite(const int fused, const int lobed, const struct raster_batch *batch, int n,
+                                  const real *restrict x, const real *restrict y, struct raster_lit *out)
 {
-    for (int i = first; i < end; i++) {
-        const int at     = batch->block[i] * PACK;
-        real *restrict t = pixels->t + at, *restrict r = pixels->rgb[0] + at;
-        real *restrict g = pixels->rgb[1] + at, *restrict b = pixels->rgb[2] + at;
-        const real *restrict value = batch->value[i], *colour = batch->colour[batch->of[i]];
-        const real red = colour[0], green = colour[1], blue = colour[2];
+    const real *colour = batch->splat[n].colour;
+    const real  red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) {
-            const struct raster_share p = raster_share(fused, value[l], t[l]);
-            r[l]                        = muladd(fused, p.weight, red, r[l]);
-            g[l]                        = muladd(fused, p.weight, green, g[l]);
-            b[l]                        = muladd(fused, p.weight, blue, b[l]);
-            t[l]                        = p.t;
-        }
+    for (int l = 0; l < PACK; l++) {
+        const struct raster_share p = raster_share(fused, lobed, batch, n, x[l], y[l], out->t[l]);
+        out->r[l]                   = muladd(fused, p.weight, red, out->r[l]);
+        out->g[l]                   = muladd(fused, p.weight, green, out->g[l]);
+        out->b[l]                   = muladd(fused, p.weight, blue, out->b[l]);
+        out->t[l]                   = p.t;
     }
 }
 
-/* Pass 2 backward: value becomes d = alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), 0 where the clamp at ALPHA_MAX holds
- * or nothing was drawn. */
-SIMD_INLINE void raster_differentiate(const int fused, struct raster_batch *batch, int first, int end, real *tile_t,
-                                      struct raster_gradients *d)
+SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const struct raster_batch *batch, int block,
+                                        struct raster_pixels *pixels)
 {
-    for (int i = first; i < end; i++) {
-        const int at     = batch->block[i] * PACK;
-        real *restrict t = tile_t + at, *restrict behind = d->behind + at;
-        const real *restrict gr = d->g[0] + at, *restrict gg = d->g[1] + at, *restrict gb = d->g[2] + at;
-        real *restrict value = batch->value[i], *restrict weight = batch->weight[i];
-        const real *colour = batch->colour[batch->of[i]];
-        const real  red = colour[0], green = colour[1], blue = colour[2];
+    const int         at = block * PACK;
+    const real       *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
+    struct raster_lit lit;
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) {
-            const struct raster_share p     = raster_share(fused, value[l], t[l]);
-            const real                light = muladd(fused, gr[l], red, muladd(fused, gg[l], green, gb[l] * blue)); /* g . c */
-            const real                rest  = muladd(fused, -p.weight, light, behind[l]);
-            const real                odds  = p.alpha / (1 - p.alpha);
-            const real                slope = p.weight > 0 ? odds : 0;
-            const real                whole = muladd(fused, p.weight, light, -slope * rest);
-            value[l]                        = value[l] < ALPHA_MAX ? whole : 0;
-            weight[l]                       = p.weight;
-            behind[l]                       = rest;
-            t[l]                            = p.t;
-        }
+    for (int l = 0; l < PACK; l++) {
+        lit.t[l] = pixels->t[at + l];
+        lit.r[l] = pixels->rgb[0][at + l];
+        lit.g[l] = pixels->rgb[1][at + l];
+        lit.b[l] = pixels->rgb[2][at + l];
+    }
+    for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
+        const int n = simd_lowest_bit(splats);
+        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, batch, n, x, y, &lit);
+        else raster_composite(fused, 0, batch, n, x, y, &lit);
+    }
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        pixels->t[at + l]      = lit.t[l];
+        pixels->rgb[0][at + l] = lit.r[l];
+        pixels->rgb[1][at + l] = lit.g[l];
+        pixels->rgb[2][at + l] = lit.b[l];
     }
 }
 
-/* Pairwise, in this order on every machine. */
-SIMD_INLINE real raster_add_lanes(const real *restrict lane)
+SIMD_INLINE void raster_close(const struct raster_job *job, const struct raster_tile *tile, struct raster_pixels *p)
 {
-    real half[PACK / 2], quarter[PACK / 4];
-#pragma omp simd
-    for (int l = 0; l < PACK / 2; l++) half[l] = lane[l] + lane[l + PACK / 2];
-#pragma omp simd
-    for (int l = 0; l < PACK / 4; l++) quarter[l] = half[l] + half[l + PACK / 4];
-    return (quarter[0] + quarter[2]) + (quarter[1] + quarter[3]);
-}
-
-/* Pass 3 backward: the sums of pair n, whose items start at `item`; a lane each. The loop runs over bits because gcc jams the
- * iterations of a counted one together with those of the loop over the pairs, and then has no vectors. */
-SIMD_INLINE int raster_sum(const int fused, const struct raster_grid *grid, const struct raster_batch *batch, int n, int item,
-                           const struct raster_gradients *gradients, real *restrict out)
-{
-    const real u = batch->u[n], v = batch->v[n], k = batch->k[n];
-    real       sums[SPLAT_SUMS][PACK];
-    memset(sums, 0, sizeof sums);
-    for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1, item++) {
-        const int block = simd_lowest_bit(blocks), at = block * PACK;
-        const real *restrict x = grid->x[block], *restrict y = grid->y[block];
-        const real *restrict g = batch->value[item], *restrict c = batch->weight[item];
-        const real *restrict gr = gradients->g[0] + at, *restrict gg = gradients->g[1] + at, *restrict gb = gradients->g[2] + at;
-#pragma omp simd
-        for (int l = 0; l < PACK; l++) {
-            const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u), gw = g[l] * w, gy = g[l] * dy;
-            sums[SUM_G][l] += g[l];
-            sums[SUM_W][l] += gw;
-            sums[SUM_Y][l] += gy;
-            sums[SUM_WW][l]      = muladd(fused, gw, w, sums[SUM_WW][l]);
-            sums[SUM_WY][l]      = muladd(fused, gw, dy, sums[SUM_WY][l]);
-            sums[SUM_YY][l]      = muladd(fused, gy, dy, sums[SUM_YY][l]);
-            sums[SUM_RED][l]     = muladd(fused, c[l], gr[l], sums[SUM_RED][l]);
-            sums[SUM_RED + 1][l] = muladd(fused, c[l], gg[l], sums[SUM_RED + 1][l]);
-            sums[SUM_RED + 2][l] = muladd(fused, c[l], gb[l], sums[SUM_RED + 2][l]);
-        }
+    const size_t plane = (size_t)job->width * (size_t)job->height;
+    for (int i = 0; i < TILE_PIXELS; i++) p->t[i] = real_abs(p->t[i]);
+    for (int ch = 0; ch < 3; ch++) {
+        for (int i = 0; i < TILE_PIXELS; i++) p->rgb[ch][i] += p->t[i] * job->background[ch];
+        raster_store(job, tile, p->rgb[ch], job->rgb + (size_t)ch * plane);
     }
-    for (int sum = 0; sum < SPLAT_SUMS; sum++) out[sum] = raster_add_lanes(sums[sum]);
-    return item;
+    raster_store(job, tile, p->t, job->transmittance);
 }
 
-/* Pass 2 for the score: value becomes dS/dalpha, 0 where the clamp at ALPHA_MAX holds or nothing was drawn. */
-SIMD_INLINE void raster_slope(const int fused, struct raster_batch *batch, int first, int end, real *tile_t,
-                              struct raster_gradients *d)
+SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const struct raster_job *job)
 {
-    for (int i = first; i < end; i++) {
-        const int at     = batch->block[i] * PACK;
-        real *restrict t = tile_t + at, *restrict behind = d->behind + at;
-        const real *restrict gr = d->g[0] + at, *restrict gg = d->g[1] + at, *restrict gb = d->g[2] + at;
-        real *restrict value = batch->value[i];
-        const real *colour   = batch->colour[batch->of[i]];
-        const real  red = colour[0], green = colour[1], blue = colour[2];
-#pragma omp simd
-        for (int l = 0; l < PACK; l++) {
-            const struct raster_share p     = raster_share(fused, value[l], t[l]);
-            const real                light = muladd(fused, gr[l], red, muladd(fused, gg[l], green, gb[l] * blue)); /* g . c */
-            const real                rest  = muladd(fused, -p.weight, light, behind[l]);
-            const real                odds  = 1 / (1 - p.alpha);
-            const real                drawn = p.weight > 0 ? odds : 0;
-            const real                slope = drawn * muladd(fused, p.t, light, -rest); /* p.t / (1 - alpha) is T before */
-            value[l]                        = value[l] < ALPHA_MAX ? slope : 0;
-            behind[l]                       = rest;
-            t[l]                            = p.t;
-        }
+    const struct raster_tile tile  = raster_tile(job);
+    uint32_t                 alive = 0xFFFF;
+    struct raster_pixels     p;
+    struct raster_batch      batch;
+    memset(p.rgb, 0, sizeof p.rgb);
+    raster_open(&tile, p.t);
+    for (const struct pair *pair = tile.pair; pair < tile.end && alive; pair += RASTER_BATCH) {
+        raster_collect(lobed, job, &tile, pair, alive, &batch);
+        for (int block = 0; block < TILE_BLOCKS; block++)
+            if (batch.splats[block]) raster_composite_block(fused, lobed, &batch, block, &p);
+        if (tile.end - pair > RASTER_BATCH) alive = raster_alive(p.t);
     }
+    raster_close(job, &tile, &p);
 }
 
-/* Pass 3 for the score: pair n's sum of (o dS/dalpha)^2; *item moves past its items. */
-SIMD_INLINE real raster_square(const int fused, const struct raster_batch *batch, int n, int *item)
-{
-    const real o = real_exp2(fused, batch->peak[n]);
-    real       sum[PACK];
-    memset(sum, 0, sizeof sum);
-    for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1, ++*item) {
-        const real *restrict slope = batch->value[*item];
-#pragma omp simd
-        for (int l = 0; l < PACK; l++) sum[l] = muladd(fused, slope[l], slope[l], sum[l]);
-    }
-    return o * o * raster_add_lanes(sum);
-}
-
-/* ---------------------------------------------------------------- a batch in which some splats have a second lobe
+/* ---------------------------------------------------------------- backward and score, a block at a time
  *
- * Its items fall into runs of one kind; each run goes through the passes above or through those here.
+ * score: 0 or 1, a constant.
  */
 
-#define RASTER_FAR ((real)-120) /* exponents below it count as o G = 0: real_exp2 ends at -126 */
-
-struct raster_run {
-    int first, end; /* items */
-    int lobed;
+struct raster_slopes { /* a block's pixels */
+    real t[PACK], r[PACK], g[PACK], b[PACK], behind[PACK];
 };
 
-struct raster_lobes {
-    uint32_t          pairs;                                                                 /* bit n: pair n has a second lobe */
-    real              a[RASTER_BATCH], k[RASTER_BATCH], e[RASTER_BATCH], peak[RASTER_BATCH]; /* its -a, k, -e and peak */
-    int               runs;
-    struct raster_run run[RASTER_BATCH];
-    real              value[RASTER_ITEMS][PACK]; /* o' G'; later o' dL/do' */
-};
-
-/* Where the sums of a pair's second lobe go. */
-static uint32_t raster_lobe_slot(const struct raster_job *job, const struct pair *pair)
+/* value: alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), for the score dS/dalpha; with a second lobe value and lobe are
+ * o dL/do and o' dL/do'. Each is 0 where its own clamp at ALPHA_MAX holds, all where nothing was drawn. */
+SIMD_INLINE void raster_differentiate(const int fused, const int lobed, const int score, struct raster_batch *batch, int n,
+                                      int block, const real *restrict x, const real *restrict y, struct raster_slopes *d)
 {
-    return pair->slot + job->bins->splat[pair->splat].slots;
-}
-
-/* After raster_collect. */
-SIMD_INLINE void raster_collect_lobes(const struct raster_job *job, const struct pair *pair, int pairs,
-                                      const struct raster_batch *batch, struct raster_lobes *lobes)
-{
-    int item    = 0;
-    lobes->runs = 0, lobes->pairs = 0;
-    for (int n = 0; n < pairs; n++) {
-        const int lobed = pair[n].splat < job->bins->lobes;
-        int       end   = item;
-        for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1) end++;
-        if (lobed) {
-            const struct lobe *s = &job->bins->lobe[pair[n].splat];
-            lobes->a[n] = -s->a, lobes->k[n] = s->k, lobes->e[n] = -s->e, lobes->peak[n] = s->peak;
-            lobes->pairs |= 1u << n;
-        }
-        if (lobes->runs > 0 && lobes->run[lobes->runs - 1].lobed == lobed) lobes->run[lobes->runs - 1].end = end;
-        else lobes->run[lobes->runs++] = (struct raster_run){item, end, lobed};
-        item = end;
-    }
-}
-
-SIMD_INLINE void raster_evaluate_lobes(const int fused, const struct raster_grid *grid, int first, int end,
-                                       struct raster_batch *batch, struct raster_lobes *lobes)
-{
-    for (int i = first; i < end; i++) {
-        const int  n = batch->of[i];
-        const real u = batch->u[n], v = batch->v[n], a = batch->a[n], k = batch->k[n], e = batch->e[n], peak = batch->peak[n];
-        const real la = lobes->a[n], lk = lobes->k[n], le = lobes->e[n], lpeak = lobes->peak[n];
-        const real *restrict x = grid->x[batch->block[i]], *restrict y = grid->y[batch->block[i]];
-        real *restrict value = batch->value[i], *restrict lobe = lobes->value[i];
+    const real *colour = batch->splat[n].colour;
+    const real  red = colour[0], green = colour[1], blue = colour[2];
+    real *restrict value = batch->value[n][block], *restrict lobe = batch->lobe[n][block];
+    real *restrict weight = batch->weight[n][block];
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) {
-            const real dx = x[l] - u, dy = y[l] - v, w = muladd(fused, k, dy, dx), lw = muladd(fused, lk, dy, dx);
-            const real exponent = muladd(fused, a * w, w, muladd(fused, e * dy, dy, peak)), g = real_exp2(fused, exponent);
-            const real lexponent = muladd(fused, la * lw, lw, muladd(fused, le * dy, dy, lpeak)),
-                       lg        = real_exp2(fused, lexponent);
-            value[l]             = exponent >= RASTER_FAR ? g : 0;
-            lobe[l]              = lexponent >= RASTER_FAR ? lg : 0;
+    for (int l = 0; l < PACK; l++) {
+        const struct raster_share p     = raster_share(fused, lobed, batch, n, x[l], y[l], d->t[l]);
+        const real                light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
+        const real                rest  = muladd(fused, -p.weight, light, d->behind[l]);
+        if (lobed || score) {
+            const real odds = 1 / (1 - p.alpha), drawn = real_abs(p.weight) > 0 ? odds : 0;
+            const real slope = drawn * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
+            const real plus = score ? slope : slope * p.value, minus = -slope * p.lobe;
+            value[l] = p.value < ALPHA_MAX ? plus : 0;
+            if (lobed) lobe[l] = p.lobe < ALPHA_MAX ? minus : 0;
+        } else {
+            const real odds = p.alpha / (1 - p.alpha), slope = p.weight > 0 ? odds : 0;
+            const real whole = muladd(fused, p.weight, light, -slope * rest);
+            value[l]         = p.value < ALPHA_MAX ? whole : 0;
         }
+        if (!score) weight[l] = p.weight;
+        d->behind[l] = rest;
+        d->t[l]      = p.t;
     }
 }
 
-/* As raster_share, for alpha of either sign; the weight has alpha's. */
-SIMD_INLINE struct raster_share raster_share_lobes(const int fused, real value, real lobe, real t)
+SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, const int score, struct raster_batch *batch,
+                                            int block, struct raster_gradients *tile)
 {
-    struct raster_share p;
-    const real          plus = value < ALPHA_MAX ? value : ALPHA_MAX, minus = lobe < ALPHA_MAX ? lobe : ALPHA_MAX;
-    const real          alpha = plus - minus, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
-    real                next, kept;
-    p.alpha  = room >= ALPHA_MIN ? alpha : 0;
-    next     = muladd(fused, -p.alpha, t, t);
-    kept     = next >= TRANSMITTANCE_MIN ? next : t;
-    p.weight = t - kept;
-    p.t      = next >= TRANSMITTANCE_MIN ? next : -real_abs(t);
-    return p;
-}
-
-SIMD_INLINE void raster_composite_lobes(const int fused, const struct raster_batch *batch, const struct raster_lobes *lobes,
-                                        int first, int end, struct raster_pixels *pixels)
-{
-    for (int i = first; i < end; i++) {
-        const int at     = batch->block[i] * PACK;
-        real *restrict t = pixels->t + at, *restrict r = pixels->rgb[0] + at;
-        real *restrict g = pixels->rgb[1] + at, *restrict b = pixels->rgb[2] + at;
-        const real *restrict value = batch->value[i], *restrict lobe = lobes->value[i];
-        const real *colour = batch->colour[batch->of[i]];
-        const real  red = colour[0], green = colour[1], blue = colour[2];
+    const int            at = block * PACK;
+    const real          *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
+    struct raster_slopes d;
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) {
-            const struct raster_share p = raster_share_lobes(fused, value[l], lobe[l], t[l]);
-            r[l]                        = muladd(fused, p.weight, red, r[l]);
-            g[l]                        = muladd(fused, p.weight, green, g[l]);
-            b[l]                        = muladd(fused, p.weight, blue, b[l]);
-            t[l]                        = p.t;
-        }
+    for (int l = 0; l < PACK; l++) {
+        d.t[l]      = tile->t[at + l];
+        d.r[l]      = tile->g[0][at + l];
+        d.g[l]      = tile->g[1][at + l];
+        d.b[l]      = tile->g[2][at + l];
+        d.behind[l] = tile->behind[at + l];
     }
-}
-
-/* value and lobe become o dL/do and o' dL/do'; for the score value becomes dS/dalpha. Each is 0 where its own clamp holds, both where
- * nothing was drawn. */
-SIMD_INLINE void raster_differentiate_lobes(const int fused, const int score, struct raster_batch *batch,
-                                            struct raster_lobes *lobes, int first, int end, real *tile_t,
-                                            struct raster_gradients *d)
-{
-    for (int i = first; i < end; i++) {
-        const int at     = batch->block[i] * PACK;
-        real *restrict t = tile_t + at, *restrict behind = d->behind + at;
-        const real *restrict gr = d->g[0] + at, *restrict gg = d->g[1] + at, *restrict gb = d->g[2] + at;
-        real *restrict value = batch->value[i], *restrict weight = batch->weight[i], *restrict lobe = lobes->value[i];
-        const real *colour = batch->colour[batch->of[i]];
-        const real  red = colour[0], green = colour[1], blue = colour[2];
+    for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
+        const int n = simd_lowest_bit(splats);
+        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, score, batch, n, block, x, y, &d);
+        else raster_differentiate(fused, 0, score, batch, n, block, x, y, &d);
+    }
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) {
-            const struct raster_share p     = raster_share_lobes(fused, value[l], lobe[l], t[l]);
-            const real                light = muladd(fused, gr[l], red, muladd(fused, gg[l], green, gb[l] * blue)); /* g . c */
-            const real                rest  = muladd(fused, -p.weight, light, behind[l]);
-            const real                odds  = 1 / (1 - p.alpha);
-            const real                drawn = real_abs(p.weight) > 0 ? odds : 0;
-            const real                slope = drawn * muladd(fused, p.t, light, -rest); /* dL/dalpha */
-            const real                plus = score ? slope : slope * value[l], minus = -slope * lobe[l];
-            value[l]  = value[l] < ALPHA_MAX ? plus : 0;
-            lobe[l]   = lobe[l] < ALPHA_MAX ? minus : 0;
-            weight[l] = p.weight;
-            behind[l] = rest;
-            t[l]      = p.t;
-        }
+    for (int l = 0; l < PACK; l++) {
+        tile->t[at + l]      = d.t[l];
+        tile->behind[at + l] = d.behind[l];
     }
 }
 
-/* The sums of pair n's second lobe, but for the colour's: those are the splat's. */
-SIMD_INLINE void raster_sum_lobe(const int fused, const struct raster_grid *grid, const struct raster_batch *batch,
-                                 const struct raster_lobes *lobes, int n, int item, real *restrict out)
+/* ---------------------------------------------------------------- backward and score, the sums of a splat
+ *
+ * A lane each over the splat's blocks, then over the lanes.
+ */
+
+/* Pairwise, in this order on every machine. */
+SIMD_INLINE void raster_add_lanes(const int count, const real lane[][PACK], real *restrict out)
 {
-    const real u = batch->u[n], v = batch->v[n], k = lobes->k[n];
-    real       sums[SUM_RED][PACK];
-    memset(sums, 0, sizeof sums);
-    for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1, item++) {
-        const int block        = simd_lowest_bit(blocks);
-        const real *restrict x = grid->x[block], *restrict y = grid->y[block], *restrict g = lobes->value[item];
+    real half[SPLAT_SUMS][PACK / 2], quarter[SPLAT_SUMS][PACK / 4];
+    for (int sum = 0; sum < count; sum++) {
+#pragma omp simd
+        for (int l = 0; l < PACK / 2; l++) half[sum][l] = lane[sum][l] + lane[sum][l + PACK / 2];
+    }
+    for (int sum = 0; sum < count; sum++) {
+#pragma omp simd
+        for (int l = 0; l < PACK / 4; l++) quarter[sum][l] = half[sum][l] + half[sum][l + PACK / 4];
+    }
+#pragma omp simd
+    for (int sum = 0; sum < count; sum++) out[sum] = (quarter[sum][0] + quarter[sum][2]) + (quarter[sum][1] + quarter[sum][3]);
+}
+
+/* lobe: 1 for those of the second lobe, but for the colour's: those are the splat's. */
+SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster_batch *batch, int n,
+                            const struct raster_gradients *gradients, real *restrict out)
+{
+    const struct raster_splat *s = lobe ? &batch->second[n] : &batch->splat[n];
+    const real                 u = s->u, v = s->v, k = s->k;
+    uint32_t                   blocks                 = batch->blocks[n];
+    real                       sums[SPLAT_SUMS][PACK] = {{0}};
+    if (!blocks) {
+        memset(out, 0, (lobe ? SUM_RED : SPLAT_SUMS) * sizeof *out);
+        return;
+    }
+    for (; blocks; blocks &= blocks - 1) {
+        const int block = simd_lowest_bit(blocks), at = block * PACK;
+        const real *restrict x = RASTER_X[block % 4], *restrict y = RASTER_Y[block / 4];
+        const real *restrict g = lobe ? batch->lobe[n][block] : batch->value[n][block], *restrict c = batch->weight[n][block];
+        const real *restrict gr = gradients->g[0] + at, *restrict gg = gradients->g[1] + at, *restrict gb = gradients->g[2] + at;
 #pragma omp simd
         for (int l = 0; l < PACK; l++) {
             const real dy = y[l] - v, w = muladd(fused, k, dy, x[l] - u), gw = g[l] * w, gy = g[l] * dy;
@@ -487,75 +415,43 @@ SIMD_INLINE void raster_sum_lobe(const int fused, const struct raster_grid *grid
             sums[SUM_WW][l] = muladd(fused, gw, w, sums[SUM_WW][l]);
             sums[SUM_WY][l] = muladd(fused, gw, dy, sums[SUM_WY][l]);
             sums[SUM_YY][l] = muladd(fused, gy, dy, sums[SUM_YY][l]);
+            if (!lobe) {
+                sums[SUM_RED][l]     = muladd(fused, c[l], gr[l], sums[SUM_RED][l]);
+                sums[SUM_RED + 1][l] = muladd(fused, c[l], gg[l], sums[SUM_RED + 1][l]);
+                sums[SUM_RED + 2][l] = muladd(fused, c[l], gb[l], sums[SUM_RED + 2][l]);
+            }
         }
     }
-    for (int sum = 0; sum < SUM_RED; sum++) out[sum] = raster_add_lanes(sums[sum]);
+    raster_add_lanes(lobe ? SUM_RED : SPLAT_SUMS, (const real(*)[PACK])sums, out);
 }
 
-/* ---------------------------------------------------------------- one tile
- *
- * `lobed` is a constant: 0 leaves nothing of the lobes in the code.
- */
-
-static void raster_close(const struct raster_job *job, const struct raster_tile *tile, struct raster_pixels *p)
+/* The sum of (o dS/dalpha)^2. */
+SIMD_INLINE real raster_square(const int fused, const struct raster_batch *batch, int n)
 {
-    const size_t plane = (size_t)job->width * (size_t)job->height;
-    for (int i = 0; i < TILE_PIXELS; i++) p->t[i] = p->t[i] < 0 ? -p->t[i] : p->t[i];
-    for (int ch = 0; ch < 3; ch++) {
-        for (int i = 0; i < TILE_PIXELS; i++) p->rgb[ch][i] += p->t[i] * job->background[ch];
-        raster_store(job, tile, p->rgb[ch], job->rgb + (size_t)ch * plane);
+    const real o            = real_exp2(fused, batch->splat[n].peak);
+    real       sum[1][PACK] = {{0}}, whole;
+    for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1) {
+        const real *restrict slope = batch->value[n][simd_lowest_bit(blocks)];
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) sum[0][l] = muladd(fused, slope[l], slope[l], sum[0][l]);
     }
-    raster_store(job, tile, p->t, job->transmittance);
+    raster_add_lanes(1, (const real(*)[PACK])sum, &whole);
+    return o * o * whole;
 }
 
-SIMD_INLINE void raster_pass_evaluate(const int fused, const int lobed, const struct raster_grid *grid,
-                                      struct raster_batch *batch, struct raster_lobes *lobes)
+/* ---------------------------------------------------------------- backward and score, a tile */
+
+/* Where the sums of a pair's second lobe go. */
+SIMD_INLINE uint32_t raster_lobe_slot(const struct raster_job *job, const struct pair *pair)
 {
-    if (!lobed) raster_evaluate(fused, grid, 0, batch->items, batch);
-    else
-        for (const struct raster_run *run = lobes->run; run < lobes->run + lobes->runs; run++) {
-            if (run->lobed) raster_evaluate_lobes(fused, grid, run->first, run->end, batch, lobes);
-            else raster_evaluate(fused, grid, run->first, run->end, batch);
-        }
+    return pair->slot + job->bins->splat[pair->splat].slots;
 }
 
-SIMD_INLINE void raster_pass_composite(const int fused, const int lobed, const struct raster_batch *batch,
-                                       const struct raster_lobes *lobes, struct raster_pixels *pixels)
-{
-    if (!lobed) raster_composite(fused, batch, 0, batch->items, pixels);
-    else
-        for (const struct raster_run *run = lobes->run; run < lobes->run + lobes->runs; run++) {
-            if (run->lobed) raster_composite_lobes(fused, batch, lobes, run->first, run->end, pixels);
-            else raster_composite(fused, batch, run->first, run->end, pixels);
-        }
-}
-
-SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const struct raster_job *job)
-{
-    const struct raster_tile tile  = raster_tile(job);
-    uint32_t                 alive = 0xFFFF;
-    struct raster_grid       grid;
-    struct raster_pixels     p;
-    struct raster_batch      batch;
-    struct raster_lobes      lobes;
-    raster_grid(&grid);
-    memset(p.rgb, 0, sizeof p.rgb);
-    raster_open(job, &tile, p.t);
-    for (const struct pair *pair = tile.pair; pair < tile.end && alive; pair += RASTER_BATCH) {
-        const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
-        raster_collect(job, &tile, pair, pairs, alive, &batch);
-        if (lobed) raster_collect_lobes(job, pair, pairs, &batch, &lobes);
-        raster_pass_evaluate(fused, lobed, &grid, &batch, &lobes);
-        raster_pass_composite(fused, lobed, &batch, &lobes, &p);
-        alive = raster_alive(p.t);
-    }
-    raster_close(job, &tile, &p);
-}
-
-static void raster_open_backward(const struct raster_job *job, const struct raster_tile *tile, struct raster_gradients *d)
+SIMD_INLINE void raster_open_backward(const struct raster_job *job, const struct raster_tile *tile, struct raster_gradients *d)
 {
     const size_t plane = (size_t)job->width * (size_t)job->height;
     real         rgb[TILE_PIXELS];
+    raster_open(tile, d->t);
     memset(d->behind, 0, sizeof d->behind);
     for (int ch = 0; ch < 3; ch++) {
         raster_load(job, tile, job->drgb + (size_t)ch * plane, d->g[ch]);
@@ -564,83 +460,43 @@ static void raster_open_backward(const struct raster_job *job, const struct rast
     }
 }
 
-SIMD_INLINE void raster_pass_differentiate(const int fused, const int lobed, struct raster_batch *batch,
-                                           struct raster_lobes *lobes, real *t, struct raster_gradients *d)
+/* What the batch found out about splat n, to its slot. */
+SIMD_INLINE void raster_give(const int fused, const int lobed, const int score, const struct raster_job *job,
+                             const struct raster_batch *batch, int n, const struct raster_gradients *d)
 {
-    if (!lobed) raster_differentiate(fused, batch, 0, batch->items, t, d);
-    else
-        for (const struct raster_run *run = lobes->run; run < lobes->run + lobes->runs; run++) {
-            if (run->lobed) raster_differentiate_lobes(fused, 0, batch, lobes, run->first, run->end, t, d);
-            else raster_differentiate(fused, batch, run->first, run->end, t, d);
-        }
+    const struct pair *pair = &batch->pair[n];
+    if (score) {
+        job->score[pair->slot] = raster_square(fused, batch, n);
+        return;
+    }
+    raster_sum(fused, 0, batch, n, d, job->sums[pair->slot]);
+    if (lobed && batch->lobed >> n & 1) raster_sum(fused, 1, batch, n, d, job->sums[raster_lobe_slot(job, pair)]);
 }
 
-SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const struct raster_job *job)
+/* The same for a splat behind the last that any pixel saw. */
+SIMD_INLINE void raster_give_nothing(const int lobed, const int score, const struct raster_job *job, const struct pair *pair)
+{
+    if (score) job->score[pair->slot] = 0;
+    else memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
+    if (!score && lobed && pair->splat < job->bins->lobes) memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
+}
+
+SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const int score, const struct raster_job *job)
 {
     const struct raster_tile tile  = raster_tile(job);
     const struct pair       *pair  = tile.pair;
     uint32_t                 alive = 0xFFFF;
-    struct raster_grid       grid;
-    real                     t[TILE_PIXELS];
     struct raster_gradients  d;
     struct raster_batch      batch;
-    struct raster_lobes      lobes;
-    raster_grid(&grid);
-    raster_open(job, &tile, t);
     raster_open_backward(job, &tile, &d);
     for (; pair < tile.end && alive; pair += RASTER_BATCH) {
-        const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
-        raster_collect(job, &tile, pair, pairs, alive, &batch);
-        if (lobed) raster_collect_lobes(job, pair, pairs, &batch, &lobes);
-        raster_pass_evaluate(fused, lobed, &grid, &batch, &lobes);
-        raster_pass_differentiate(fused, lobed, &batch, &lobes, t, &d);
-        for (int n = 0, item = 0; n < pairs; n++) {
-            if (lobed && lobes.pairs >> n & 1)
-                raster_sum_lobe(fused, &grid, &batch, &lobes, n, item, job->sums[raster_lobe_slot(job, &pair[n])]);
-            item = raster_sum(fused, &grid, &batch, n, item, &d, job->sums[pair[n].slot]);
-        }
-        alive = raster_alive(t);
+        raster_collect(lobed, job, &tile, pair, alive, &batch);
+        for (int block = 0; block < TILE_BLOCKS; block++)
+            if (batch.splats[block]) raster_differentiate_block(fused, lobed, score, &batch, block, &d);
+        for (int n = 0; n < batch.count; n++) raster_give(fused, lobed, score, job, &batch, n, &d);
+        if (tile.end - pair > RASTER_BATCH) alive = raster_alive(d.t);
     }
-    for (; pair < tile.end; pair++) {
-        memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
-        if (lobed && pair->splat < job->bins->lobes) memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
-    }
-}
-
-SIMD_INLINE void raster_pass_slope(const int fused, const int lobed, struct raster_batch *batch, struct raster_lobes *lobes,
-                                   real *t, struct raster_gradients *d)
-{
-    if (!lobed) raster_slope(fused, batch, 0, batch->items, t, d);
-    else
-        for (const struct raster_run *run = lobes->run; run < lobes->run + lobes->runs; run++) {
-            if (run->lobed) raster_differentiate_lobes(fused, 1, batch, lobes, run->first, run->end, t, d);
-            else raster_slope(fused, batch, run->first, run->end, t, d);
-        }
-}
-
-SIMD_INLINE void raster_score_tile(const int fused, const int lobed, const struct raster_job *job)
-{
-    const struct raster_tile tile  = raster_tile(job);
-    const struct pair       *pair  = tile.pair;
-    uint32_t                 alive = 0xFFFF;
-    struct raster_grid       grid;
-    real                     t[TILE_PIXELS];
-    struct raster_gradients  d;
-    struct raster_batch      batch;
-    struct raster_lobes      lobes;
-    raster_grid(&grid);
-    raster_open(job, &tile, t);
-    raster_open_backward(job, &tile, &d);
-    for (; pair < tile.end && alive; pair += RASTER_BATCH) {
-        const int pairs = (int)OXL_MIN(RASTER_BATCH, tile.end - pair);
-        raster_collect(job, &tile, pair, pairs, alive, &batch);
-        if (lobed) raster_collect_lobes(job, pair, pairs, &batch, &lobes);
-        raster_pass_evaluate(fused, lobed, &grid, &batch, &lobes);
-        raster_pass_slope(fused, lobed, &batch, &lobes, t, &d);
-        for (int n = 0, item = 0; n < pairs; n++) job->score[pair[n].slot] = raster_square(fused, &batch, n, &item);
-        alive = raster_alive(t);
-    }
-    for (; pair < tile.end; pair++) job->score[pair->slot] = 0;
+    for (; pair < tile.end; pair++) raster_give_nothing(lobed, score, job, pair);
 }
 
 /* ---------------------------------------------------------------- the doors */
@@ -655,19 +511,19 @@ SIMD_BODY void raster_forward_lobed_body(const int fused, const struct raster_jo
 }
 SIMD_BODY void raster_backward_plain_body(const int fused, const struct raster_job *job)
 {
-    raster_backward_tile(fused, 0, job);
+    raster_backward_tile(fused, 0, 0, job);
 }
 SIMD_BODY void raster_backward_lobed_body(const int fused, const struct raster_job *job)
 {
-    raster_backward_tile(fused, 1, job);
+    raster_backward_tile(fused, 1, 0, job);
 }
 SIMD_BODY void raster_score_plain_body(const int fused, const struct raster_job *job)
 {
-    raster_score_tile(fused, 0, job);
+    raster_backward_tile(fused, 0, 1, job);
 }
 SIMD_BODY void raster_score_lobed_body(const int fused, const struct raster_job *job)
 {
-    raster_score_tile(fused, 1, job);
+    raster_backward_tile(fused, 1, 1, job);
 }
 SIMD_DISPATCH(static, raster_forward_plain, struct raster_job)
 SIMD_DISPATCH(static, raster_forward_lobed, struct raster_job)

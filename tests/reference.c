@@ -91,16 +91,21 @@
 #define bin_sort          bin_sort_f64
 #define bin_box_tiles     bin_box_tiles_f64
 #define bin_contour       bin_contour_f64
-#define bin_span          bin_span_f64
-#define bin_block_row     bin_block_row_f64
+#define bin_spans         bin_spans_f64
+#define bin_block_rows    bin_block_rows_f64
 #define bin_footprint     bin_footprint_f64
 #define bin_lay_out       bin_lay_out_f64
-#define bin_stage_part    bin_stage_part_f64
+#define bin_stage         bin_stage_f64
 #define bin_scatter_part  bin_scatter_part_f64
 #define bin_prefix        bin_prefix_f64
 #define bin_order_tiles   bin_order_tiles_f64
 #define bin_reserve_tiles bin_reserve_tiles_f64
 #define bin_splats        bin_splats_f64
+#define bin_part          bin_part_f64
+#define bin_stage_body    bin_stage_body_f64
+#define bin_stage_base    bin_stage_base_f64
+#define bin_stage_avx2    bin_stage_avx2_f64
+#define bin_stage_avx512  bin_stage_avx512_f64
 #define bin_free          bin_free_f64
 #define bin_join          bin_join_f64
 #define bin_reshaped      bin_reshaped_f64
@@ -108,47 +113,42 @@
 #define bin_room          bin_room_f64
 
 #define raster_job                   raster_job_f64
-#define raster_pixels                raster_pixels_f64
-#define raster_gradients             raster_gradients_f64
-#define raster_tile                  raster_tile_f64
-#define raster_quad                  raster_quad_f64
-#define raster_inside                raster_inside_f64
-#define raster_index                 raster_index_f64
-#define raster_load                  raster_load_f64
-#define raster_store                 raster_store_f64
-#define raster_open                  raster_open_f64
-#define raster_alive                 raster_alive_f64
-#define raster_batch                 raster_batch_f64
-#define raster_grid                  raster_grid_f64
-#define raster_share                 raster_share_f64
-#define raster_collect               raster_collect_f64
-#define raster_evaluate              raster_evaluate_f64
-#define raster_composite             raster_composite_f64
-#define raster_differentiate         raster_differentiate_f64
+#define RASTER_X                     RASTER_X_F64
+#define RASTER_Y                     RASTER_Y_F64
 #define raster_add_lanes             raster_add_lanes_f64
-#define raster_sum                   raster_sum_f64
-#define raster_close                 raster_close_f64
-#define raster_open_backward         raster_open_backward_f64
-#define raster_forward               raster_forward_f64
+#define raster_alive                 raster_alive_f64
+#define raster_at                    raster_at_f64
 #define raster_backward              raster_backward_f64
-#define raster_slope                 raster_slope_f64
-#define raster_square                raster_square_f64
-#define raster_run                   raster_run_f64
-#define raster_lobes                 raster_lobes_f64
-#define raster_lobe_slot             raster_lobe_slot_f64
-#define raster_collect_lobes         raster_collect_lobes_f64
-#define raster_evaluate_lobes        raster_evaluate_lobes_f64
-#define raster_share_lobes           raster_share_lobes_f64
-#define raster_composite_lobes       raster_composite_lobes_f64
-#define raster_differentiate_lobes   raster_differentiate_lobes_f64
-#define raster_sum_lobe              raster_sum_lobe_f64
-#define raster_pass_evaluate         raster_pass_evaluate_f64
-#define raster_pass_composite        raster_pass_composite_f64
-#define raster_forward_tile          raster_forward_tile_f64
-#define raster_pass_differentiate    raster_pass_differentiate_f64
 #define raster_backward_tile         raster_backward_tile_f64
-#define raster_pass_slope            raster_pass_slope_f64
-#define raster_score_tile            raster_score_tile_f64
+#define raster_batch                 raster_batch_f64
+#define raster_close                 raster_close_f64
+#define raster_collect               raster_collect_f64
+#define raster_composite             raster_composite_f64
+#define raster_composite_block       raster_composite_block_f64
+#define raster_differentiate         raster_differentiate_f64
+#define raster_differentiate_block   raster_differentiate_block_f64
+#define raster_forward               raster_forward_f64
+#define raster_forward_tile          raster_forward_tile_f64
+#define raster_give                  raster_give_f64
+#define raster_give_nothing          raster_give_nothing_f64
+#define raster_gradients             raster_gradients_f64
+#define raster_lit                   raster_lit_f64
+#define raster_load                  raster_load_f64
+#define raster_lobe_slot             raster_lobe_slot_f64
+#define raster_lobed                 raster_lobed_f64
+#define raster_open                  raster_open_f64
+#define raster_open_backward         raster_open_backward_f64
+#define raster_pixels                raster_pixels_f64
+#define raster_score                 raster_score_f64
+#define raster_share                 raster_share_f64
+#define raster_slopes                raster_slopes_f64
+#define raster_splat                 raster_splat_f64
+#define raster_square                raster_square_f64
+#define raster_store                 raster_store_f64
+#define raster_sum                   raster_sum_f64
+#define raster_tile                  raster_tile_f64
+#define raster_value                 raster_value_f64
+#define raster_whole                 raster_whole_f64
 #define raster_forward_plain         raster_forward_plain_f64
 #define raster_forward_plain_body    raster_forward_plain_body_f64
 #define raster_forward_plain_base    raster_forward_plain_base_f64
@@ -179,7 +179,6 @@
 #define raster_score_lobed_base      raster_score_lobed_base_f64
 #define raster_score_lobed_avx2      raster_score_lobed_avx2_f64
 #define raster_score_lobed_avx512    raster_score_lobed_avx512_f64
-#define raster_score                 raster_score_f64
 
 #define loss_job              loss_job_f64
 #define loss_value            loss_value_f64
@@ -456,63 +455,63 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef bin_sort
 #undef bin_box_tiles
 #undef bin_contour
-#undef bin_span
-#undef bin_block_row
+#undef bin_spans
+#undef bin_block_rows
 #undef bin_footprint
 #undef bin_lay_out
-#undef bin_stage_part
+#undef bin_stage
 #undef bin_scatter_part
 #undef bin_prefix
 #undef bin_order_tiles
 #undef bin_reserve_tiles
 #undef bin_splats
+#undef bin_part
+#undef bin_stage_body
+#undef bin_stage_base
+#undef bin_stage_avx2
+#undef bin_stage_avx512
 #undef bin_free
 #undef bin_join
 #undef bin_reshaped
 #undef bin_lobe
 #undef bin_room
 #undef raster_job
-#undef raster_pixels
-#undef raster_gradients
-#undef raster_tile
-#undef raster_quad
-#undef raster_inside
-#undef raster_index
-#undef raster_load
-#undef raster_store
-#undef raster_open
-#undef raster_alive
-#undef raster_batch
-#undef raster_grid
-#undef raster_share
-#undef raster_collect
-#undef raster_evaluate
-#undef raster_composite
-#undef raster_differentiate
+#undef RASTER_X
+#undef RASTER_Y
 #undef raster_add_lanes
-#undef raster_sum
-#undef raster_close
-#undef raster_open_backward
-#undef raster_forward
+#undef raster_alive
+#undef raster_at
 #undef raster_backward
-#undef raster_slope
-#undef raster_square
-#undef raster_run
-#undef raster_lobes
-#undef raster_lobe_slot
-#undef raster_collect_lobes
-#undef raster_evaluate_lobes
-#undef raster_share_lobes
-#undef raster_composite_lobes
-#undef raster_differentiate_lobes
-#undef raster_sum_lobe
-#undef raster_pass_evaluate
-#undef raster_pass_composite
-#undef raster_forward_tile
-#undef raster_pass_differentiate
 #undef raster_backward_tile
-#undef raster_pass_slope
-#undef raster_score_tile
+#undef raster_batch
+#undef raster_close
+#undef raster_collect
+#undef raster_composite
+#undef raster_composite_block
+#undef raster_differentiate
+#undef raster_differentiate_block
+#undef raster_forward
+#undef raster_forward_tile
+#undef raster_give
+#undef raster_give_nothing
+#undef raster_gradients
+#undef raster_lit
+#undef raster_load
+#undef raster_lobe_slot
+#undef raster_lobed
+#undef raster_open
+#undef raster_open_backward
+#undef raster_pixels
+#undef raster_score
+#undef raster_share
+#undef raster_slopes
+#undef raster_splat
+#undef raster_square
+#undef raster_store
+#undef raster_sum
+#undef raster_tile
+#undef raster_value
+#undef raster_whole
 #undef raster_forward_plain
 #undef raster_forward_plain_body
 #undef raster_forward_plain_base
@@ -543,7 +542,6 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef raster_score_lobed_base
 #undef raster_score_lobed_avx2
 #undef raster_score_lobed_avx512
-#undef raster_score
 #undef loss_job
 #undef loss_value
 #undef loss_scratch

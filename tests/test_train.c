@@ -339,6 +339,41 @@ TEST(train_stops_when_the_callback_asks_and_leaves_a_usable_model)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* The memory that a run asks for, by iteration. */
+static void *(*train_allocator)(void *user, void *old, size_t size);
+static int train_calls;
+
+static void *train_count(void *user, void *old, size_t size)
+{
+    train_calls++;
+    return train_allocator(user, old, size);
+}
+
+static int train_note_calls(void *user, const oxl_progress *progress)
+{
+    ((int *)user)[progress->iteration] = train_calls;
+    return 0;
+}
+
+TEST(train_asks_for_no_memory_between_steps_once_it_is_under_way)
+{
+    oxl_scene         *scene     = train_scene(7);
+    oxl_train_options  options   = train_options(90);
+    int                calls[91] = {0};
+    const oxl_callback note      = {train_note_calls, calls};
+    oxl_model          model;
+    options.densify_until        = 0;
+    train_calls                  = 0;
+    train_allocator              = test_ctx->options.reallocate;
+    test_ctx->options.reallocate = train_count;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, &note, &model));
+    test_ctx->options.reallocate = train_allocator;
+    CHECK(calls[1] > 0);
+    for (int i = 41; i <= 80; i++) CHECK(calls[i] == calls[40]);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(train_without_points_starts_from_random_ones)
 {
     oxl_scene        *with = train_scene(4), *scene = NULL;
