@@ -22,10 +22,11 @@ static void fuzz_write_seed(const char *path)
     struct train            t     = {.options = &options, .model = &model, .place = &place};
     const size_t            head  = 27;
     fuzz_promise(oxl_context_create(NULL, &ctx) == OXL_OK, "a context");
-    log     = (struct text){.ctx = ctx};
-    notes   = log;
-    t.ctx   = ctx;
-    t.scene = fuzz_scene(ctx);
+    log             = (struct text){.ctx = ctx};
+    notes           = log;
+    t.ctx           = ctx;
+    t.decisions.ctx = ctx;
+    t.scene         = fuzz_scene(ctx);
     text_add(&log, "iteration,loss\n");
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
     for (t.step = 1; t.step <= 3; t.step++) fuzz_promise(train_step(&t) == OXL_OK, "a step");

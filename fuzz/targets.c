@@ -235,8 +235,9 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     struct text              log = {.ctx = ctx}, notes = {.ctx = ctx};
     const struct train_place place = {fuzz_folder(), "key", &log, &notes, NULL, NULL, NULL};
     oxl_model                model = {0};
-    struct train             t = {.ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .place = &place};
-    oxl_result               rc;
+    struct train             t     = {
+                        .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .place = &place, .decisions = {.ctx = ctx}};
+    oxl_result rc;
     fuzz_write_checkpoint(data, size);
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");
     rc = train_resume(&t);

@@ -22,7 +22,8 @@ static void faults_begin(struct faults_case *c, int steps)
     faults_heard[0]       = 0;
     test_ctx->options.log = faults_listen;
     c->options            = train_options(200);
-    c->t                  = (struct train){.ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .model = &c->model};
+    c->t                  = (struct train){
+                         .ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .model = &c->model, .decisions = {.ctx = test_ctx}};
     CHECK_OK(train_begin(&c->t));
     while (c->t.step < steps) {
         c->t.step++;
