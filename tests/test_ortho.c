@@ -60,6 +60,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     char                error[300] = "", *text;
     const struct report r          = {.out = test_path("ortho")};
     const char         *cursor;
+    FILE               *to = fopen(test_path("said"), "wb");
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     for (int k = 0; k < 3; k++) {
         model.plane[OXL_MEAN + k][0]      = (float)(at[k] - oxl_scene_origin(scene)[k]);
