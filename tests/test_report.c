@@ -87,8 +87,10 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
                      "400");
     CHECK_TEXT(page, "world = model + (1.000000, -2.500000, 3.000000)");
     CHECK_TEXT(page, "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
-    CHECK_TEXT(page, " --seed 3 --iterations 12 --sh-degree 3 --partition 2d --split midpoint --ucd 1.5,2,fixed --keep 0.5 --dog selective "
-                     "--dog-threshold 90.000000%");
+    CHECK_TEXT(
+        page,
+        " --seed 3 --iterations 12 --sh-degree 3 --partition 2d --split midpoint --ucd 1.5,2,fixed --keep 0.5 --dog selective "
+        "--dog-threshold 90.000000%");
     CHECK(strstr(page, "&lt;b&gt;&amp;&quot;.jpg") < strstr(page, "fine.png")); /* the worst first */
     free(page);
 }
