@@ -275,15 +275,35 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
     return rc;
 }
 
-static oxl_result run_render(oxl_context *ctx, const struct arguments *a)
+static int on_synth(void *user, const char *what, long done, long total)
 {
-    const oxl_pictures what  = {split_of(a), 0, a->depth};
-    oxl_model          model = {0};
-    oxl_scene         *scene = NULL;
-    int                count = 0;
-    oxl_result         rc    = load(ctx, a, &model, &scene);
-    if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, &what, a->out, &count);
-    if (rc == OXL_OK) printf("%d pictures in %s\n", count, a->out);
+    struct console *c         = user;
+    const int       twentieth = (int)(20.0 * (double)done / (double)(total > 0 ? total : 1));
+    if (!c->quiet && (c->live || twentieth != c->twentieth)) {
+        console_clear(c);
+        fprintf(stderr, "%s %ld/%ld%s", what, done, total, c->live ? "" : "\n");
+        c->shown = c->live;
+        fflush(stderr);
+    }
+    c->twentieth = twentieth;
+    return stop_asked;
+}
+
+static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    const oxl_pictures   what   = {split_of(a), 0, a->depth, a->scale};
+    const ortho_options  ortho  = {a->out, a->pixel, a->scale, a->depth};
+    const flight_options flight = {a->out, a->flight, a->frames, on_synth, console};
+    oxl_model            model  = {0};
+    oxl_scene           *scene  = NULL;
+    int                  count  = a->frames;
+    oxl_result           rc     = load(ctx, a, &model, &scene);
+    catch_signals();
+    if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, &ortho, stdout, console->error, sizeof console->error);
+    else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, &flight, console->error, sizeof console->error);
+    else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, &what, a->out, &count);
+    console_clear(console);
+    if (rc == OXL_OK && !a->ortho) printf("%d pictures in %s\n", count, a->out);
     oxl_scene_free(ctx, scene);
     oxl_model_free(ctx, &model);
     return rc;
@@ -318,28 +338,31 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
+static oxl_result run_measure(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    oxl_job_options options;
+    oxl_scene      *scene = NULL;
+    oxl_result      rc    = job_options(ctx, a, &options);
+    if (!a->bar) {
+        snprintf(console->error, sizeof console->error, "measure wants --scale-bar ENDS\nfix: oceanxl measure --help shows one");
+        return OXL_ERR_USAGE;
+    }
+    options.scene.read_images = 0;
+    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[0], &options.scene, &scene);
+    if (rc == OXL_OK) rc = scale_measure(ctx, scene, a->bar, a->length, stdout, console->error, sizeof console->error);
+    oxl_scene_free(ctx, scene);
+    return rc;
+}
+
 static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model  model = {0};
     oxl_result rc    = oxl_model_read(ctx, a->path[0], &model);
+    if (rc == OXL_OK && a->scale > 0) scale_model(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
     oxl_model_free(ctx, &model);
     return rc;
-}
-
-static int on_synth(void *user, const char *what, long done, long total)
-{
-    struct console *c         = user;
-    const int       twentieth = (int)(20.0 * (double)done / (double)(total > 0 ? total : 1));
-    if (!c->quiet && (c->live || twentieth != c->twentieth)) {
-        console_clear(c);
-        fprintf(stderr, "%s %ld/%ld%s", what, done, total, c->live ? "" : "\n");
-        c->shown = c->live;
-        fflush(stderr);
-    }
-    c->twentieth = twentieth;
-    return stop_asked;
 }
 
 static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct console *console)
@@ -408,8 +431,9 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     switch (a->command) {
     case COMMAND_TRAIN: return run_train(ctx, a, console);
     case COMMAND_CHECK: return run_check(ctx, a);
-    case COMMAND_RENDER: return run_render(ctx, a);
+    case COMMAND_RENDER: return run_render(ctx, a, console);
     case COMMAND_EVAL: return run_eval(ctx, a);
+    case COMMAND_MEASURE: return run_measure(ctx, a, console);
     case COMMAND_INFO: return info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
     case COMMAND_PARTITION: return run_partition(ctx, a);

@@ -166,6 +166,10 @@ OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double    *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
 OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robust radius of the training cameras [3DGS] */
 
+/* The ray along which a pixel of the photograph as it is on disk was seen, distortion undone: where it starts and a unit vector, local coordinates. */
+OXL_API oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
+                                   double way[3]);
+
 /* The photograph of a view as training sees it: undistorted, reduced, masked. Free it with oxl_image_free. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
 
@@ -428,7 +432,8 @@ typedef struct oxl_survey {
 /* OXL_ERR_INPUT when the survey cannot be trained; the error says why. out->text ends in a newline. */
 OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
 
-/* Trains the survey in folder `scene` and leaves in folder `out`: scene.ply, metrics.json, run.json and renders/; and for each block
+/* Trains the survey in folder `scene` and leaves in folder `out`: scene.ply, scene_standard.ply when that is not the
+ * standard's 62 columns, metrics.json, run.json and renders/; and for each block
  * blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most block_points points is one block, 000, trained as it is;
  * a larger one is cut first (partition.txt, partition.svg, and a COLMAP text export in each blocks/KKK/).
  *
@@ -484,6 +489,7 @@ OXL_API void       oxl_run_free(oxl_context *ctx, oxl_run **run);
 typedef struct oxl_pictures {
     oxl_split split;
     int       photographs, depth;
+    double    unit; /* depths are multiplied by it: metres a unit of the scene (0: they stay) */
 } oxl_pictures;
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
                                     const char *folder, int *count);

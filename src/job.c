@@ -516,7 +516,7 @@ done:
 
 static oxl_result job_draw(struct job *job)
 {
-    const oxl_pictures what   = {job_split(job), 1, 0};
+    const oxl_pictures what   = {job_split(job), 1, 0, 0};
     char              *folder = oxl_path_join(job->ctx, job->out, "renders");
     int                drawn;
     const oxl_result   rc =

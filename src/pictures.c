@@ -95,6 +95,7 @@ static oxl_result pictures_draw_view(oxl_context *ctx, const oxl_model *model, o
         }
     }
     rc = oxl_render(ctx, model, &view->camera, &options, &drawn, depth);
+    for (size_t i = 0; rc == OXL_OK && depth && what->unit > 0 && i < (size_t)width * height; i++) depth[i] *= (float)what->unit;
     if (rc == OXL_OK) rc = pictures_write_image(ctx, folder, view->name, ".png", &drawn);
     if (rc == OXL_OK && depth) rc = pictures_write_depth(ctx, folder, view->name, depth, width, height);
     if (rc == OXL_OK && what->photographs) rc = oxl_scene_image(ctx, scene, index, &photograph);

@@ -648,3 +648,25 @@ OXL_INTERNAL const char *scene_masks_folder(const oxl_scene *scene)
 {
     return scene->masks;
 }
+
+/* By fixed-point iteration: a lens moves a pixel by less than it lies off the axis. */
+oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3], double way[3])
+{
+    const struct colmap_camera *camera = scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
+    const oxl_camera           *c      = &scene->view[view].camera;
+    double                      k[4]   = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
+    if (camera) camera_intrinsics(camera, k);
+    d[0] = (x - k[2]) / k[0], d[1] = (y - k[3]) / k[1];
+    for (int i = 0; i < 1000 && camera; i++) {
+        camera_distort(camera, d, pixel);
+        d[0] += (x - pixel[0]) / k[0], d[1] += (y - pixel[1]) / k[1];
+    }
+    if (camera && !(fabs(pixel[0] - x) < 1e-3 && fabs(pixel[1] - y) < 1e-3))
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: no direction leads to pixel %g, %g: it lies beyond what the camera's lens model describes",
+                        scene->view[view].name, x, y);
+    camera_position(c, start);
+    length = sqrt(d[0] * d[0] + d[1] * d[1] + 1);
+    for (int i = 0; i < 3; i++) way[i] = (c->rotation[i] * d[0] + c->rotation[3 + i] * d[1] + c->rotation[6 + i]) / length;
+    return OXL_OK;
+}

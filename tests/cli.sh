@@ -72,6 +72,13 @@ promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.p
 promise eval_prints_json 0 '{' on_stdout "$program" eval out/scene.ply survey --json
 promise render_draws_every_view 0 "16 pictures in all" "$program" render out/scene.ply survey -o all --split all --depth
 promise render_writes_depth 0 "16" sh -c 'find all -name "*.depth.pfm" | wc -l'
+promise render_writes_an_orthomosaic 0 "ortho.pgw places it in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --depth
+promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
+promise render_flies_a_path 0 "3 pictures in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
+promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
+promise measure_knows_a_distance 0 "scale     0.5 metres a unit" "$program" measure survey --scale-bar 0,0,0:2,0,0 --length 1
+promise measure_wants_a_bar 2 "--scale-bar" "$program" measure survey
+promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.ply metric.ply --scale 2
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250

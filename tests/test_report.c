@@ -87,8 +87,10 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
                      "400");
     CHECK_TEXT(page, "world = model + (1.000000, -2.500000, 3.000000)");
     CHECK_TEXT(page, "oceanxl train &#39;no &lt;where&gt; &amp; &#39;\\&#39;&#39;here&#39;\\&#39;&#39;&#39; -o ");
-    CHECK_TEXT(page, " --seed 3 --iterations 12 --sh-degree 3 --partition 2d --split midpoint --ucd 1.5,2,fixed --keep 0.5 --dog selective "
-                     "--dog-threshold 90.000000%");
+    CHECK_TEXT(
+        page,
+        " --seed 3 --iterations 12 --sh-degree 3 --partition 2d --split midpoint --ucd 1.5,2,fixed --keep 0.5 --dog selective "
+        "--dog-threshold 90.000000%");
     CHECK(strstr(page, "&lt;b&gt;&amp;&quot;.jpg") < strstr(page, "fine.png")); /* the worst first */
     free(page);
 }
@@ -161,29 +163,4 @@ TEST(report_json_reads_escapes_and_finds_members_at_their_own_depth)
     CHECK(*list == '{' && json_next(list) == NULL);
     CHECK(json_is_true(json, "t") && !json_is_true(json, "a") && isnan(json_number(json, "none")));
     free(s);
-}
-
-/* Cameras look down from above; right, up and above must be right-handed, and the widest axis goes right. */
-TEST(report_map_is_seen_from_the_cameras_and_not_mirrored)
-{
-    oxl_view   view       = {.name = "a", .camera = {8, 8, 8, 8, 4, 4, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0, 0, 5}}};
-    oxl_image  image      = {0};
-    oxl_point  points[30] = {{.error = 1}};
-    oxl_scene *scene      = NULL;
-    struct map m          = {0};
-    double     c[3], cross;
-    for (int i = 0; i < 30; i++)
-        points[i].position[0] = i % 6 * 2., points[i].position[1] = i / 6, points[i].position[2] = 0.01 * (i % 3);
-    CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, points, 30, &scene));
-    m.scene = scene;
-    map_frame(&m);
-    map_camera(&view, c);
-    CHECK_CLOSE(c[2], 5, 1e-12);
-    CHECK(map_along(&m, c, 2) > 0);
-    CHECK(fabs(m.axis[0][0]) > 0.99);
-    cross = m.axis[0][0] * m.axis[1][1] - m.axis[0][1] * m.axis[1][0];
-    CHECK(cross * m.axis[2][2] > 0.9);
-    oxl_scene_free(test_ctx, scene);
-    oxl_image_free(test_ctx, &image);
 }

@@ -15,7 +15,7 @@
 #define TRAINS       (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
 #define STUDIES      (IN(ABLATE) | IN(TRADEOFF))
 #define RUNS         (TRAINS | STUDIES)
-#define SCENES       (RUNS | IN(RENDER) | IN(EVAL))
+#define SCENES       (RUNS | IN(RENDER) | IN(EVAL) | IN(MEASURE))
 #define EVERYWHERE   (~0u)
 
 static const struct {
@@ -35,8 +35,14 @@ static const struct {
     {"partition", COMMAND_PARTITION, 1, "SCENE -o OUT",
      "Cuts a survey into blocks of equal work, each a COLMAP text export of its own.", "oceanxl partition survey -o out",
      "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
-    {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR", "Draws a model from the cameras of a survey.",
-     "oceanxl render out/scene.ply survey -o pictures", "One PNG a view, named as its photograph."},
+    {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR",
+     "Draws a model from the cameras of a survey, or from above, or along a path.",
+     "oceanxl render out/scene.ply survey -o pictures",
+     "One PNG a view, named as its photograph; --ortho and --path draw others instead."},
+    {"measure", COMMAND_MEASURE, 1, "SCENE --scale-bar ENDS",
+     "Measures in a survey: a scale bar's length, and so how many metres a unit has.",
+     "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
+     "Pixels are those of the photographs as they are, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
     {"eval", COMMAND_EVAL, 2, "MODEL SCENE",
      "Compares a model with photographs: PSNR, SSIM and MS-SSIM, for each view and in the mean.",
      "oceanxl eval out/scene.ply survey",
@@ -104,6 +110,18 @@ static const struct option {
     {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
     {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER),
      "depth too: NAME.depth.png to look at, NAME.depth.pfm to measure, in the survey's unit"},
+    {"What is written", "--ortho", NULL, FLAG, FIELD(ortho), IN(RENDER),
+     "an orthomosaic instead: ortho.png with its world file ortho.pgw; with --depth the heights, ortho.height.pfm"},
+    {"What is written", "--pixel", "SIZE", REAL, FIELD(pixel), IN(RENDER),
+     "of the orthomosaic, in units, or in metres with --scale; 0: 2048 px on the longer side (0)"},
+    {"What is written", "--path", "orbit|survey", TEXT, FIELD(flight), IN(RENDER),
+     "frames of a flight instead, around the middle or along the cameras: frame_00000.png and on"},
+    {"What is written", "--frames", "N", COUNTING, FIELD(frames), IN(RENDER), "of the flight (120)"},
+    {"What is written", "--scale", "METRES", REAL, FIELD(scale), IN(RENDER) | IN(CONVERT),
+     "that a unit of the survey has, as measure tells: depths, heights and places in metres, models scaled (1)"},
+    {"What is measured", "--scale-bar", "ENDS", TEXT, FIELD(bar), IN(MEASURE),
+     "IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, both ends in two photographs or more; or X,Y,Z:X,Y,Z in the survey's units"},
+    {"What is measured", "--length", "METRES", REAL, FIELD(length), IN(MEASURE), "of the bar (not known)"},
     {"What is written", "--json", NULL, FLAG, FIELD(json), TRAINS | IN(EVAL) | IN(INFO), "results on standard output as JSON"},
     {"How it is cut into blocks", "--block-points", "N", COUNTING, FIELD(block_points), RUNS,
      "a block of more points than this is cut (40000)"},
@@ -439,6 +457,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .block         = -1,
                             .ram           = -1,
                             .seeds         = 1,
+                            .frames        = 120,
                             .budget        = 1200,
                             .dog           = -1,
                             .dog_threshold = -2,
@@ -456,7 +475,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
     if (argc < 2) {
         snprintf(
             error, size,
-            "a command is wanted: train, check, partition, render, eval, info, convert, report, synth, ablate, tradeoff\nfix: oceanxl --help");
+            "a command is wanted: train, check, partition, render, eval, measure, info, convert, report, synth, ablate, tradeoff\nfix: oceanxl --help");
         return 1;
     }
     if (find_command(argv[1], a, error, size)) return 1;

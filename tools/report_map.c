@@ -1,8 +1,6 @@
-/* report_map.c - the survey from above: its points in their colours, the cameras on top.
+/* report_map.c - the survey from above (frame.c): its points in their colours, the cameras on top.
  *
- * Above is along the third principal axis of the points, on the side of the cameras. The points become one picture, so the page
- * does not grow with them; cameras are drawn on it, so they can be told apart at any size.
- * Invariant: the map is never mirrored: right, up and above are a right-handed frame.
+ * The points become one picture, so the page does not grow with them; cameras are drawn on it, so they can be told apart at any size.
  */
 #include "report.h"
 
@@ -10,117 +8,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAP_WIDTH = 960, MAP_SAMPLE = 100000, MAP_CAMERAS = 4000 };
+enum { MAP_WIDTH = 960, MAP_CAMERAS = 4000 };
 
 struct map {
     const oxl_scene *scene;
-    double           centre[3], axis[3][3]; /* right, up, above */
-    double           low[2], high[2];       /* along right and up */
-    double           scale;                 /* px a unit */
+    struct frame     frame;
+    double           low[2], high[2]; /* along right and up */
+    double           scale;           /* px a unit */
     int              width, height;
 };
-
-/* ---------------------------------------------------------------- the frame */
-
-/* Eigenvectors of a symmetric matrix, as rows of v (Jacobi 1846); the diagonal of a becomes the eigenvalues. */
-static void map_jacobi(double a[3][3], double v[3][3])
-{
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) v[i][j] = i == j;
-    for (int sweep = 0; sweep < 60; sweep++) {
-        const int    p = sweep % 3 == 2 ? 1 : 0, q = sweep % 3 == 0 ? 1 : 2;
-        const double angle = 0.5 * atan2(2 * a[p][q], a[q][q] - a[p][p]), c = cos(angle), s = sin(angle);
-        for (int k = 0; k < 3; k++) {
-            const double x = a[k][p], y = a[k][q];
-            a[k][p] = c * x - s * y, a[k][q] = s * x + c * y;
-        }
-        for (int k = 0; k < 3; k++) {
-            const double x = a[p][k], y = a[q][k], vx = v[p][k], vy = v[q][k];
-            a[p][k] = c * x - s * y, a[q][k] = s * x + c * y;
-            v[p][k] = c * vx - s * vy, v[q][k] = s * vx + c * vy;
-        }
-    }
-}
-
-static double map_along(const struct map *m, const double p[3], int axis)
-{
-    double sum = 0;
-    for (int k = 0; k < 3; k++) sum += m->axis[axis][k] * (p[k] - m->centre[k]);
-    return sum;
-}
-
-static void map_camera(const oxl_view *view, double out[3])
-{
-    const oxl_camera *c = &view->camera;
-    for (int k = 0; k < 3; k++)
-        out[k] = -(c->rotation[k] * c->translation[0] + c->rotation[3 + k] * c->translation[1] +
-                   c->rotation[6 + k] * c->translation[2]);
-}
-
-static size_t map_stride(const struct map *m)
-{
-    return 1 + oxl_scene_point_count(m->scene) / MAP_SAMPLE;
-}
-
-/* The widest axis goes right, the second up, the narrowest towards the cameras. */
-static void map_frame(struct map *m)
-{
-    const oxl_point *point   = oxl_scene_points(m->scene);
-    const size_t     count   = oxl_scene_point_count(m->scene);
-    double           a[3][3] = {{0}}, v[3][3], n = 0, above = 0;
-    int              order[3] = {0, 1, 2};
-    for (size_t i = 0; i < count; i += map_stride(m), n++)
-        for (int k = 0; k < 3; k++) m->centre[k] += point[i].position[k];
-    for (int k = 0; k < 3; k++) m->centre[k] /= n;
-    for (size_t i = 0; i < count; i += map_stride(m))
-        for (int k = 0; k < 9; k++)
-            a[k / 3][k % 3] += (point[i].position[k / 3] - m->centre[k / 3]) * (point[i].position[k % 3] - m->centre[k % 3]);
-    map_jacobi(a, v);
-    for (int i = 0; i < 2; i++)
-        for (int j = 0; j < 2 - i; j++)
-            if (a[order[j]][order[j]] < a[order[j + 1]][order[j + 1]]) {
-                const int swapped = order[j];
-                order[j] = order[j + 1], order[j + 1] = swapped;
-            }
-    for (int i = 0; i < 3; i++) memcpy(m->axis[i], v[order[i]], sizeof v[0]);
-    for (int i = 0; i < oxl_scene_view_count(m->scene); i++) {
-        double c[3];
-        map_camera(oxl_scene_view(m->scene, i), c);
-        above += map_along(m, c, 2);
-    }
-    for (int k = 0; k < 3 && above < 0; k++) m->axis[2][k] = -m->axis[2][k];
-    for (int k = 0; k < 3; k++) /* up = above x right */
-        m->axis[1][k] = m->axis[2][(k + 1) % 3] * m->axis[0][(k + 2) % 3] - m->axis[2][(k + 2) % 3] * m->axis[0][(k + 1) % 3];
-}
-
-static int map_compare(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-/* All cameras, and all points but the outermost 1/200 on each side. 0: no memory. */
-static int map_bounds(struct map *m)
-{
-    const oxl_point *point = oxl_scene_points(m->scene);
-    const size_t     count = oxl_scene_point_count(m->scene);
-    double          *along = malloc(sizeof *along * (count / map_stride(m) + 1));
-    for (int d = 0; along && d < 2; d++) {
-        size_t n = 0;
-        for (size_t i = 0; i < count; i += map_stride(m)) along[n++] = map_along(m, point[i].position, d);
-        qsort(along, n, sizeof *along, map_compare);
-        m->low[d] = along[n / 200], m->high[d] = along[n - 1 - n / 200];
-        for (int i = 0; i < oxl_scene_view_count(m->scene); i++) {
-            double c[3], at;
-            map_camera(oxl_scene_view(m->scene, i), c);
-            at         = map_along(m, c, d);
-            m->low[d]  = fmin(m->low[d], at);
-            m->high[d] = fmax(m->high[d], at);
-        }
-    }
-    free(along);
-    return along != NULL;
-}
 
 static void map_size(struct map *m)
 {
@@ -135,12 +31,12 @@ static void map_size(struct map *m)
 
 static double map_x(const struct map *m, const double p[3])
 {
-    return (map_along(m, p, 0) - m->low[0]) * m->scale;
+    return (frame_along(&m->frame, p, 0) - m->low[0]) * m->scale;
 }
 
 static double map_y(const struct map *m, const double p[3])
 {
-    return (m->high[1] - map_along(m, p, 1)) * m->scale;
+    return (m->high[1] - frame_along(&m->frame, p, 1)) * m->scale;
 }
 
 /* ---------------------------------------------------------------- the picture of the points */
@@ -159,7 +55,7 @@ static void map_draw_points(const struct map *m, oxl_image *image, double *top)
     }
     for (size_t i = 0; i < count; i++) {
         const double x = map_x(m, point[i].position), y = map_y(m, point[i].position),
-                     height = map_along(m, point[i].position, 2);
+                     height = frame_along(&m->frame, point[i].position, 2);
         for (int k = 0; k < side * side; k++) {
             const double px = floor(x) + k % side, py = floor(y) + k / side;
             size_t       at;
@@ -195,7 +91,7 @@ static void map_cameras(struct study_text *t, const struct map *m)
             const oxl_view *view = oxl_scene_view(m->scene, i);
             double          c[3];
             if (view->is_test != test) continue;
-            map_camera(view, c);
+            frame_eye(view, c);
             study_add(t, "<circle cx=\"%s\" cy=\"%s\" r=\"%s\" %s>", STUDY_FIXED(map_x(m, c), 1), STUDY_FIXED(map_y(m, c), 1),
                       STUDY_FIXED(radius, 1),
                       test ? "fill=\"#ffd24a\" stroke=\"#000\""
@@ -225,8 +121,8 @@ static void map_figure(struct report *r, const oxl_scene *scene)
 {
     struct study_text *t = &r->page;
     struct map         m = {.scene = scene};
-    map_frame(&m);
-    if (!map_bounds(&m)) {
+    frame_of(scene, &m.frame);
+    if (!frame_bounds(&m.frame, scene, 1, m.low, m.high)) {
         t->failed = 1;
         return;
     }

@@ -26,6 +26,49 @@ double      json_number_at(const char **cursor);               /* and moves past
 int         json_is_true(const char *object, const char *name);
 char       *json_string(const char *value); /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
 
+/* ---------------------------------------------------------------- frame.c: which way is right, up and above in a survey */
+
+struct frame {
+    double centre[3], axis[3][3]; /* local coordinates; rows: right, up, above, of unit length */
+    int    is_world;              /* they are the world's x, y and z */
+};
+void   frame_of(const oxl_scene *scene, struct frame *out);
+double frame_along(const struct frame *f, const double p[3], int axis); /* from the centre */
+double frame_camera_height(const struct frame *f, const oxl_scene *scene);
+void   frame_eye(const oxl_view *view, double out[3]); /* where the camera stood */
+void   frame_cross(const double a[3], const double b[3], double out[3]);
+/* Along right and up: all points but the outermost 1/200 on each side, and all cameras if they are wanted. 0: no memory. */
+int    frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2], double high[2]);
+
+/* ---------------------------------------------------------------- ortho.c: an orthomosaic */
+
+typedef struct ortho_options {
+    const char *folder; /* gets ortho.png, ortho.pgw and ortho.height.pfm */
+    double      pixel;  /* its size, in units, or metres when `unit` is given; 0: the longer side has 2048 of them */
+    double      unit;   /* metres a unit of the survey; 0: not known */
+    int         heights;
+} ortho_options;
+oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to,
+                       char *error, size_t error_size);
+
+/* ---------------------------------------------------------------- flight.c: frames along a path */
+
+typedef struct flight_options {
+    const char *folder, *kind; /* orbit | survey */
+    int         frames;
+    int (*stop)(void *user, const char *what, long done, long total); /* nonzero stops it; may be NULL */
+    void *user;
+} flight_options;
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options,
+                        char *error, size_t error_size);
+
+/* ---------------------------------------------------------------- scale.c: how long a unit is */
+
+/* Prints the bar's ends and length, and metres a unit when its length in metres is known (else 0). */
+oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to, char *error,
+                         size_t error_size);
+void       scale_model(oxl_model *model, double scale);
+
 /* ---------------------------------------------------------------- report.c: what a run left, as one page */
 
 /* Writes OUT/report.html, whole or not at all. What is not there yet is left out. On failure the text says why. */
@@ -104,7 +147,8 @@ enum command {
     COMMAND_SYNTH,
     COMMAND_ABLATE,
     COMMAND_TRADEOFF,
-    COMMAND_REPORT
+    COMMAND_REPORT,
+    COMMAND_MEASURE
 };
 
 struct arguments { /* negative numbers and NULL: not given */
@@ -124,6 +168,9 @@ struct arguments { /* negative numbers and NULL: not given */
     int          ssim_every;
     double       coarse, bands_every; /* shares of the run */
     const char  *ucd, *keep;          /* as oxl_ucd_parse and oxl_keep_parse take them */
+    int          ortho, frames;
+    double       pixel, scale, length; /* of --ortho; metres a unit; metres */
+    const char  *flight, *bar;         /* --path of render, --scale-bar */
     const char  *out, *images, *sparse, *masks, *rows;
 
     synth_options synth; /* holds its defaults where nothing was given */

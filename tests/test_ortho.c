@@ -1,0 +1,215 @@
+/* test_ortho.c - what is drawn from above, along a path or measured in photographs lies where it says. */
+#include "../tools/flight.c"
+#include "../tools/frame.c"
+#include "../tools/ortho.c"
+#include "../tools/scale.c"
+#include "../tools/report.h"
+
+/* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down. */
+static oxl_scene *ortho_test_scene(void)
+{
+    static const double eyes[2][3] = {{3, 2, 5}, {7, 2, 5}};
+    oxl_view            view[2];
+    oxl_image           image[2] = {{0}, {0}};
+    oxl_point           points[30];
+    oxl_scene          *scene = NULL;
+    for (int i = 0; i < 30; i++) points[i] = (oxl_point){{i % 6 * 2., i / 6, 0.01 * (i % 3)}, 1, {9, 9, 9}};
+    for (int i = 0; i < 2; i++) {
+        view[i] =
+            (oxl_view){.name = i ? "b.png" : "a.png", .camera = {40, 30, 50, 50, 20, 15, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0}}};
+        view[i].camera.translation[0] = -eyes[i][0], view[i].camera.translation[1] = eyes[i][1],
+        view[i].camera.translation[2] = eyes[i][2];
+        CHECK_OK(oxl_image_create(test_ctx, 40, 30, &image[i]));
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, points, 30, &scene));
+    for (int i = 0; i < 2; i++) oxl_image_free(test_ctx, &image[i]);
+    return scene;
+}
+
+/* Right, up and above must be right-handed, and above is where the cameras are. */
+TEST(frame_is_seen_from_the_cameras_and_not_mirrored)
+{
+    oxl_scene   *scene = ortho_test_scene();
+    struct frame f;
+    double       eye[3], cross[3], low[2], high[2];
+    frame_of(scene, &f);
+    frame_eye(oxl_scene_view(scene, 0), eye);
+    CHECK(f.is_world && frame_along(&f, eye, 2) > 4.9);
+    f = (struct frame){{0}, {{0}}, 0};
+    frame_axes(&f, scene);
+    CHECK(fabs(f.axis[0][0]) > 0.99 && fabs(f.axis[1][1]) > 0.99); /* the widest first */
+    frame_of(scene, &f);
+    frame_cross(f.axis[0], f.axis[1], cross);
+    for (int k = 0; k < 3; k++) CHECK_CLOSE(cross[k], f.axis[2][k], 1e-12);
+    CHECK(frame_bounds(&f, scene, 0, low, high));
+    CHECK_CLOSE(high[0] - low[0], 10, 1e-9);
+    CHECK_CLOSE(high[1] - low[1], 4, 1e-9);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* A white speck at a known place of the world: the world file must say that place of the brightest pixel, the height model its height. */
+TEST(ortho_places_a_speck_where_its_world_file_says)
+{
+    oxl_scene          *scene      = ortho_test_scene();
+    oxl_model           model      = {0};
+    oxl_image           image      = {0};
+    ortho_options       options    = {test_path("ortho"), 0.05, 0, 1};
+    double              line[6]    = {0};
+    const double        at[3]      = {3.3, 1.2, 0.5};
+    size_t              brightest  = 0, pixels;
+    char                error[300] = "", *text;
+    const struct report r          = {.out = test_path("ortho")};
+    const char         *cursor;
+    FILE               *to = fopen(test_path("said"), "wb");
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    for (int k = 0; k < 3; k++) {
+        model.plane[OXL_MEAN + k][0]      = (float)(at[k] - oxl_scene_origin(scene)[k]);
+        model.plane[OXL_LOG_SCALE + k][0] = logf(0.04f);
+        model.plane[OXL_SH + k][0]        = 1.7f;
+    }
+    model.plane[OXL_OPACITY][0] = 6;
+    CHECK_OK(ortho_write(test_ctx, &model, scene, &options, to, error, sizeof error));
+    CHECK_OK(oxl_image_read(test_ctx, test_path("ortho/ortho.png"), &image));
+    pixels = (size_t)image.width * (size_t)image.height;
+    for (size_t i = 0; i < pixels; i++)
+        if (image.rgb[i] > image.rgb[brightest]) brightest = i;
+    text   = report_read(&r, "ortho.pgw", NULL);
+    cursor = text ? text : "";
+    for (int i = 0; i < 6; i++) {
+        line[i] = json_number_at(&cursor);
+        cursor += strspn(cursor, "\n");
+    }
+    CHECK_CLOSE(line[0], 0.05, 1e-9);
+    CHECK_CLOSE(line[3], -0.05, 1e-9);
+    CHECK_CLOSE(line[4] + line[0] * (double)(brightest % (size_t)image.width), at[0], 0.05);
+    CHECK_CLOSE(line[5] + line[3] * (double)(brightest / (size_t)image.width), at[1], 0.05);
+    free(text);
+    text = report_read(&r, "ortho.height.pfm", &pixels);
+    if (text) {
+        float        height;
+        const size_t row = (size_t)image.height - 1 - brightest / (size_t)image.width, column = brightest % (size_t)image.width;
+        memcpy(&height, text + pixels - 4 * (size_t)image.width * (size_t)image.height + 4 * (row * (size_t)image.width + column),
+               4);
+        CHECK_CLOSE(height, at[2], 0.02);
+    }
+    free(text);
+    options.pixel = 1e-9;
+    CHECK(ortho_write(test_ctx, &model, scene, &options, to, error, sizeof error) == OXL_ERR_USAGE);
+    fclose(to);
+    oxl_image_free(test_ctx, &image);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
+{
+    oxl_scene *scene = ortho_test_scene();
+    for (int end = 0; end < 2; end++) {
+        oxl_camera        c      = oxl_scene_view(scene, 0)->camera;
+        const oxl_camera *wanted = &oxl_scene_view(scene, end)->camera;
+        flight_survey(scene, end, &c);
+        for (int k = 0; k < 9; k++) CHECK_CLOSE(c.rotation[k], wanted->rotation[k], 1e-12);
+        for (int k = 0; k < 3; k++) CHECK_CLOSE(c.translation[k], wanted->translation[k], 1e-9);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(flight_around_the_middle_looks_at_it_with_the_sky_up)
+{
+    oxl_scene   *scene = ortho_test_scene();
+    struct frame f;
+    frame_of(scene, &f);
+    for (int i = 0; i < 7; i++) {
+        oxl_camera c = oxl_scene_view(scene, 0)->camera;
+        double     p[3], cross[3];
+        CHECK(flight_orbit(scene, i / 7., &c));
+        for (int k = 0; k < 3; k++)
+            p[k] = c.rotation[3 * k] * f.centre[0] + c.rotation[3 * k + 1] * f.centre[1] + c.rotation[3 * k + 2] * f.centre[2] +
+                   c.translation[k];
+        CHECK_CLOSE(p[0], 0, 1e-9);
+        CHECK_CLOSE(p[1], 0, 1e-9);
+        CHECK(p[2] > 1 && c.rotation[5] < 0);
+        frame_cross(c.rotation, c.rotation + 3, cross);
+        for (int k = 0; k < 3; k++) CHECK_CLOSE(cross[k], c.rotation[6 + k], 1e-12);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Pixels of a place in a.png and b.png of the scene above. */
+static void ortho_test_pixels(const oxl_scene *scene, const double place[3], char out[200])
+{
+    size_t used = 0;
+    for (int i = 0; i < 2; i++) {
+        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+        double            p[3];
+        for (int k = 0; k < 3; k++) {
+            p[k] = c->translation[k];
+            for (int j = 0; j < 3; j++) p[k] += c->rotation[3 * k + j] * (place[j] - oxl_scene_origin(scene)[j]);
+        }
+        used += (size_t)snprintf(out + used, 200 - used, "%s%s,%.9f,%.9f", i ? "," : "", i ? "b.png" : "a.png",
+                                 c->fx * p[0] / p[2] + c->cx, c->fy * p[1] / p[2] + c->cy);
+    }
+}
+
+TEST(scale_bar_is_as_long_as_it_is)
+{
+    oxl_scene          *scene     = ortho_test_scene();
+    const double        end[2][3] = {{4, 2, 0}, {4.3, 2.4, 0}}; /* half a unit apart */
+    char                pixels[2][200], bar[420], error[600] = "";
+    FILE               *to = fopen(test_path("said"), "wb+");
+    const struct report r  = {.out = test_folder()};
+    char               *text;
+    for (int i = 0; i < 2; i++) ortho_test_pixels(scene, end[i], pixels[i]);
+    snprintf(bar, sizeof bar, "%s:%s", pixels[0], pixels[1]);
+    CHECK_OK(scale_measure(test_ctx, scene, bar, 0.25, to, error, sizeof error));
+    CHECK_OK(scale_measure(test_ctx, scene, "4,2,0:4.3,2.4,0", 1, to, error, sizeof error));
+    fclose(to);
+    text = report_read(&r, "said", NULL);
+    CHECK_TEXT(text ? text : "", "end 2     4.300000 2.400000");
+    CHECK_TEXT(text ? text : "", "scale     0.5");
+    CHECK_TEXT(text ? text : "", "scale     2 metres");
+    free(text);
+    CHECK(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK_TEXT(error, "seen in two photographs");
+    CHECK(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK_TEXT(error, "no photograph is called 'c.png'");
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scale_of_a_model_moves_means_scales_and_origin)
+{
+    oxl_model model = {0};
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    model.plane[OXL_MEAN][0] = 3, model.plane[OXL_LOG_SCALE][0] = 1, model.origin[2] = 5;
+    scale_model(&model, 2);
+    CHECK_CLOSE(model.plane[OXL_MEAN][0], 6, 1e-6);
+    CHECK_CLOSE(model.plane[OXL_LOG_SCALE][0], 1 + log(2), 1e-6);
+    CHECK_CLOSE(model.origin[2], 10, 1e-12);
+    oxl_model_free(test_ctx, &model);
+}
+
+/* Through a fisheye: what camera_distort makes of the ray is the pixel that was asked for. */
+TEST(scale_sight_undoes_the_lens)
+{
+    static const char *const cameras[] = {"1 OPENCV 200 150 120 118 101 74 -0.12 0.03 0.001 -0.002\n",
+                                          "1 OPENCV_FISHEYE 200 150 90 90 100 75 0.02 0.01 0 0\n"};
+    for (int m = 0; m < 2; m++) {
+        oxl_scene_options o     = oxl_scene_options_default();
+        oxl_scene        *scene = NULL;
+        double            start[3], way[3], pixel[2];
+        o.read_images = 0;
+        test_write("survey/cameras.txt", cameras[m]);
+        test_write("survey/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n");
+        test_write("survey/points3D.txt", "1 0 0 5 9 9 9 0.5 1 0 2 0\n2 1 0 5 9 9 9 0.5 1 0 2 0\n3 0 1 6 9 9 9 0.5 1 0 2 0\n");
+        CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+        if (!scene) continue;
+        for (int i = 0; i < 12; i++) {
+            const double x = 20 + 50 * (i % 4), y = 20 + 50 * (i / 4);
+            CHECK_OK(oxl_scene_sight(test_ctx, scene, 0, x, y, start, way));
+            camera_distort(&scene->colmap.camera[0], (double[2]){way[0] / way[2], way[1] / way[2]}, pixel);
+            CHECK_CLOSE(pixel[0], x, 2e-3);
+            CHECK_CLOSE(pixel[1], y, 2e-3);
+        }
+        oxl_scene_free(test_ctx, scene);
+    }
+}
