@@ -27,6 +27,9 @@
 #define STBI_NO_GIF
 #define STBI_ONLY_JPEG
 #define STBI_ONLY_PNG
+#ifdef __TINYC__ /* says that it is x86-64, but has no intrinsics */
+#define STBI_NO_SIMD
+#endif
 #define stbi_set_unpremultiply_on_load_thread stbi__unpremultiply_on_load_thread
 #include <stb/stb_image.h>
 #define STB_IMAGE_WRITE_STATIC

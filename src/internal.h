@@ -11,6 +11,9 @@
 #if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 200809L
 #endif
+#if defined(__MINGW32__) && !defined(__USE_MINGW_ANSI_STDIO)
+#define __USE_MINGW_ANSI_STDIO 1 /* printf as C99 has it: %zu */
+#endif
 #if defined(__APPLE__) && !defined(_DARWIN_C_SOURCE)
 #define _DARWIN_C_SOURCE /* ru_maxrss */
 #endif
@@ -69,7 +72,9 @@ OXL_INTERNAL void  oxl_free(oxl_context *ctx, void *memory);
 /* Grows *array so that it holds at least `needed` elements; *capacity is doubled. */
 OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t needed, size_t size);
 
-#ifdef __GNUC__
+#if defined(__MINGW32__)
+#define OXL_PRINTF(at, first) __attribute__((format(gnu_printf, at, first)))
+#elif defined(__GNUC__)
 #define OXL_PRINTF(at, first) __attribute__((format(printf, at, first)))
 #else
 #define OXL_PRINTF(at, first)

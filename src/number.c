@@ -120,6 +120,10 @@ static double number_scale_wide(uint64_t w, int e)
 }
 #endif
 
+#ifndef FLT_EVAL_METHOD
+#define FLT_EVAL_METHOD -1 /* a compiler that does not say */
+#endif
+
 /* w is the value of the digits (modulo 2^64, when there are more than NUMBER_DIGITS_MAX). */
 static double number_scale(uint64_t w, const char *digits, const char *end, int count, int64_t exponent)
 {

@@ -148,6 +148,8 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
 #include <windows.h>
 #include <io.h>
 #include <psapi.h> /* link with -lpsapi */
+#undef near        /* words of 16-bit times that are names here */
+#undef far
 
 enum { OS_PATH_MAX = 4096 };
 
