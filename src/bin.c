@@ -153,8 +153,8 @@ SIMD_INLINE void bin_block_rows(const struct splat *s, const struct bin_contour 
         const real right = u - k * yr + real_sqrt((cr > 0 ? cr : 0) / a) + slack;
         const int  meets = (y0 <= y1) & (right >= leftmost) & (left <= rightmost);
         const real from = left + (real)0.4999, to = right - (real)0.5; /* from: the first pixel whose centre is not left of it */
-        const int32_t first = (int32_t)(meets & (from > 0) ? from : 0),
-                      last  = (int32_t)(meets & (to < rightmost) ? to : rightmost);
+        const int32_t first = (int32_t)((meets & (from > 0)) ? from : 0),
+                      last  = (int32_t)((meets & (to < rightmost)) ? to : rightmost);
         const int some      = meets & (first <= last);
         out->first[l]       = some ? first / 4 : INT_MAX;
         out->last[l]        = some ? last / 4 : -1;
