@@ -68,6 +68,15 @@ static int report_log_row(const char *at, const int *column, int columns, double
     return isfinite(row[REPORT_ITERATION]);
 }
 
+/* A trial's steps are taken back: a row that goes back in time begins the time anew. */
+static void report_add_row(struct report_block *b)
+{
+    double *row = b->log + (size_t)b->rows * REPORT_COLUMNS, *at = row;
+    while (at > b->log && at[REPORT_ITERATION - REPORT_COLUMNS] >= row[REPORT_ITERATION]) at -= REPORT_COLUMNS;
+    memmove(at, row, REPORT_COLUMNS * sizeof *row);
+    b->rows = (int)((at - b->log) / REPORT_COLUMNS) + 1;
+}
+
 static void report_read_log(struct report *r, struct report_block *b, char *text)
 {
     int    column[32], columns = report_heads(text, column, 32);
@@ -76,7 +85,7 @@ static void report_read_log(struct report *r, struct report_block *b, char *text
     b->log = malloc((lines + 1) * REPORT_COLUMNS * sizeof *b->log);
     if (!b->log) r->page.failed = 1;
     for (const char *at = strchr(text, '\n'); b->log && at && at[1]; at = strchr(at + 1, '\n'))
-        b->rows += report_log_row(at + 1, column, columns, b->log + (size_t)b->rows * REPORT_COLUMNS);
+        if (report_log_row(at + 1, column, columns, b->log + (size_t)b->rows * REPORT_COLUMNS)) report_add_row(b);
 }
 
 static void report_read_block(struct report *r, int k)
@@ -427,6 +436,15 @@ static void report_number_option(struct report *r, const char *option, const cha
     if (isfinite(value) && value != fresh) study_add(&r->page, " %s %s", option, STUDY_FIXED(value, 0));
 }
 
+/* A share or a weight, with every digit that it needs. */
+static void report_share_option(struct report *r, const char *option, const char *name, float fresh)
+{
+    const double value = json_number(r->job, name);
+    char         digits[32];
+    report_digits(r, name, digits);
+    if (isfinite(value) && (float)value != fresh) study_add(&r->page, " %s %s", option, digits);
+}
+
 static void report_word_option(struct report *r, const char *option, const char *word, const char *fresh)
 {
     if (strcmp(word, fresh) == 0) return;
@@ -461,6 +479,9 @@ static void report_command(struct report *r)
     report_number_option(r, "--iterations", "iterations", fresh.train.iterations);
     if (json_number(r->job, "sh_degree") >= 0) report_number_option(r, "--sh-degree", "sh_degree", fresh.train.sh_degree);
     else if (fresh.train.sh_degree >= 0) study_add(&r->page, " --sh-degree auto");
+    report_number_option(r, "--ssim-every", "ssim_every", fresh.train.ssim_every);
+    report_share_option(r, "--coarse", "coarse", fresh.train.coarse);
+    report_share_option(r, "--sh-every", "bands_every", fresh.train.bands_every);
     report_number_option(r, "--max-gaussians", "max_gaussians", fresh.train.max_gaussians);
     report_number_option(r, "--max-side", "max_side", fresh.scene.max_side);
     report_number_option(r, "--test-every", "test_every", fresh.scene.test_every);
