@@ -26,7 +26,7 @@ static const struct {
 } commands[] = {
     {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: photographs and a COLMAP text export in, one splat model out.",
      "oceanxl train survey -o out",
-     "OUT gets scene.ply (opens in any 3DGS viewer), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
+     "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
      "Ctrl-C stops in good order and saves the state, a crash loses a minute: run the same command again, and it goes on."},
     {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, and judges the whole.", "oceanxl merge out",
      "OUT gets what train would have left there, to the byte."},
