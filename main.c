@@ -132,7 +132,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->dog >= 0) o->train.dog = (oxl_dog)a->dog;
     if (a->dog_threshold >= -1) o->train.dog_threshold = (float)a->dog_threshold;
     if (a->ssim_every >= 0) o->train.ssim_every = a->ssim_every;
-    if (a->coarse >= 0) o->train.coarse = (float)a->coarse;
+    if (a->coarse >= -1) o->train.coarse = (float)a->coarse;
     if (a->bands_every >= 0) o->train.bands_every = (float)a->bands_every;
     if (a->ram >= 0) o->ram = (size_t)a->ram;
     if (a->block >= 0) o->block = a->block;

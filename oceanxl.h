@@ -321,8 +321,8 @@ typedef struct oxl_train_options {
     float    background[3];
     float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
-    int      ssim_every;  /* SSIM counts in every n-th step, the others have L1 alone (1) */
-    float    coarse;      /* share of the run, its first, that is trained at half the photographs' sides (0, draft 0.25) */
+    int      ssim_every; /* SSIM counts in every n-th step, the others have L1 alone (1) */
+    float    coarse; /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more (0, draft -1) */
     float    bands_every; /* share of the run after which there is one more band of spherical harmonics (1/30) */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;

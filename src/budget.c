@@ -1,6 +1,7 @@
 /* budget.c - fits the training of a block into the memory that it is given (--ram), by the arithmetic of survey.c.
  *
- * What gives way first is the cache of photographs, then the number of Gaussians, then the size of the blocks.
+ * What gives way first is the cache of photographs, then trials (which copy the model: nothing is decided by `auto`), then the number
+ * of Gaussians, then the size of the blocks.
  * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
  * what this machine has or had free.
  */
@@ -31,26 +32,47 @@ static double budget_gaussians(const oxl_context *ctx, const oxl_job_options *o,
     return low;
 }
 
+static void budget_leave_out_trials(oxl_job_options *o)
+{
+    if (o->train.sh_degree < 0) o->train.sh_degree = 3;
+    if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
+}
+
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)
 {
-    double gaussians;
+    oxl_job_options fitted = *o;
+    double          gaussians;
     if (o->ram == 0) return 1;
-    o->scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
-    gaussians                  = budget_gaussians(ctx, o, load);
+    fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    if (survey_cost(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
+    gaussians = budget_gaussians(ctx, &fitted, load);
     if (gaussians < BUDGET_GROWTH * (double)load->points || gaussians < 1) return 0;
-    o->train.max_gaussians = (int)gaussians;
+    fitted.train.max_gaussians = (int)gaussians;
+    *o                         = fitted;
     return 1;
+}
+
+/* The least budget that does, in MiB. */
+static double budget_needed(const oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o)
+{
+    double low = 0, high = 1 << 24;
+    while (high - low > 1) {
+        const double    middle = floor((low + high) / 2);
+        oxl_job_options tried  = *o;
+        tried.ram              = (size_t)(middle * 1048576);
+        if (tried.ram > 0 && budget_fit(ctx, load, &tried)) high = middle;
+        else low = middle;
+    }
+    return high;
 }
 
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o)
 {
-    const double start = OXL_MAX(1, BUDGET_GROWTH * (double)load->points);
+    const double needed = budget_needed(ctx, load, o);
     return oxl_fail(ctx, OXL_ERR_BUDGET,
                     "%.2f GB do not suffice for %zu points and photographs of %.1f megapixels: %.2f GB would\n"
                     "fix: --ram %.0fM, or a smaller --max-side, or --sh-degree 0",
-                    (double)o->ram / 1e9, load->points, load->largest / 1e6,
-                    budget_memory(ctx, o, load, start) / BUDGET_MARGIN / 1e9,
-                    ceil(budget_memory(ctx, o, load, start) / BUDGET_MARGIN / 1048576));
+                    (double)o->ram / 1e9, load->points, load->largest / 1e6, needed * 1048576 / 1e9, needed);
 }
 
 /* ---------------------------------------------------------------- blocks that fit */

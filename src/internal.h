@@ -720,7 +720,9 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options);
 OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options);
-OXL_INTERNAL double train_pixels(const oxl_scene *scene);                   /* of all training views */
+OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training views */
+/* Share of the run in which a photograph of this size is halved. */
+OXL_INTERNAL double train_coarse_share(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int    train_densifications(const oxl_train_options *options); /* in a whole run */
 
 /* ---------------------------------------------------------------- run.c: run.json, what a result depends on */

@@ -110,6 +110,13 @@ struct rehearsed {
     double early, halved, late;
 };
 
+/* As for the first view. */
+static double rehearse_coarse(const oxl_scene *scene, const oxl_train_options *o)
+{
+    const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
+    return train_coarse_share(o, camera->width, camera->height);
+}
+
 static oxl_result rehearse_both(struct rehearsal *r, const oxl_train_options *o, size_t count, struct rehearsed *out)
 {
     const int  degree = o->sh_degree < 0 ? 3 : o->sh_degree;
@@ -118,7 +125,7 @@ static oxl_result rehearse_both(struct rehearsal *r, const oxl_train_options *o,
     if (rc == OXL_OK) rc = renderer_create(r->ctx, &r->renderer);
     if (rc == OXL_OK)
         rc = oxl_model_from_points(r->ctx, oxl_scene_points(r->scene), oxl_scene_point_count(r->scene), degree, &model);
-    if (rc == OXL_OK) rc = rehearse_model(r, &model, &out->early, o->coarse > 0 ? &out->halved : NULL);
+    if (rc == OXL_OK) rc = rehearse_model(r, &model, &out->early, rehearse_coarse(r->scene, o) > 0 ? &out->halved : NULL);
     if (rc == OXL_OK) rc = rehearse_grow(r->ctx, &model, count, &grown);
     if (rc == OXL_OK) rc = rehearse_model(r, &grown, &out->late, NULL);
     oxl_model_free(r->ctx, &model);
@@ -148,6 +155,6 @@ OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl
     oxl_log(ctx, OXL_LOG_DEBUG, "tried: %.3f ms a step at the start, %.3f ms with %zu Gaussians", 1e3 * t.early, 1e3 * t.late,
             count);
     step = REHEARSE_TRAINED * ((1 - REHEARSE_GROWN) * t.early + REHEARSE_GROWN * t.late);
-    if (o->coarse > 0 && t.early > 0) step *= 1 - o->coarse * (1 - t.halved / t.early);
+    if (t.early > 0) step *= 1 - rehearse_coarse(scene, o) * (1 - t.halved / t.early);
     return o->iterations * step;
 }

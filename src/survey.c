@@ -54,6 +54,7 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
     const double       a_view = load->pixels / OXL_MAX(1, load->views);
     const double       photos = OXL_MIN(3.0 * load->pixels, (double)o->scene.image_cache_bytes);
     const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
+    const int          sets   = o->train.sh_degree < 0 || o->train.dog == OXL_DOG_AUTO ? 10 : 4;
     struct survey_cost cost;
     double             step;
     cost.gaussians = OXL_MAX(SURVEY_GROWTH * (double)load->points, SURVEY_LEAST_GAUSSIANS);
@@ -62,9 +63,10 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
            (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
     cost.seconds = o->train.iterations * step;
     if (o->train.max_seconds > 0) cost.seconds = OXL_MIN(cost.seconds, o->train.max_seconds);
-    /* parameters, gradient and two moments are planes of 4 bytes */
+    /* planes of 4 bytes: parameters, gradient and two moments; all but the gradient twice more while a trial goes on */
     cost.memory = SURVEY_PROGRAM_BYTES + photos + load->largest * SURVEY_PIXEL_BYTES +
-                  cost.gaussians * (16 * planes + SURVEY_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track);
+                  cost.gaussians * (sets * 4 * planes + SURVEY_SPLAT_BYTES) +
+                  (double)load->observations * sizeof(struct colmap_track);
     return cost;
 }
 

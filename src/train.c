@@ -10,6 +10,8 @@
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
 #define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
 #define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
+#define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
+#define TRAIN_COARSE_AUTO   0.25  /* of the run, for larger ones */
 #define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
 #define TRAIN_SMOOTHING     0.02  /* of loss and PSNR in progress reports: about the last 50 views */
@@ -40,7 +42,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .dog_scale_factor    = 1.6f};
     if (preset == OXL_PRESET_DRAFT)
         o.iterations = 2000, o.densify_gradient = 4e-4f, /* half the growth: 2000 iterations cannot train more */
-            o.coarse = 0.25f;
+            o.coarse = -1;
     if (preset == OXL_PRESET_PAPER) o.iterations = 40000, o.sh_degree = 3;
     return o;
 }
@@ -100,10 +102,17 @@ static void train_shuffle(struct train *t, int epoch)
 
 /* ---------------------------------------------------------------- one photograph */
 
-/* In a step of the run's first share, at half the sides. */
-static int train_is_coarse(const struct train *t)
+OXL_INTERNAL double train_coarse_share(const oxl_train_options *o, int width, int height)
 {
-    return t->step <= t->options->coarse * t->options->iterations;
+    if (o->coarse >= 0) return o->coarse;
+    return OXL_MAX(width, height) >= TRAIN_COARSE_SIDE ? TRAIN_COARSE_AUTO : 0;
+}
+
+/* Whether the step is one of the run's first share, at half the sides. */
+static int train_is_coarse(const struct train *t, const struct photo *photo)
+{
+    const double share = train_coarse_share(t->options, photo->width, photo->height);
+    return t->step <= share * t->options->iterations && photo->width > 1 && photo->height > 1;
 }
 
 OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
@@ -118,7 +127,7 @@ OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
     if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc != OXL_OK) return rc;
     image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
-    t->halved = train_is_coarse(t) && photo->width > 1 && photo->height > 1;
+    t->halved = train_is_coarse(t, photo);
     if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
     return OXL_OK;
 }
@@ -486,7 +495,7 @@ static oxl_result train_step(struct train *t)
 
 static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
-    if (!(o->ssim_every >= 1 && o->coarse >= 0 && o->coarse <= 1 && o->bands_every > 0))
+    if (!(o->ssim_every >= 1 && (o->coarse >= 0 || o->coarse == -1) && o->coarse <= 1 && o->bands_every > 0))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
                         "0 to 1, more than 0",

@@ -124,7 +124,7 @@ TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
     CHECK(coarse.seed == 3 && coarse.train.coarse == 0.25f && coarse.train.iterations == base.train.iterations);
     CHECK(coarse.train.ssim_every == base.train.ssim_every && coarse.train.sh_degree == base.train.sh_degree);
     CHECK(half.train.iterations * 2 == base.train.iterations && half.train.coarse == base.train.coarse);
-    CHECK(base.train.coarse > 0 && tradeoff_job(&base, tradeoff_variant("coarse-0", 8), 1).train.coarse == 0);
+    CHECK(base.train.coarse == -1 && tradeoff_job(&base, tradeoff_variant("coarse-0", 8), 1).train.coarse == 0);
     CHECK(memcmp(&paper.train, &standard, sizeof standard) == 0);
 }
 

@@ -429,6 +429,16 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     oxl_scene_free(test_ctx, scene);
 }
 
+TEST(train_halves_large_photographs_alone_when_it_is_to_choose)
+{
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
+    CHECK(train_coarse_share(&o, 320, 640) == 0.25 && train_coarse_share(&o, 639, 400) == 0);
+    o.coarse = 0.5f;
+    CHECK(train_coarse_share(&o, 48, 48) == 0.5);
+    o = oxl_train_options_default(OXL_PRESET_PAPER);
+    CHECK(train_coarse_share(&o, 8000, 6000) == 0);
+}
+
 TEST(train_refuses_shares_of_a_run_that_are_none)
 {
     oxl_scene        *scene = train_scene(4);

@@ -26,7 +26,7 @@ static const struct {
 } commands[] = {
     {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: photographs and a COLMAP text export in, one splat model out.",
      "oceanxl train survey -o out",
-     "OUT gets scene.ply (opens in any 3DGS viewer), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
+     "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
      "Ctrl-C stops in good order and saves the state, a crash loses a minute: run the same command again, and it goes on."},
     {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, and judges the whole.", "oceanxl merge out",
      "OUT gets what train would have left there, to the byte."},
@@ -68,7 +68,25 @@ static const struct {
      "do not fit the budget are named; the same command with a larger one goes on. Without --max-side photographs are reduced to fit it."},
 };
 
-enum kind { FLAG, COUNTING, LARGE, REAL, DEGREE, SIZE, DURATION, PIXELS, PLACE, TEXT, PRESET, SPLIT, AXES, CUT, DOG, LIMIT };
+enum kind {
+    FLAG,
+    COUNTING,
+    LARGE,
+    REAL,
+    DEGREE,
+    SIZE,
+    DURATION,
+    PIXELS,
+    PLACE,
+    TEXT,
+    PRESET,
+    SPLIT,
+    AXES,
+    CUT,
+    DOG,
+    LIMIT,
+    SHARE
+};
 
 static const struct option {
     const char *group, *name, *value;
@@ -139,8 +157,8 @@ static const struct option {
      "colour that changes with the view: bands of spherical harmonics; auto: those that pay on views held out (auto, paper: 3)"},
     {"Speed for accuracy", "--ssim-every", "N", COUNTING, FIELD(ssim_every), RUNS,
      "SSIM in every N-th step, L1 alone in the others (1: in all)"},
-    {"Speed for accuracy", "--coarse", "SHARE", REAL, FIELD(coarse), RUNS,
-     "of the run, its first, at half the photographs' sides, as 0.25 (0, draft 0.25)"},
+    {"Speed for accuracy", "--coarse", "auto|SHARE", SHARE, FIELD(coarse), RUNS,
+     "of the run, its first, at half the photographs' sides, as 0.25; auto: 0.25 of 640 px and more (0, draft: auto)"},
     {"Speed for accuracy", "--sh-every", "SHARE", REAL, FIELD(bands_every), RUNS,
      "of the run, after which there is one more band of spherical harmonics, as 0.2 (0.0333)"},
     {"What the scene requires", "--ucd", "on|off|auto|MID,FAR", TEXT, FIELD(ucd), TRAINS,
@@ -305,6 +323,9 @@ static int parse_value(const struct option *o, const char *text, struct argument
         return 1;
     case DOG: return parse_word(text, dogs, 4, field);
     case LIMIT: return parse_limit(text, field);
+    case SHARE:
+        if (strcmp(text, "auto") == 0) return *(double *)field = -1, 1;
+        return parse_number(text, "", NULL, field) && *(double *)field <= 1;
     case PIXELS: return parse_pixels(text, field);
     case PLACE: return parse_place(text, field);
     case REAL: return parse_number(text, "", NULL, field);
@@ -462,7 +483,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .dog           = -1,
                             .dog_threshold = -2,
                             .ssim_every    = -1,
-                            .coarse        = -1,
+                            .coarse        = -2,
                             .bands_every   = -1,
                             .max_time      = -1,
                             .image_cache   = -1,

@@ -22,7 +22,7 @@ function panel(p,    what, left, i, n, x, y, sx, sy, sxx, sxy, low, high, line) 
 }
 BEGIN {
     FS = "\t"; width = 170; step = 195; height = 240; bottom = 310
-    title["planes"] = "numbers a Gaussian (SH 0 to 3)"; title["views"] = "views that take turns"
+    title["planes"] = "numbers a Gaussian (SH 0 to 3)"; title["views"] = "views that take turns"; title["threads"] = "threads (time of both together)"
 }
 /^#/ { where = $4; next }
 {
@@ -35,7 +35,7 @@ END {
     least -= 0.1; most += 0.1
     printf "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"370\" font-family=\"sans-serif\" font-size=\"12\">\n", 60 + panels * step
     print "<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>"
-    label(16, 24, "start", "Milliseconds of a training step, both axes logarithmic: " where)
+    label(16, 24, "start", "Processor milliseconds of a training step, both axes logarithmic: " where)
     for (d = 1; d <= 1000; d *= 10)
         for (k = 1; k <= 5; k += k < 2 ? 1 : 3)
             if (log10(d * k) > least && log10(d * k) < most) {

@@ -9,5 +9,5 @@ echo "demo 2/3: training a model of it in $folder/out"
 echo "demo 3/3: judging it on photographs that it did not see"
 "$program" eval "$folder/out/scene.ply" "$folder/survey"
 echo
-echo "The model:    $folder/out/scene.ply (any 3DGS viewer opens it)"
+echo "The model:    $folder/out/scene.ply (for other viewers: scene_standard.ply beside it, when it is there)"
 echo "The pictures: $folder/out/renders/ (NAME.png drawn, NAME.photo.png the photograph)"

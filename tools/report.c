@@ -442,7 +442,7 @@ static void report_share_option(struct report *r, const char *option, const char
     const double value = json_number(r->job, name);
     char         digits[32];
     report_digits(r, name, digits);
-    if (isfinite(value) && (float)value != fresh) study_add(&r->page, " %s %s", option, digits);
+    if (isfinite(value) && (float)value != fresh) study_add(&r->page, " %s %s", option, value < 0 ? "auto" : digits);
 }
 
 static void report_word_option(struct report *r, const char *option, const char *word, const char *fresh)

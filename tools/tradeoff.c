@@ -15,11 +15,11 @@
 
 #define TRADEOFF_ITERATIONS(name, label, times) \
     {                                           \
-        name, label, times, -1, -1, 0, 0, -1, 0 \
+        name, label, times, -1, -2, 0, 0, -1, 0 \
     }
 #define TRADEOFF_PRESET(name, label, preset)    \
     {                                           \
-        name, label, 0, preset, -1, 0, 0, -1, 0 \
+        name, label, 0, preset, -2, 0, 0, -1, 0 \
     }
 static const struct tradeoff_row TRADEOFF_VARIANTS[] = {
     TRADEOFF_ITERATIONS("base", "the options given", 1),
@@ -27,11 +27,11 @@ static const struct tradeoff_row TRADEOFF_VARIANTS[] = {
     {"coarse-0", "--coarse 0", 1, -1, 0, 0, 0, -1, 0},
     {"coarse-0.25", "--coarse 0.25", 1, -1, 0.25f, 0, 0, -1, 0},
     {"coarse-0.5", "--coarse 0.5", 1, -1, 0.5f, 0, 0, -1, 0},
-    {"ssim-every-2", "--ssim-every 2", 1, -1, -1, 2, 0, -1, 0},
-    {"sh-every-0.2", "--sh-every 0.2", 1, -1, -1, 0, 0.2f, -1, 0},
-    {"sh-degree-1", "--sh-degree 1", 1, -1, -1, 0, 0, 1, 0},
-    {"sh-degree-0", "--sh-degree 0", 1, -1, -1, 0, 0, 0, 0},
-    {"keep-0.5", "--keep 0.5", 1, -1, -1, 0, 0, -1, 0.5},
+    {"ssim-every-2", "--ssim-every 2", 1, -1, -2, 2, 0, -1, 0},
+    {"sh-every-0.2", "--sh-every 0.2", 1, -1, -2, 0, 0.2f, -1, 0},
+    {"sh-degree-1", "--sh-degree 1", 1, -1, -2, 0, 0, 1, 0},
+    {"sh-degree-0", "--sh-degree 0", 1, -1, -2, 0, 0, 0, 0},
+    {"keep-0.5", "--keep 0.5", 1, -1, -2, 0, 0, -1, 0.5},
     TRADEOFF_ITERATIONS("iterations-quarter", "a quarter of the iterations", 0.25),
     TRADEOFF_PRESET("draft", "--preset draft", OXL_PRESET_DRAFT),
     TRADEOFF_ITERATIONS("iterations-double", "twice the iterations", 2),
@@ -60,7 +60,7 @@ static oxl_job_options tradeoff_job(const oxl_job_options *base, const struct tr
         job.train               = oxl_train_options_default((oxl_preset)row->preset);
         job.train.max_gaussians = base->train.max_gaussians;
     } else job.train.iterations = (int)(row->iterations * base->train.iterations + 0.5);
-    if (row->coarse >= 0) job.train.coarse = row->coarse;
+    if (row->coarse >= -1) job.train.coarse = row->coarse;
     if (row->ssim_every > 0) job.train.ssim_every = row->ssim_every;
     if (row->bands_every > 0) job.train.bands_every = row->bands_every;
     if (row->sh_degree >= 0) job.train.sh_degree = row->sh_degree;

@@ -28,7 +28,7 @@ struct tradeoff_row {
     const char *name, *label; /* in --rows and the folders' names; for people */
     double      iterations;   /* times the base's; 0: the preset's own */
     int         preset;       /* enum oxl_preset; -1: the base's options */
-    float       coarse;       /* -1: the base's */
+    float       coarse;       /* -2: the base's */
     int         ssim_every;   /* 0: the base's, here and below */
     float       bands_every;
     int         sh_degree; /* -1: the base's */

@@ -1,0 +1,65 @@
+/* test_job_budget.c - --ram: what gives way, in which order, and what is refused. */
+
+static struct survey_load budget_test_load(void)
+{
+    return (struct survey_load){
+        .points = 20000, .observations = 100000, .views = 50, .pixels = 50e6, .train_pixels = 45e6, .largest = 1e6};
+}
+
+static oxl_job_options budget_test_options(double ram)
+{
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o.ram             = (size_t)ram;
+    return o;
+}
+
+TEST(budget_without_ram_changes_nothing)
+{
+    const struct survey_load load = budget_test_load();
+    oxl_job_options          o = budget_test_options(0), before = o;
+    CHECK(budget_fit(test_ctx, &load, &o) && memcmp(&o, &before, sizeof o) == 0);
+}
+
+TEST(budget_takes_the_cache_then_trials_then_gaussians)
+{
+    const struct survey_load load = budget_test_load();
+    const double             most = survey_cost(test_ctx, &(oxl_job_options){0}, &load).gaussians;
+    oxl_job_options          o    = budget_test_options(20e9);
+    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)1 << 30);
+    o = budget_test_options(2e9);
+    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)5e8);
+    CHECK(o.train.max_gaussians >= most);
+    for (double ram = 2e9; ram > 2e8; ram *= 0.9) {
+        o = budget_test_options(ram);
+        if (!budget_fit(test_ctx, &load, &o)) continue;
+        CHECK(survey_cost(test_ctx, &o, &load).memory <= 0.9 * ram);
+        CHECK(o.train.sh_degree == 3 || o.train.max_gaussians >= most); /* trials go before Gaussians do */
+    }
+}
+
+TEST(budget_refuses_what_cannot_fit_and_names_a_flag_that_would)
+{
+    const struct survey_load load = budget_test_load();
+    oxl_job_options          o    = budget_test_options(1e8), enough;
+    const char              *fix;
+    double                   mb = 0;
+    CHECK(!budget_fit(test_ctx, &load, &o));
+    CHECK(budget_refuse(test_ctx, &load, &o) == OXL_ERR_BUDGET);
+    fix = strstr(oxl_error_text(test_ctx), "--ram ");
+    CHECK(fix != NULL);
+    if (fix) mb = atof(fix + 6);
+    enough = budget_test_options(mb * 1048576);
+    CHECK(budget_fit(test_ctx, &load, &enough));
+}
+
+TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
+{
+    oxl_job_options options = job_test_options();
+    options.ram             = 3 << 20;
+    CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL) == OXL_ERR_BUDGET);
+    CHECK(!os_is_file(test_path("out/scene.ply")) && strstr(oxl_error_text(test_ctx), "fix: --ram ") != NULL);
+    options.ram = (size_t)2 << 30;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"predicted_memory_bytes\": "));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
+}
