@@ -103,11 +103,12 @@ SIMD_INLINE real real_exp(const int fused, real x)
     const float inside = OXL_CLAMP(x, -87.0f, 88.0f);
     const float n      = (inside * high + magic) - magic;
     const float f      = muladd(fused, inside, low, muladd(fused, inside, high, -n));
+    const float whole  = n == n ? n : 0; /* of NaN is NaN: to cast it would be undefined */
     const float p      = real_exp2(fused, f);
     int32_t     bits;
     float       out;
     memcpy(&bits, &p, sizeof bits);
-    bits += (int32_t)n * (1 << 23);
+    bits += (int32_t)whole * (1 << 23);
     memcpy(&out, &bits, sizeof out);
     return out;
 #endif

@@ -83,3 +83,10 @@ TEST(vecmath_sigmoid_keeps_its_digits_at_both_ends_and_logit_undoes_it)
     for (double x = -30; x <= 15; x += 0.37) CHECK_CLOSE(vecmath_logit(vecmath_sigmoid(x)), x, 1e-9);
     CHECK(vecmath_logit(0) == -INFINITY && vecmath_logit(1) == INFINITY && isnan(vecmath_logit(1.5)));
 }
+
+/* Cast to a whole number it would be undefined, as the sanitizer says of the line without its guard. */
+TEST(kernel_exp_of_what_is_no_number_is_no_number)
+{
+    CHECK(isnan(real_exp(0, NAN)) && isnan(real_exp(1, NAN)));
+    CHECK(real_exp(0, -INFINITY) < 1e-37f && real_exp(0, INFINITY) > 1e38f);
+}
