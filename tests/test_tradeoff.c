@@ -114,6 +114,22 @@ TEST(tradeoff_svg_is_well_formed_and_names_its_points)
     free(svg.data);
 }
 
+/* By the line of run.json, which has every option; structs have gaps that a copy need not keep. */
+static int tradeoff_test_same_options(const oxl_train_options *a, const oxl_train_options *b)
+{
+    oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
+    struct text     x = {.ctx = test_ctx}, y = x;
+    int             same = 0;
+    job.train            = *a;
+    run_describe(&x, "", &job);
+    job.train = *b;
+    run_describe(&y, "", &job);
+    same = !x.failed && !y.failed && !strcmp(x.data, y.data);
+    text_free(&x);
+    text_free(&y);
+    return same;
+}
+
 TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
 {
     oxl_job_options       base       = oxl_job_options_default(OXL_PRESET_DRAFT);
@@ -125,7 +141,7 @@ TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
     CHECK(coarse.train.ssim_every == base.train.ssim_every && coarse.train.sh_degree == base.train.sh_degree);
     CHECK(half.train.iterations * 2 == base.train.iterations && half.train.coarse == base.train.coarse);
     CHECK(base.train.coarse == -1 && tradeoff_job(&base, tradeoff_variant("coarse-0", 8), 1).train.coarse == 0);
-    CHECK(memcmp(&paper.train, &standard, sizeof standard) == 0);
+    CHECK(tradeoff_test_same_options(&paper.train, &standard) && !tradeoff_test_same_options(&half.train, &standard));
 }
 
 /* Nothing of what the paper does not have. */
