@@ -70,13 +70,13 @@ static void print_duration(double seconds)
 static void print_progress(struct console *c, const oxl_progress *p)
 {
     const double rate = (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
-    c->rate           = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate;
-    c->iteration      = p->iteration;
-    c->seconds        = p->seconds;
+    if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate; /* a trial goes back */
+    c->iteration = p->iteration;
+    c->seconds   = p->seconds;
     console_clear(c);
     if (p->blocks > 1) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
-    fprintf(stderr, "%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->iteration, p->iterations,
-            p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
+    fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->trial ? "trying " : "",
+            p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
     print_duration(p->seconds_left);
     if (!c->live) fputc('\n', stderr);
     c->shown = c->live;
@@ -89,7 +89,12 @@ static int on_progress(void *user, const oxl_progress *p)
     const int       twentieth = (int)(20.0 * p->iteration / (p->iterations > 0 ? p->iterations : 1));
     double          since;
     int             due;
-    if (p->iteration < c->iteration) c->iteration = c->twentieth = 0, c->seconds = c->rate = 0; /* another block or job */
+    if (p->seconds < c->seconds) { /* another block or job */
+        c->iteration = p->iteration;
+        c->seconds   = p->seconds;
+        c->twentieth = 0;
+        c->rate      = 0;
+    }
     since = p->seconds - c->seconds;
     due   = c->live ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
     if (!c->quiet && (due || p->iteration == p->iterations)) {
@@ -382,25 +387,34 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-static oxl_result run_ablate(oxl_context *ctx, const struct arguments *a, struct console *console)
+/* What both studies train with: the options of a job, and a log and a progress line on this console. */
+static oxl_result study_begins(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_job_options *job,
+                               oxl_context_options *context, oxl_callback *callback)
 {
-    ablate_options options = {.scene    = a->path[0],
-                              .out      = a->out,
-                              .rows     = a->rows,
-                              .seeds    = a->seeds,
-                              .context  = oxl_context_options_default(),
-                              .callback = {on_progress, console}};
-    oxl_result     rc      = job_options(ctx, a, &options.job);
-    if (rc != OXL_OK) return rc;
-    options.context.log  = on_log;
-    options.context.user = console;
-    if (a->threads > 0) options.context.threads = a->threads;
-    catch_signals();
-    rc = ablate_run(&options, stdout, console->error, sizeof console->error);
+    const oxl_result rc = job_options(ctx, a, job);
+    *context            = oxl_context_options_default();
+    context->log        = on_log;
+    context->user       = console;
+    if (a->threads > 0) context->threads = a->threads;
+    *callback = (oxl_callback){on_progress, console};
+    if (rc == OXL_OK) catch_signals();
+    return rc;
+}
+
+static oxl_result study_ends(struct console *console, oxl_result rc)
+{
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED)
         fputs("oxl: interrupted; what is trained is kept\n     go on: the same command again\n", stderr);
     return rc;
+}
+
+static oxl_result run_ablate(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    ablate_options options = {.scene = a->path[0], .out = a->out, .rows = a->rows, .seeds = a->seeds};
+    oxl_result     rc      = study_begins(ctx, a, console, &options.job, &options.context, &options.callback);
+    if (rc == OXL_OK) rc = ablate_run(&options, stdout, console->error, sizeof console->error);
+    return study_ends(console, rc);
 }
 
 static oxl_result run_tradeoff(oxl_context *ctx, const struct arguments *a, struct console *console)
@@ -410,20 +424,10 @@ static oxl_result run_tradeoff(oxl_context *ctx, const struct arguments *a, stru
                                 .rows          = a->rows,
                                 .seeds         = a->seeds,
                                 .budget        = a->budget,
-                                .side_is_given = a->max_side >= 0,
-                                .context       = oxl_context_options_default(),
-                                .callback      = {on_progress, console}};
-    oxl_result       rc      = job_options(ctx, a, &options.job);
-    if (rc != OXL_OK) return rc;
-    options.context.log  = on_log;
-    options.context.user = console;
-    if (a->threads > 0) options.context.threads = a->threads;
-    catch_signals();
-    rc = tradeoff_run(&options, stdout, console->error, sizeof console->error);
-    console_clear(console);
-    if (rc == OXL_ERR_INTERRUPTED)
-        fputs("oxl: interrupted; what is trained is kept\n     go on: the same command again\n", stderr);
-    return rc;
+                                .side_is_given = a->max_side >= 0};
+    oxl_result       rc      = study_begins(ctx, a, console, &options.job, &options.context, &options.callback);
+    if (rc == OXL_OK) rc = tradeoff_run(&options, stdout, console->error, sizeof console->error);
+    return study_ends(console, rc);
 }
 
 static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)

@@ -362,6 +362,7 @@ typedef struct oxl_progress {
     size_t           memory;       /* bytes at the peak so far; only in a job, else 0 */
     const oxl_model *model;        /* as it stands; valid during the call */
     oxl_faults       faults;       /* so far */
+    int              trial;        /* 1: a step of a way that is tried out, for a decision; it may be taken back */
 } oxl_progress;
 
 /* Called after every iteration; nonzero stops the run, which then returns OXL_ERR_INTERRUPTED and a usable model. */

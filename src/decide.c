@@ -14,7 +14,7 @@
 #define DECIDE_BANDS_EARN 0.1        /* dB that bands must bring together over fewer of them */
 #define DECIDE_LOBES_EARN 0.05       /* dB that second lobes must bring */
 #define DECIDE_WATCH      (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
-#define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long lobes are tried */
+#define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long each way of a trial is trained */
 enum {
     DECIDE_VIEWS_LEAST = 8, /* fewer training views cannot spare one */
     DECIDE_VIEWS_MOST  = 8  /* that stand aside */
@@ -175,7 +175,7 @@ static oxl_result decide_try(struct train *t, double *psnr)
     while (rc == OXL_OK && t->step < end) {
         t->step++;
         rc = train_photograph(t);
-        if (rc == OXL_OK && train_report(t)) rc = OXL_ERR_INTERRUPTED;
+        if (rc == OXL_OK && train_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
     }
     return rc == OXL_OK ? decide_judge(t, &loss, psnr) : rc;
 }
@@ -222,6 +222,12 @@ static oxl_result decide_try_bands(struct train *t, struct decide_branch *start,
     }
     decide_branch_free(t, &other);
     return rc == OXL_OK && t->sh_degree == most ? decide_branch_swap(t, all) : rc;
+}
+
+OXL_INTERNAL void decide_bands(struct train *t)
+{
+    if (t->step == decide_bands_at(t) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_BANDS;
+    decide_release_views(t);
 }
 
 /* ---------------------------------------------------------------- which Gaussians get a second lobe */
@@ -286,12 +292,6 @@ OXL_INTERNAL oxl_result decide_lobes(struct train *t)
 }
 
 /* ---------------------------------------------------------------- trials */
-
-OXL_INTERNAL void decide_bands(struct train *t)
-{
-    if (t->step == decide_bands_at(t) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_BANDS;
-    decide_release_views(t);
-}
 
 static void decide_note_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
 {

@@ -395,6 +395,15 @@ static int train_alike(const oxl_model *a, const oxl_model *b)
     return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
 }
 
+/* Means of squares are not negative. */
+static int train_are_squares(const oxl_model *second)
+{
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; second->plane[k] && i < (k < OXL_LOBE ? second->count : second->lobes); i++)
+            if (!(second->plane[k][i] >= 0)) return 0;
+    return 1;
+}
+
 /* All that the steps to come depend on; the gradient is made anew in each. */
 static void train_archive(struct archive *a, void *user)
 {
@@ -417,6 +426,7 @@ static void train_archive(struct archive *a, void *user)
     archive_model(a, &t->first);
     archive_model(a, &t->second);
     archive_expect(a, t->model->count > 0 && train_alike(t->model, &t->first) && train_alike(t->model, &t->second));
+    if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_squares(&t->second));
     density_archive(a, t->density, t->model->count);
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
@@ -457,7 +467,7 @@ static oxl_result train_resume(struct train *t)
 
 /* ---------------------------------------------------------------- the loop */
 
-OXL_INTERNAL int train_report(const struct train *t)
+OXL_INTERNAL int train_report(const struct train *t, int trial)
 {
     const oxl_callback *callback = t->callback;
     const double        seconds = train_seconds(t), here = os_seconds() - t->begun;
@@ -471,7 +481,8 @@ OXL_INTERNAL int train_report(const struct train *t)
                                     .seconds      = seconds,
                                     .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
                                     .model        = t->model,
-                                    .faults       = t->faults};
+                                    .faults       = t->faults,
+                                    .trial        = trial};
     return callback && callback->progress && callback->progress(callback->user, &progress);
 }
 
@@ -518,7 +529,7 @@ static oxl_result train_loop(struct train *t)
     const oxl_train_options *o  = t->options;
     oxl_result               rc = OXL_OK;
     t->first_step               = t->step;
-    if (t->step > 0 && train_report(t)) return OXL_ERR_INTERRUPTED;
+    if (t->step > 0 && train_report(t, 0)) return OXL_ERR_INTERRUPTED;
     while (rc == OXL_OK && t->step < o->iterations) {
         if (t->trial_is_next) {
             rc = decide_trial(t);
@@ -528,7 +539,7 @@ static oxl_result train_loop(struct train *t)
         t->step++;
         rc = train_step(t);
         if (rc != OXL_OK) break;
-        if (train_report(t)) return train_stop(t);
+        if (train_report(t, 0)) return train_stop(t);
         if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations) {
             oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t->step, o->iterations);
             return train_save(t);

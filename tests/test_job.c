@@ -99,6 +99,28 @@ TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
     CHECK(!os_is_file(test_path("out/renders/1.png.png")));
 }
 
+/* Steps 61 to 63 are tried with and without bands, and logged not even once. */
+TEST(job_log_holds_no_iteration_twice_and_no_trial)
+{
+    oxl_job_options    options = job_test_options();
+    struct os_file_map map     = {0};
+    int                last = 0, tried = 0, gaps = 0;
+    options.scene.test_every = 0; /* 9 views: enough to spare one */
+    options.train.iterations = 120;
+    options.train.sh_degree  = -1;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/log.csv"), &map));
+    for (const char *at = strchr(map.data, '\n'); at && at[1]; at = strchr(at + 1, '\n')) {
+        const int row = atoi(at + 1);
+        CHECK(row > last);
+        gaps += row != last + 1;
+        tried += row > 60 && row <= 63;
+        last = row;
+    }
+    CHECK(last == 120 && gaps == 1 && tried == 0);
+    os_release_file(test_ctx, &map);
+}
+
 TEST(job_that_is_finished_is_not_done_again_but_another_is)
 {
     oxl_job_options       options  = job_test_options();

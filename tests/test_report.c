@@ -137,18 +137,6 @@ TEST(report_survives_files_that_are_cut_short)
     free(page);
 }
 
-TEST(report_takes_back_the_steps_of_a_trial)
-{
-    struct report       r     = {.ctx = test_ctx};
-    struct report_block b     = {NULL, 0, NULL};
-    char                log[] = "iteration,loss\n2,0.5\n4,0.4\n6,0.9\n4,0.3\n6,0.2\n";
-    report_read_log(&r, &b, log);
-    CHECK(b.rows == 3);
-    CHECK(b.rows == 3 && b.log[2 * REPORT_COLUMNS + REPORT_ITERATION] == 6);
-    CHECK_CLOSE(b.log[1 * REPORT_COLUMNS + REPORT_LOSS], 0.3, 1e-12);
-    free(b.log);
-}
-
 TEST(report_base64_pads_as_rfc_4648_says)
 {
     static const char *const plain[] = {"f", "fo", "foo", "foob"}, *const coded[] = {"Zg==", "Zm8=", "Zm9v", "Zm9vYg=="};

@@ -153,7 +153,7 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
 /* A state with one thing changed that no run would write, and a right checksum. */
 TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
-    for (int fault = 0; fault < 7; fault++) {
+    for (int fault = 0; fault < 8; fault++) {
         struct text              log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
         const struct train_place place = {test_folder(), "key", &log, &notes, NULL, NULL, NULL};
         struct faults_case       c, again;
@@ -166,6 +166,7 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         if (fault == 4) c.t.second.count--;
         if (fault == 5) c.t.model->plane[OXL_SH][3] = NAN;
         if (fault == 6) c.t.prune.drops = -1;
+        if (fault == 7) c.t.second.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
         CHECK_OK(checkpoint_write(test_ctx, place.folder, place.key, train_archive, &c.t));
         faults_begin(&again, 0);
         again.t.place = &place;

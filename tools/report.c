@@ -68,15 +68,6 @@ static int report_log_row(const char *at, const int *column, int columns, double
     return isfinite(row[REPORT_ITERATION]);
 }
 
-/* A trial's steps are taken back: a row that goes back in time begins the time anew. */
-static void report_add_row(struct report_block *b)
-{
-    double *row = b->log + (size_t)b->rows * REPORT_COLUMNS, *at = row;
-    while (at > b->log && at[REPORT_ITERATION - REPORT_COLUMNS] >= row[REPORT_ITERATION]) at -= REPORT_COLUMNS;
-    memmove(at, row, REPORT_COLUMNS * sizeof *row);
-    b->rows = (int)((at - b->log) / REPORT_COLUMNS) + 1;
-}
-
 static void report_read_log(struct report *r, struct report_block *b, char *text)
 {
     int    column[32], columns = report_heads(text, column, 32);
@@ -85,7 +76,7 @@ static void report_read_log(struct report *r, struct report_block *b, char *text
     b->log = malloc((lines + 1) * REPORT_COLUMNS * sizeof *b->log);
     if (!b->log) r->page.failed = 1;
     for (const char *at = strchr(text, '\n'); b->log && at && at[1]; at = strchr(at + 1, '\n'))
-        if (report_log_row(at + 1, column, columns, b->log + (size_t)b->rows * REPORT_COLUMNS)) report_add_row(b);
+        if (report_log_row(at + 1, column, columns, b->log + (size_t)b->rows * REPORT_COLUMNS)) b->rows++;
 }
 
 static void report_read_block(struct report *r, int k)
