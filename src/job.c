@@ -309,6 +309,9 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     struct survey_cost       cost;
     *o = job->options;
     if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
+    if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
+        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.2f GB has no room for trials: SH degree %d and no second lobes, undecided",
+                (double)o->ram / 1e9, o->train.sh_degree);
     cost                    = survey_cost(job->ctx, o, &load);
     task->train             = o->train;
     task->predicted_peak    = cost.memory;

@@ -121,12 +121,7 @@ static void chart_row(struct study_text *t, const struct ablation *a, const stru
 
 static void chart_head(struct study_text *t, const struct ablation *a, int height)
 {
-    study_add(t,
-              "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "
-              "style=\"font-family:system-ui,sans-serif;font-size:13px;fill:#1d262c\">\n",
-              CHART_WIDTH, height, CHART_WIDTH, height);
-    study_box(t, 0, 0, CHART_WIDTH, height, "#ffffff");
-    study_label(t, 16, 30, "font-size:18px;font-weight:600", "Ablation: every row against the first");
+    study_drawing(t, CHART_WIDTH, height, "Ablation: every row against the first");
     study_box(t, 16, 48, 12, 12, CHART_OURS);
     study_label(t, 34, 59, "", a->seeds > 1 ? "here; whisker: standard deviation over the seeds" : "here");
     study_box(t, a->seeds > 1 ? 400 : 90, 48, 12, 12, CHART_PAPER);

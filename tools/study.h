@@ -30,7 +30,8 @@ void study_add(struct study_text *t, const char *format, ...); /* no %f in it: i
 const char *study_fixed(char out[32], double value, int decimals);
 #define STUDY_FIXED(value, decimals) study_fixed((char[32]){0}, value, decimals)
 
-/* The parts of an SVG drawing; style: of CSS, "" is the drawing's own. */
+/* The parts of an SVG drawing, px; style: of CSS, "" is the drawing's own. Begins a white page with a title; "</svg>" ends it. */
+void   study_drawing(struct study_text *t, int width, int height, const char *title);
 void   study_line(struct study_text *t, double x0, double y0, double x1, double y1, const char *style);
 void   study_box(struct study_text *t, double x, double y, double width, double height, const char *fill);
 void   study_label(struct study_text *t, double x, double y, const char *style, const char *text);

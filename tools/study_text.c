@@ -75,6 +75,16 @@ static void study_escape(struct study_text *t, const char *text)
     }
 }
 
+void study_drawing(struct study_text *t, int width, int height, const char *title)
+{
+    study_add(t,
+              "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "
+              "style=\"font-family:system-ui,sans-serif;font-size:13px;fill:#1d262c\">\n",
+              width, height, width, height);
+    study_box(t, 0, 0, width, height, "#ffffff");
+    study_label(t, 16, 30, "font-size:18px;font-weight:600", title);
+}
+
 void study_line(struct study_text *t, double x0, double y0, double x1, double y1, const char *style)
 {
     study_add(t, "<line x1=\"%s\" y1=\"%s\" x2=\"%s\" y2=\"%s\" style=\"%s\"/>\n", STUDY_FIXED(x0, 1), STUDY_FIXED(y0, 1),

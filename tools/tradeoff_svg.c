@@ -184,12 +184,7 @@ void tradeoff_svg(struct study_text *out, const struct tradeoff *a)
     struct plot rows = plot_of_rows(a), pictures = plot_of_pictures(a);
     const int   width = PLOT_LEFT + 2 * PLOT_STEP, height = PLOT_TOP + PLOT_HEIGHT + PLOT_FOOT;
     char        line[300];
-    study_add(out,
-              "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "
-              "style=\"font-family:system-ui,sans-serif;font-size:13px;fill:#1d262c\">\n",
-              width, height, width, height);
-    study_box(out, 0, 0, width, height, "#ffffff");
-    study_label(out, 16, 30, "font-size:18px;font-weight:600", "Speed against accuracy");
+    study_drawing(out, width, height, "Speed against accuracy");
     if (rows.points > 0) plot_draw(out, &rows);
     if (pictures.points > 0) {
         plot_draw(out, &pictures);
