@@ -101,7 +101,8 @@ SIMD_INLINE real real_exp(const int fused, real x)
                 low    = 1.92596299e-8f; /* log2 e in two parts: the product's rounding would cost 1e-6 at x = 20 */
     const float magic  = 12582912.0f;
     const float inside = OXL_CLAMP(x, -87.0f, 88.0f);
-    const float n      = (inside * high + magic) - magic;
+    const float shift  = inside * high + magic; /* a variable: rounded to float where a machine would keep more */
+    const float n      = shift - magic;
     const float f      = muladd(fused, inside, low, muladd(fused, inside, high, -n));
     const float whole  = n == n ? n : 0; /* of NaN is NaN: to cast it would be undefined */
     const float p      = real_exp2(fused, f);
