@@ -257,7 +257,9 @@ typedef struct oxl_view_metrics {
 typedef struct oxl_metrics {
     double            psnr, ssim, ms_ssim; /* means over the views; 0 when there are none */
     int               count;
-    oxl_view_metrics *views; /* (count) */
+    oxl_view_metrics *views;    /* (count) */
+    double            depth[2]; /* a third and two thirds of how far the scene's points are seen: the bands of density control */
+    double            by_depth[3]; /* PSNR of all pixels that the model draws nearer, in between, farther; NaN: there are none */
 } oxl_metrics;
 
 OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out);

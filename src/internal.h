@@ -657,6 +657,8 @@ struct ucd {
     struct contrast contrast;
     char            reason[256];
 };
+/* z_max: how far the scene's points are seen; its thirds are the paper's bands. 0 without points. */
+OXL_INTERNAL double     ucd_reach(const oxl_scene *scene);
 /* What is `on` and between which depths; densifications: how many there will be. Logs nothing: ucd_describe has the words. */
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications);
 OXL_INTERNAL void       ucd_free(oxl_context *ctx, struct ucd *u);
@@ -764,8 +766,15 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
 
 /* ---------------------------------------------------------------- metrics.c */
 
-OXL_INTERNAL double     metrics_shown(float v);                       /* what a screen shows: 0..1 */
-OXL_INTERNAL double     metrics_decibel(double error, double weight); /* PSNR of weighted squared errors; NaN of none */
+OXL_INTERNAL double metrics_shown(float v);                       /* what a screen shows: 0..1 */
+OXL_INTERNAL double metrics_decibel(double error, double weight); /* PSNR of weighted squared errors; NaN of none */
+
+struct metrics_sum {
+    double error, weight; /* sum of squared differences, and of what they are divided by */
+    size_t pixels;        /* that count */
+};
+/* The i-th pixel of both, three channels, by the photograph's weight. */
+OXL_INTERNAL void       metrics_add_pixel(const oxl_image *drawn, const oxl_image *photograph, size_t i, struct metrics_sum *sum);
 /* Adds the members "psnr", "ssim", "ms_ssim", "count" and "views" (name and the three each) of a JSON object, without its braces. */
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 

@@ -27,6 +27,18 @@ OXL_INTERNAL double metrics_decibel(double error, double weight)
     return error > 0 ? OXL_MIN(METRICS_BEST_PSNR, -10 / 2.302585092994045684 * vecmath_log(error / weight)) : METRICS_BEST_PSNR;
 }
 
+OXL_INTERNAL void metrics_add_pixel(const oxl_image *drawn, const oxl_image *photograph, size_t i, struct metrics_sum *sum)
+{
+    const size_t plane  = (size_t)drawn->width * drawn->height;
+    const double weight = photograph->weight ? photograph->weight[i] : 1;
+    for (int c = 0; c < 3; c++) {
+        const double d = metrics_shown(drawn->rgb[c * plane + i]) - metrics_shown(photograph->rgb[c * plane + i]);
+        sum->error += weight * d * d;
+    }
+    sum->weight += 3 * weight;
+    sum->pixels += weight > 0;
+}
+
 static oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b)
 {
     if (a->rgb && b->rgb && a->width == b->width && a->height == b->height && a->width > 0 && a->height > 0) return OXL_OK;
@@ -294,28 +306,47 @@ oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
 
 /* ---------------------------------------------------------------- evaluation */
 
-static oxl_result metrics_of_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_image *photograph,
-                                  oxl_view_metrics *row)
+struct metrics_bands { /* what is summed over all views */
+    double             depth[2];
+    struct metrics_sum sum[3];
+};
+
+/* Where nothing is drawn there is no depth; without points there are no bands. */
+static void metrics_add_bands(const oxl_image *drawn, const oxl_image *photograph, const float *depth, struct metrics_bands *b)
 {
+    for (size_t i = 0; i < (size_t)drawn->width * drawn->height; i++)
+        if (depth[i] > 0 && b->depth[0] > 0)
+            metrics_add_pixel(drawn, photograph, i, &b->sum[(depth[i] > b->depth[0]) + (depth[i] > b->depth[1])]);
+}
+
+static oxl_result metrics_of_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_image *photograph,
+                                  oxl_view_metrics *row, struct metrics_bands *bands)
+{
+    const oxl_camera  *camera  = &oxl_scene_view(scene, row->view)->camera;
     oxl_render_options options = oxl_render_options_default();
     oxl_image          drawn   = {0};
+    float             *depth   = oxl_alloc(ctx, (size_t)camera->width * camera->height, sizeof *depth);
     oxl_result         rc;
+    if (!depth) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", camera->width, camera->height);
     options.near_plane = (float)scene_near_plane(scene);
-    rc                 = oxl_render(ctx, model, &oxl_scene_view(scene, row->view)->camera, &options, &drawn, NULL);
+    rc                 = oxl_render(ctx, model, camera, &options, &drawn, depth);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, photograph, &row->ssim);
     if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &drawn, photograph, &row->ms_ssim);
+    if (rc == OXL_OK) metrics_add_bands(&drawn, photograph, depth, bands);
     oxl_image_free(ctx, &drawn);
+    oxl_free(ctx, depth);
     return rc;
 }
 
 /* A photograph that cannot be read or is masked all over is said and left out, as in training. */
-static oxl_result metrics_add_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int view, oxl_metrics *out)
+static oxl_result metrics_add_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int view, oxl_metrics *out,
+                                   struct metrics_bands *bands)
 {
     oxl_image        photograph = {0};
     oxl_view_metrics row        = {.view = view};
     oxl_result       rc         = oxl_scene_image(ctx, scene, view, &photograph);
-    if (rc == OXL_OK) rc = metrics_of_view(ctx, model, scene, &photograph, &row);
+    if (rc == OXL_OK) rc = metrics_of_view(ctx, model, scene, &photograph, &row, bands);
     oxl_image_free(ctx, &photograph);
     if (rc == OXL_OK) out->views[out->count++] = row;
     if (rc != OXL_ERR_INPUT) return rc;
@@ -324,21 +355,31 @@ static oxl_result metrics_add_view(oxl_context *ctx, const oxl_model *model, oxl
     return OXL_OK;
 }
 
+static void metrics_sum_up(oxl_metrics *m, const struct metrics_bands *bands)
+{
+    for (int i = 0; i < m->count; i++) {
+        m->psnr += m->views[i].psnr / m->count;
+        m->ssim += m->views[i].ssim / m->count;
+        m->ms_ssim += m->views[i].ms_ssim / m->count;
+    }
+    memcpy(m->depth, bands->depth, sizeof m->depth);
+    for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
+}
+
 oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out)
 {
-    const int  count = oxl_scene_view_count(scene);
-    oxl_result rc    = OXL_OK;
-    *out             = (oxl_metrics){.views = oxl_alloc(ctx, (size_t)count + 1, sizeof *out->views)};
+    const double         reach = ucd_reach(scene);
+    const int            count = oxl_scene_view_count(scene);
+    struct metrics_bands bands = {.depth = {reach / 3, 2 * reach / 3}};
+    oxl_result           rc    = OXL_OK;
+    *out                       = (oxl_metrics){.views = oxl_alloc(ctx, (size_t)count + 1, sizeof *out->views)};
     if (!out->views) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", count);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         const int is_test = oxl_scene_view(scene, i)->is_test != 0;
-        if (split == OXL_SPLIT_ALL || is_test == (split == OXL_SPLIT_TEST)) rc = metrics_add_view(ctx, model, scene, i, out);
+        if (split == OXL_SPLIT_ALL || is_test == (split == OXL_SPLIT_TEST))
+            rc = metrics_add_view(ctx, model, scene, i, out, &bands);
     }
-    for (int i = 0; i < out->count; i++) {
-        out->psnr += out->views[i].psnr / out->count;
-        out->ssim += out->views[i].ssim / out->count;
-        out->ms_ssim += out->views[i].ms_ssim / out->count;
-    }
+    metrics_sum_up(out, &bands);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
 }
@@ -350,6 +391,18 @@ void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics)
     *metrics = (oxl_metrics){0};
 }
 
+static void metrics_add_by_depth(struct text *t, const oxl_metrics *m)
+{
+    static const char *const names[]  = {"mid_from", "far_from", "near_psnr", "mid_psnr", "far_psnr"};
+    const double             values[] = {m->depth[0], m->depth[1], m->by_depth[0], m->by_depth[1], m->by_depth[2]};
+    text_add(t, ",\n  \"by_depth\": ");
+    for (int i = 0; i < 5; i++) {
+        text_add(t, "%s\"%s\": ", i ? ", " : "{", names[i]);
+        text_add_number(t, values[i]);
+    }
+    text_add(t, "},\n");
+}
+
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m)
 {
     text_add(t, "  \"psnr\": ");
@@ -358,7 +411,8 @@ OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, con
     text_add_number(t, m->ssim);
     text_add(t, ",\n  \"ms_ssim\": ");
     text_add_number(t, m->ms_ssim);
-    text_add(t, ",\n  \"count\": %d,\n  \"views\": [", m->count);
+    metrics_add_by_depth(t, m);
+    text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
     for (int i = 0; i < m->count; i++) {
         text_add(t, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(t, oxl_scene_view(scene, m->views[i].view)->name);

@@ -7,11 +7,6 @@
  */
 #include "internal.h"
 
-struct seam_sum {
-    double error, weight; /* sum of squared differences, and of what they are divided by */
-    size_t pixels;
-};
-
 /* The block at home at a place of the frame; `guess`, the neighbouring pixel's, is nearly always right. */
 static int seam_home(const struct partition *p, const double frame[3], int guess)
 {
@@ -51,20 +46,8 @@ struct seam_view {
     const float            *depth; /* (H,W) camera z; 0: nothing there, and so not near a border */
 };
 
-static void seam_add_pixel(const struct seam_view *v, size_t i, struct seam_sum *sum)
-{
-    const size_t plane  = (size_t)v->drawn->width * v->drawn->height;
-    const double weight = v->photograph->weight ? v->photograph->weight[i] : 1;
-    for (int c = 0; c < 3; c++) {
-        const double d = metrics_shown(v->drawn->rgb[c * plane + i]) - metrics_shown(v->photograph->rgb[c * plane + i]);
-        sum->error += weight * d * d;
-    }
-    sum->weight += 3 * weight;
-    sum->pixels += weight > 0;
-}
-
 /* sum[1] is of the pixels near a border, sum[0] of the others. Serial: it takes a tenth of the drawing. */
-static void seam_add_view(const struct seam_view *v, struct seam_sum sum[2])
+static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 {
     int home = 0;
     for (int y = 0; y < v->drawn->height; y++)
@@ -78,13 +61,13 @@ static void seam_add_view(const struct seam_view *v, struct seam_sum sum[2])
                 home   = seam_home(v->partition, frame, OXL_MAX(home, 0));
                 beside = home >= 0 && seam_is_near(&v->partition->block[home], frame);
             }
-            seam_add_pixel(v, i, &sum[beside]);
+            metrics_add_pixel(v->drawn, v->photograph, i, &sum[beside]);
         }
 }
 
 /* A photograph that cannot be read is left out, as in the evaluation, which has said so. */
 static oxl_result seam_draw_view(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene, int view,
-                                 struct seam_sum sum[2])
+                                 struct metrics_sum sum[2])
 {
     const oxl_camera  *camera  = &oxl_scene_view(scene, view)->camera;
     oxl_render_options options = oxl_render_options_default();
@@ -112,9 +95,9 @@ done:
 OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene,
                                      oxl_split split, struct seam *out)
 {
-    struct seam_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
-    oxl_result      rc     = OXL_OK;
-    *out                   = (struct seam){0};
+    struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
+    oxl_result         rc     = OXL_OK;
+    *out                      = (struct seam){0};
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
         const int is_test = oxl_scene_view(scene, i)->is_test != 0;
         if (split == OXL_SPLIT_ALL || is_test == (split == OXL_SPLIT_TEST)) rc = seam_draw_view(ctx, p, model, scene, i, sum);

@@ -10,9 +10,10 @@
 /* Two seeds of the midpoint baseline, V1 and V3 with keep 0.315; the memory of V1's second seed is not known. */
 static struct ablation ablate_test_made_up(void)
 {
-    static const double value[3][2][ABLATE_MEASURES] = {{{22, 0.70, 1000, 2e6, 100, 50e6}, {24, 0.80, 3000, 4e6, 200, 70e6}},
-                                                        {{22.5, 0.71, 900, 1e6, 80, 40e6}, {25, 0.83, 2700, 2e6, 160, NAN}},
-                                                        {{21, 0.70, 500, 1e6, 25, 25e6}, {23.5, 0.80, 1500, 1e6, 50, 35e6}}};
+    static const double value[3][2][ABLATE_MEASURES] = {
+        {{22, 0.70, 18, 1000, 2e6, 100, 50e6}, {24, 0.80, 19, 3000, 4e6, 200, 70e6}},
+        {{22.5, 0.71, NAN, 900, 1e6, 80, 40e6}, {25, 0.83, 20, 2700, 2e6, 160, NAN}},
+        {{21, 0.70, 18, 500, 1e6, 25, 25e6}, {23.5, 0.80, 19, 1500, 1e6, 50, 35e6}}};
     struct ablation a = {.scene = "reef <east> & west", .iterations = 700, .sh_degree = 2, .rows = 3, .seeds = 2, .held_out = 1};
     const int       variant[3] = {0, 1, 6};
     for (int r = 0; r < 3; r++) {
@@ -106,9 +107,9 @@ TEST(ablate_csv_holds_every_run_then_means_and_spreads)
     const int             wide  = ablate_test_commas(t.data, "row,seed,blocks,psnr_db");
     for (const char *p = t.data; *p; p++) lines += *p == '\n';
     CHECK(lines == 1 + 3 * 2 + 3 * 2);
-    CHECK(wide == 2 + 6 + 6 + 4);
-    CHECK_TEXT(t.data, "\nv1,2,3,25.000000,0.83000000,2700,2000000,160.000,,1.000000,");
-    CHECK_TEXT(t.data, "\n3dgs,mean,2,23.000000,0.75000000,2000,3000000,150.000,60000000,0.000000,");
+    CHECK(wide == 2 + 7 + 7 + 4);
+    CHECK_TEXT(t.data, "\nv1,2,3,25.000000,0.83000000,20.000000,2700,2000000,160.000,,1.000000,");
+    CHECK_TEXT(t.data, "\n3dgs,mean,2,23.000000,0.75000000,18.500000,2000,3000000,150.000,60000000,0.000000,");
     CHECK_TEXT(t.data, "\n3dgs,sd,2,1.4142136,");
     CHECK(ablate_test_commas(t.data, "\nv1,2,3") == wide);
     CHECK(ablate_test_commas(t.data, "\nv1,mean,3") == wide);

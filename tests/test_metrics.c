@@ -208,8 +208,14 @@ TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
     CHECK(m.count == 2 && m.views[0].view == 0 && m.views[1].view == 1);
     CHECK(m.psnr > 54 && m.psnr < 100 && m.ssim > 0.99);
     CHECK_CLOSE(m.psnr, (m.views[0].psnr + m.views[1].psnr) / 2, 1e-12);
+    CHECK_CLOSE(m.depth[0], 1, 1e-9); /* the one point, and the Gaussian, lie at 3 */
+    CHECK_CLOSE(m.depth[1], 2, 1e-9);
+    CHECK(isnan(m.by_depth[0]) && isnan(m.by_depth[1]) && m.by_depth[2] > 50 &&
+          m.by_depth[2] < m.psnr); /* without what is empty */
     CHECK_OK(metrics_write_json(test_ctx, &json, scene, &m));
     CHECK_TEXT(json.data, "\"ms_ssim\": ");
+    CHECK_TEXT(json.data,
+               "\"by_depth\": {\"mid_from\": 1, \"far_from\": 2, \"near_psnr\": null, \"mid_psnr\": null, \"far_psnr\": 5");
     CHECK_TEXT(json.data, "\"count\": 2,\n  \"views\": [\n    {\"name\": \"a \\\"quoted\\\"\", \"psnr\": ");
     text_free(&json);
     oxl_metrics_free(test_ctx, &m);

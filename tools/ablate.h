@@ -12,6 +12,7 @@
 enum ablate_measure {
     ABLATE_PSNR, /* dB */
     ABLATE_SSIM,
+    ABLATE_FAR, /* PSNR of the far third of depth, dB */
     ABLATE_GAUSSIANS,
     ABLATE_BYTES,   /* of scene.ply */
     ABLATE_SECONDS, /* of training */

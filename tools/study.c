@@ -153,6 +153,7 @@ static oxl_result study_read_metrics(struct study *s, const char *folder, struct
                           r->ms_ssim = study_number(text, "ms_ssim"), r->gaussians = study_number(text, "gaussians"),
                           r->bytes = study_number(text, "bytes"),     r->seconds = study_number(text, "seconds"),
                           r->blocks = study_number(text, "blocks")};
+    r->far             = study_number(text, "far_psnr");
     r->held_out        = text && strstr(text, "\"split\": \"test\"") != NULL;
     free(text);
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)

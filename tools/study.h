@@ -58,6 +58,7 @@ struct study_result { /* not a number: not known */
     double psnr, ssim, ms_ssim, gaussians, bytes, seconds, blocks;
     double memory; /* bytes that the library held at its peak, over all the parts in which it was trained */
     double cpu;    /* s, likewise */
+    double far;    /* PSNR of what lies in the far third of depth; not a number too when nothing does */
     int    held_out;
 };
 
