@@ -257,8 +257,8 @@ typedef struct oxl_view_metrics {
 typedef struct oxl_metrics {
     double            psnr, ssim, ms_ssim; /* means over the views; 0 when there are none */
     int               count;
-    oxl_view_metrics *views;    /* (count) */
-    double            depth[2]; /* a third and two thirds of how far the scene's points are seen: the bands of density control */
+    oxl_view_metrics *views;       /* (count) */
+    double            depth[2];    /* a third of the times that a point is seen, it lies nearer, and a third beyond */
     double            by_depth[3]; /* PSNR of all pixels that the model draws nearer, in between, farther; NaN: there are none */
 } oxl_metrics;
 

@@ -657,8 +657,6 @@ struct ucd {
     struct contrast contrast;
     char            reason[256];
 };
-/* z_max: how far the scene's points are seen; its thirds are the paper's bands. 0 without points. */
-OXL_INTERNAL double     ucd_reach(const oxl_scene *scene);
 /* What is `on` and between which depths; densifications: how many there will be. Logs nothing: ucd_describe has the words. */
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications);
 OXL_INTERNAL void       ucd_free(oxl_context *ctx, struct ucd *u);

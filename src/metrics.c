@@ -368,9 +368,8 @@ static void metrics_sum_up(oxl_metrics *m, const struct metrics_bands *bands)
 
 oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out)
 {
-    const double         reach = ucd_reach(scene);
     const int            count = oxl_scene_view_count(scene);
-    struct metrics_bands bands = {.depth = {reach / 3, 2 * reach / 3}};
+    struct metrics_bands bands = {.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
     oxl_result           rc    = OXL_OK;
     *out                       = (oxl_metrics){.views = oxl_alloc(ctx, (size_t)count + 1, sizeof *out->views)};
     if (!out->views) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", count);

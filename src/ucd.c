@@ -59,14 +59,9 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
 
 /* ---------------------------------------------------------------- where the bands are, and whether */
 
-OXL_INTERNAL double ucd_reach(const oxl_scene *scene)
-{
-    return scene_depth_quantile(scene, UCD_DEPTH_MAX);
-}
-
 static void ucd_place_bands(struct ucd *u, const oxl_scene *scene, enum oxl_ucd_bands bands)
 {
-    const double z_max = ucd_reach(scene);
+    const double z_max = scene_depth_quantile(scene, UCD_DEPTH_MAX);
     u->z_near          = z_max / 3;
     u->z_far           = 2 * z_max / 3;
     if (bands == OXL_UCD_QUANTILES) {

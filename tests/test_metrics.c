@@ -171,8 +171,8 @@ TEST(metrics_are_the_same_with_any_number_of_threads)
 static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
 {
     oxl_image  image[2];
-    oxl_scene *scene = NULL;
-    oxl_point  point = {.position = {0, 0, 0}};
+    oxl_scene *scene    = NULL;
+    oxl_point  point[3] = {{.position = {0, 0, -2}}, {.position = {0, 0, -1}}, {.position = {0, 0, -0.5}}}; /* at z 1, 2, 2.5 */
     for (int i = 0; i < 2; i++) {
         view[i]        = (oxl_view){.name = i ? "a \"quoted\"" : "b", .is_test = i};
         view[i].camera = (oxl_camera){.width       = 24,
@@ -185,7 +185,7 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
                                       .translation = {0.1 * i, 0, 3}};
         CHECK_OK(oxl_render(test_ctx, model, &view[i].camera, NULL, &image[i], NULL));
     }
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, &point, 1, &scene));
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, point, 3, &scene));
     for (int i = 0; i < 2; i++) oxl_image_free(test_ctx, &image[i]);
     return scene;
 }
@@ -208,14 +208,12 @@ TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
     CHECK(m.count == 2 && m.views[0].view == 0 && m.views[1].view == 1);
     CHECK(m.psnr > 54 && m.psnr < 100 && m.ssim > 0.99);
     CHECK_CLOSE(m.psnr, (m.views[0].psnr + m.views[1].psnr) / 2, 1e-12);
-    CHECK_CLOSE(m.depth[0], 1, 1e-9); /* the one point, and the Gaussian, lie at 3 */
-    CHECK_CLOSE(m.depth[1], 2, 1e-9);
-    CHECK(isnan(m.by_depth[0]) && isnan(m.by_depth[1]) && m.by_depth[2] > 50 &&
-          m.by_depth[2] < m.psnr); /* without what is empty */
+    CHECK(m.depth[0] >= 1 && m.depth[0] <= 2 && m.depth[1] >= 2 && m.depth[1] <= 2.5); /* and the Gaussian is at 3 */
+    CHECK(isnan(m.by_depth[0]) && isnan(m.by_depth[1]) && m.by_depth[2] > 50);
+    CHECK(m.by_depth[2] < m.psnr); /* without the pixels where nothing is drawn, and nothing wrong */
     CHECK_OK(metrics_write_json(test_ctx, &json, scene, &m));
     CHECK_TEXT(json.data, "\"ms_ssim\": ");
-    CHECK_TEXT(json.data,
-               "\"by_depth\": {\"mid_from\": 1, \"far_from\": 2, \"near_psnr\": null, \"mid_psnr\": null, \"far_psnr\": 5");
+    CHECK_TEXT(json.data, "\"near_psnr\": null, \"mid_psnr\": null, \"far_psnr\": ");
     CHECK_TEXT(json.data, "\"count\": 2,\n  \"views\": [\n    {\"name\": \"a \\\"quoted\\\"\", \"psnr\": ");
     text_free(&json);
     oxl_metrics_free(test_ctx, &m);
