@@ -152,7 +152,7 @@ static int block_progress(void *user, const oxl_progress *progress)
     const int           every = OXL_MAX(1, p.iterations / BLOCK_LOG_ROWS);
     const int again = (b->last.iteration == 0 && p.iteration > 1) || p.iteration <= b->last.iteration; /* that row is there */
     if (p.trial) return next && next->progress ? next->progress(next->user, &p) : 0; /* the log and the record hold what stays */
-    if (!again && (p.iteration % every == 0 || p.iteration == p.iterations)) block_log_row(b, &p);
+    if (!again && (p.iteration / every > b->last.iteration / every || p.iteration == p.iterations)) block_log_row(b, &p);
     if (p.seconds - b->log_written > BLOCK_LOG_SECONDS) {
         block_write(b, "log.csv", &b->log); /* a full disk is reported at the end, where it matters */
         b->log_written = p.seconds;

@@ -1,6 +1,6 @@
 /* budget.c - fits the training of a block into the memory that it is given (--ram), by the arithmetic of survey.c.
  *
- * What gives way first is the cache of photographs, then trials (which copy the model: nothing is decided by `auto`), then the number
+ * What gives way first is the cache of photographs, then trials (which copy the model: nothing is decided by `auto`, weights by depth stay as they are), then the number
  * of Gaussians, then the size of the blocks.
  * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
  * what this machine has or had free.
@@ -36,6 +36,7 @@ static void budget_leave_out_trials(oxl_job_options *o)
 {
     if (o->train.sh_degree < 0) o->train.sh_degree = 3;
     if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
+    o->train.ucd.learn = 0;
 }
 
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)

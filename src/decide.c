@@ -16,8 +16,9 @@
 #define DECIDE_WATCH      (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
 #define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long each way of a trial is trained */
 enum {
-    DECIDE_VIEWS_LEAST = 8, /* fewer training views cannot spare one */
-    DECIDE_VIEWS_MOST  = 8  /* that stand aside */
+    DECIDE_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
+    DECIDE_VIEWS_MOST  = 8,  /* that stand aside */
+    DECIDE_RECOVERY    = 500 /* steps after an opacity reset whose losses tell of the reset alone */
 };
 
 /* What was chosen, and why: one member of the object. */
@@ -109,9 +110,10 @@ OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr
 /* ---------------------------------------------------------------- a trial: the same steps from the same state */
 
 struct decide_branch { /* what a step changes */
-    oxl_model model, first, second;
-    int      *view, views, step;
-    double    loss, psnr;
+    oxl_model       model, first, second;
+    struct density *density;
+    int            *view, views, step;
+    double          loss, psnr;
 };
 
 static void decide_branch_free(struct train *t, struct decide_branch *b)
@@ -119,6 +121,7 @@ static void decide_branch_free(struct train *t, struct decide_branch *b)
     oxl_model_free(t->ctx, &b->model);
     oxl_model_free(t->ctx, &b->first);
     oxl_model_free(t->ctx, &b->second);
+    density_free(t->ctx, b->density);
     oxl_free(t->ctx, b->view);
     *b = (struct decide_branch){0};
 }
@@ -131,7 +134,8 @@ static oxl_result decide_branch_copy(const struct train *t, struct decide_branch
     if (!out->view)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
     memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
-    rc = model_copy(t->ctx, t->model, &out->model);
+    rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
     return rc;
@@ -142,6 +146,7 @@ static oxl_result decide_branch_swap(struct train *t, struct decide_branch *b)
     OXL_SWAP(oxl_model, *t->model, b->model);
     OXL_SWAP(oxl_model, t->first, b->first);
     OXL_SWAP(oxl_model, t->second, b->second);
+    OXL_SWAP(struct density *, t->density, b->density);
     OXL_SWAP(int *, t->view, b->view);
     OXL_SWAP(int, t->views, b->views);
     OXL_SWAP(int, t->step, b->step);
@@ -291,6 +296,56 @@ OXL_INTERNAL oxl_result decide_lobes(struct train *t)
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : decide_give_lobes(t);
 }
 
+/* ---------------------------------------------------------------- weights by depth (ucd.c) */
+
+/* Nothing else may be decided before the next densification, and no reset of opacities be just made up for: that alone is what the
+ * losses would tell of. */
+OXL_INTERNAL int decide_tries_weights(const struct train *t)
+{
+    const int end = t->step + t->options->densify_every, bands = decide_bands_at(t), lobes = decide_lobes_at(t);
+    if (!ucd_tries(&t->ucd) || end > (int)(t->options->densify_until * t->options->iterations)) return 0;
+    for (int step = t->step; step < end; step++)
+        if (step == bands || step == lobes) return 0;
+    for (int step = OXL_MAX(1, t->step - DECIDE_RECOVERY); step < end; step++)
+        if (train_resets_opacity_at(t, step)) return 0;
+    return 1;
+}
+
+/* A densification with the point asked for, and all steps up to the next one. */
+static oxl_result decide_try_point(struct train *t, double *cost)
+{
+    const int    span = t->options->densify_every, end = t->step + span - 1;
+    const size_t before = t->model->count;
+    double       f[2], growth, sum = 0;
+    oxl_result   rc;
+    ucd_ask(&t->ucd, f);
+    rc     = train_densify(t, f);
+    growth = (double)t->model->count / (double)before - 1;
+    while (rc == OXL_OK && t->step < end) {
+        t->step++;
+        rc = train_step(t);
+        if (rc == OXL_OK && train_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
+        if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
+    }
+    if (rc == OXL_OK) *cost = ucd_tell(&t->ucd, sum / (span / 2), growth);
+    return rc;
+}
+
+/* Both points of a pair: t is the better branch in the end. */
+static oxl_result decide_try_weights(struct train *t, struct decide_branch *start, struct decide_branch *other)
+{
+    const struct ucd before  = t->ucd;
+    double           cost[2] = {0, 0};
+    oxl_result       rc      = decide_try_point(t, &cost[0]);
+    if (rc == OXL_OK) rc = decide_branch_restart(t, start, other);
+    if (rc == OXL_OK) rc = decide_try_point(t, &cost[1]);
+    if (rc != OXL_OK) t->ucd = before;
+    if (rc != OXL_OK) return rc;
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs differ by %.2g", t->step, t->ucd.f[0],
+            t->ucd.f[1], fabs(cost[1] - cost[0]));
+    return cost[0] < cost[1] ? decide_branch_swap(t, other) : OXL_OK;
+}
+
 /* ---------------------------------------------------------------- trials */
 
 static void decide_note_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
@@ -325,7 +380,8 @@ OXL_INTERNAL oxl_result decide_trial(struct train *t)
     double               psnr[4] = {0, 0, 0, 0};
     const int            most    = t->model->sh_degree;
     oxl_result           rc      = decide_branch_copy(t, &start);
-    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = decide_try_lobes(t, &start, &other, psnr);
+    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_WEIGHTS) rc = decide_try_weights(t, &start, &other);
+    else if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = decide_try_lobes(t, &start, &other, psnr);
     else if (rc == OXL_OK) rc = decide_try_bands(t, &start, &other, psnr);
     if (rc == OXL_OK) {
         if (t->trial_is_next == TRAIN_TRIES_BANDS) decide_note_bands(t, most, psnr);
@@ -368,7 +424,7 @@ OXL_INTERNAL void decide_archive(struct archive *a, struct train *t)
     archive_int(a, &t->sh_degree);
     archive_int(a, &t->trial_is_next);
     archive_int(a, &t->held_views);
-    archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_LOBES);
+    archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_WEIGHTS);
     archive_expect(a, t->held_views >= 0 && t->held_views <= train_training_views(t->scene));
     if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
     for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)

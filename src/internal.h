@@ -564,6 +564,7 @@ struct density_change {
     size_t removed, cloned, split;
 };
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
+OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count, struct density **out);
 OXL_INTERNAL void       density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
 OXL_INTERNAL void       density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count);
@@ -618,7 +619,7 @@ struct spsa {
     double   cost[2];        /* of them, as told */
     double   cap, stability; /* the most that f may be; Spall's A */
     double   slopes;         /* sum of the first pairs' |slope|, from which the gain follows */
-    uint64_t seed;
+    uint64_t seed, signs;
     int      pair, told; /* pairs finished; costs told of the one in progress */
     int      first;      /* which of the two points is asked for first */
 };
@@ -641,32 +642,24 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 
 /* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
 
+enum { UCD_DENSIFICATIONS = 10 }; /* fewer teach too little */
+
 struct ucd {
     int             on, learns, too_short; /* too short a run to learn */
     double          z_near, z_far;         /* where the bands meet, camera z */
-    double          f[2];                  /* f_mid, f_far: of the window's point; of the run, when they are not learned */
-    struct spsa     spsa;                  /* spsa.f: what has been learned so far */
-    int             window;                /* step at which the window in progress began */
-    int             opened;                /* by a densification with f */
-    int             disturbed;             /* windows that began at this step or before do not count */
-    double          growth;                /* dN/N of that densification */
-    double          rise, time;            /* sums of y t and of t t over the window */
-    int             views;
-    float          *level; /* (views) log loss expected at the window's start, or seen in the window */
-    int            *seen;  /* (views) step of the last visit; 0: none */
+    double          f[2];                  /* f_mid, f_far: learned so far; of the run, when they are not learned */
+    struct spsa     spsa;
+    int             densified, stride; /* densifications that were; every so many of them is one to learn from */
     struct contrast contrast;
     char            reason[256];
 };
 /* What is `on` and between which depths; densifications: how many there will be. Logs nothing: ucd_describe has the words. */
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications);
-OXL_INTERNAL void       ucd_free(oxl_context *ctx, struct ucd *u);
 OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
-OXL_INTERNAL void       ucd_observe(struct ucd *u, int step, int view, double loss); /* of every step */
-/* An opacity reset (is_reset) or a new SH band: the window does not count. */
-OXL_INTERNAL void       ucd_disturb(struct ucd *u, int step, int is_reset);
-/* Around density_control: the weights to use, then what came of it. */
-OXL_INTERNAL void       ucd_before_control(struct ucd *u, int step, double f[2]);
-OXL_INTERNAL void       ucd_after_control(struct ucd *u, int step, size_t before, size_t after);
+OXL_INTERNAL int        ucd_tries(const struct ucd *u);            /* whether the next densification is one to learn from */
+OXL_INTERNAL void       ucd_ask(const struct ucd *u, double f[2]); /* the point to try; told of twice, the next pair begins */
+/* Of the point asked for: the mean log loss that followed, and dN/N. Returns its cost; what is not finite drops the pair. */
+OXL_INTERNAL double     ucd_tell(struct ucd *u, double log_loss, double growth);
 OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 
 /* ---------------------------------------------------------------- prune.c: fewer Gaussians, those that matter most */
@@ -727,6 +720,7 @@ OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training vie
 /* Share of the run in which a photograph of this size is halved. */
 OXL_INTERNAL double train_coarse_share(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int    train_densifications(const oxl_train_options *options); /* in a whole run */
+OXL_INTERNAL int    train_may_try(const oxl_train_options *options);        /* whether trials, which copy the model, may come */
 
 /* ---------------------------------------------------------------- run.c: run.json, what a result depends on */
 

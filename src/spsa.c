@@ -4,7 +4,11 @@
  * Pair k shifts both weights at once by c_k times random signs, once there and once back, and asks for the cost of either point;
  * their difference, over the distance of the two points, is the gradient's estimate:
  *     f <- project(f - a_k (cost+ - cost-) / (point+ - point-)),   a_k = a / (A + k + 1)^0.602,   c_k = c / (k + 1)^0.101.
- * Which of the two is asked for first is random too, so a cost that drifts with time favours neither.
+ * Every second pair goes at a right angle to the one before it, so that what either sees of the other weight cancels (Bhatnagar 2003,
+ * "Two-timescale simultaneous perturbation stochastic approximation using deterministic perturbation sequences").
+ * Which of the two points is asked for first is random, so a cost that drifts with time favours neither.
+ *
+ * The search moves in f_mid and f_far - f_mid: so each has a bound of its own, and neither is stuck where f_far = f_mid.
  *
  * Invariants: f_far >= f_mid >= 1 and both at most the cap, for the estimate and for every point asked for. What is asked for is a
  * function of the seed and of the costs told.
@@ -14,11 +18,11 @@
 
 #define SPSA_GAIN_DECAY     0.602 /* the least that converges in practice [Spall 1998, III.B] */
 #define SPSA_SHIFT_DECAY    0.101
-#define SPSA_SHIFT          0.2 /* c: near the noise of a cost, seen as a change of f */
+#define SPSA_SHIFT          0.5 /* c: near the noise of a cost, seen as a change of f */
 #define SPSA_STABILITY      0.1 /* A, as a share of the pairs expected [Spall 1998] */
-#define SPSA_FIRST_STEP     0.1 /* of f: sets the gain a */
-#define SPSA_STEP_MAX       0.25
-#define SPSA_CALIBRATION    8                           /* pairs whose mean slope sets a: one alone may be all noise */
+#define SPSA_FIRST_STEP     0.5 /* of f: sets the gain a */
+#define SPSA_STEP_MAX       0.5
+#define SPSA_CALIBRATION    4                           /* pairs whose mean slope sets a: one alone may be all noise */
 #define SPSA_STREAM         (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
 #define SPSA_DISTANCE_LEAST 0.5 /* x c_k: where the projection left less between the two points, a difference tells nothing */
 
@@ -34,6 +38,14 @@ static void spsa_project(double cap, double f[2])
     f[1] = OXL_CLAMP(f[1], f[0], cap);
 }
 
+/* f moved by so much in f_mid and in f_far - f_mid. */
+static void spsa_move(double cap, const double f[2], double by_mid, double by_beyond, double out[2])
+{
+    const double mid = OXL_CLAMP(f[0] + by_mid, 1.0, cap), beyond = OXL_MAX(0, f[1] - f[0] + by_beyond);
+    out[0] = mid;
+    out[1] = OXL_MIN(mid + beyond, cap);
+}
+
 static double spsa_shift(const struct spsa *s)
 {
     return SPSA_SHIFT / spsa_power(s->pair + 1, SPSA_SHIFT_DECAY);
@@ -42,15 +54,14 @@ static double spsa_shift(const struct spsa *s)
 /* The two points of the pair that begins. */
 static void spsa_open_pair(struct spsa *s)
 {
-    const uint64_t bits  = random_bits(s->seed, SPSA_STREAM, (uint64_t)s->pair);
-    const double   shift = spsa_shift(s);
-    for (int i = 0; i < 2; i++) {
-        const double sign = bits >> (63 - i) & 1 ? 1 : -1;
-        s->point[0][i]    = s->f[i] + sign * shift;
-        s->point[1][i]    = s->f[i] - sign * shift;
-    }
-    spsa_project(s->cap, s->point[0]);
-    spsa_project(s->cap, s->point[1]);
+    const uint64_t bits   = random_bits(s->seed, SPSA_STREAM, (uint64_t)s->pair);
+    const uint64_t signs  = s->pair % 2 ? s->signs ^ 1 : bits >> 62;
+    const double   shift  = spsa_shift(s);
+    const double   mid    = signs & 2 ? shift : -shift;
+    const double   beyond = signs & 1 ? shift : -shift;
+    spsa_move(s->cap, s->f, mid, beyond, s->point[0]);
+    spsa_move(s->cap, s->f, -mid, -beyond, s->point[1]);
+    s->signs = signs;
     s->first = (int)(bits >> 61 & 1);
     s->told  = 0;
 }
@@ -82,15 +93,13 @@ static double spsa_gain(struct spsa *s, const double slope[2])
 
 static void spsa_step(struct spsa *s)
 {
-    const double least = SPSA_DISTANCE_LEAST * spsa_shift(s);
-    double       slope[2], gain;
-    for (int i = 0; i < 2; i++) {
-        const double distance = s->point[0][i] - s->point[1][i]; /* as projected, not as meant */
-        slope[i]              = fabs(distance) >= least ? (s->cost[0] - s->cost[1]) / distance : 0;
-    }
+    const double *p = s->point[0], *q = s->point[1], least = SPSA_DISTANCE_LEAST * spsa_shift(s);
+    const double  distance[2] = {p[0] - q[0], (p[1] - p[0]) - (q[1] - q[0])}; /* as projected, not as meant */
+    double        slope[2], gain, by[2];
+    for (int i = 0; i < 2; i++) slope[i] = fabs(distance[i]) >= least ? (s->cost[0] - s->cost[1]) / distance[i] : 0;
     gain = spsa_gain(s, slope) / spsa_power(s->stability + s->pair + 1, SPSA_GAIN_DECAY);
-    for (int i = 0; i < 2; i++) s->f[i] -= OXL_CLAMP(gain * slope[i], -SPSA_STEP_MAX, SPSA_STEP_MAX);
-    spsa_project(s->cap, s->f);
+    for (int i = 0; i < 2; i++) by[i] = OXL_CLAMP(-gain * slope[i], -SPSA_STEP_MAX, SPSA_STEP_MAX);
+    spsa_move(s->cap, (double[]){s->f[0], s->f[1]}, by[0], by[1], s->f);
 }
 
 OXL_INTERNAL int spsa_tell(struct spsa *s, double cost)
@@ -121,6 +130,7 @@ OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
     archive_doubles(a, &s->stability, 1);
     archive_doubles(a, &s->slopes, 1);
     archive_u64(a, &s->seed);
+    archive_u64(a, &s->signs);
     archive_int(a, &s->pair);
     archive_int(a, &s->told);
     archive_int(a, &s->first);

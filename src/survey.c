@@ -54,7 +54,7 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
     const double       a_view = load->pixels / OXL_MAX(1, load->views);
     const double       photos = OXL_MIN(3.0 * load->pixels, (double)o->scene.image_cache_bytes);
     const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
-    const int          sets   = o->train.sh_degree < 0 || o->train.dog == OXL_DOG_AUTO ? 10 : 4;
+    const int          sets   = train_may_try(&o->train) ? 10 : 4;
     struct survey_cost cost;
     double             step;
     cost.gaussians = OXL_MAX(SURVEY_GROWTH * (double)load->points, SURVEY_LEAST_GAUSSIANS);

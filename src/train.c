@@ -84,11 +84,11 @@ static int train_densifies(const struct train *t)
     return train_densifies_at(t->options, t->step);
 }
 
-static int train_resets_opacity(const struct train *t)
+OXL_INTERNAL int train_resets_opacity_at(const struct train *t, int step)
 {
     const oxl_train_options *o     = t->options;
     const int                every = (int)OXL_MAX(TRAIN_RESET_LEAST, o->reset_opacity_every * o->iterations);
-    return o->reset_opacity_every > 0 && t->step <= o->densify_until * o->iterations && t->step % every == 0;
+    return o->reset_opacity_every > 0 && step <= o->densify_until * o->iterations && step % every == 0;
 }
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
@@ -171,7 +171,9 @@ static oxl_result train_on_view(struct train *t, int view)
     float                 rate[OXL_PLANES];
     struct renderer_loss  loss;
     struct renderer_aside aside;
-    oxl_result            rc = train_compare(t, view, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
+    oxl_result            rc;
+    t->last_loss = NAN;
+    rc           = train_compare(t, view, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
         faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
@@ -186,7 +188,7 @@ static oxl_result train_on_view(struct train *t, int view)
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
-        ucd_observe(&t->ucd, t->step, view, t->options->ssim_every > 1 ? loss.l1 : loss.total); /* alike from step to step */
+        t->last_loss      = t->options->ssim_every > 1 ? loss.l1 : loss.total;
         prune_observe(&t->prune, t->step, loss.l1);
         t->loss += k * (loss.total - t->loss);
         t->psnr += k * (psnr - t->psnr);
@@ -226,21 +228,19 @@ OXL_INTERNAL oxl_result train_resize(struct train *t)
     return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
 }
 
-static oxl_result train_densify(struct train *t)
+OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2])
 {
-    const oxl_train_options *o      = t->options;
-    const size_t             before = t->model->count;
-    struct density_rules     rules  = {.gradient     = o->densify_gradient,
-                                       .extent       = oxl_scene_extent(t->scene),
-                                       .remove_large = t->resets > 0,
-                                       .cap          = train_cap(t->scene, o),
-                                       .seed         = t->ctx->options.seed,
-                                       .step         = t->step};
+    const oxl_train_options *o     = t->options;
+    struct density_rules     rules = {.gradient     = o->densify_gradient,
+                                      .f_mid        = f[0],
+                                      .f_far        = f[1],
+                                      .extent       = oxl_scene_extent(t->scene),
+                                      .remove_large = t->resets > 0,
+                                      .cap          = train_cap(t->scene, o),
+                                      .seed         = t->ctx->options.seed,
+                                      .step         = t->step};
     struct density_change    change;
-    double                   f[2];
     oxl_result               rc;
-    ucd_before_control(&t->ucd, t->step, f);
-    rules.f_mid = f[0], rules.f_far = f[1];
     rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
     if (rc == OXL_OK) rc = train_resize(t);
     if (rc == OXL_OK && t->model->count == 0) {
@@ -248,7 +248,6 @@ static oxl_result train_densify(struct train *t)
                       t->step);
     }
     if (rc != OXL_OK) return rc;
-    ucd_after_control(&t->ucd, t->step, before, t->model->count);
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu cloned, %zu split, %zu removed, %zu left", t->step, change.cloned, change.split,
             change.removed, t->model->count);
     return OXL_OK;
@@ -259,10 +258,13 @@ static oxl_result train_density(struct train *t)
     oxl_result rc = OXL_OK;
     if (t->step > t->options->densify_until * t->options->iterations) return OXL_OK;
     density_observe(t->ctx, t->density, t->renderer, t->model->count);
-    if (train_densifies(t)) rc = train_densify(t);
-    if (rc == OXL_OK && train_resets_opacity(t)) {
+    if (train_densifies(t)) {
+        if (decide_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
+        else rc = train_densify(t, t->ucd.f);
+        t->ucd.densified++;
+    }
+    if (rc == OXL_OK && train_resets_opacity_at(t, t->step)) {
         density_reset_opacity(t->model, &t->first, &t->second);
-        ucd_disturb(&t->ucd, t->step, 1);
         t->resets++;
     }
     return rc;
@@ -297,7 +299,6 @@ static oxl_result train_bands(struct train *t)
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->bands_every * t->options->iterations) + 1e-6));
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
-    ucd_disturb(&t->ucd, t->step, 0);
     rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
@@ -326,6 +327,12 @@ OXL_INTERNAL int train_densifications(const oxl_train_options *options)
     int count = 0;
     for (int step = 1; step <= options->iterations; step++) count += train_densifies_at(options, step);
     return count;
+}
+
+OXL_INTERNAL int train_may_try(const oxl_train_options *o)
+{
+    return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO ||
+           (o->ucd.mode != OXL_UCD_OFF && o->ucd.learn && train_densifications(o) >= UCD_DENSIFICATIONS);
 }
 
 OXL_INTERNAL int train_training_views(const oxl_scene *scene)
@@ -380,7 +387,6 @@ static void train_end(struct train *t)
     oxl_model_free(ctx, &t->gradient);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
-    ucd_free(ctx, &t->ucd);
     oxl_free(ctx, t->view);
     oxl_free(ctx, t->held);
     text_free(&t->decisions);
@@ -493,7 +499,7 @@ OXL_INTERNAL oxl_result train_photograph(struct train *t)
     return rc == OXL_OK ? train_on_view(t, view) : rc;
 }
 
-static oxl_result train_step(struct train *t)
+OXL_INTERNAL oxl_result train_step(struct train *t)
 {
     oxl_result rc = train_bands(t);
     if (rc == OXL_OK) rc = train_photograph(t);
@@ -533,7 +539,7 @@ static oxl_result train_loop(struct train *t)
     while (rc == OXL_OK && t->step < o->iterations) {
         if (t->trial_is_next) {
             rc = decide_trial(t);
-            if (rc == OXL_ERR_INTERRUPTED) return train_stop(t);
+            if (rc == OXL_ERR_INTERRUPTED || (rc == OXL_OK && train_report(t, 0))) return train_stop(t);
             continue;
         }
         t->step++;

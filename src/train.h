@@ -4,7 +4,7 @@
 
 #include "internal.h"
 
-enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_BANDS, TRAIN_TRIES_LOBES };
+enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_BANDS, TRAIN_TRIES_LOBES, TRAIN_TRIES_WEIGHTS };
 
 struct train {
     oxl_context              *ctx;
@@ -28,6 +28,7 @@ struct train {
     int                       halved;          /* whether they are reduced to half the sides */
     size_t                    target_capacity, weight_capacity;
     double                    loss, psnr; /* smoothed */
+    double                    last_loss;  /* of the last photograph, alike from step to step; not a number: it was put aside */
     oxl_faults                faults;
     int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
     double                    begun;      /* when it did */
@@ -41,13 +42,16 @@ struct train {
 
 /* ---------------------------------------------------------------- train.c: one step */
 
-/* A photograph, drawn, compared, walked back, stepped: the part of a step that a trial repeats. */
+/* A photograph, drawn, compared, walked back, stepped: the part of a step that a trial of bands or lobes repeats. */
 OXL_INTERNAL oxl_result train_photograph(struct train *t);
+OXL_INTERNAL oxl_result train_step(struct train *t);                       /* all of it */
+OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
 /* A view's photograph and mask into target and weight. OXL_ERR_INPUT: it cannot be read. */
 OXL_INTERNAL oxl_result train_photo(struct train *t, int view);
 /* The model drawn from a view, against its photograph. */
 OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss);
 OXL_INTERNAL int        train_training_views(const oxl_scene *scene);
+OXL_INTERNAL int        train_resets_opacity_at(const struct train *t, int step);
 OXL_INTERNAL oxl_result train_resize(struct train *t);                  /* the gradient, to the model's shape */
 OXL_INTERNAL int        train_report(const struct train *t, int trial); /* nonzero: the caller wants to stop */
 
@@ -59,6 +63,8 @@ OXL_INTERNAL oxl_result decide_begin(struct train *t); /* which views train, and
 /* Mean loss and PSNR over the views that stand aside. */
 OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL void       decide_bands(struct train *t); /* after each step: SH bands */
+/* At a densification: whether a trial is to make it, twice. */
+OXL_INTERNAL int        decide_tries_weights(const struct train *t);
 OXL_INTERNAL oxl_result decide_lobes(struct train *t); /* after each step: second lobes */
 OXL_INTERNAL oxl_result
 decide_trial(struct train *t);                 /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */

@@ -2,32 +2,32 @@
  *
  * Water takes contrast with distance, and the gradients that ask for more Gaussians with it. So a gradient seen from between z_near and
  * z_far counts f_mid times, from beyond z_far f_far times: there alone, never in the optimiser. Both are learned during the run by
- * SPSA (spsa.c). The span between two densifications is a window: the first of the two was made with the point that is tried, and the
- * cost of that point is
- *     log of (loss after the window / loss before it)  +  UCD_GROWTH x dN / N,
- * dN the Gaussians that the densification made. Without the second term more would always look better.
+ * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same photographs (decide.c): the
+ * densification is made with it, training goes on up to the next one, and the cost of the point is
+ *     mean log loss over the second half of that span  +  UCD_GROWTH x dN / N,
+ * dN the Gaussians that the densification made. Without the second term more would always look better. The point of less cost goes on.
  *
- * Photographs differ in loss far more than a window changes it. So each is compared with itself alone: `level` is what its
- * log loss would be at the window's start. A view met t steps into the window with y = log loss - level gives one equation y = slope t,
- * least squares of which is the window's slope; one met twice gives a second with t counted from the first. At the end all levels
- * move on by that slope. This costs a float and an int for each view.
+ * Two spans one after the other, as Spall has it, differ in the photographs, the learning rate and the last opacity reset far more than
+ * in the weights: nothing was learned so (docs/PAPER.md).
  *
  * Model only what a scene requires: `auto` turns this on where contrast is seen to fade with depth (contrast.c), and says what it saw.
  *
- * Invariant: the state is a function of the scene, the options, the seed and the losses observed.
+ * Invariant: the state is a function of the scene, the options, the seed and the costs told.
  */
 #include "internal.h"
 #include "vecmath.h"
 
-#define UCD_GROWTH    0.05 /* what a doubling costs, in log loss; PAPER.md has what it was measured by */
+#define UCD_GROWTH    0.02 /* what a doubling costs, in log loss; PAPER.md has what it was measured by */
 #define UCD_CAP       5.0  /* on both weights [D] */
-#define UCD_RECOVERY  500  /* steps after an opacity reset whose losses tell of the reset alone */
 #define UCD_FADE_MIN  0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
 #define UCD_ERRORS    3.0  /* auto: standard errors that it must be away from none */
 #define UCD_DEPTH_MAX 0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
 #define UCD_FRONT     0.10 /* quantiles of depth that auto compares */
 #define UCD_BACK      0.90
-enum { UCD_PAIRS_LEAST = 10 }; /* fewer cannot move the weights by more than noise does */
+enum {
+    UCD_PAIRS       = 16, /* at least, where there are as many densifications; spread over them, as each costs another span */
+    UCD_PAIRS_SHARE = 4   /* and a quarter of them, in longer runs */
+};
 
 /* ---------------------------------------------------------------- options */
 
@@ -90,17 +90,13 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
             u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
 }
 
-static oxl_result ucd_begin_search(oxl_context *ctx, struct ucd *u, int views, int pairs, uint64_t seed)
+static void ucd_begin_search(struct ucd *u, int densifications, uint64_t seed)
 {
-    spsa_begin(&u->spsa, u->f, UCD_CAP, pairs, seed);
+    u->stride = OXL_CLAMP((densifications + UCD_PAIRS / 2) / UCD_PAIRS, 1, UCD_PAIRS_SHARE);
+    spsa_begin(&u->spsa, u->f, UCD_CAP, densifications / u->stride, seed);
     memcpy(u->f, u->spsa.f, sizeof u->f);
-    u->too_short = u->learns && pairs < UCD_PAIRS_LEAST;
+    u->too_short = u->learns && densifications < UCD_DENSIFICATIONS;
     u->learns    = u->learns && !u->too_short;
-    if (!u->learns) return OXL_OK;
-    u->views = views;
-    u->level = oxl_calloc(ctx, (size_t)views + 1, sizeof *u->level);
-    u->seen  = oxl_calloc(ctx, (size_t)views + 1, sizeof *u->seen);
-    return u->level && u->seen ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the losses of %d views", views);
 }
 
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications)
@@ -116,78 +112,38 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *sc
     u->learns = u->learns && u->on;
     if (rc != OXL_OK || !u->on) return rc;
     ucd_place_bands(u, scene, options->bands);
-    rc = ucd_begin_search(ctx, u, oxl_scene_view_count(scene), densifications / 2, ctx->options.seed);
-    if (rc != OXL_OK) ucd_free(ctx, u);
-    return rc;
-}
-
-OXL_INTERNAL void ucd_free(oxl_context *ctx, struct ucd *u)
-{
-    oxl_free(ctx, u->level);
-    oxl_free(ctx, u->seen);
-    u->level = NULL;
-    u->seen  = NULL;
+    ucd_begin_search(u, densifications, ctx->options.seed);
+    return OXL_OK;
 }
 
 OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size)
 {
     const int used = snprintf(out, size, "depth weights %s", u->reason);
     if (!u->on || used < 0 || (size_t)used >= size) return;
-    snprintf(out + used, size - (size_t)used, "; from depth %.3g f_mid %.2f, from %.3g f_far %.2f, %s", u->z_near, u->spsa.f[0],
-             u->z_far, u->spsa.f[1],
+    snprintf(out + used, size - (size_t)used, "; from depth %.3g f_mid %.2f, from %.3g f_far %.2f, %s", u->z_near, u->f[0],
+             u->z_far, u->f[1],
              u->learns      ? "learned"
              : u->too_short ? "fixed: the run is too short to learn them"
                             : "fixed");
 }
 
-/* ---------------------------------------------------------------- a window */
+/* ---------------------------------------------------------------- the search */
 
-OXL_INTERNAL void ucd_observe(struct ucd *u, int step, int view, double loss)
+OXL_INTERNAL int ucd_tries(const struct ucd *u)
 {
-    float y;
-    if (!u->learns || !(loss > 0 && loss <= DBL_MAX)) return;
-    y = (float)vecmath_log(loss);
-    if (u->seen[view] > 0) {
-        const double t = step - OXL_MAX(u->seen[view], u->window);
-        u->rise += t * (y - u->level[view]);
-        u->time += t * t;
-    }
-    u->level[view] = y;
-    u->seen[view]  = step;
+    return u->learns && u->densified % u->stride == 0;
 }
 
-OXL_INTERNAL void ucd_disturb(struct ucd *u, int step, int is_reset)
+OXL_INTERNAL void ucd_ask(const struct ucd *u, double f[2])
 {
-    u->disturbed = OXL_MAX(u->disturbed, is_reset ? step + UCD_RECOVERY : step);
+    spsa_ask(&u->spsa, f);
 }
 
-/* The slope of the window that ends; the levels go to its end. */
-static double ucd_end_window(struct ucd *u, int step)
+OXL_INTERNAL double ucd_tell(struct ucd *u, double log_loss, double growth)
 {
-    const double slope = u->time > 0 ? u->rise / u->time : 0;
-    for (int i = 0; i < u->views; i++)
-        if (u->seen[i] > 0) u->level[i] += (float)(slope * (step - OXL_MAX(u->seen[i], u->window)));
-    return slope;
-}
-
-OXL_INTERNAL void ucd_before_control(struct ucd *u, int step, double f[2])
-{
-    if (u->learns) {
-        const double slope   = ucd_end_window(u, step);
-        const int    counted = u->opened && u->time > 0 && u->disturbed < u->window;
-        if (counted) spsa_tell(&u->spsa, slope * (step - u->window) + UCD_GROWTH * u->growth);
-        else spsa_skip(&u->spsa);
-        spsa_ask(&u->spsa, u->f);
-    }
-    memcpy(f, u->f, sizeof u->f);
-}
-
-OXL_INTERNAL void ucd_after_control(struct ucd *u, int step, size_t before, size_t after)
-{
-    u->growth = before ? ((double)after - (double)before) / (double)before : 0;
-    u->window = step;
-    u->opened = 1;
-    u->rise = u->time = 0;
+    const double cost = log_loss + UCD_GROWTH * growth;
+    if (spsa_tell(&u->spsa, cost)) memcpy(u->f, u->spsa.f, sizeof u->f);
+    return cost;
 }
 
 OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
@@ -195,14 +151,6 @@ OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
     if (!u->learns) return; /* what it then is follows from scene and options */
     spsa_archive(a, &u->spsa);
     archive_doubles(a, u->f, 2);
-    archive_doubles(a, &u->growth, 1);
-    archive_doubles(a, &u->rise, 1);
-    archive_doubles(a, &u->time, 1);
-    archive_int(a, &u->window);
-    archive_int(a, &u->opened);
-    archive_int(a, &u->disturbed);
-    archive_floats(a, u->level, (size_t)u->views);
-    archive_ints(a, u->seen, (size_t)u->views);
-    archive_expect(a, u->window >= 0 && u->disturbed >= 0);
-    for (int i = 0; i < u->views; i++) archive_expect(a, u->seen[i] >= 0);
+    archive_int(a, &u->densified);
+    archive_expect(a, u->densified >= 0);
 }

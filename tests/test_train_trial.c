@@ -100,3 +100,58 @@ TEST(decide_a_run_stopped_in_its_trial_ends_in_the_same_bytes)
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
+
+/* Densifications from step 60 to 120; each but the last is made twice, with the steps up to the next one. */
+static oxl_train_options decide_weights_options(void)
+{
+    oxl_train_options o = train_options(240);
+    o.sh_degree         = 0;
+    o.densify_every     = 5;
+    o.densify_gradient  = 2e-3f; /* of some, not of all */
+    o.ucd.mode          = OXL_UCD_ON;
+    return o;
+}
+
+TEST(decide_weights_by_depth_are_learned_and_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
+{
+    static const int       stops[] = {60, 62, 64, 90, 119, 200};
+    struct checkpoint_case c       = checkpoint_of(train_scene(14), decide_weights_options());
+    oxl_model              model;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    text_free(&c.decisions);
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole));
+    CHECK(strstr(c.decisions.data, ", learned\"") != NULL && strstr(c.decisions.data, "f_mid 1.50") == NULL);
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+struct decide_watch {
+    int step, tried, back; /* the last step; steps of trials; times that one went back */
+};
+
+static int decide_watch(void *user, const oxl_progress *p)
+{
+    struct decide_watch *w = user;
+    w->tried += p->trial;
+    w->back += p->iteration <= w->step && p->trial;
+    w->step = p->iteration;
+    return 0;
+}
+
+/* 12 pairs of twice 4 steps. */
+TEST(decide_tries_each_pair_of_weights_from_the_same_step_and_not_after_the_last_densification)
+{
+    struct decide_watch     w     = {0, 0, 0};
+    const oxl_train_options o     = decide_weights_options();
+    oxl_scene              *scene = train_scene(14);
+    oxl_model               model;
+    CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){decide_watch, &w}, &model));
+    CHECK(w.tried == 12 * 8 && w.back == 12 && w.step == 240);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}

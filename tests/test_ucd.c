@@ -98,7 +98,6 @@ TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_fades)
         CHECK(u.on == turbid);
         CHECK_TEXT(text, turbid ? "depth weights on: from depth" : "depth weights off: from depth");
         if (turbid) CHECK_TEXT(text, "f_mid 1.50");
-        ucd_free(test_ctx, &u);
         oxl_scene_free(test_ctx, scene);
     }
 }
@@ -122,18 +121,10 @@ TEST(ucd_keeps_its_weights_when_told_to_or_when_the_run_is_short_and_says_so)
     for (int is_short = 0; is_short < 2; is_short++) {
         struct ucd u =
             is_short ? ucd_of(scene, OXL_UCD_ON, 1, 6, OXL_UCD_THIRDS) : ucd_of(scene, OXL_UCD_ON, 0, 60, OXL_UCD_THIRDS);
-        char   text[400];
-        double f[2];
-        for (int step = 1; step <= 1000; step++) {
-            ucd_observe(&u, step, step % 10, 1.0 / step);
-            if (step % 100 != 0) continue;
-            ucd_before_control(&u, step, f);
-            CHECK(f[0] == 1.5 && f[1] == 2);
-            ucd_after_control(&u, step, 100, 110);
-        }
+        char text[400];
+        CHECK(!ucd_tries(&u) && u.f[0] == 1.5 && u.f[1] == 2);
         ucd_describe(&u, text, sizeof text);
         CHECK_TEXT(text, is_short ? "f_far 2.00, fixed: the run is too short" : "f_far 2.00, fixed");
-        ucd_free(test_ctx, &u);
     }
     oxl_scene_free(test_ctx, scene);
 }
@@ -160,112 +151,56 @@ TEST(ucd_options_are_words_or_two_weights_in_order)
 
 /* ---------------------------------------------------------------- the search */
 
-enum { SEARCH_VIEWS = 37, SEARCH_EVERY = 100 };
-
-/* A run without pictures: each view has a log loss of its own between -4 and 0, on which all share one trend and each visit has noise.
- * The trend's slope in a window is what `slope` makes of the weights at its beginning. */
-struct search {
-    struct ucd u;
-    double     trend, noise;
-    int        step;
-};
-
-static double search_fake_slope(const double f[2]) /* per step: best at (1.6, 2.4) */
+/* A run without pictures, whose log loss after a densification is least with (1.6, 2.4). */
+static struct ucd search_begin(double mid, double back, int densifications, uint64_t seed)
 {
-    return -2e-3 + 1e-3 * ((f[0] - 1.6) * (f[0] - 1.6) + (f[1] - 2.4) * (f[1] - 2.4));
+    struct ucd u = {.on = 1, .learns = 1, .f = {mid, back}};
+    ucd_begin_search(&u, densifications, seed);
+    return u;
 }
 
-static struct search search_begin(double mid, double back, double noise, uint64_t seed)
-{
-    struct search s = {.noise = noise};
-    s.u             = (struct ucd){.on = 1, .learns = 1, .f = {mid, back}};
-    CHECK_OK(ucd_begin_search(test_ctx, &s.u, SEARCH_VIEWS, 100, seed));
-    return s;
-}
-
-/* `windows` windows with a constant slope, or 0: the fake one; every view once in an order of each epoch. */
-static void search_run(struct search *s, int windows, double slope)
+static void search_run(struct ucd *u, int densifications, double noise, uint64_t draw)
 {
     double f[2];
-    for (int w = 0; w < windows; w++) {
-        for (int i = 0; i < SEARCH_EVERY; i++) {
-            const uint64_t epoch = (uint64_t)(s->step / SEARCH_VIEWS), at = (uint64_t)(s->step % SEARCH_VIEWS);
-            const int      view = (int)((at * (1 + epoch % 30) + random_bits(8, epoch, 0) % SEARCH_VIEWS) % SEARCH_VIEWS);
-            const double   own  = -4 * random_unit(random_bits(9, (uint64_t)view, 0));
-            s->step++;
-            s->trend += slope != 0 ? slope : search_fake_slope(s->u.f);
-            ucd_observe(&s->u, s->step, view, exp(own + s->trend + s->noise * density_normal(10, (uint64_t)s->step, 0)));
+    for (int n = 0; n < densifications; n++, u->densified++) {
+        if (!ucd_tries(u)) continue;
+        for (int i = 0; i < 2; i++) {
+            ucd_ask(u, f);
+            ucd_tell(u, -4 + 2e-3 * spsa_bowl(f, noise, draw + 2 * (uint64_t)n + (uint64_t)i), 0);
         }
-        ucd_before_control(&s->u, s->step, f);
-        ucd_after_control(&s->u, s->step, 1000, 1000);
     }
-}
-
-TEST(ucd_measures_the_slope_of_a_window_whatever_the_views_own_losses_are)
-{
-    struct search s = search_begin(1.5, 2, 0, 1);
-    search_run(&s, 3, -1e-3);
-    for (int i = 0; i < 2; i++) { /* each window its own slope, though views were last seen in windows with another one */
-        const double slope = i ? -2e-4 : -3e-3;
-        double       cost;
-        s.u.spsa.told = 0;
-        search_run(&s, 1, slope);
-        cost = s.u.spsa.cost[s.u.spsa.first];
-        CHECK(s.u.spsa.told == 1);
-        CHECK_CLOSE(cost / SEARCH_EVERY, slope, 1e-6);
-    }
-    ucd_free(test_ctx, &s.u);
 }
 
 TEST(ucd_learns_the_same_weights_from_below_and_from_above_in_spite_of_noise)
 {
     for (uint64_t seed = 1; seed <= 4; seed++)
         for (int above = 0; above < 2; above++) {
-            struct search s = search_begin(above ? 3 : 1, above ? 4 : 1, 0.03, seed);
-            search_run(&s, 200, 0);
-            CHECK(s.u.spsa.pair >= 98);
-            CHECK_CLOSE(s.u.spsa.f[0], 1.6, 0.3);
-            CHECK_CLOSE(s.u.spsa.f[1], 2.4, 0.3);
-            ucd_free(test_ctx, &s.u);
+            struct ucd u = search_begin(above ? 3 : 1, above ? 4 : 1, 33, seed);
+            search_run(&u, 33, 0.1, 100 * seed);
+            CHECK(u.spsa.pair == 17);
+            CHECK_CLOSE(u.f[0], 1.6, 0.3);
+            CHECK_CLOSE(u.f[1], 2.4, 0.3);
         }
+}
+
+TEST(ucd_spreads_its_pairs_over_the_densifications)
+{
+    struct ucd u     = search_begin(1.5, 2, 200, 1);
+    int        tries = 0;
+    for (; u.densified < 200; u.densified++) tries += ucd_tries(&u);
+    CHECK(tries == 50);
+    u = search_begin(1.5, 2, 12, 1);
+    CHECK(ucd_tries(&u));
+    u.densified++;
+    CHECK(ucd_tries(&u));
 }
 
 TEST(ucd_growth_has_a_price)
 {
-    struct search s = search_begin(1.5, 2, 0, 1);
-    double        f[2], cost[2];
-    search_run(&s, 3, -1e-3);
-    for (int i = 0; i < 2; i++) {
-        s.u.spsa.told = 0;
-        s.u.growth    = i ? 0.5 : 0;
-        search_run(&s, 1, -1e-3);
-        cost[i] = s.u.spsa.cost[s.u.spsa.first];
-    }
-    CHECK_CLOSE(cost[1] - cost[0], 0.5 * UCD_GROWTH, 1e-6);
-    ucd_before_control(&s.u, s.step, f);
-    ucd_after_control(&s.u, s.step, 1000, 1250);
-    CHECK_CLOSE(s.u.growth, 0.25, 1e-12);
-    ucd_free(test_ctx, &s.u);
-}
-
-TEST(ucd_windows_with_a_reset_or_a_new_band_do_not_count)
-{
-    struct search s = search_begin(1.5, 2, 0, 1);
-    int           pairs;
-    search_run(&s, 9, -1e-3); /* the first window is no densification's */
-    pairs = s.u.spsa.pair;
-    CHECK(pairs == 4 && s.u.spsa.told == 0);
-    ucd_disturb(&s.u, s.step + 1, 0);
-    search_run(&s, 1, -1e-3);
-    CHECK(s.u.spsa.pair == pairs && s.u.spsa.told == 0);
-    search_run(&s, 1, -1e-3);
-    CHECK(s.u.spsa.told == 1);
-    ucd_disturb(&s.u, s.step, 1); /* a reset: five windows and the one that begins with it */
-    search_run(&s, 6, -1e-3);
-    CHECK(s.u.spsa.pair == pairs && s.u.spsa.told == 0);
-    search_run(&s, 2, -1e-3);
-    CHECK(s.u.spsa.pair == pairs + 1);
-    ucd_free(test_ctx, &s.u);
+    struct ucd u = search_begin(1.5, 2, 33, 1);
+    CHECK_CLOSE(ucd_tell(&u, -3, 0), -3, 1e-12);
+    CHECK_CLOSE(ucd_tell(&u, -3, 0.5), -3 + 0.5 * UCD_GROWTH, 1e-12);
+    CHECK(u.spsa.pair == 1 && memcmp(u.f, u.spsa.f, sizeof u.f) == 0 && u.f[0] != 1.5);
 }
 
 static void ucd_state(struct archive *a, void *user)
@@ -275,17 +210,13 @@ static void ucd_state(struct archive *a, void *user)
 
 TEST(ucd_goes_on_from_its_archive)
 {
-    struct search a = search_begin(1.5, 2, 0.03, 3), b = search_begin(1.5, 2, 0.03, 3);
-    int           found = 0;
-    search_run(&a, 7, 0);
-    ucd_observe(&a.u, ++a.step, 5, 0.5);
-    b.step = a.step, b.trend = a.trend;
-    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", ucd_state, &a.u));
-    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", ucd_state, &b.u, &found));
-    search_run(&a, 6, 0);
-    search_run(&b, 6, 0);
-    CHECK(found && a.u.spsa.pair == b.u.spsa.pair && memcmp(a.u.spsa.f, b.u.spsa.f, sizeof a.u.f) == 0);
-    CHECK(memcmp(a.u.f, b.u.f, sizeof a.u.f) == 0 && a.u.f[0] != 1.5);
-    ucd_free(test_ctx, &a.u);
-    ucd_free(test_ctx, &b.u);
+    struct ucd a = search_begin(1.5, 2, 33, 3), b = search_begin(1.5, 2, 33, 3);
+    int        found = 0;
+    search_run(&a, 7, 0.1, 0);
+    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", ucd_state, &a));
+    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", ucd_state, &b, &found));
+    search_run(&a, 6, 0.1, 50);
+    search_run(&b, 6, 0.1, 50);
+    CHECK(found && a.spsa.pair == b.spsa.pair && memcmp(a.spsa.f, b.spsa.f, sizeof a.f) == 0);
+    CHECK(memcmp(a.f, b.f, sizeof a.f) == 0 && a.f[0] != 1.5 && a.densified == b.densified);
 }
