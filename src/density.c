@@ -1,9 +1,10 @@
 /* density.c - how many Gaussians, and where: clone, split, prune, reset (Kerbl et al. 2023, sec. 5).
  *
  * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers what it cannot explain: a small one is cloned, a large one
- * replaced by two samples of itself. Faint ones are removed. Under water the gradients of what is far are too small: paper eq. 2 gives
- * them a weight by depth. Sums are kept for each band of depths apart, so that the weights are chosen when they are needed, and
- * what is read without them (the second lobes' criterion, eq. 4) costs nothing more.
+ * replaced by two samples of itself. Faint ones are removed. After a reset the very large are split too, not removed as in Kerbl: in
+ * turbid water they are what draws the far, and with them gone nothing is left there to grow. Under water the gradients of what is
+ * far are too small: paper eq. 2 gives them a weight by depth. Sums are kept for each band of depths apart, so that the weights are
+ * chosen when they are needed, and what is read without them (the second lobes' criterion, eq. 4) costs nothing more.
  *
  * Invariants: children stand next to their parent, so rows that are near in memory stay near in space (packs out of sight are
  * skipped whole); once rows have a second lobe none may grow, so those stay first. Every random number depends on seed, step and
@@ -15,7 +16,7 @@
 #define DENSITY_OPACITY_MIN   0.005 /* fainter ones are removed [Kerbl 2023] */
 #define DENSITY_OPACITY_RESET 0.01  /* [Kerbl 2023] */
 #define DENSITY_SPLIT_SCALE   0.01  /* x extent: smaller ones are cloned, larger ones split [Kerbl 2023] */
-#define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are removed after the first reset [Kerbl 2023] */
+#define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset; removed in [Kerbl 2023] */
 #define DENSITY_SPLIT_SHRINK  1.6   /* [Kerbl 2023] */
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_CLONE, DENSITY_SPLIT };
@@ -163,7 +164,7 @@ static enum density_verdict density_judge(const struct density *d, const oxl_mod
     const double mean = d->views[i] > 0 ? d->gradient[i] / d->views[i] : 0;
     if (!model_row_is_finite(m, i)) return DENSITY_REMOVE;
     if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return DENSITY_REMOVE;
-    if (rules->remove_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_REMOVE;
+    if (rules->split_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_SPLIT;
     if (!(mean >= rules->gradient)) return DENSITY_KEEP;
     return density_scale(m, i) <= DENSITY_SPLIT_SCALE * rules->extent ? DENSITY_CLONE : DENSITY_SPLIT;
 }

@@ -231,14 +231,14 @@ OXL_INTERNAL oxl_result train_resize(struct train *t)
 OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2])
 {
     const oxl_train_options *o     = t->options;
-    struct density_rules     rules = {.gradient     = o->densify_gradient,
-                                      .f_mid        = f[0],
-                                      .f_far        = f[1],
-                                      .extent       = oxl_scene_extent(t->scene),
-                                      .remove_large = t->resets > 0,
-                                      .cap          = train_cap(t->scene, o),
-                                      .seed         = t->ctx->options.seed,
-                                      .step         = t->step};
+    struct density_rules     rules = {.gradient    = o->densify_gradient,
+                                      .f_mid       = f[0],
+                                      .f_far       = f[1],
+                                      .extent      = oxl_scene_extent(t->scene),
+                                      .split_large = t->resets > 0,
+                                      .cap         = train_cap(t->scene, o),
+                                      .seed        = t->ctx->options.seed,
+                                      .step        = t->step};
     struct density_change    change;
     oxl_result               rc;
     rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
