@@ -2,6 +2,7 @@
 #include "../tools/synth.c"
 #include "../tools/synth_export.c"
 #include "../tools/synth_file.c"
+#include "../tools/synth_fish.c"
 #include "../tools/synth_path.c"
 #include "../tools/synth_points.c"
 #include "../tools/synth_shade.c"
@@ -328,6 +329,89 @@ TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_anot
     }
 }
 
+/* Pixels of one picture that are not those of another; outside: of them where the mask is white. */
+static int synth_test_differences(const char *survey, int view, int *outside, int *covered)
+{
+    oxl_image photograph = {0}, still = {0}, mask = {0};
+    char      name[32], path[600];
+    int       differ = 0;
+    synth_image_name(view, name);
+    snprintf(path, sizeof path, "%s/images/%s", survey, name);
+    CHECK_OK(oxl_image_read(test_ctx, path, &photograph));
+    snprintf(path, sizeof path, "%s/truth/still/%s", survey, name);
+    CHECK_OK(oxl_image_read(test_ctx, path, &still));
+    snprintf(path, sizeof path, "%s/truth/masks/%s", survey, name);
+    CHECK_OK(oxl_image_read(test_ctx, path, &mask));
+    *outside = *covered = 0;
+    for (int i = 0; mask.rgb && still.rgb && photograph.rgb && i < mask.width * mask.height; i++) {
+        const int black   = mask.rgb[i] < 0.5f;
+        int       differs = 0;
+        for (int c = 0; c < 3; c++) {
+            const int at = i + c * mask.width * mask.height;
+            differs |= photograph.rgb[at] != still.rgb[at];
+        }
+        differ += differs, *outside += differs && !black, *covered += black;
+    }
+    oxl_image_free(test_ctx, &photograph);
+    oxl_image_free(test_ctx, &still);
+    oxl_image_free(test_ctx, &mask);
+    return differ;
+}
+
+/* The survey without fish, to the byte, under truth/still; all that differs from it is behind the masks. */
+TEST(synth_fish_change_the_photographs_where_the_masks_are_black_and_nothing_else)
+{
+    static const char *const same[] = {"sparse/0/images.txt", "sparse/0/points3D.txt", "truth/clean/IMG_00003.png",
+                                       "truth/depth/IMG_00003.pfm"};
+    synth_options            still = synth_test_options("still"), fish = synth_test_options("fish");
+    struct colmap            survey = {0};
+    fish.fish                       = 5;
+    fish.threads                    = 3;
+    synth_test_make(&still, &survey);
+    colmap_free(test_ctx, &survey);
+    synth_test_make(&fish, &survey);
+    colmap_free(test_ctx, &survey);
+    CHECK(!os_is_folder(test_path("still/truth/masks")));
+    for (size_t i = 0; i < OXL_COUNT(same); i++) CHECK(synth_test_same_files(still.out, fish.out, same[i]));
+    for (int i = 0; i < fish.views; i++) {
+        char               name[32], path[2][64];
+        struct os_file_map a = {0}, b = {0};
+        int                outside, covered;
+        const int          differ = synth_test_differences(fish.out, i, &outside, &covered);
+        CHECK(outside == 0 && covered > 20 && covered < 96 * 64 / 2 && differ > covered * 8 / 10);
+        synth_image_name(i, name);
+        snprintf(path[0], sizeof path[0], "still/images/%s", name);
+        snprintf(path[1], sizeof path[1], "fish/truth/still/%s", name);
+        CHECK_OK(os_read_file(test_ctx, test_path(path[0]), &a));
+        CHECK_OK(os_read_file(test_ctx, test_path(path[1]), &b));
+        CHECK(a.size == b.size && a.size > 0 && memcmp(a.data, b.data, a.size) == 0);
+        os_release_file(test_ctx, &a);
+        os_release_file(test_ctx, &b);
+    }
+}
+
+TEST(synth_fish_swim_between_photographs_in_front_of_the_ground)
+{
+    synth_options      o     = synth_test_options("fish");
+    struct synth_path  path  = {0};
+    struct synth_world world = {0};
+    struct synth_fish  at[2][9];
+    o.fish = 3;
+    CHECK(synth_path_create(&o, &path) && synth_world_create(o.seed, path.half, path.wreck, &world));
+    synth_path_settle(&path, &world);
+    for (int k = 0; k < 2; k++) CHECK(synth_fish_near(&o, &world, &path, 2 + k, at[k]) == 9);
+    for (int i = 0; i < 6; i++) { /* those born for views 2 and 3 are in both lists */
+        const struct synth_fish *now = &at[0][3 + i], *next = &at[1][i];
+        const v3                 way = v3_sub(next->at, now->at);
+        CHECK(now->seed == next->seed && now->length == next->length);
+        CHECK_CLOSE(v3_dot(way, now->ahead), v3_length(way), 1e-12);
+        CHECK(v3_length(way) > 0.19 && v3_length(way) < 0.81);
+        CHECK(now->at.z > synth_ground(&world, now->at.x, now->at.y));
+    }
+    synth_world_free(&world);
+    synth_path_free(&path);
+}
+
 TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
 {
     char          error[300];
@@ -340,6 +424,10 @@ TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
     o.path = "spiral";
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
     CHECK_TEXT(error, "lawnmower and orbit");
+    o      = synth_test_options("survey");
+    o.fish = 101;
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK_TEXT(error, "0 to 100 fish");
     o       = synth_test_options("survey");
     o.views = 1;
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);

@@ -119,6 +119,8 @@ static const struct option {
     {"What is made", "--water", "TYPE", TEXT, FIELD(synth.water), IN(SYNTH),
      "none, or Jerlov's type: I IA IB II III 1C 3C 5C 7C 9C (1C)"},
     {"What is made", "--noise", "SIGMA", REAL, FIELD(synth.noise), IN(SYNTH), "of the sensor, in 8-bit levels (1.5)"},
+    {"What is made", "--fish", "N", COUNTING, FIELD(synth.fish), IN(SYNTH),
+     "that swim into each photograph, and out of it; truth/still/ and truth/masks/ are without them (0)"},
     {"What is made", "--points", "N", LARGE, FIELD(synth.points), IN(SYNTH), "sparse points; 0: 400 a view (0)"},
     {"What is made", "--origin", "X,Y,Z", PLACE, FIELD(synth.origin), IN(SYNTH),
      "where the middle lies in the export's world, metres (0,0,0)"},

@@ -4,9 +4,10 @@
  *     sparse/0/{cameras,images,points3D}.txt  the poses and a sparse cloud with tracks
  *     truth/clean, truth/depth                the same photographs without water and noise; camera z in metres
  *     truth/water.txt, truth/model.txt        the water's coefficients; the world and these files in words
+ *     truth/still, truth/masks                with --fish: the photographs before any swam in; where they are, in black
  *
  * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range along the ray.
- * Invariant: a photograph is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else.
+ * Invariant: a photograph is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else, but for fish.
  * The same options give the same files with any number of threads.
  */
 #include "synth.h"
@@ -28,7 +29,9 @@ struct synth_run {
     struct synth_path    path;
     struct synth_world   world;
     struct synth_points  points;
-    oxl_image            clean, photograph;
+    oxl_image            clean, photograph, mask; /* mask: with fish alone */
+    struct synth_fish   *fish;                    /* of the view */
+    int                  fish_count;
     float               *depth; /* (H,W) camera z, metres; 0: nothing there */
     char                *error;
     size_t               error_size;
@@ -59,6 +62,8 @@ static oxl_result synth_check(struct synth_run *s)
     if (!(o->extent >= 0 && o->extent <= 2000))
         return synth_fail(s, OXL_ERR_USAGE, "synth: the extent can be 0 to 2000 metres", "");
     if (!(o->noise >= 0 && o->noise <= 100)) return synth_fail(s, OXL_ERR_USAGE, "synth: the noise can be 0 to 100 levels", "");
+    if (o->fish < 0 || o->fish > SYNTH_FISH_MOST)
+        return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100 fish can swim into a photograph", "");
     if (o->points < 0 || o->points > 100000000)
         return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
     for (int i = 0; i < 3; i++)
@@ -179,61 +184,127 @@ static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, 
     }
 }
 
-/* Water, noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
+/* Range along the ray of a pixel's middle. */
+static double synth_range(const struct synth_run *s, const struct synth_camera *c, int x, int y)
+{
+    const double depth = s->depth[(size_t)y * (size_t)c->width + (size_t)x];
+    return depth * hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
+}
+
+/* Noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
+static void synth_expose(struct synth_run *s, int view, size_t at, int channel, double seen)
+{
+    const synth_options *o                          = s->options;
+    const size_t         plane                      = synth_plane(o);
+    const uint64_t       bits                       = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + (uint64_t)channel);
+    const double         level                      = 255 * seen + (o->noise > 0 ? o->noise * synth_random_normal(bits) : 0);
+    s->photograph.rgb[at + (size_t)channel * plane] = (float)(floor(synth_clamp(level, 0, 255) + 0.5) / 255);
+}
+
+static double synth_seen(const struct synth_run *s, size_t at, int channel, double range)
+{
+    return synth_through_water(&s->water, channel, s->clean.rgb[at + (size_t)channel * synth_plane(s->options)], range);
+}
+
 static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
-    const synth_options *o     = s->options;
-    const size_t         plane = synth_plane(o);
     for (int x = 0; x < c->width; x++) {
         const size_t at    = (size_t)y * (size_t)c->width + (size_t)x;
-        const double range = s->depth[at] * hypot(1, hypot((x + 0.5 - c->cx) / c->f, (y + 0.5 - c->cy) / c->f));
-        for (int k = 0; k < 3; k++) {
-            const uint64_t bits  = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + (uint64_t)k);
-            const double   seen  = synth_through_water(&s->water, k, s->clean.rgb[at + (size_t)k * plane], range);
-            const double   level = 255 * seen + (o->noise > 0 ? o->noise * synth_random_normal(bits) : 0);
-            s->photograph.rgb[at + (size_t)k * plane] = (float)(floor(synth_clamp(level, 0, 255) + 0.5) / 255);
-        }
+        const double range = synth_range(s, c, x, y);
+        for (int k = 0; k < 3; k++) synth_expose(s, view, at, k, synth_seen(s, at, k, range));
     }
 }
 
-static oxl_result synth_write_view(struct synth_run *s, int view)
+/* Fish, where four rays see them, over what was there; the noise is the same as without. */
+static void synth_swim_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
+{
+    static const double within[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
+    for (int x = 0; x < c->width; x++) {
+        const size_t at      = (size_t)y * (size_t)c->width + (size_t)x;
+        const double behind  = synth_range(s, c, x, y);
+        double       seen[3] = {0, 0, 0};
+        int          hits    = 0;
+        for (int k = 0; k < 4; k++) {
+            v3           colour = {0, 0, 0};
+            const double range =
+                synth_fish_cast(s->fish, s->fish_count, &s->world, c->centre,
+                                synth_pixel_ray(c, x + within[k][0], y + within[k][1]), behind > 0 ? behind : SYNTH_FAR, &colour);
+            if (range < 0) continue;
+            hits++;
+            seen[0] += 0.25 * synth_through_water(&s->water, 0, colour.x, range);
+            seen[1] += 0.25 * synth_through_water(&s->water, 1, colour.y, range);
+            seen[2] += 0.25 * synth_through_water(&s->water, 2, colour.z, range);
+        }
+        synth_set(&s->mask, at, hits ? v3_of(0, 0, 0) : v3_of(1, 1, 1));
+        for (int k = 0; hits && k < 3; k++)
+            synth_expose(s, view, at, k, seen[k] + 0.25 * (4 - hits) * synth_seen(s, at, k, behind));
+    }
+}
+
+static oxl_result synth_write_image(struct synth_run *s, const char *folder, int view, const oxl_image *image)
 {
     char       name[32], path[1024];
     oxl_result rc;
     synth_image_name(view, name);
-    snprintf(path, sizeof path, "%s/images/%s", s->options->out, name);
-    rc = oxl_image_write(s->ctx, path, &s->photograph);
-    snprintf(path, sizeof path, "%s/truth/clean/%s", s->options->out, name);
-    if (rc == OXL_OK) rc = oxl_image_write(s->ctx, path, &s->clean);
-    if (rc != OXL_OK) return synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+    snprintf(path, sizeof path, "%s/%s/%s", s->options->out, folder, name);
+    rc = oxl_image_write(s->ctx, path, image);
+    return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
+}
+
+static oxl_result synth_write_depth(struct synth_run *s, int view)
+{
+    char name[32], path[1024];
+    synth_image_name(view, name);
     name[strlen(name) - 4] = 0; /* .png */
     snprintf(path, sizeof path, "%s/truth/depth/%s.pfm", s->options->out, name);
     if (synth_write_pfm(path, s->depth, s->options->width, s->options->height)) return OXL_OK;
     return synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
 }
 
+/* Into the photograph, which was still. */
+static oxl_result synth_swim(struct synth_run *s, const struct synth_camera *c, int view)
+{
+    const oxl_result rc = synth_write_image(s, "truth/still", view, &s->photograph);
+    s->fish_count       = synth_fish_near(s->options, &s->world, &s->path, view, s->fish);
+#pragma omp parallel for schedule(dynamic, 2)
+    for (int y = 0; y < c->height; y++) synth_swim_row(s, c, view, y);
+    return rc == OXL_OK ? synth_write_image(s, "truth/masks", view, &s->mask) : rc;
+}
+
 static oxl_result synth_view(struct synth_run *s, int view)
 {
-    const struct synth_camera *c = &s->path.camera[view];
+    const struct synth_camera *c  = &s->path.camera[view];
+    oxl_result                 rc = OXL_OK;
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_draw_row(s, c, y);
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_smooth_row(s, c, y);
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_expose_row(s, c, view, y);
-    return synth_write_view(s, view);
+    synth_points_collect(&s->points, view, &s->photograph);
+    if (s->options->fish > 0) rc = synth_swim(s, c, view);
+    if (rc == OXL_OK) rc = synth_write_image(s, "images", view, &s->photograph);
+    if (rc == OXL_OK) rc = synth_write_image(s, "truth/clean", view, &s->clean);
+    return rc == OXL_OK ? synth_write_depth(s, view) : rc;
+}
+
+static oxl_result synth_make_images(struct synth_run *s)
+{
+    const synth_options *o  = s->options;
+    oxl_result           rc = oxl_image_create(s->ctx, o->width, o->height, &s->photograph);
+    if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
+    if (rc == OXL_OK && o->fish > 0) rc = oxl_image_create(s->ctx, o->width, o->height, &s->mask);
+    s->depth = malloc(synth_plane(o) * sizeof *s->depth);
+    s->fish  = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
+    return rc == OXL_OK && s->depth && s->fish ? OXL_OK : synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for a photograph", "");
 }
 
 static oxl_result synth_views(struct synth_run *s)
 {
     const synth_options *o  = s->options;
-    oxl_result           rc = oxl_image_create(s->ctx, o->width, o->height, &s->photograph);
-    if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
-    s->depth = malloc(synth_plane(o) * sizeof *s->depth);
-    if (rc != OXL_OK || !s->depth) return synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for a photograph", "");
+    oxl_result           rc = synth_make_images(s);
     for (int i = 0; i < o->views && rc == OXL_OK; i++) {
         rc = synth_view(s, i);
-        if (rc == OXL_OK) synth_points_collect(&s->points, i, &s->photograph);
         if (rc == OXL_OK && synth_stopped(o, "photographs", i + 1, o->views))
             rc = synth_fail(s, OXL_ERR_INTERRUPTED, "synth: stopped", "");
     }
@@ -288,8 +359,13 @@ static int synth_write_model(const struct synth_run *s, const char *path)
                     "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
                     "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
                     "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-                    "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n"
-                    "seed ");
+                    "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
+    if (o->fish > 0)
+        synth_file_text(&f,
+                        "Fish     in images/ alone; each swims into one photograph and on into its neighbours, a second apart.\n"
+                        "         truth/still/NAME.png: the photograph before they came, noise and all; truth/masks/NAME.png:\n"
+                        "         black where they are. No points are on them, they throw no shadow.\n\n");
+    synth_file_text(&f, "seed ");
     synth_file_integer(&f, o->seed);
     synth_file_text(&f, "\npath ");
     synth_file_text(&f, o->path);
@@ -334,10 +410,12 @@ static oxl_result synth_write_truth(struct synth_run *s)
 
 static oxl_result synth_make_folders(struct synth_run *s)
 {
-    static const char *const folders[] = {"sparse/0", "truth", "images", "truth/clean", "truth/depth"};
+    static const char *const folders[] = {"sparse/0",    "truth",       "images",     "truth/clean",
+                                          "truth/depth", "truth/still", "truth/masks"};
+    const int                count     = !s->options->write_images ? 2 : s->options->fish > 0 ? 7 : 5;
     char                     path[1024];
     oxl_result               rc = OXL_OK;
-    for (int i = 0; i < (s->options->write_images ? 5 : 2) && rc == OXL_OK; i++) {
+    for (int i = 0; i < count && rc == OXL_OK; i++) {
         snprintf(path, sizeof path, "%s/%s", s->options->out, folders[i]);
         rc = oxl_make_folder(s->ctx, path);
     }
@@ -391,6 +469,8 @@ oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error
     rc = synth_make(&s);
     oxl_image_free(ctx, &s.photograph);
     oxl_image_free(ctx, &s.clean);
+    oxl_image_free(ctx, &s.mask);
+    free(s.fish);
     free(s.depth);
     synth_points_free(&s.points);
     synth_world_free(&s.world);

@@ -4,6 +4,7 @@
  *     synth_world.c   where things stand: seabed, rocks, corals, a wreck, as one distance function
  *     synth_shade.c   rays, light and colour
  *     synth_path.c    where the camera flies
+ *     synth_fish.c    what swims through the photographs
  *     synth_points.c  sparse points with tracks
  *     synth_export.c  the three text files
  *     synth_file.c    numbers into files, fast and the same in every locale
@@ -104,6 +105,8 @@ double synth_cast(const struct synth_world *world, v3 from, v3 direction, double
 v3     synth_normal(const struct synth_world *world, v3 p, double footprint);
 /* Display colour 0..1 of a surface point in clear water. */
 v3     synth_shade(const struct synth_world *world, v3 p, double footprint);
+/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: share of the sky that it sees. */
+v3     synth_light(v3 albedo, v3 normal, double sun, double open);
 
 /* ---------------------------------------------------------------- synth_path.c */
 
@@ -129,6 +132,22 @@ void synth_path_free(struct synth_path *path);
 v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
 /* Pixel and camera z of a world point; 0 when it lies behind. */
 int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
+
+/* ---------------------------------------------------------------- synth_fish.c */
+
+enum { SYNTH_FISH_MOST = 100 }; /* born for a photograph */
+
+struct synth_fish {
+    v3       at, ahead, side, up; /* metres; unit vectors */
+    double   length, beat;        /* metres; angle of its tail */
+    uint32_t seed;
+};
+/* Those that a view may see: out has room for 3 x options.fish. Returns how many. */
+int    synth_fish_near(const synth_options *options, const struct synth_world *world, const struct synth_path *path, int view,
+                       struct synth_fish *out);
+/* Range to the first of them along a unit direction, or -1 when there is none before `far`; *colour is its display colour. */
+double synth_fish_cast(const struct synth_fish *fish, int count, const struct synth_world *world, v3 from, v3 direction,
+                       double far, v3 *colour);
 
 /* ---------------------------------------------------------------- water, in synth.c */
 

@@ -222,10 +222,19 @@ static double shade_display(double light)
     return pow(synth_clamp(1.03 * light / (0.25 * light + 0.9), 0, 1), 1 / 2.2); /* a soft shoulder, then the usual gamma */
 }
 
+v3 synth_light(v3 albedo, v3 normal, double sun, double open)
+{
+    v3 light = v3_scale(v3_of(1.25, 1.15, 0.98), sun);
+    light    = v3_along(light, v3_of(0.36, 0.46, 0.50), open * (0.5 + 0.5 * normal.z));
+    light    = v3_along(light, v3_of(0.16, 0.13, 0.09), open * (0.5 - 0.5 * normal.z));
+    light    = v3_times(light, albedo);
+    return v3_of(shade_display(light.x), shade_display(light.y), shade_display(light.z));
+}
+
 v3 synth_shade(const struct synth_world *w, v3 p, double footprint)
 {
     struct synth_surface surface;
-    v3                   normal, albedo, light;
+    v3                   normal, albedo;
     double               sun, open;
     synth_distance(w, p, &surface);
     normal = shade_normal(w, p, surface.material, footprint);
@@ -233,9 +242,5 @@ v3 synth_shade(const struct synth_world *w, v3 p, double footprint)
     open   = shade_open(w, p, normal);
     sun    = synth_max(0, v3_dot(normal, w->sun));
     if (sun > 0) sun *= shade_sunlit(w, v3_along(p, normal, 0.004));
-    light = v3_scale(v3_of(1.25, 1.15, 0.98), sun);
-    light = v3_along(light, v3_of(0.36, 0.46, 0.50), open * (0.5 + 0.5 * normal.z));
-    light = v3_along(light, v3_of(0.16, 0.13, 0.09), open * (0.5 - 0.5 * normal.z));
-    light = v3_times(light, albedo);
-    return v3_of(shade_display(light.x), shade_display(light.y), shade_display(light.z));
+    return synth_light(albedo, normal, sun, open);
 }

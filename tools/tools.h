@@ -85,6 +85,7 @@ typedef struct synth_options {
     const char *path;          /* lawnmower | orbit (lawnmower) */
     long        points;        /* sparse points; 0: 400 a view (0) */
     double      noise;         /* sigma of the sensor's noise in 8-bit levels (1.5) */
+    int         fish;          /* that swim into each photograph (0) */
     double      origin[3];     /* where the survey's middle lies in the export's world, metres (0 0 0) */
     uint64_t    seed;          /* (1) */
     int         write_images;  /* 0: the three text files alone, for load tests (1) */
