@@ -11,7 +11,7 @@
 #define ADAM_BETA2   ((real)0.999)
 #define ADAM_EPSILON ((real)1e-15)
 
-/* One pack of one plane. The square is capped where float would overflow: a gradient of 1e20 is a step of `rate`, not a NaN. */
+/* One pack of one plane (MATH 17). The square is capped where float would overflow: a gradient of 1e20 is a step of `rate`, not a NaN. */
 SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, real rate, real *restrict parameter,
                            real *restrict first, real *restrict second, const real *restrict gradient)
 {

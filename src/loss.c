@@ -278,7 +278,7 @@ SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int 
     }
 }
 
-/* S and its derivatives, of the blurred maps of a row. Returns the sum of S. */
+/* S and its derivatives (MATH 8, 9), of the blurred maps of a row. Returns the sum of S. */
 SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s, const struct loss_rows *r)
 {
     const real *restrict mx = r->blurred, *restrict my = mx + r->stride;

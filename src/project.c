@@ -60,7 +60,7 @@ SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project
     g->rotation.z   = vec3(2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c));
 }
 
-/* The perspective Jacobian at the clamped position, times R. */
+/* The perspective Jacobian at the clamped position, times R (MATH 2). */
 SIMD_INLINE void project_jacobian(const struct lens *lens, real z, struct project_geometry *g)
 {
     const real inverse = 1 / z, x = g->p.x * inverse, y = g->p.y * inverse;
@@ -73,7 +73,7 @@ SIMD_INLINE void project_jacobian(const struct lens *lens, real z, struct projec
     g->t1     = add3(scale3(lens->fy * inverse, lens->rotation.y), scale3(-lens->fy * cy * inverse, lens->rotation.z));
 }
 
-/* Determinant by Cauchy-Binet: a sum of squares, where xx yy - xy^2 would lose every digit for a needle. */
+/* MATH 3. Determinant by Cauchy-Binet: a sum of squares, where xx yy - xy^2 would lose every digit for a needle. */
 SIMD_INLINE void project_covariance(struct project_geometry *g)
 {
     const struct vec3 r0 = mat3_transposed_times(g->rotation, g->t0), r1 = mat3_transposed_times(g->rotation, g->t1);
@@ -260,7 +260,7 @@ SIMD_INLINE void project_colour(const struct gaussians *in, const struct lens *l
     }
 }
 
-/* dcolour (3, PACK) -> the SH planes of `out`, and dL/d(mean) through the viewing direction, added to dmean (3, PACK). */
+/* dcolour (3, PACK) -> the SH planes of `out`, and dL/d(mean) through the viewing direction, added to dmean (3, PACK). MATH 15 */
 SIMD_INLINE void project_colour_backward(const struct project_job *job, size_t first, const struct project_colour *c,
                                          real dcolour[3][PACK], real dmean[3][PACK])
 {
@@ -309,7 +309,7 @@ struct project_shape {
     real half_x, half_y;
 };
 
-/* Half the contour's box is widened a little: the alpha test at each pixel decides, this only must not lose any. */
+/* MATH 4, 5. Half the contour's box is widened a little: the alpha test at each pixel decides, this only must not lose any. */
 SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak)
 {
     struct project_shape s;
@@ -461,7 +461,7 @@ static void project_gather_lobes(const struct project_job *job, size_t first, un
     }
 }
 
-/* d(rotation) -> d(raw quaternion), through the normalisation. dr: rows of dL/d(rotation). */
+/* d(rotation) -> d(raw quaternion), through the normalisation (MATH 14). dr: rows of dL/d(rotation). */
 SIMD_INLINE void project_rotation_backward(const struct project_geometry *g, struct mat3 dr, real dq[4])
 {
     const real w = g->q[0], x = g->q[1], y = g->q[2], z = g->q[3];
@@ -476,7 +476,7 @@ SIMD_INLINE void project_rotation_backward(const struct project_geometry *g, str
     dq[3]            = (dz - along * z) * g->inverse_norm;
 }
 
-/* dL/d(J R) (rows dt0, dt1) and dL/d(u, v) -> dL/d(p), with J = [fx/z, 0, -fx tx/z^2; 0, fy/z, -fy ty/z^2]. */
+/* dL/d(J R) (rows dt0, dt1) and dL/d(u, v) -> dL/d(p), with J = [fx/z, 0, -fx tx/z^2; 0, fy/z, -fy ty/z^2] (MATH 15). */
 SIMD_INLINE struct vec3 project_jacobian_backward(const struct lens *lens, const struct project_geometry *g, struct vec3 dt0,
                                                   struct vec3 dt1, real du, real dv)
 {
@@ -498,7 +498,7 @@ struct project_pull {
     real        q[4], u, v;
 };
 
-/* sums: those of lane l. */
+/* MATH 11, 13. sums: those of lane l. */
 SIMD_INLINE struct project_pull project_pull(const struct lens *lens, const struct project_geometry *geometry,
                                              real sums[SPLAT_SUMS][PACK], int l)
 {
@@ -554,7 +554,7 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     job->dmean2d[i]                      = ok ? project_length(lens, p.u, p.v) : 0;
 }
 
-/* The second lobe's part, added to what project_lane_backward wrote. Product rule: log o' = log o + log sigmoid(a), log s' = log s + b,
+/* The second lobe's part, added to what project_lane_backward wrote (MATH 16). Product rule: log o' = log o + log sigmoid(a), log s' = log s + b,
  * so what pulls at o' and s' pulls at o and s alike. */
 SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                             real sums[SPLAT_SUMS][PACK], struct project_gradients *d)

@@ -6,7 +6,7 @@
  *
  * Backward runs in forward order, so it takes the same branches and needs no division to undo T. With g = dL/dC and the pixel's
  * whole light S = g . C known, and s the part of S up to and including splat i,
- *     dL/dalpha_i = T_i (g . c_i) - (S - s) / (1 - alpha_i).
+ *     dL/dalpha_i = T_i (g . c_i) - (S - s) / (1 - alpha_i)      (docs/MATH.md 10).
  * A splat's score is the sum over its pixels of (o_i dS/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply", arXiv 2602.24136].
  *
  * A splat with a second lobe has alpha = min(.99, o G) - min(.99, o' G') [OceanXL eq. 3], which may be negative: then T grows. The same
@@ -389,7 +389,7 @@ SIMD_INLINE void raster_add_lanes(const int count, const real lane[][PACK], real
     for (int sum = 0; sum < count; sum++) out[sum] = (quarter[sum][0] + quarter[sum][2]) + (quarter[sum][1] + quarter[sum][3]);
 }
 
-/* lobe: 1 for those of the second lobe, but for the colour's: those are the splat's. */
+/* MATH 11. lobe: 1 for those of the second lobe, but for the colour's: those are the splat's. */
 SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster_batch *batch, int n,
                             const struct raster_gradients *gradients, real *restrict out)
 {
