@@ -5,8 +5,8 @@
 #include "../tools/scale.c"
 #include "../tools/report.h"
 
-/* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down. */
-static oxl_scene *ortho_test_scene(void)
+/* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down, the second turned ahead by an angle. */
+static oxl_scene *ortho_test_turned(double angle)
 {
     static const double eyes[2][3] = {{3, 2, 5}, {7, 2, 5}};
     oxl_view            view[2];
@@ -17,13 +17,22 @@ static oxl_scene *ortho_test_scene(void)
     for (int i = 0; i < 2; i++) {
         view[i] =
             (oxl_view){.name = i ? "b.png" : "a.png", .camera = {40, 30, 50, 50, 20, 15, {1, 0, 0, 0, -1, 0, 0, 0, -1}, {0}}};
-        view[i].camera.translation[0] = -eyes[i][0], view[i].camera.translation[1] = eyes[i][1],
-        view[i].camera.translation[2] = eyes[i][2];
+        if (i == 1) {
+            double *r = view[i].camera.rotation;
+            r[4] = -cos(angle), r[5] = -sin(angle), r[7] = sin(angle), r[8] = -cos(angle);
+        }
+        for (int k = 0; k < 3; k++)
+            for (int j = 0; j < 3; j++) view[i].camera.translation[k] -= view[i].camera.rotation[3 * k + j] * eyes[i][j];
         CHECK_OK(oxl_image_create(test_ctx, 40, 30, &image[i]));
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, 2, points, 30, &scene));
     for (int i = 0; i < 2; i++) oxl_image_free(test_ctx, &image[i]);
     return scene;
+}
+
+static oxl_scene *ortho_test_scene(void)
+{
+    return ortho_test_turned(0);
 }
 
 /* Right, up and above must be right-handed, and above is where the cameras are. */
@@ -111,6 +120,23 @@ TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
         for (int k = 0; k < 9; k++) CHECK_CLOSE(c.rotation[k], wanted->rotation[k], 1e-12);
         for (int k = 0; k < 3; k++) CHECK_CLOSE(c.translation[k], wanted->translation[k], 1e-9);
     }
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* A quarter of the way in time: Catmull-Rom's place with its ends doubled, (t + 3 t^2 - 2 t^3) / 2, and a view eased by t^2 (3 - 2 t). */
+TEST(flight_between_cameras_leaves_gently_and_turns_with_it)
+{
+    const double angle = 0.5, t = 0.25, ease = 0.15625, way = 0.203125;
+    oxl_scene   *scene = ortho_test_turned(angle);
+    oxl_camera   c     = oxl_scene_view(scene, 0)->camera;
+    double       a[3], b[3], eye[3] = {0, 0, 0};
+    flight_survey(scene, t, &c);
+    for (int k = 0; k < 3; k++)
+        for (int j = 0; j < 3; j++) eye[k] -= c.rotation[3 * j + k] * c.translation[j];
+    frame_eye(oxl_scene_view(scene, 0), a);
+    frame_eye(oxl_scene_view(scene, 1), b);
+    for (int k = 0; k < 3; k++) CHECK_CLOSE(eye[k], a[k] + way * (b[k] - a[k]), 1e-9);
+    CHECK_CLOSE(atan2(c.rotation[7], -c.rotation[8]), atan2(ease * sin(angle), 1 - ease + ease * cos(angle)), 1e-12);
     oxl_scene_free(test_ctx, scene);
 }
 
