@@ -34,7 +34,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help test extremes fuzz coverage mutate portable demo setup bench cost oracle modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help man test extremes fuzz coverage mutate portable demo setup bench cost floaters oracle modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -121,11 +121,14 @@ $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(wildcard oceanxl.[ch] src/* too
 	  fuzz/fuzz.c $(filter-out tools/arguments.c,$(TOOLS)) -o $@ -lm
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
+floaters: $(BUILD)/floaters ## build/floaters PICTURES SURVEY: what hangs in a model's pictures that is not in a synthetic survey (docs/ROBUST.md)
+$(BUILD)/floaters: SOURCE = bench/floaters.c
 $(BUILD)/cost: SOURCE = bench/cost.c
 $(BUILD)/oracle: SOURCE = tests/oracle.c
 $(BUILD)/bench: SOURCE = bench/bench.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
-$(BUILD)/oracle $(BUILD)/bench $(BUILD)/cost $(BUILD)/extremes: tests/oracle.c bench/bench.c bench/cost.c tests/extremes.c $(BUILD)/flags
+$(BUILD)/oracle $(BUILD)/bench $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters: tests/oracle.c bench/bench.c bench/cost.c \
+  tests/extremes.c bench/floaters.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*
@@ -172,8 +175,13 @@ demo: ## a synthetic survey, made, trained and judged: pictures in demo/out (a f
 	@$(MAKE) --no-print-directory all
 	@tools/demo.sh $(BUILD)/oceanxl demo
 
-install: all $(BUILD)/liboceanxl.a ## program, header and static library under DESTDIR/PREFIX
-	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib
+man: $(BUILD)/oceanxl ## docs/oceanxl.1, the manual page, from the tables in tools/arguments.c (the tests tell when it is not current)
+	$(BUILD)/oceanxl --man > $(BUILD)/oceanxl.1
+	mv $(BUILD)/oceanxl.1 docs/oceanxl.1
+
+install: all $(BUILD)/liboceanxl.a ## program, manual page, header and static library under DESTDIR/PREFIX
+	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib $(DESTDIR)$(PREFIX)/share/man/man1
+	install -m 644 docs/oceanxl.1 $(DESTDIR)$(PREFIX)/share/man/man1/
 	install -m 755 $(BUILD)/oceanxl $(DESTDIR)$(PREFIX)/bin/
 	install -m 644 oceanxl.h $(DESTDIR)$(PREFIX)/include/
 	install -m 644 $(BUILD)/liboceanxl.a $(DESTDIR)$(PREFIX)/lib/

@@ -142,6 +142,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->ram >= 0) o->ram = (size_t)a->ram;
     if (a->block >= 0) o->block = a->block;
     if (a->seed >= 0) o->seed = (uint64_t)a->seed;
+    if (a->robust) o->train.robust = 1;
     o->restart = a->restart;
     if (a->ucd) rc = oxl_ucd_parse(ctx, a->ucd, &o->train.ucd);
     if (a->keep && rc == OXL_OK) rc = oxl_keep_parse(ctx, a->keep, &o->train.keep);
@@ -481,7 +482,8 @@ int main(int argc, char **argv)
     }
     if (a.help) arguments_help(stdout, a.command);
     if (a.version) puts("oceanxl " OXL_VERSION);
-    if (a.help || a.version) return EXIT_DONE;
+    if (a.manual) arguments_manual(stdout);
+    if (a.help || a.version || a.manual) return EXIT_DONE;
     console.quiet = a.quiet;
     console.live  = oxl_is_terminal(2);
     options.log   = on_log;

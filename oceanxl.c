@@ -52,6 +52,7 @@
 #include "src/contrast.c"   /* how fast contrast fades with depth: the water, measured */
 #include "src/ucd.c"        /* weights by depth for density control, and their search */
 #include "src/prune.c"      /* fewer Gaussians: when, and which matter least */
+#include "src/robust.c"     /* what swims through one photograph is not learned */
 #include "src/faults.c"     /* numbers that are not finite: put aside, counted, told */
 #include "src/decide.c"     /* model only what the scene requires: SH bands, second lobes */
 #include "src/train.c"      /* the loop: it reads like the paper's algorithm */

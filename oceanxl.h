@@ -335,6 +335,7 @@ typedef struct oxl_train_options {
     float    reset_opacity_every;         /* 0.1 of the run */
     oxl_ucd  ucd;                         /* (off) */
     oxl_keep keep;                        /* (all) */
+    int      robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned (0) */
     /* difference-of-Gaussians lobes */
     oxl_dog  dog;           /* (off) */
     float    dog_from;      /* fraction of the run (0.77) at whose end of watching they are given out */
@@ -488,7 +489,8 @@ OXL_API oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const cha
 OXL_API void       oxl_run_free(oxl_context *ctx, oxl_run **run);
 
 /* Pictures of a split into a folder: NAME.png for each view; with photographs NAME.photo.png; with depth NAME.depth.png
- * (near is bright) and NAME.depth.pfm (float camera z, 0: nothing there). */
+ * (near is bright), NAME.depth.pfm (float camera z, 0: nothing there) and NAME.depth16.png (16-bit grey: camera z in thousandths of
+ * a unit, of a metre with `unit`; 0: nothing there, 65535: that or more). */
 typedef struct oxl_pictures {
     oxl_split split;
     int       photographs, depth;

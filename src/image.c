@@ -436,6 +436,30 @@ done:
     return rc;
 }
 
+/* To stb, grey with alpha in 8 bits: the same two bytes a pixel, filtered and packed alike. The header then says 16 bits of grey. */
+OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height)
+{
+    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 }; /* where they stand in a PNG [RFC 2083] */
+    const size_t   count   = (size_t)width * (size_t)height;
+    uint8_t       *bytes   = oxl_alloc(ctx, count, 2);
+    unsigned char *encoded = NULL;
+    int            size    = 0;
+    oxl_result     rc      = OXL_OK;
+    for (size_t i = 0; bytes && i < count; i++)
+        bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
+    if (bytes) encoded = stbi_write_png_to_mem(bytes, 2 * width, width, height, 2, &size);
+    if (encoded) {
+        unsigned sum;
+        encoded[BITS] = 16, encoded[COLOUR] = 0;
+        sum = stbiw__crc32(encoded + HEADER, HEADER_SIZE);
+        for (int k = 0; k < 4; k++) encoded[SUM + k] = (unsigned char)(sum >> (24 - 8 * k));
+        rc = os_write_file(ctx, path, encoded, (size_t)size);
+    } else rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode %d x %d px", path, width, height);
+    STBIW_FREE(encoded);
+    oxl_free(ctx, bytes);
+    return rc;
+}
+
 /* Where stb hands over the parts of a JPEG. */
 struct image_sink {
     oxl_context *ctx;

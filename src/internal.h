@@ -304,6 +304,7 @@ OXL_INTERNAL void       image_to_photo(const oxl_image *image, struct photo *pho
 
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
+OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height);
 
 /* ---------------------------------------------------------------- find.c: where a survey's files are */
 
@@ -696,6 +697,31 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
                                     const oxl_model *model, const oxl_render_options *options, float *score);
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
 OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, float *out); /* (H,W) 0..3 */
+
+/* ---------------------------------------------------------------- robust.c: what swims through one photograph */
+
+struct robust_square { /* of pixels, in the present view */
+    float    error;    /* how far off its mean colour is, of white; -1: none of its pixels counts */
+    float    usual;    /* the largest usual error of the points in it; -1: there are none */
+    unsigned marks;
+};
+struct robust {
+    size_t                points; /* of the scene; 0: off */
+    float                *usual;  /* (points) error where it lies, over the views that see it, of late */
+    int32_t              *place;  /* (points) its square in the present view, or -1 */
+    struct robust_square *square;
+    size_t                square_capacity;
+    double                aside; /* share of the pixels put aside, smoothed over the last photographs */
+};
+OXL_INTERNAL oxl_result robust_begin(oxl_context *ctx, struct robust *r, const oxl_scene *scene, int on);
+OXL_INTERNAL void       robust_free(oxl_context *ctx, struct robust *r);
+/* weight (H,W): its pixels that are put aside become 0. masked: it holds a mask; else all of it is set. drawn, photo (3,H,W).
+ * remember 0: what is usual stays as it is, as in the steps of a trial. */
+OXL_INTERNAL oxl_result robust_weigh(oxl_context *ctx, struct robust *r, const oxl_scene *scene, const oxl_camera *camera,
+                                     double near_plane, const float *drawn, const float *photo, int remember, int masked,
+                                     float *weight);
+OXL_INTERNAL void       robust_describe(const struct robust *r, char *out, size_t size); /* what was put aside, in words */
+OXL_INTERNAL void       robust_archive(struct archive *a, struct robust *r);
 
 /* ---------------------------------------------------------------- train.c */
 

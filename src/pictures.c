@@ -54,6 +54,23 @@ done:
     return rc;
 }
 
+/* Thousandths, so millimetres where depth is in metres; 0: nothing there, 65535: that or more. */
+static oxl_result pictures_write_depth16(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
+                                         int height)
+{
+    const size_t pixels = (size_t)width * (size_t)height;
+    char        *path   = pictures_path(ctx, folder, name, ".depth16.png");
+    uint16_t    *value  = oxl_alloc(ctx, pixels, sizeof *value);
+    oxl_result   rc     = path ? OXL_OK : ctx->failed;
+    if (rc == OXL_OK && !value) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
+    for (size_t i = 0; rc == OXL_OK && i < pixels; i++)
+        value[i] = depth[i] > 0 ? (uint16_t)OXL_CLAMP(1000 * depth[i] + 0.5f, 1, 65535) : 0;
+    if (rc == OXL_OK) rc = image_write_png16(ctx, path, value, width, height);
+    oxl_free(ctx, value);
+    oxl_free(ctx, path);
+    return rc;
+}
+
 /* A picture of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
 static oxl_result pictures_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
                                        int height)
@@ -72,6 +89,7 @@ static oxl_result pictures_write_depth(oxl_context *ctx, const char *folder, con
     }
     rc = pictures_write_image(ctx, folder, name, ".depth.png", &picture);
     if (rc == OXL_OK) rc = pictures_write_pfm(ctx, folder, name, depth, width, height);
+    if (rc == OXL_OK) rc = pictures_write_depth16(ctx, folder, name, depth, width, height);
     oxl_image_free(ctx, &picture);
     return rc;
 }

@@ -148,12 +148,25 @@ static oxl_result train_next_photo(struct train *t, int *view)
     return oxl_fail(t->ctx, OXL_ERR_INPUT, "none of the training photographs can be read");
 }
 
+/* What the photograph has and the scene has not. */
+static oxl_result train_put_aside(struct train *t, const oxl_camera *camera)
+{
+    const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
+    const oxl_result rc     = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    const int        masked = t->masked;
+    t->masked               = 1;
+    if (rc != OXL_OK) return rc;
+    return robust_weigh(t->ctx, &t->robust, t->scene, camera, t->render.near_plane, renderer_image(t->renderer), t->target,
+                        !t->trial_is_next, masked, t->weight);
+}
+
 /* The model drawn from a view, against its photograph as train_photo has left it. */
-static oxl_result train_compare(struct train *t, int view, float ssim_weight, struct renderer_loss *loss)
+static oxl_result train_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
     const oxl_camera *whole  = &oxl_scene_view(t->scene, view)->camera;
     const oxl_camera  camera = t->halved ? camera_halve(whole) : *whole;
     oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
+    if (rc == OXL_OK && learns && t->robust.points > 0) rc = train_put_aside(t, &camera);
     if (rc != OXL_OK) return rc;
     return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
 }
@@ -161,7 +174,7 @@ static oxl_result train_compare(struct train *t, int view, float ssim_weight, st
 /* With the whole loss, for judgement. */
 OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss)
 {
-    return train_compare(t, view, t->options->ssim_weight, loss);
+    return train_compare(t, view, 0, t->options->ssim_weight, loss);
 }
 
 /* Forward, loss, backward, step. */
@@ -173,7 +186,7 @@ static oxl_result train_on_view(struct train *t, int view)
     struct renderer_aside aside;
     oxl_result            rc;
     t->last_loss = NAN;
-    rc           = train_compare(t, view, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
+    rc           = train_compare(t, view, 1, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
         faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
@@ -376,6 +389,7 @@ static oxl_result train_begin(struct train *t)
     memset(t->first.plane[OXL_ROTATION], 0, t->first.capacity * sizeof(float));
     memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
     rc = train_begin_control(t);
+    if (rc == OXL_OK) rc = robust_begin(ctx, &t->robust, t->scene, t->options->robust);
     return rc == OXL_OK ? decide_begin(t) : rc;
 }
 
@@ -387,6 +401,7 @@ static void train_end(struct train *t)
     oxl_model_free(ctx, &t->gradient);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
+    robust_free(ctx, &t->robust);
     oxl_free(ctx, t->view);
     oxl_free(ctx, t->held);
     text_free(&t->decisions);
@@ -436,6 +451,7 @@ static void train_archive(struct archive *a, void *user)
     density_archive(a, t->density, t->model->count);
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
+    robust_archive(a, &t->robust);
     decide_archive(a, t);
     archive_expect(a,
                    views + (size_t)t->held_views <= (size_t)train_training_views(t->scene)); /* those held come back to `view` */
@@ -553,6 +569,11 @@ static oxl_result train_loop(struct train *t)
         if (train_save_is_due(t)) rc = train_save(t);
     }
     if (rc == OXL_OK) decide_end(t);
+    if (rc == OXL_OK && t->robust.points > 0) {
+        char words[160];
+        robust_describe(&t->robust, words, sizeof words);
+        oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
+    }
     return rc;
 }
 

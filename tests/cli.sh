@@ -3,6 +3,7 @@
 set -u
 program=$(realpath "${1:-build/oceanxl}")
 examples=$(realpath "$(dirname "$0")/../examples")
+docs=$(realpath "$(dirname "$0")/../docs")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 trap 'exit 130' INT TERM
@@ -30,6 +31,8 @@ on_stderr() { "$@" 2>&1 >/dev/null; }
 promise help_starts_with_the_purpose 0 "from a COLMAP text export" on_stdout "$program" --help
 promise help_of_a_command_shows_one_to_copy 0 "oceanxl train survey -o out" on_stdout "$program" train --help
 promise version_is_printed 0 "oceanxl " on_stdout "$program" --version
+promise man_is_the_page_in_docs 0 "" sh -c "'$program' --man | cmp - '$docs/oceanxl.1' || { echo 'fix: make man'; false; }"
+promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
 promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
@@ -72,6 +75,7 @@ promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.p
 promise eval_prints_json 0 '{' on_stdout "$program" eval out/scene.ply survey --json
 promise render_draws_every_view 0 "16 pictures in all" "$program" render out/scene.ply survey -o all --split all --depth
 promise render_writes_depth 0 "16" sh -c 'find all -name "*.depth.pfm" | wc -l'
+promise render_writes_depth_of_16_bits_too 0 "16" sh -c 'find all -name "*.depth16.png" | wc -l'
 promise render_writes_an_orthomosaic 0 "ortho.pgw places it in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --depth
 promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
 promise render_flies_a_path 0 "3 pictures in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3

@@ -1,4 +1,4 @@
-/* arguments.c - the command line's words: one table of commands, one of options; both parse and both make the help.
+/* arguments.c - the command line's words: one table of commands, one of options; both parse, and make the help and the manual page.
  *
  * Invariant: an option that is not in the table is an error. Nothing is accepted in silence.
  */
@@ -129,7 +129,7 @@ static const struct option {
      "where to; made when it is not there"},
     {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
     {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER),
-     "depth too: NAME.depth.png to look at, NAME.depth.pfm to measure, in the survey's unit"},
+     "depth too: NAME.depth.png to look at; NAME.depth.pfm to measure, in the survey's unit; NAME.depth16.png in thousandths of it"},
     {"What is written", "--ortho", NULL, FLAG, FIELD(ortho), IN(RENDER),
      "an orthomosaic instead: ortho.png with its world file ortho.pgw; with --depth the heights, ortho.height.pfm"},
     {"What is written", "--pixel", "SIZE", REAL, FIELD(pixel), IN(RENDER),
@@ -172,6 +172,8 @@ static const struct option {
      "densify more readily what is far away in water: weights of two depth bands, learned; MID,FAR: from there (auto)"},
     {"What the scene requires", "--keep", "FRACTION|COUNT|SIZE|auto|all", TEXT, FIELD(keep), TRAINS,
      "Gaussians left after pruning, as 0.5, 400000 or 80MB (all)"},
+    {"What the scene requires", "--robust", NULL, FLAG, FIELD(robust), TRAINS,
+     "do not learn what one photograph has and the others of the place have not: fish, divers, drifting things"},
     {"What the scene requires", "--dog", "off|selective|all|auto", DOG, FIELD(dog), TRAINS,
      "difference-of-Gaussians lobes; auto: selective, if they pay on views held out (off)"},
     {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), TRAINS | IN(ABLATE),
@@ -192,22 +194,25 @@ static void help_option(FILE *to, const struct option *o)
     fprintf(to, "  %-31s %s\n", left, o->help);
 }
 
+static const char help_purpose[] =
+    "from a COLMAP text export of an underwater survey to one compact 3D Gaussian Splatting model,\n"
+    "on a laptop without a GPU.\n",
+                  help_scene[] =
+                      "SCENE is a folder with images/ and sparse/0/ (or sparse/, or the three text files themselves).\n",
+                  help_codes[] = "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n";
+
 static void help_overview(FILE *to)
 {
-    fputs("OceanXL " OXL_VERSION
-          ": from a COLMAP text export of an underwater survey to one compact 3D Gaussian Splatting model,\n"
-          "on a laptop without a GPU.\n\n"
-          "  oceanxl train survey -o out\n\n"
-          "Commands (oceanxl COMMAND --help says more)\n",
+    fprintf(to, "OceanXL " OXL_VERSION ": %s\n", help_purpose);
+    fputs("  oceanxl train survey -o out\n\n"
+          "Commands (oceanxl COMMAND --help says more, oceanxl --man is the manual page)\n",
           to);
     for (size_t i = 0; i < COUNT(commands); i++) {
         char left[64];
         snprintf(left, sizeof left, "%s %s", commands[i].name, commands[i].usage);
         fprintf(to, "  %-31s %s\n", left, commands[i].purpose);
     }
-    fputs("\nSCENE is a folder with images/ and sparse/0/ (or sparse/, or the three text files themselves).\n"
-          "Exit codes: 0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n",
-          to);
+    fprintf(to, "\n%sExit codes: %s", help_scene, help_codes);
 }
 
 void arguments_help(FILE *to, enum command command)
@@ -227,6 +232,101 @@ void arguments_help(FILE *to, enum command command)
         group = options[i].group;
         help_option(to, &options[i]);
     }
+}
+
+/* ---------------------------------------------------------------- the manual page: the same in roff (man(7) macros) */
+
+/* Minus signs that can be copied, backslashes that are one, and no line that looks like a request. */
+static void manual_text(FILE *to, const char *text)
+{
+    for (const char *at = text; *at; at++) {
+        if ((*at == '.' || *at == '\'') && (at == text || at[-1] == '\n')) fputs("\\&", to);
+        if (*at == '-') fputs("\\-", to);
+        else if (*at == '\\') fputs("\\e", to);
+        else fputc(*at, to);
+    }
+}
+
+static void manual_lines(FILE *to, const char *before, const char *text)
+{
+    fputs(before, to);
+    manual_text(to, text);
+    if (text[0] && text[strlen(text) - 1] != '\n') fputc('\n', to);
+}
+
+static void manual_command(FILE *to, size_t command)
+{
+    const char *before = "Options: ";
+    fprintf(to, ".SS oceanxl %s ", commands[command].name);
+    manual_lines(to, "", commands[command].usage);
+    manual_lines(to, "", commands[command].purpose);
+    manual_lines(to, ".PP\n.EX\n    ", commands[command].example);
+    manual_lines(to, ".EE\n.PP\n", commands[command].more);
+    fputs(".PP\n", to);
+    for (size_t i = 0; i < COUNT(options); i++) {
+        if (!(options[i].commands & 1u << commands[command].command)) continue;
+        fputs(before, to);
+        manual_text(to, options[i].name);
+        before = ",\n";
+    }
+    fputs(".\n", to);
+}
+
+/* The commands that have it; nothing when all do. */
+static void manual_of(FILE *to, const struct option *o)
+{
+    const char *between = "Of ";
+    if (o->commands == EVERYWHERE) return;
+    for (size_t i = 0; i < COUNT(commands); i++) {
+        if (!(o->commands & 1u << commands[i].command)) continue;
+        fprintf(to, "%s%s", between, commands[i].name);
+        between = ", ";
+    }
+    fputs(".\n", to);
+}
+
+static void manual_group(FILE *to, const char *group)
+{
+    manual_lines(to, ".SS ", group);
+    for (size_t i = 0; i < COUNT(options); i++) {
+        if (strcmp(options[i].group, group) != 0) continue;
+        fputs(".TP\n\\fB", to);
+        manual_text(to, options[i].name);
+        fputs("\\fR", to);
+        if (options[i].value) {
+            fputs(" \\fI", to);
+            manual_text(to, options[i].value);
+            fputs("\\fR", to);
+        }
+        manual_lines(to, "\n", options[i].help);
+        fputs(".br\n", to);
+        manual_of(to, &options[i]);
+    }
+}
+
+static int manual_is_first(size_t option)
+{
+    for (size_t i = 0; i < option; i++)
+        if (strcmp(options[i].group, options[option].group) == 0) return 0;
+    return 1;
+}
+
+void arguments_manual(FILE *to)
+{
+    fputs(".\\\" made by: oceanxl \\-\\-man\n.TH OCEANXL 1 \"\" \"OceanXL " OXL_VERSION "\"\n.SH NAME\noceanxl \\- ", to);
+    manual_text(to, help_purpose);
+    fputs(".SH SYNOPSIS\n", to);
+    for (size_t i = 0; i < COUNT(commands); i++) {
+        fprintf(to, ".B oceanxl %s\n", commands[i].name);
+        manual_lines(to, "", commands[i].usage);
+        fputs("[options]\n.br\n", to);
+    }
+    manual_lines(to, ".SH COMMANDS\n", help_scene);
+    for (size_t i = 0; i < COUNT(commands); i++) manual_command(to, i);
+    fputs(".SH OPTIONS\nDefaults are in parentheses.\n", to);
+    for (size_t i = 0; i < COUNT(options); i++)
+        if (manual_is_first(i)) manual_group(to, options[i].group);
+    manual_lines(to, ".SH EXIT STATUS\n", help_codes);
 }
 
 /* ---------------------------------------------------------------- values */
@@ -494,7 +594,8 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
     if (argc > 1 && (strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0)) a->version = 1;
     else if (argc > 1 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0))
         a->help = 1;
-    if (a->version || a->help) return 0;
+    else if (argc > 1 && strcmp(argv[1], "--man") == 0) a->manual = 1;
+    if (a->version || a->help || a->manual) return 0;
     if (argc < 2) {
         snprintf(
             error, size,

@@ -470,6 +470,7 @@ static void report_command(struct report *r)
     report_number_option(r, "--iterations", "iterations", fresh.train.iterations);
     if (json_number(r->job, "sh_degree") >= 0) report_number_option(r, "--sh-degree", "sh_degree", fresh.train.sh_degree);
     else if (fresh.train.sh_degree >= 0) study_add(&r->page, " --sh-degree auto");
+    if (json_number(r->job, "robust") > 0) study_add(&r->page, " --robust");
     report_number_option(r, "--ssim-every", "ssim_every", fresh.train.ssim_every);
     report_share_option(r, "--coarse", "coarse", fresh.train.coarse);
     report_share_option(r, "--sh-every", "bands_every", fresh.train.bands_every);

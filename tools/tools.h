@@ -156,7 +156,7 @@ struct arguments { /* negative numbers and NULL: not given */
     enum command command;
     const char  *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int          path_count;
-    int          help, version, quiet, json, depth, no_images, restart;
+    int          help, version, quiet, json, depth, no_images, restart, robust, manual;
     int          preset, split; /* enum oxl_preset, enum oxl_split */
     int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
     int          block_points;
@@ -180,5 +180,6 @@ struct arguments { /* negative numbers and NULL: not given */
 /* 0, or 1 with a text that says what is wrong. */
 int  arguments_parse(int argc, char **argv, struct arguments *out, char *error, size_t error_size);
 void arguments_help(FILE *to, enum command command); /* COMMAND_NONE: the overview */
+void arguments_manual(FILE *to);                     /* docs/oceanxl.1: roff, man(7) */
 
 #endif

@@ -1,0 +1,169 @@
+/* test_train_robust.c - what is in one photograph alone is put aside; what all show, or nobody has explained yet, is not. */
+
+enum { ROBUST_TEST_SIDE = 48, ROBUST_TEST_PIXELS = ROBUST_TEST_SIDE * ROBUST_TEST_SIDE, ROBUST_TEST_BLOT = 12 };
+
+struct robust_case {
+    oxl_scene    *scene;
+    struct robust robust;
+    float         drawn[3 * ROBUST_TEST_PIXELS], photo[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
+};
+
+static struct robust_case *robust_case(void)
+{
+    struct robust_case *c = calloc(1, sizeof *c);
+    c->scene              = train_scene(7);
+    CHECK_OK(robust_begin(test_ctx, &c->robust, c->scene, 1));
+    return c;
+}
+
+static void robust_case_free(struct robust_case *c)
+{
+    robust_free(test_ctx, &c->robust);
+    oxl_scene_free(test_ctx, c->scene);
+    free(c);
+}
+
+/* The photograph is what is drawn, but for a blot with its corner at (x, y). */
+static void robust_test_paint(float *rgb, int x, int y, float by)
+{
+    for (int c = 0; c < 3; c++)
+        for (int j = 0; j < ROBUST_TEST_BLOT; j++)
+            for (int i = 0; i < ROBUST_TEST_BLOT; i++) rgb[c * ROBUST_TEST_PIXELS + (y + j) * ROBUST_TEST_SIDE + x + i] += by;
+}
+
+static void robust_test_look(struct robust_case *c, int view, int masked)
+{
+    CHECK_OK(robust_weigh(test_ctx, &c->robust, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->drawn, c->photo, 1,
+                          masked, c->weight));
+}
+
+static int robust_test_aside(const struct robust_case *c)
+{
+    int count = 0;
+    for (int i = 0; i < ROBUST_TEST_PIXELS; i++) count += c->weight[i] == 0;
+    return count;
+}
+
+TEST(robust_puts_aside_a_blot_in_one_photograph_and_nothing_else)
+{
+    struct robust_case *c = robust_case();
+    for (int i = 0; i < 3 * ROBUST_TEST_PIXELS; i++) /* texture that is not learned yet: large, but none in the mean */
+        c->photo[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->drawn[i] = 0.5f;
+    for (int k = 0; k < 30; k++) robust_test_look(c, k % 7, 0);
+    CHECK(robust_test_aside(c) == 0);
+    robust_test_paint(c->photo, 16, 20, 0.3f);
+    robust_test_look(c, 3, 0);
+    CHECK(robust_test_aside(c) == ROBUST_TEST_BLOT * ROBUST_TEST_BLOT);
+    CHECK(c->weight[20 * ROBUST_TEST_SIDE + 16] == 0 && c->weight[31 * ROBUST_TEST_SIDE + 27] == 0);
+    CHECK(c->weight[19 * ROBUST_TEST_SIDE + 16] == 1 && c->weight[31 * ROBUST_TEST_SIDE + 28] == 1);
+    robust_case_free(c);
+}
+
+TEST(robust_puts_aside_nothing_that_the_other_views_do_not_explain_either)
+{
+    struct robust_case *c = robust_case();
+    robust_test_paint(c->photo, 16, 20, 0.15f); /* hard to model: there in all views, from the first look on */
+    for (int k = 0; k < 200; k++) {
+        robust_test_look(c, 3, 0);
+        CHECK(robust_test_aside(c) == 0);
+    }
+    memset(c->photo, 0, sizeof c->photo); /* learned at last: a fish before it is seen then */
+    for (int k = 0; k < 30; k++) robust_test_look(c, 3, 0);
+    robust_test_paint(c->photo, 16, 20, 0.15f);
+    robust_test_look(c, 3, 0);
+    CHECK(robust_test_aside(c) == ROBUST_TEST_BLOT * ROBUST_TEST_BLOT);
+    robust_case_free(c);
+}
+
+TEST(robust_keeps_masks_and_asks_nobody_about_what_they_hide)
+{
+    struct robust_case *c = robust_case();
+    float               before, after;
+    size_t              hidden = 0;
+    for (int i = 0; i < ROBUST_TEST_PIXELS; i++) c->weight[i] = i / ROBUST_TEST_SIDE < 24 ? 0 : 1;
+    robust_test_look(c, 3, 1);
+    CHECK(robust_test_aside(c) == ROBUST_TEST_PIXELS / 2);
+    while (hidden < c->robust.points && (c->robust.place[hidden] < 0 || c->robust.place[hidden] >= 60)) hidden++;
+    CHECK(hidden < c->robust.points); /* 5 of 12 rows of squares: well behind the mask */
+    before = c->robust.usual[hidden];
+    robust_test_look(c, 3, 1);
+    after = c->robust.usual[hidden];
+    CHECK(before == after && before == ROBUST_MOST);
+    for (int i = 0; i < ROBUST_TEST_PIXELS; i++) c->weight[i] = 0;
+    robust_test_look(c, 3, 0); /* without a mask the weights are made anew */
+    CHECK(robust_test_aside(c) == 0 && c->robust.usual[hidden] < before);
+    robust_case_free(c);
+}
+
+TEST(robust_without_points_is_off_and_says_so)
+{
+    oxl_view      view  = {"a.png", {8, 8, 9, 9, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}}, 0};
+    oxl_image     image = {0};
+    oxl_scene    *scene = NULL;
+    struct robust r;
+    CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene));
+    CHECK_OK(robust_begin(test_ctx, &r, scene, 1));
+    CHECK(r.points == 0 && !r.usual);
+    robust_free(test_ctx, &r);
+    oxl_image_free(test_ctx, &image);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* The scene of train_scene, with a white blot in the photograph of view 5. */
+static oxl_scene *robust_test_scene(int views)
+{
+    oxl_scene *scene = train_scene(views), *blotted = NULL;
+    oxl_view   view[16];
+    oxl_image  image[16];
+    for (int v = 0; v < views; v++) {
+        view[v] = *oxl_scene_view(scene, v);
+        CHECK_OK(oxl_scene_image(test_ctx, scene, v, &image[v]));
+    }
+    robust_test_paint(image[5].rgb, 16, 20, 1);
+    CHECK_OK(
+        oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(scene), oxl_scene_point_count(scene), &blotted));
+    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
+    oxl_scene_free(test_ctx, scene);
+    return blotted;
+}
+
+/* Stopped before and after masks begin, and in the trial of the bands. */
+TEST(robust_a_run_stopped_at_any_step_ends_in_the_same_bytes)
+{
+    static const int       stops[] = {20, 61, 99, 122, 125, 127, 150};
+    struct checkpoint_case c       = checkpoint_of(robust_test_scene(14), train_options(240));
+    oxl_model              model, plain;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &plain));
+    c.options.robust    = 1;
+    c.options.sh_degree = -1;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    CHECK(!train_same(&plain, &c.whole));
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole));
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &plain);
+    checkpoint_case_free(&c);
+}
+
+TEST(robust_gives_the_same_bytes_with_one_and_three_threads)
+{
+    oxl_scene        *scene   = robust_test_scene(9);
+    oxl_train_options options = train_options(100);
+    oxl_model         one, three;
+    const int         threads = test_ctx->threads;
+    options.robust            = 1;
+    test_ctx->threads         = 1;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &one));
+    test_ctx->threads = 3;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &three));
+    test_ctx->threads = threads;
+    CHECK(train_same(&one, &three));
+    oxl_model_free(test_ctx, &one);
+    oxl_model_free(test_ctx, &three);
+    oxl_scene_free(test_ctx, scene);
+}
