@@ -24,23 +24,27 @@ THREADS := $(if $(filter 0,$(OPENMP)),-fopenmp-simd,-fopenmp)
 # STB=path: a folder that holds stb_image.h, or a folder stb/ that does.
 STB_FLAGS := $(if $(STB),-I$(STB) -I$(BUILD)/include)
 
-BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS)
+# VULKAN=1: with the Vulkan backend. Wants headers (Debian: libvulkan-dev); the program itself wants nothing, it looks for a loader.
+VULKAN ?=
+VULKAN_FLAGS := $(if $(filter-out 0,$(VULKAN)),-DOXL_VULKAN)
+
+BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS) $(VULKAN_FLAGS)
 FLAGS = $(CFLAGS) $(BASE)
-LIBS  = $(LDFLAGS) -lm
+LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
 
 TOOLS   := $(wildcard tools/*.c)
-MODULES := $(filter-out src/reference.c,$(wildcard src/*.c))
+MODULES := $(filter-out src/reference.c $(if $(VULKAN_FLAGS),,src/vulkan.c),$(wildcard src/*.c))
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help man test extremes fuzz coverage mutate portable demo setup bench cost floaters oracle modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help man test extremes fuzz coverage mutate portable demo setup bench cost floaters oracle shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
 
 help: ## this list
-	@echo 'make TARGET [CC=clang] [CFLAGS="-O3 -g"] [OPENMP=0] [STB=folder] [WERROR=1] [BUILD=build]'
+	@echo 'make TARGET [CC=clang] [CFLAGS="-O3 -g"] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile | expand -t 16
 
 # ------------------------------------------------------------------------------------------------ program, library
@@ -97,8 +101,9 @@ sanitize: ## the library's tests under the address and undefined-behaviour sanit
 	ASAN_OPTIONS=detect_leaks=1 $(BUILD)/sanitize/test $(T)
 
 oracle: $(BUILD)/oracle ## build/oracle SCENE.txt OUT.txt: our kernels in the format of an independent implementation
-bench: $(BUILD)/bench ## time per stage of a training step, and pairs per second against the machine's ceiling
-	$(BUILD)/bench $(BENCH)
+BENCH_OF := $(BUILD)/bench$(if $(filter vulkan,$(BACKEND)),_device)
+bench: $(BENCH_OF) ## time per stage of a training step, and pairs per second against the machine's ceiling; VULKAN=1 BACKEND=vulkan: a device's
+	$(BENCH_OF) $(BENCH)
 
 extremes: $(BUILD)/extremes ## docs/STABILITY.md: the kernels at the extremes, float against double (minutes)
 	@rm -rf $(BUILD)/surveys
@@ -126,15 +131,21 @@ $(BUILD)/floaters: SOURCE = bench/floaters.c
 $(BUILD)/cost: SOURCE = bench/cost.c
 $(BUILD)/oracle: SOURCE = tests/oracle.c
 $(BUILD)/bench: SOURCE = bench/bench.c
+$(BUILD)/bench_device: SOURCE = bench/device.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
-$(BUILD)/oracle $(BUILD)/bench $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters: tests/oracle.c bench/bench.c bench/cost.c \
-  tests/extremes.c bench/floaters.c $(BUILD)/flags
+$(BUILD)/oracle $(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters: tests/oracle.c bench/bench.c \
+  bench/device.c bench/cost.c tests/extremes.c bench/floaters.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*
 $(BUILD)/examples/%: examples/%.c $(BUILD)/liboceanxl.a
 	@mkdir -p $(@D)
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $< $(BUILD)/liboceanxl.a -o $@ $(LIBS)
+
+shaders: ## shaders/spirv.h from shaders/*.comp (Debian: glslc)
+	tools/shaders.sh
+shaders-check: ## fails when shaders/spirv.h is not what the shaders give
+	tools/shaders.sh check
 
 # ------------------------------------------------------------------------------------------------ other ways to build
 

@@ -399,6 +399,8 @@ static oxl_result study_begins(oxl_context *ctx, const struct arguments *a, stru
     *context            = oxl_context_options_default();
     context->log        = on_log;
     context->user       = console;
+    context->backend    = (oxl_backend)a->backend;
+    context->device     = a->device;
     if (a->threads > 0) context->threads = a->threads;
     *callback = (oxl_callback){on_progress, console};
     if (rc == OXL_OK) catch_signals();
@@ -434,6 +436,15 @@ static oxl_result run_tradeoff(oxl_context *ctx, const struct arguments *a, stru
     return study_ends(console, rc);
 }
 
+static oxl_result run_devices(oxl_context *ctx)
+{
+    char      *list = NULL;
+    oxl_result rc   = oxl_devices(ctx, &list);
+    if (rc == OXL_OK) fputs(list, stdout);
+    oxl_text_free(ctx, list);
+    return rc;
+}
+
 static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     switch (a->command) {
@@ -442,7 +453,7 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_RENDER: return run_render(ctx, a, console);
     case COMMAND_EVAL: return run_eval(ctx, a);
     case COMMAND_MEASURE: return run_measure(ctx, a, console);
-    case COMMAND_INFO: return info_print(ctx, stdout, a->path[0], a->json);
+    case COMMAND_INFO: return a->devices ? run_devices(ctx) : info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
     case COMMAND_PARTITION: return run_partition(ctx, a);
     case COMMAND_MERGE: return run_merge(ctx, a, console);
@@ -490,7 +501,10 @@ int main(int argc, char **argv)
     options.user  = &console;
     if (a.threads > 0) options.threads = a.threads;
     if (a.seed >= 0) options.seed = (uint64_t)a.seed;
-    rc = oxl_context_create(&options, &ctx);
+    options.backend = (oxl_backend)a.backend;
+    options.device  = a.device;
+    rc              = oxl_context_create(&options, &ctx);
+    if (rc == OXL_OK) rc = oxl_backend_begin(ctx);
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
         const char *text = console.error[0] ? console.error : oxl_error_text(ctx);

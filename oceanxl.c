@@ -44,6 +44,10 @@
 #include "src/loss.c"    /* L1 + SSIM, and back */
 #include "src/adam.c"    /* the step that follows the gradient */
 #include "src/render.c"  /* the chain of the five above behind one door */
+#ifdef OXL_VULKAN
+#include "src/vulkan.c" /* the same on a Vulkan device; in no build but make VULKAN=1 */
+#endif
+#include "src/backend.c" /* which of the two draws */
 
 /* the run */
 #include "src/checkpoint.c" /* the state of a run in a file, so that a run that was killed goes on where it was */

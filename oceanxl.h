@@ -70,13 +70,23 @@ typedef struct oxl_context oxl_context;
 
 typedef enum oxl_log_level { OXL_LOG_ERROR = 0, OXL_LOG_WARNING, OXL_LOG_INFO, OXL_LOG_DEBUG } oxl_log_level;
 
+/* Which machine draws and trains. The Vulkan backend is in builds with `make VULKAN=1` alone, and only Mesa's lavapipe, a Vulkan device
+ * made of the CPU, was tried so far: so the CPU is the default. */
+typedef enum oxl_backend {
+    OXL_BACKEND_CPU = 0,
+    OXL_BACKEND_AUTO,  /* a Vulkan device, if there is one that is not the CPU in disguise; else the CPU */
+    OXL_BACKEND_VULKAN /* a Vulkan device, or nothing: OXL_ERR_FAILED says what is missing */
+} oxl_backend;
+
 typedef struct oxl_context_options {
     int      threads; /* 0: as many as OpenMP offers */
     uint64_t seed;    /* of every random choice: view order, split samples (default 1) */
     /* realloc-like: size 0 frees and returns NULL; old may be NULL. Must return 16-byte aligned memory. */
     void *(*reallocate)(void *user, void *old, size_t size);
     void (*log)(void *user, oxl_log_level level, const char *text); /* one line without the newline; NULL: silent */
-    void *user;                                                     /* handed to both */
+    void       *user;                                               /* handed to both */
+    oxl_backend backend;                                            /* (CPU) */
+    int         device; /* of the list that oxl_devices makes; -1: a discrete one before others (-1) */
 } oxl_context_options;
 
 OXL_API oxl_context_options oxl_context_options_default(void);
@@ -93,6 +103,13 @@ OXL_API int oxl_is_terminal(int stream);
 
 /* The instruction set that the kernels run on: "avx512", "avx2" or "base". OXL_ISA=... in the environment forces one. */
 OXL_API const char *oxl_isa_name(const oxl_context *ctx);
+
+/* Opens the device that options.backend asks for. Whatever draws does so when it is first needed: this is for who wants to know early. */
+OXL_API oxl_result  oxl_backend_begin(oxl_context *ctx);
+/* "cpu", or the name of the device that draws. */
+OXL_API const char *oxl_backend_name(const oxl_context *ctx);
+/* The Vulkan devices that --device and options.device count, a line each, with their limits; free it with oxl_text_free. */
+OXL_API oxl_result  oxl_devices(oxl_context *ctx, char **out);
 
 /* ---------------------------------------------------------------- images */
 
@@ -363,7 +380,7 @@ typedef struct oxl_progress {
     double           seconds;      /* since the start */
     double           seconds_left; /* predicted */
     size_t           memory;       /* bytes at the peak so far; only in a job, else 0 */
-    const oxl_model *model;        /* as it stands; valid during the call */
+    const oxl_model *model;        /* as it stands, on a device as it was brought home last; valid during the call */
     oxl_faults       faults;       /* so far */
     int              trial;        /* 1: a step of a way that is tried out, for a decision; it may be taken back */
 } oxl_progress;

@@ -20,7 +20,7 @@ static void *base_reallocate(void *user, void *old, size_t size)
 
 oxl_context_options oxl_context_options_default(void)
 {
-    return (oxl_context_options){.seed = 1, .reallocate = base_reallocate};
+    return (oxl_context_options){.seed = 1, .reallocate = base_reallocate, .device = -1};
 }
 
 static int base_threads(int wanted)
@@ -48,7 +48,9 @@ oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **
 
 void oxl_context_free(oxl_context *ctx)
 {
-    if (ctx) ctx->options.reallocate(ctx->options.user, ctx, 0);
+    if (!ctx) return;
+    backend_end(ctx);
+    ctx->options.reallocate(ctx->options.user, ctx, 0);
 }
 
 const char *oxl_error_text(const oxl_context *ctx)

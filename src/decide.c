@@ -134,7 +134,8 @@ static oxl_result decide_branch_copy(const struct train *t, struct decide_branch
     if (!out->view)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
     memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
-    rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
+    rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
     if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
@@ -143,6 +144,8 @@ static oxl_result decide_branch_copy(const struct train *t, struct decide_branch
 
 static oxl_result decide_branch_swap(struct train *t, struct decide_branch *b)
 {
+    const oxl_result rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc != OXL_OK) return rc;
     OXL_SWAP(oxl_model, *t->model, b->model);
     OXL_SWAP(oxl_model, t->first, b->first);
     OXL_SWAP(oxl_model, t->second, b->second);
@@ -190,7 +193,7 @@ static oxl_result decide_try(struct train *t, double *psnr)
 static oxl_result decide_set_degree(struct train *t, int degree)
 {
     oxl_model *all[3] = {t->model, &t->first, &t->second};
-    oxl_result rc     = OXL_OK;
+    oxl_result rc     = renderer_fetch(t->ctx, t->renderer);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
     return rc == OXL_OK ? train_resize(t) : rc;
 }
@@ -268,7 +271,8 @@ static oxl_result decide_give_lobes(struct train *t)
     uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
     size_t                   given     = 0;
     double                   threshold = 0;
-    oxl_result rc = active ? decide_threshold(t, &threshold) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    oxl_result rc = active ? renderer_fetch(t->ctx, t->renderer) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    if (rc == OXL_OK) rc = decide_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->model->count; i++) {
         active[i] = density_mean_gradient(t->density, i) > threshold;
@@ -288,10 +292,12 @@ OXL_INTERNAL oxl_result decide_lobes(struct train *t)
     const int  last = decide_lobes_at(t), watch = decide_steps(t, DECIDE_WATCH);
     oxl_result rc = OXL_OK;
     if (t->step <= last - watch || t->step > last) return OXL_OK;
-    if (t->step == last - watch + 1) rc = density_clear(t->ctx, t->density, t->model->count);
-    if (rc != OXL_OK) return rc;
-    density_observe(t->ctx, t->density, t->renderer, t->model->count);
-    if (t->step < last) return OXL_OK;
+    if (t->step == last - watch + 1) {
+        rc = renderer_fetch(t->ctx, t->renderer);
+        if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
+    }
+    if (rc == OXL_OK) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc != OXL_OK || t->step < last) return rc;
     if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : decide_give_lobes(t);
 }

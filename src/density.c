@@ -118,21 +118,15 @@ OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t c
     if (d->banded) archive_floats(a, d->gradient_far, count);
 }
 
-/* Where a gradient seen from this depth is added. */
-static float *density_band(const struct density *d, float depth)
+static struct renderer_sums density_sums(const struct density *d, size_t count)
 {
-    return !d->banded || depth < d->z_near ? d->gradient : depth < d->z_far ? d->gradient_mid : d->gradient_far;
+    return (struct renderer_sums){count, d->banded, d->z_near, d->z_far, d->gradient, d->gradient_mid, d->gradient_far, d->views};
 }
 
-OXL_INTERNAL void density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count)
+OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r, size_t count)
 {
-    (void)ctx; /* without OpenMP */
-#pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)count; i++)
-        if (renderer_saw(r, (size_t)i)) {
-            density_band(d, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
-            d->views[i] += 1;
-        }
+    const struct renderer_sums sums = density_sums(d, count);
+    return renderer_observe(ctx, r, &sums);
 }
 
 OXL_INTERNAL double density_mean_gradient(const struct density *d, size_t row)

@@ -60,6 +60,7 @@ struct oxl_context {
     oxl_context_options options;
     int                 threads; /* resolved: at least 1 */
     int                 isa;     /* enum isa of simd.h */
+    struct vulkan      *vulkan;  /* the device that draws; NULL: the CPU does */
     char                error[1024];
     struct text        *notes;  /* lines of the log are kept here too, as elements of a JSON array; NULL: they are not */
     oxl_result          failed; /* what `error` is about: for doors that return a pointer or NULL */
@@ -106,6 +107,12 @@ OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
 /* "a/b" in fresh memory; a may be "" or end in a slash. */
 OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+
+/* ---------------------------------------------------------------- backend.c: which machine draws */
+
+/* Opens the device that the context's options ask for, once; NULL, and OXL_OK: the CPU it is. */
+OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx);
+OXL_INTERNAL void       backend_end(oxl_context *ctx);
 
 /* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
 
@@ -162,6 +169,13 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
 OXL_INTERNAL int   os_rename(const char *from, const char *to); /* over what `to` was; 0: done */
 OXL_INTERNAL int   os_remove(const char *path);                 /* 0: done */
+
+#ifdef OXL_VULKAN
+/* A library that is loaded at run time; NULL: there is none of that name. */
+OXL_INTERNAL void *os_library_open(const char *name);
+OXL_INTERNAL void  os_library_symbol(void *library, const char *name, void *out, size_t size); /* out: a function pointer */
+OXL_INTERNAL void  os_library_close(void *library);
+#endif
 
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
 /* A symbolic link at `path` to the folder `target`, in place of an older link but of nothing else; 0: none could be made. */
@@ -490,11 +504,18 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
 OXL_INTERNAL void       renderer_free(oxl_context *ctx, struct renderer *r);
 
 /* Draws; the image stays in the renderer until the next call. sh_degree as in oxl_render_options. */
-OXL_INTERNAL oxl_result   renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
-                                           const oxl_render_options *options);
-OXL_INTERNAL const float *renderer_image(const struct renderer *r); /* (3,H,W) */
+OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                         const oxl_render_options *options);
+OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out); /* (3,H,W) */
 
-/* Loss of the drawn image against rgb (3,H,W) with weight (H,W) or NULL; keeps its gradient for renderer_backward. */
+/* The photograph of a view, at half its sides if `halved`: what renderer_loss compares with where it is given none. A device keeps
+ * photographs, as far as a share of its memory goes: `photo` may be NULL where renderer_has_photo says so. */
+OXL_INTERNAL int        renderer_has_photo(const struct renderer *r, int view);
+OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r, int view, const struct photo *photo,
+                                            int halved);
+
+/* Loss of the drawn image against rgb (3,H,W) with weight (H,W) or NULL, or against the photograph that was taken last where rgb is
+ * NULL; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
 };
@@ -502,8 +523,9 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
                                       float ssim_weight, struct renderer_loss *out);
 
 /* The gradient of the model that was drawn last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
- * rows of packs out of sight are left alone. */
+ * rows of packs out of sight are left alone. A device keeps it to itself until renderer_gradient. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
+OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient);
 
 /* How much each Gaussian matters to S = the sum over pixels and channels of drgb (3,H,W) x the image drawn last: adds to score[row], for
  * each row seen, the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
@@ -515,22 +537,63 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
 struct renderer_aside {
     size_t rows, first; /* how many; the first of them */
 };
-OXL_INTERNAL struct renderer_aside renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model,
-                                                 const oxl_model *gradient, oxl_model *first, oxl_model *second,
-                                                 const float *rates, int step);
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
+                                      oxl_model *first, oxl_model *second, const float *rates, int step,
+                                      struct renderer_aside *out);
 
-OXL_INTERNAL void  renderer_forget(struct renderer *r); /* as if the last view had seen nothing */
-/* What the last view saw of row i. */
-OXL_INTERNAL int   renderer_drew_finite(const struct renderer *r, size_t row); /* 1 too when it did not see it */
-OXL_INTERNAL int   renderer_saw(const struct renderer *r, size_t row);
-OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
-OXL_INTERNAL float renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
+/* Adds to the statistics of density control what the last view, walked back, tells of each row that it saw. */
+struct renderer_sums {
+    size_t count;
+    int    banded;
+    float  z_near, z_far;         /* where the bands meet, camera z */
+    float *gradient, *mid, *far_; /* (count) of |dL/d(u,v)|, in units of half an image; mid, far_: banded alone */
+    float *views;                 /* (count) how many saw it */
+};
+OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
+
+/* Between steps a device holds the model, its moments and the statistics. This brings home what was stepped and observed since: to
+ * be called before the host reads or changes any of them. The next renderer_forward takes the model as the host has it then. */
+OXL_INTERNAL oxl_result renderer_fetch(oxl_context *ctx, struct renderer *r);
+
+OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r); /* as if the last view had seen nothing */
+/* What the last view saw of row i; on a device, as it was when renderer_fetch_rows was called. */
+OXL_INTERNAL oxl_result renderer_fetch_rows(oxl_context *ctx, struct renderer *r);
+OXL_INTERNAL int        renderer_drew_finite(const struct renderer *r, size_t row); /* 1 too when it did not see it */
+OXL_INTERNAL int        renderer_saw(const struct renderer *r, size_t row);
+OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
+OXL_INTERNAL float      renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
 OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row); /* px: of the contour alpha = 1/255, the longer side */
 
 struct renderer_counts {                   /* of the last view */
     size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image that the footprints ask for */
 };
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
+
+struct splat;
+/* What a device does in the place of the CPU's kernels, door by door as above. */
+struct renderer_device {
+    oxl_result (*create)(oxl_context *ctx, void **out);
+    void (*free)(void *device);
+    oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options);
+    /* (3,H,W) drawn; depths: the sums of alpha T z and of alpha T in its place. */
+    oxl_result (*image)(void *device, int depths, float *rgb);
+    int (*has_photo)(const void *device, int view);
+    oxl_result (*take_photo)(void *device, int view, const struct photo *photo, int halved);
+    oxl_result (*loss)(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out);
+    oxl_result (*backward)(void *device, const float *drgb);
+    oxl_result (*gradient)(void *device, oxl_model *gradient);
+    oxl_result (*score)(void *device, const float *drgb, float *score);
+    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const float *rates, int step,
+                       struct renderer_aside *out);
+    oxl_result (*observe)(void *device, const struct renderer_sums *sums);
+    oxl_result (*fetch)(void *device);
+    oxl_result (*forget)(void *device);
+    /* What the last view saw: of each row that it saw its splat, a bit, |dL/d(u,v)| as in struct renderer. */
+    oxl_result (*rows)(void *device, struct splat *splat, uint16_t *visible, float *dmean2d);
+};
+#ifdef OXL_VULKAN
+OXL_INTERNAL const struct renderer_device *vulkan_doors(void);
+#endif
 
 struct archive; /* checkpoint.c */
 
@@ -568,7 +631,7 @@ OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
 OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count, struct density **out);
 OXL_INTERNAL void       density_free(oxl_context *ctx, struct density *d);
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
-OXL_INTERNAL void       density_observe(oxl_context *ctx, struct density *d, const struct renderer *r, size_t count);
+OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r, size_t count);
 /* From now on gradients are kept apart by the depth at which they were seen; z_near 0: they are not. Clears the statistics. */
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
 /* Of a row, over the views that saw it since the statistics were cleared, without weights. */

@@ -615,8 +615,9 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
                        const oxl_callback *callback)
 {
     struct job job;
-    oxl_result rc;
+    oxl_result rc    = backend_begin(ctx); /* the device is part of what the result depends on */
     int        ready = 0, done = 0;
+    if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
     rc = job.line.failed ? job_no_memory(&job) : job_prepare_block(&job, &ready);
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
@@ -650,7 +651,8 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out)
     struct oxl_run  run     = {0};
     struct job      job;
     int             done = 0;
-    oxl_result      rc   = run_read(ctx, out, &run);
+    oxl_result      rc   = backend_begin(ctx);
+    if (rc == OXL_OK) rc = run_read(ctx, out, &run);
     if (rc == OXL_OK && (!run.line || !run.scene))
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
                       out, out);

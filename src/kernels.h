@@ -300,6 +300,10 @@ OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 
+#ifndef OXL_REFERENCE
+OXL_INTERNAL struct lens render_lens(const oxl_camera *camera, float near_plane); /* render.c */
+#endif
+
 /* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */
 
 struct loss_job {

@@ -13,6 +13,9 @@ enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
 
 #ifndef _WIN32 /* ---------------------------------------------------------------- POSIX */
 
+#ifdef OXL_VULKAN
+#include <dlfcn.h>
+#endif
 #include <dirent.h>
 #include <fcntl.h>
 #include <sys/resource.h>
@@ -141,6 +144,26 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
     closedir(folder);
     return OXL_OK;
 }
+
+#ifdef OXL_VULKAN
+OXL_INTERNAL void *os_library_open(const char *name)
+{
+    return dlopen(name, RTLD_NOW | RTLD_LOCAL);
+}
+
+/* ISO C has no cast from an object's address to a function's; POSIX promises that the bits serve. */
+OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size)
+{
+    void *symbol = dlsym(library, name);
+    memset(out, 0, size);
+    memcpy(out, &symbol, OXL_MIN(size, sizeof symbol));
+}
+
+OXL_INTERNAL void os_library_close(void *library)
+{
+    dlclose(library);
+}
+#endif
 
 #else /* ---------------------------------------------------------------- Windows; our paths are UTF-8, its own are UTF-16 */
 
@@ -293,6 +316,25 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
     FindClose(find);
     return OXL_OK;
 }
+
+#ifdef OXL_VULKAN
+OXL_INTERNAL void *os_library_open(const char *name)
+{
+    return LoadLibraryA(name);
+}
+
+OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size)
+{
+    const FARPROC symbol = GetProcAddress(library, name);
+    memset(out, 0, size);
+    memcpy(out, &symbol, OXL_MIN(size, sizeof symbol));
+}
+
+OXL_INTERNAL void os_library_close(void *library)
+{
+    FreeLibrary(library);
+}
+#endif
 
 #endif /* ---------------------------------------------------------------- plain C from here on */
 

@@ -355,6 +355,7 @@ OXL_INTERNAL oxl_result prune_apply(oxl_context *ctx, const struct prune *p, siz
     oxl_result rc    = OXL_OK;
     if (!score || !keep) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", model->count);
     if (rc == OXL_OK) rc = prune_score(ctx, p, r, scene, model, options, score);
+    if (rc == OXL_OK) rc = renderer_fetch(ctx, r);
     if (rc == OXL_OK) {
         prune_select(score, model->count, drop, keep);
         model_keep_rows(model, keep);

@@ -43,12 +43,13 @@ static oxl_result rehearse_target(struct rehearsal *r)
 
 static oxl_result rehearse_step(struct rehearsal *r, oxl_model *model, const oxl_camera *camera)
 {
-    const float          rate[OXL_PLANES] = {0};
-    struct renderer_loss loss;
-    oxl_result           rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
+    const float           rate[OXL_PLANES] = {0};
+    struct renderer_loss  loss;
+    struct renderer_aside aside;
+    oxl_result            rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
     if (rc == OXL_OK) rc = renderer_loss(r->ctx, r->renderer, r->target, NULL, 0.2f, &loss);
     if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, &r->gradient);
-    if (rc == OXL_OK) renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, rate, 1);
+    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, rate, 1, &aside);
     return rc;
 }
 
@@ -85,6 +86,7 @@ static oxl_result rehearse_model(struct rehearsal *r, oxl_model *model, double *
     if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->gradient);
     if (rc == OXL_OK) rc = rehearse_steps(r, model, 0, seconds);
     if (rc == OXL_OK && halved) rc = rehearse_steps(r, model, 1, halved);
+    if (rc == OXL_OK) rc = renderer_fetch(r->ctx, r->renderer);
     rehearse_end_model(r);
     return rc;
 }

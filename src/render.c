@@ -1,5 +1,7 @@
 /* render.c - the kernels behind one door: draw a view, compare it, walk the error back, step.
  *
+ * The doors are the CPU's, unless the context has a device: then each hands over to its own (vulkan.c).
+ *
  * Invariant: everything here runs in parallel over packs, strips or tiles that are independent of each other, so the result does
  * not depend on the number of threads.
  */
@@ -9,6 +11,9 @@
 #define RENDER_TASK 64 /* packs of rows a task: 1024 Gaussians, so that a plane's part is a page */
 
 struct renderer {
+    const struct renderer_device *doors;  /* of `device` */
+    void                         *device; /* NULL: the CPU draws, with what follows */
+
     struct lens      lens;
     float            background[3];
     struct gaussians in;
@@ -17,12 +22,14 @@ struct renderer {
     uint16_t        *visible; /* (packs) */
     float           *dmean2d; /* (count) */
     float           *rgb, *drgb, *transmittance;
+    float           *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
+    int              masked;
     float (*sums)[SPLAT_SUMS];
     float              *score; /* (slots) */
     struct bins         bins;
     struct loss_scratch loss;
     size_t splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity, transmittance_capacity,
-        sums_capacity, score_capacity;
+        sums_capacity, score_capacity, target_capacity, weight_capacity;
 };
 
 oxl_render_options oxl_render_options_default(void)
@@ -32,13 +39,27 @@ oxl_render_options oxl_render_options_default(void)
 
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
 {
+    oxl_result rc = backend_begin(ctx);
+    *out          = NULL;
+    if (rc != OXL_OK) return rc;
     *out = oxl_calloc(ctx, 1, sizeof **out);
-    return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
+    if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
+#ifdef OXL_VULKAN
+    if (ctx->vulkan) {
+        (*out)->doors = vulkan_doors();
+        rc            = (*out)->doors->create(ctx, &(*out)->device);
+    }
+#endif
+    if (rc == OXL_OK) return rc;
+    oxl_free(ctx, *out);
+    *out = NULL;
+    return rc;
 }
 
 OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 {
     if (!r) return;
+    if (r->device) r->doors->free(r->device);
     bin_free(ctx, &r->bins);
     loss_free(ctx, &r->loss);
     oxl_free(ctx, r->splat);
@@ -48,6 +69,8 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->rgb);
     oxl_free(ctx, r->drgb);
     oxl_free(ctx, r->transmittance);
+    oxl_free(ctx, r->target);
+    oxl_free(ctx, r->weight);
     oxl_free(ctx, r->sums);
     oxl_free(ctx, r->score);
     oxl_free(ctx, r);
@@ -55,7 +78,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 
 /* ---------------------------------------------------------------- into the kernels' terms */
 
-static struct lens render_lens(const oxl_camera *c, float near_plane)
+OXL_INTERNAL struct lens render_lens(const oxl_camera *c, float near_plane)
 {
     struct lens l = {.width      = c->width,
                      .height     = c->height,
@@ -172,10 +195,24 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     return OXL_OK;
 }
 
+static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                           const oxl_render_options *options)
+{
+    const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
+    const oxl_result rc     = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    if (rc != OXL_OK) return rc;
+    r->lens       = render_lens(camera, options->near_plane);
+    r->in         = render_gaussians(model, options->sh_degree);
+    r->bins.packs = render_packs(model->count);
+    return r->doors->forward(r->device, model, camera, options);
+}
+
 OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                          const oxl_render_options *options)
 {
-    oxl_result rc = render_begin(ctx, r, model, camera, options);
+    oxl_result rc;
+    if (r->device) return render_forward_on_device(ctx, r, model, camera, options);
+    rc = render_begin(ctx, r, model, camera, options);
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
     rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
@@ -183,19 +220,44 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     return rc;
 }
 
-OXL_INTERNAL const float *renderer_image(const struct renderer *r)
+OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out)
 {
-    return r->rgb;
+    (void)ctx;
+    *out = r->rgb;
+    return r->device ? r->doors->image(r->device, 0, r->rgb) : OXL_OK;
 }
 
 /* ---------------------------------------------------------------- loss and backward */
+
+OXL_INTERNAL int renderer_has_photo(const struct renderer *r, int view)
+{
+    return r->device && r->doors->has_photo(r->device, view);
+}
+
+OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r, int view, const struct photo *photo, int halved)
+{
+    size_t     pixels;
+    oxl_result rc;
+    if (r->device) return r->doors->take_photo(r->device, view, photo, halved);
+    pixels    = (size_t)photo->width * (size_t)photo->height;
+    rc        = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    r->masked = photo->mask != NULL;
+    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    if (rc != OXL_OK) return rc;
+    image_from_photo(photo, r->target, r->masked ? r->weight : NULL);
+    if (halved) image_halve(photo->width, photo->height, r->target, r->masked ? r->weight : NULL);
+    return OXL_OK;
+}
 
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out)
 {
     const size_t      pixels = (size_t)r->lens.width * (size_t)r->lens.height;
     struct loss_value value;
-    oxl_result        rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
+    oxl_result        rc;
+    if (r->device) return r->doors->loss(r->device, rgb, weight, ssim_weight, out);
+    if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
+    rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
     if (rc == OXL_OK) {
         const struct loss_job job = {r->lens.width, r->lens.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
         rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
@@ -236,6 +298,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 {
     struct gaussians out;
     oxl_result       rc = model_set_lobes(ctx, gradient, r->in.lobes);
+    if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     out = render_gaussians(gradient, r->in.sh_degree);
@@ -244,12 +307,20 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     return OXL_OK;
 }
 
+OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient)
+{
+    (void)ctx;
+    return r->device ? r->doors->gradient(r->device, gradient) : OXL_OK;
+}
+
 /* ---------------------------------------------------------------- score */
 
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
 {
     const int  tiles = r->bins.tiles_x * r->bins.tiles_y;
-    oxl_result rc    = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
+    oxl_result rc;
+    if (r->device) return r->doors->score(r->device, drgb, score);
+    rc = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int i = 0; i < tiles; i++) {
@@ -314,9 +385,9 @@ static void render_put_aside(const struct adam_job *rows, const struct adam_job 
     }
 }
 
-OXL_INTERNAL struct renderer_aside renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model,
-                                                 const oxl_model *gradient, oxl_model *first, oxl_model *second,
-                                                 const float *rates, int step)
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
+                                      oxl_model *first, oxl_model *second, const float *rates, int step,
+                                      struct renderer_aside *out)
 {
     const struct render_step s     = {model, first, second, gradient, rates, 1 - vecmath_exp(step * vecmath_log(0.9))};
     const size_t             lobes = render_packs(r->in.lobes);
@@ -326,6 +397,7 @@ OXL_INTERNAL struct renderer_aside renderer_step(oxl_context *ctx, struct render
     struct adam_job          lobe  = rows;
     const struct adam_job    none  = {.planes = 0};
     size_t                   aside = 0, first_aside = SIZE_MAX;
+    if (r->device) return r->doors->step(r->device, model, first, second, rates, step, out);
     render_step_planes(&s, 0, OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1), &rows);
     if (lobes) render_step_planes(&s, OXL_LOBE, MODEL_LOBE_PLANES, &lobe);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : aside) reduction(min : first_aside)
@@ -344,7 +416,33 @@ OXL_INTERNAL struct renderer_aside renderer_step(oxl_context *ctx, struct render
         job.first_pack = first_pack, job.end_pack = OXL_MIN(end_pack, lobes);
         adam_step(ctx->isa, &job);
     }
-    return (struct renderer_aside){aside, first_aside};
+    *out = (struct renderer_aside){aside, first_aside};
+    return OXL_OK;
+}
+
+/* Where a gradient seen from this depth is added. */
+static float *render_band(const struct renderer_sums *s, float depth)
+{
+    return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->mid : s->far_;
+}
+
+OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *s)
+{
+    (void)ctx; /* without OpenMP */
+    if (r->device) return r->doors->observe(r->device, s);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)s->count; i++)
+        if (renderer_saw(r, (size_t)i)) {
+            render_band(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
+            s->views[i] += 1;
+        }
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_fetch(oxl_context *ctx, struct renderer *r)
+{
+    (void)ctx;
+    return r->device ? r->doors->fetch(r->device) : OXL_OK;
 }
 
 OXL_INTERNAL int renderer_saw(const struct renderer *r, size_t row)
@@ -352,9 +450,23 @@ OXL_INTERNAL int renderer_saw(const struct renderer *r, size_t row)
     return r->visible[row / PACK] >> (row % PACK) & 1;
 }
 
-OXL_INTERNAL void renderer_forget(struct renderer *r)
+OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r)
 {
+    (void)ctx;
+    if (r->device) return r->doors->forget(r->device);
     memset(r->visible, 0, r->bins.packs * sizeof *r->visible);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_fetch_rows(oxl_context *ctx, struct renderer *r)
+{
+    const size_t rows = r->bins.packs * PACK;
+    oxl_result   rc;
+    if (!r->device) return OXL_OK;
+    rc = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, rows, sizeof *r->dmean2d);
+    return rc == OXL_OK ? r->doors->rows(r->device, r->splat, r->visible, r->dmean2d) : rc;
 }
 
 OXL_INTERNAL int renderer_drew_finite(const struct renderer *r, size_t row)
@@ -399,9 +511,8 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
 /* ---------------------------------------------------------------- the public doors */
 
 /* The same splats again with (depth, 1, 0) for a colour: the sums of alpha T z and of alpha T fall out of the same kernel. */
-static void render_depth(oxl_context *ctx, struct renderer *r, float *depth)
+static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
 {
-    const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
     for (size_t i = 0; i < r->bins.visible_count; i++) {
         struct splat *s = &r->splat[r->bins.order[i]];
         s->colour[0]    = s->depth;
@@ -410,14 +521,24 @@ static void render_depth(oxl_context *ctx, struct renderer *r, float *depth)
     }
     memset(r->background, 0, sizeof r->background);
     render_tiles(ctx, r);
-    for (size_t i = 0; i < pixels; i++) depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
+}
+
+static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)
+{
+    const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    oxl_result   rc     = OXL_OK;
+    if (r->device) rc = r->doors->image(r->device, 1, r->rgb);
+    else render_depth_tiles(ctx, r);
+    for (size_t i = 0; i < pixels && rc == OXL_OK; i++) depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
+    return rc;
 }
 
 oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
                       oxl_image *out, float *depth)
 {
-    const oxl_render_options o = options ? *options : oxl_render_options_default();
-    struct renderer         *r = NULL;
+    const oxl_render_options o   = options ? *options : oxl_render_options_default();
+    struct renderer         *r   = NULL;
+    const float             *rgb = NULL;
     oxl_result               rc;
     *out = (oxl_image){0};
     if (camera->width < 1 || camera->height < 1) {
@@ -425,11 +546,13 @@ oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera
     }
     rc = renderer_create(ctx, &r);
     if (rc == OXL_OK) rc = renderer_forward(ctx, r, model, camera, &o);
+    if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);
     if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
     if (rc == OXL_OK) {
-        memcpy(out->rgb, r->rgb, 3 * (size_t)camera->width * (size_t)camera->height * sizeof *out->rgb);
-        if (depth) render_depth(ctx, r, depth);
+        memcpy(out->rgb, rgb, 3 * (size_t)camera->width * (size_t)camera->height * sizeof *out->rgb);
+        if (depth) rc = render_depth(ctx, r, depth);
     }
+    if (rc != OXL_OK) oxl_image_free(ctx, out);
     renderer_free(ctx, r);
     return rc;
 }
@@ -447,6 +570,7 @@ oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const o
     if (rc == OXL_OK) {
         memset(gradient->plane[OXL_ROTATION], 0, gradient->capacity * sizeof *gradient->plane[0]);
         rc = renderer_backward(ctx, r, drgb, gradient);
+        if (rc == OXL_OK) rc = renderer_gradient(ctx, r, gradient);
     }
     if (rc != OXL_OK) oxl_model_free(ctx, gradient);
     renderer_free(ctx, r);

@@ -116,6 +116,7 @@ OXL_INTERNAL void run_describe(struct text *t, const char *scene, const oxl_job_
         text_add(t, ", \"%s\": ", RUN_FIELDS[i].name);
         text_add_number(t, run_get(o, &RUN_FIELDS[i]));
     }
+    if (t->ctx->vulkan) run_add_string(t, "device", oxl_backend_name(t->ctx)); /* its bytes are its own */
     text_add(t, "}");
 }
 

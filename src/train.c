@@ -109,27 +109,18 @@ OXL_INTERNAL double train_coarse_share(const oxl_train_options *o, int width, in
 }
 
 /* Whether the step is one of the run's first share, at half the sides. */
-static int train_is_coarse(const struct train *t, const struct photo *photo)
+static int train_is_coarse(const struct train *t, const oxl_camera *camera)
 {
-    const double share = train_coarse_share(t->options, photo->width, photo->height);
-    return t->step <= share * t->options->iterations && photo->width > 1 && photo->height > 1;
+    const double share = train_coarse_share(t->options, camera->width, camera->height);
+    return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
 OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
 {
-    const struct photo *photo = scene_photo(t->ctx, t->scene, view);
-    oxl_result          rc;
-    size_t              pixels;
-    if (!photo) return t->ctx->failed;
-    pixels    = (size_t)photo->width * (size_t)photo->height;
-    rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
-    t->masked = photo->mask != NULL;
-    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    if (rc != OXL_OK) return rc;
-    image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
-    t->halved = train_is_coarse(t, photo);
-    if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
-    return OXL_OK;
+    const struct photo *photo = NULL;
+    if (!renderer_has_photo(t->renderer, view) && !(photo = scene_photo(t->ctx, t->scene, view))) return t->ctx->failed;
+    t->halved = train_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    return renderer_take_photo(t->ctx, t->renderer, view, photo, t->halved);
 }
 
 /* The next view whose photograph can be read; one that cannot is named and left out from then on. */
@@ -168,7 +159,7 @@ static oxl_result train_compare(struct train *t, int view, int learns, float ssi
     oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
     if (rc == OXL_OK && learns && t->robust.points > 0) rc = train_put_aside(t, &camera);
     if (rc != OXL_OK) return rc;
-    return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
+    return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
 
 /* With the whole loss, for judgement. */
@@ -189,14 +180,18 @@ static oxl_result train_on_view(struct train *t, int view)
     rc           = train_compare(t, view, 1, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
+        rc = renderer_fetch(t->ctx, t->renderer);
+        if (rc == OXL_OK) rc = renderer_fetch_rows(t->ctx, t->renderer);
+        if (rc != OXL_OK) return rc;
         faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
-        renderer_forget(t->renderer); /* what follows a step must not read the gradients of an earlier one */
-        return OXL_OK;
+        return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
     }
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     train_rates(t, rate);
-    aside = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, rate, t->step);
+    rc = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, rate, t->step, &aside);
+    if (rc == OXL_OK && aside.rows > 0) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc != OXL_OK) return rc;
     faults_of_rows(t->ctx, &t->faults, t->step, name, aside, t->model, &t->first, &t->second);
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
@@ -254,7 +249,8 @@ OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2])
                                       .step        = t->step};
     struct density_change    change;
     oxl_result               rc;
-    rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
     if (rc == OXL_OK) rc = train_resize(t);
     if (rc == OXL_OK && t->model->count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
@@ -270,12 +266,13 @@ static oxl_result train_density(struct train *t)
 {
     oxl_result rc = OXL_OK;
     if (t->step > t->options->densify_until * t->options->iterations) return OXL_OK;
-    density_observe(t->ctx, t->density, t->renderer, t->model->count);
-    if (train_densifies(t)) {
+    rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc == OXL_OK && train_densifies(t)) {
         if (decide_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
         else rc = train_densify(t, t->ucd.f);
         t->ucd.densified++;
     }
+    if (rc == OXL_OK && train_resets_opacity_at(t, t->step)) rc = renderer_fetch(t->ctx, t->renderer);
     if (rc == OXL_OK && train_resets_opacity_at(t, t->step)) {
         density_reset_opacity(t->model, &t->first, &t->second);
         t->resets++;
@@ -312,7 +309,8 @@ static oxl_result train_bands(struct train *t)
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->bands_every * t->options->iterations) + 1e-6));
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
-    rc = model_set_degree(t->ctx, t->model, wanted);
+    rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
     return rc == OXL_OK ? train_resize(t) : rc;
@@ -405,8 +403,6 @@ static void train_end(struct train *t)
     oxl_free(ctx, t->view);
     oxl_free(ctx, t->held);
     text_free(&t->decisions);
-    oxl_free(ctx, t->target);
-    oxl_free(ctx, t->weight);
 }
 
 /* ---------------------------------------------------------------- checkpoints */
@@ -465,9 +461,11 @@ static void train_archive(struct archive *a, void *user)
 
 static oxl_result train_save(struct train *t)
 {
-    t->saved_step = t->step;
-    t->saved_at   = os_seconds();
-    return t->place ? checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t) : OXL_OK;
+    const oxl_result rc = renderer_fetch(t->ctx, t->renderer);
+    t->saved_step       = t->step;
+    t->saved_at         = os_seconds();
+    if (rc != OXL_OK || !t->place) return rc;
+    return checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t);
 }
 
 static int train_save_is_due(const struct train *t)
@@ -568,6 +566,7 @@ static oxl_result train_loop(struct train *t)
         }
         if (train_save_is_due(t)) rc = train_save(t);
     }
+    if (rc == OXL_OK) rc = renderer_fetch(t->ctx, t->renderer);
     if (rc == OXL_OK) decide_end(t);
     if (rc == OXL_OK && t->robust.points > 0) {
         char words[160];

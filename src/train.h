@@ -24,10 +24,7 @@ struct train {
     int                      *held; /* (held_views) training views that stand aside, for decisions to be judged by */
     int                       held_views;
     int                       resets;
-    float                    *target, *weight; /* the photograph of this step: (3,H,W), (H,W) */
-    int                       masked;          /* whether weight holds its mask */
-    int                       halved;          /* whether they are reduced to half the sides */
-    size_t                    target_capacity, weight_capacity;
+    int                       halved;     /* whether the photograph of this step is reduced to half the sides */
     double                    loss, psnr; /* smoothed */
     double                    last_loss;  /* of the last photograph, alike from step to step; not a number: it was put aside */
     oxl_faults                faults;
@@ -47,7 +44,7 @@ struct train {
 OXL_INTERNAL oxl_result train_photograph(struct train *t);
 OXL_INTERNAL oxl_result train_step(struct train *t);                       /* all of it */
 OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
-/* A view's photograph and mask into target and weight. OXL_ERR_INPUT: it cannot be read. */
+/* A view's photograph to the renderer. OXL_ERR_INPUT: it cannot be read. */
 OXL_INTERNAL oxl_result train_photo(struct train *t, int view);
 /* The model drawn from a view, against its photograph. */
 OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss);

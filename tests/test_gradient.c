@@ -251,12 +251,13 @@ TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
 
 TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
 {
-    const oxl_camera   camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
-    oxl_render_options options = oxl_render_options_default();
-    float              drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT], rates[OXL_PLANES];
-    struct reference   r;
-    struct renderer   *renderer;
-    oxl_model          m, first, second, gradient, old;
+    const oxl_camera      camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
+    oxl_render_options    options = oxl_render_options_default();
+    float                 drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT], rates[OXL_PLANES];
+    struct reference      r;
+    struct renderer      *renderer;
+    oxl_model             m, first, second, gradient, old;
+    struct renderer_aside aside;
     gradient_lobed_scene(&r, 40, 19, 0);
     r.in.plane[OXL_MEAN + 2][3] = -50; /* out of sight */
     gradient_to_model(&r, &m);
@@ -273,7 +274,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     CHECK_OK(renderer_forward(test_ctx, renderer, &m, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &gradient));
     CHECK(gradient.lobes == 19);
-    renderer_step(test_ctx, renderer, &m, &gradient, &first, &second, rates, 1);
+    CHECK_OK(renderer_step(test_ctx, renderer, &m, &gradient, &first, &second, rates, 1, &aside));
     for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
         for (int i = 0; i < 19; i++) CHECK_CLOSE(fabs(m.plane[k][i] - old.plane[k][i]), i == 3 ? 0 : rates[k], 1e-4 * rates[k]);
         for (int i = 19; i < 32; i++) CHECK(m.plane[k][i] == 0);

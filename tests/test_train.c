@@ -124,10 +124,12 @@ TEST(density_reset_lowers_opacity_to_a_hundredth_and_forgets_its_moments)
 /* Rows 0, 1, 2 seen with the same gradient, from near, from the middle and from afar. */
 static struct density_case density_banded_case(void)
 {
-    struct density_case c = density_case((float[]){0, 0, 0, 0});
+    struct density_case  c = density_case((float[]){0, 0, 0, 0});
+    struct renderer_sums sums;
     CHECK_OK(density_set_bands(test_ctx, c.density, 4, 2, 4));
+    sums = density_sums(c.density, 4);
     for (int i = 0; i < 3; i++) {
-        *(density_band(c.density, (float[]){1.9f, 2, 4}[i]) + i) += 0.25f;
+        *(render_band(&sums, (float[]){1.9f, 2, 4}[i]) + i) += 0.25f;
         c.density->views[i] = 1;
     }
     return c;
@@ -174,7 +176,7 @@ static void density_observe_two(struct density *d)
     for (int i = 0; i < 32 * 32; i++) drgb[i] = (float)(i % 32);
     CHECK_OK(renderer_forward(test_ctx, r, &model, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
-    density_observe(test_ctx, d, r, 2);
+    CHECK_OK(density_observe(test_ctx, d, r, 2));
     renderer_free(test_ctx, r);
     oxl_model_free(test_ctx, &model);
     oxl_model_free(test_ctx, &gradient);

@@ -46,7 +46,7 @@ static void faults_step_with_pixel(struct faults_case *c, float value)
 {
     c->t.step++;
     CHECK_OK(train_photo(&c->t, 2));
-    c->t.target[100] = value;
+    c->t.renderer->target[100] = value;
     CHECK_OK(train_on_view(&c->t, 2));
     CHECK_OK(train_density(&c->t));
 }
@@ -111,7 +111,7 @@ TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_ot
     CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &c.t.gradient));
     c.t.gradient.plane[OXL_ROTATION + 1][40] = NAN;
     c.t.gradient.plane[OXL_SH + 2][41]       = -INFINITY;
-    aside = renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, rates, c.t.step);
+    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, rates, c.t.step, &aside));
     CHECK(aside.rows == 2 && aside.first == 40 && !renderer_saw(c.t.renderer, 40) && renderer_saw(c.t.renderer, 42));
     for (int k = 0; k < oxl_model_planes(&c.model); k++)
         for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);

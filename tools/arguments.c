@@ -16,6 +16,7 @@
 #define STUDIES      (IN(ABLATE) | IN(TRADEOFF))
 #define RUNS         (TRAINS | STUDIES)
 #define SCENES       (RUNS | IN(RENDER) | IN(EVAL) | IN(MEASURE))
+#define DRAWS        (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
 #define EVERYWHERE   (~0u)
 
 static const struct {
@@ -84,6 +85,7 @@ enum kind {
     AXES,
     CUT,
     DOG,
+    BACKEND,
     LIMIT,
     SHARE
 };
@@ -180,6 +182,10 @@ static const struct option {
      "selective: of the mean gradient, in half images; or the share that stays without, as 90% (0.0002)"},
     {"The program", "--seed", "S", COUNTING, FIELD(seed), TRAINS | IN(SYNTH),
      "of every random choice; the same seed gives the same bytes (1)"},
+    {"The program", "--backend", "cpu|vulkan|auto", BACKEND, FIELD(backend), DRAWS,
+     "what draws and trains; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one (cpu)"},
+    {"The program", "--device", "N", COUNTING, FIELD(device), DRAWS, "of the list of info --devices, from 0 (the best of them)"},
+    {"The program", "--devices", NULL, FLAG, FIELD(devices), IN(INFO), "the Vulkan devices here instead, no FILE is wanted"},
     {"The program", "--threads", "T", COUNTING, FIELD(threads), EVERYWHERE, "threads; the result does not depend on them (all)"},
     {"The program", "--quiet", NULL, FLAG, FIELD(quiet), EVERYWHERE, "only warnings and errors on standard error"},
     {"The program", "--help", NULL, FLAG, FIELD(help), EVERYWHERE, "this text"},
@@ -405,10 +411,10 @@ static int parse_value(const struct option *o, const char *text, struct argument
 {
     static const char *const presets[] = {"draft", "standard", "paper"}, *const splits[] = {"test", "train", "all"};
     static const char *const axes[] = {"auto", "2d", "3d", "none"}, *const cuts[] = {"balanced", "midpoint"};
-    static const char *const dogs[]  = {"off", "selective", "all", "auto"};
-    static const double      bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
-    void *const              field = (char *)a + o->field;
-    double                   number;
+    static const char *const dogs[] = {"off", "selective", "all", "auto"}, *const backends[] = {"cpu", "auto", "vulkan"};
+    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
+    void *const         field = (char *)a + o->field;
+    double              number;
     switch (o->kind) {
     case FLAG: *(int *)field = 1; return 1;
     case TEXT: *(const char **)field = text; return text[0] != 0;
@@ -424,6 +430,7 @@ static int parse_value(const struct option *o, const char *text, struct argument
         *(int *)field = (int)number;
         return 1;
     case DOG: return parse_word(text, dogs, 4, field);
+    case BACKEND: return parse_word(text, backends, 3, field);
     case LIMIT: return parse_limit(text, field);
     case SHARE:
         if (strcmp(text, "auto") == 0) return *(double *)field = -1, 1;
@@ -554,7 +561,7 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a, cha
 static int check_complete(const struct arguments *a, char *error, size_t size)
 {
     for (size_t i = 0; i < COUNT(commands); i++) {
-        if (commands[i].command != a->command) continue;
+        if (commands[i].command != a->command || a->devices) continue;
         if (a->path_count != commands[i].paths || (strstr(commands[i].usage, "-o ") && !a->out)) {
             snprintf(error, size, "oceanxl %s wants %s\nfix: for example: %s", commands[i].name, commands[i].usage,
                      commands[i].example);
@@ -577,6 +584,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .max_side      = -1,
                             .test_every    = -1,
                             .threads       = -1,
+                            .device        = -1,
                             .block         = -1,
                             .ram           = -1,
                             .seeds         = 1,

@@ -21,6 +21,7 @@ amalgamate() {
     function emit(path,    line, name, got) {
         if (path in seen) return
         seen[path] = 1
+        if (path == "src/vulkan.c" || path == "src/vulkan.h") { print "#error \"the Vulkan backend is built from the tree alone\""; return }
         if (path == "oceanxl.h") { if (api != "") print api; return }
         printf "\n/* ================================================================ %s */\n\n", path
         while ((got = getline line < path) > 0) {

@@ -160,6 +160,7 @@ struct arguments { /* negative numbers and NULL: not given */
     int          preset, split; /* enum oxl_preset, enum oxl_split */
     int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
     int          block_points;
+    int          backend, device, devices; /* enum oxl_backend, from 0 */
     int          iterations, max_gaussians, sh_degree, max_side, test_every, threads, block, seeds;
     double       max_time, budget; /* s */
     double       image_cache, ram; /* bytes */

@@ -1,0 +1,71 @@
+/* common.glsl - what the shaders share: constants, arithmetic, numbering of work. Their CPU twins are in src/kernels.h.
+ *
+ * 256 invocations a workgroup everywhere. Nothing depends on the size of a subgroup. More than 65535 workgroups are dispatched in two
+ * dimensions, so a shader asks work_group() for its number.
+ */
+#extension GL_GOOGLE_include_directive : require
+
+layout(local_size_x = 256) in;
+layout(constant_id = 0) const uint VARIANT = 0u; /* what each shader takes it for */
+
+const uint  TILE              = 16u;
+const float LOG2_255          = 7.9943534368588578;
+const float ALPHA_MAX         = 0.99;
+const float TRANSMITTANCE_MIN = 1e-4;
+const float TRANSMITTANCE_MAX = 16.0;
+const float ALPHA_MIN         = 1.0 / 255.0;
+const float LOW_PASS          = 0.3;
+const float LOG2_E            = 1.4426950408889634;
+const float LN_2              = 0.6931471805599453;
+
+uint work_group() { return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x; }
+uint work_item() { return work_group() * 256u + gl_LocalInvocationIndex; }
+
+bool is_finite(float x) { return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u; }
+
+/* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/kernels.h: GLSL's own exp2 has no bound that all devices keep. */
+float own_exp2(float x)
+{
+    precise float n = floor(x + 0.5), f = x - n;
+    precise float p = 0.00132647273;
+    p               = fma(p, f, 0.00967151277);
+    p               = fma(p, f, 0.0555073374);
+    p               = fma(p, f, 0.240222421);
+    p               = fma(p, f, 0.693146978);
+    p               = fma(p, f, 1.0);
+    return intBitsToFloat(floatBitsToInt(p) + (int(clamp(n, -200.0, 200.0)) << 23));
+}
+
+/* e^x, clamped to the range of normal numbers. */
+float own_exp(float x)
+{
+    precise float inside = clamp(x, -87.0, 88.0);
+    precise float n      = floor(inside * 1.44269502 + 0.5);
+    precise float f      = fma(inside, 1.92596299e-8, fma(inside, 1.44269502, -n));
+    precise float p      = own_exp2(f);
+    return x == x ? intBitsToFloat(floatBitsToInt(p) + (int(n) << 23)) : x;
+}
+
+/* log2 x for normal x > 0; of what is no number about 128, whatever its sign, as on the CPU: so that such a row is seen, and told. */
+float own_log2(float x)
+{
+    int           bits     = floatBitsToInt(x) & 0x7FFFFFFF;
+    int           exponent = (bits - 0x3F3504F3) >> 23;
+    precise float m        = intBitsToFloat(bits - (exponent << 23)) - 1.0;
+    precise float p        = 0.125837037;
+    p                      = fma(p, m, -0.207269816);
+    p                      = fma(p, m, 0.215715631);
+    p                      = fma(p, m, -0.238944814);
+    p                      = fma(p, m, 0.287916245);
+    p                      = fma(p, m, -0.360703683);
+    p                      = fma(p, m, 0.480910643);
+    p                      = fma(p, m, -0.721347347);
+    p                      = fma(p, m, 1.442695);
+    return fma(p, m, float(exponent));
+}
+
+float own_sigmoid(float x)
+{
+    float e = own_exp(-abs(x)), s = 1.0 / (1.0 + e);
+    return x >= 0.0 ? s : e * s;
+}

@@ -1,0 +1,34 @@
+/* loss_total.comp - one workgroup adds up what the tiles have: |x - y|, SSIM, (x - y)^2, values that count, windows that count. */
+#version 450
+#include "common.glsl"
+
+layout(std430, binding = 0) readonly buffer Partial { float partial[]; }; /* (3,tiles,5) */
+layout(std430, binding = 1) writeonly buffer Totals { float totals[]; };  /* (5) */
+layout(push_constant) uniform Push { uint n; } push;                      /* 3 tiles */
+
+shared vec3  sums[256];
+shared uvec2 numbers[256]; /* whole: a float cannot count 45 million */
+
+void main()
+{
+    uint  i = gl_LocalInvocationIndex;
+    vec3  s = vec3(0.0);
+    uvec2 c = uvec2(0u);
+    for (uint k = i; k < push.n; k += 256u) {
+        s += vec3(partial[5u * k], partial[5u * k + 1u], partial[5u * k + 2u]);
+        c += uvec2(partial[5u * k + 3u], partial[5u * k + 4u]);
+    }
+    sums[i]    = s;
+    numbers[i] = c;
+    for (uint half_ = 128u; half_ > 0u; half_ /= 2u) {
+        barrier();
+        if (i < half_) {
+            sums[i] += sums[i + half_];
+            numbers[i] += numbers[i + half_];
+        }
+    }
+    if (i != 0u) return;
+    for (uint k = 0u; k < 3u; k++) totals[k] = sums[0][k];
+    totals[3] = float(numbers[0].x);
+    totals[4] = float(numbers[0].y);
+}

@@ -1,0 +1,76 @@
+/* project.comp - Gaussians onto the image plane: the twin of src/project.c, forward. An invocation a row of a slab.
+ *
+ * What raster.comp needs of a row lies in vectors of four numbers, in arrays apart: no array exceeds maxStorageBufferRange before
+ * there are 8 million rows, and reads are coalesced.
+ */
+#version 450
+#include "common.glsl"
+#include "view.glsl"
+
+layout(std430, binding = 1) readonly buffer Parameter { float parameter[]; };
+layout(std430, binding = 2) writeonly buffer SplatA { vec4 splat_a[]; }; /* u v a k */
+layout(std430, binding = 3) writeonly buffer SplatB { vec4 splat_b[]; }; /* e peak half_x half_y */
+layout(std430, binding = 4) writeonly buffer SplatC { vec4 splat_c[]; }; /* r g b depth */
+layout(std430, binding = 5) writeonly buffer Seen { uint seen[]; };      /* 1 or 0 */
+layout(std430, binding = 6) writeonly buffer LobeA { vec4 lobe_a[]; };   /* a k e peak */
+layout(std430, binding = 7) writeonly buffer LobeB { vec4 lobe_b[]; };   /* half_x half_y main_x main_y */
+layout(push_constant) uniform Push { uint first, count, stride, degree, lobes, lobe_plane; } push;
+#include "geometry.glsl"
+
+struct Shape {
+    float a, k, e, reach, half_x, half_y;
+};
+
+Shape shape_of(Geometry g, float peak)
+{
+    Shape s;
+    s.reach    = (peak + LOG2_255) * 2.0 * LN_2;
+    float safe = max(s.reach, 0.0);
+    s.half_x   = sqrt(safe * g.xx / g.shrink2) * 1.0001 + 0.001;
+    s.half_y   = sqrt(safe * g.yy / g.shrink2) * 1.0001 + 0.001;
+    s.a        = LOG2_E / 2.0 * (g.yy / g.det) * g.shrink2;
+    s.k        = -g.xy / g.yy;
+    s.e        = LOG2_E / 2.0 * g.shrink2 / g.yy;
+    return s;
+}
+
+/* Written so that a number that is not finite is out of view. */
+bool in_view(vec2 c, float half_x, float half_y)
+{
+    return c.x + half_x >= 0.5 && c.x - half_x <= float(view.width) - 0.5 && c.y + half_y >= 0.5 &&
+           c.y - half_y <= float(view.height) - 0.5 && half_x < 1e30 && half_y < 1e30;
+}
+
+void main()
+{
+    uint i = work_item(), row = push.first + i;
+    if (i >= push.count) return;
+    bool     in_front;
+    Geometry g = geometry_place(i, in_front);
+    geometry_covariance(g);
+    float peak = own_log2(own_sigmoid(at(OPACITY, i)));
+    Shape s    = shape_of(g, peak);
+    vec2  c    = vec2(view.fx * g.p.x / g.p.z + view.cx, view.fy * g.p.y / g.p.z + view.cy);
+    float half_x = s.half_x, half_y = s.half_y;
+    bool  shown = s.reach >= 0.0 && s.a < 1e30;
+    if (row < push.lobes) {
+        g.scale = geometry_lobe_scale(i);
+        geometry_covariance(g);
+        float other = peak + own_log2(own_sigmoid(at(push.lobe_plane, i)));
+        Shape o     = shape_of(g, other);
+        half_x      = max(o.half_x, s.half_x);
+        half_y      = max(o.half_y, s.half_y);
+        shown       = (o.reach >= 0.0 || peak + LOG2_255 >= 0.0) && o.a < 1e30 && s.a < 1e30;
+        lobe_a[row] = vec4(o.a, o.k, o.e, other);
+        lobe_b[row] = vec4(o.half_x, o.half_y, s.half_x, s.half_y);
+    }
+    bool sees = in_front && shown && in_view(c, half_x, half_y);
+    seen[row] = sees ? 1u : 0u;
+    if (!sees) return;
+    float inverse, basis[16];
+    vec3  way = colour_direction(i, inverse);
+    colour_basis(push.degree, way, basis);
+    splat_a[row] = vec4(c, s.a, s.k);
+    splat_b[row] = vec4(s.e, peak, half_x, half_y);
+    splat_c[row] = vec4(max(colour_of(i, push.degree, basis), vec3(0.0)), g.p.z);
+}

@@ -1,0 +1,90 @@
+/* raster.glsl - what drawing and its way back must have alike to the bit: a splat over a pixel. The twin of src/raster.c.
+ *
+ * A workgroup is a tile, an invocation a pixel: 16 invocations that follow each other are a block of 4 x 4.
+ * VARIANT & 1: rows below push.lobes have a second lobe.
+ */
+layout(constant_id = 1) const uint BATCH = 8u; /* splats that the workgroup holds at a time */
+
+layout(std430, binding = 1) readonly buffer Start { uint start[]; };   /* (tiles + 1) */
+layout(std430, binding = 2) readonly buffer Sorted { uint sorted[]; }; /* (pairs) slots, tile by tile, in depth order */
+layout(std430, binding = 3) readonly buffer Staged { uvec2 staged[]; };
+layout(std430, binding = 4) readonly buffer SplatA { vec4 splat_a[]; };
+layout(std430, binding = 5) readonly buffer SplatB { vec4 splat_b[]; };
+layout(std430, binding = 6) readonly buffer SplatC { vec4 splat_c[]; };
+layout(std430, binding = 7) readonly buffer LobeA { vec4 lobe_a[]; };
+
+shared vec4 batch_shape[BATCH]; /* -a k -e peak */
+shared vec4 batch_place[BATCH]; /* u v from the tile's first pixel centre; blocks; 1: it has a second lobe */
+shared vec4 batch_light[BATCH]; /* colour; w: the pair's slot */
+shared vec4 batch_lobe[(VARIANT & 1u) == 0u ? 1u : BATCH];
+shared uint alive;
+
+uvec2 tile_at() { return uvec2(work_group() % view.tiles_x, work_group() / view.tiles_x) * TILE; }
+
+uvec2 pixel_at(uint i)
+{
+    uint block = i >> 4;
+    return uvec2((block & 3u) * 4u + (i & 3u), (block >> 2) * 4u + (i >> 2 & 3u));
+}
+
+/* The n-th splat of the batch that starts at pair `first`. */
+void batch_load(uint first, uint end, uint n, uint lobes, bool depths)
+{
+    if (first + n >= end) return;
+    uint  slot = sorted[first + n];
+    uvec2 pair = staged[slot];
+    vec4  a = splat_a[pair.x], b = splat_b[pair.x], c = splat_c[pair.x];
+    bool  lobed    = (VARIANT & 1u) != 0u && pair.x < lobes;
+    batch_shape[n] = vec4(-a.z, a.w, -b.x, b.y);
+    batch_place[n] = vec4(a.xy - (vec2(tile_at()) + 0.5), uintBitsToFloat(pair.y), lobed ? 1.0 : 0.0);
+    batch_light[n] = vec4(depths ? vec3(c.w, 1.0, 0.0) : c.rgb, uintBitsToFloat(slot));
+    if (lobed) {
+        vec4 o        = lobe_a[pair.x];
+        batch_lobe[n] = vec4(-o.x, o.y, -o.z, o.w);
+    }
+}
+
+float value_of(vec4 shape, vec2 place, float least, vec2 pixel)
+{
+    precise float dy       = pixel.y - place.y;
+    precise float w        = fma(shape.y, dy, pixel.x - place.x);
+    precise float exponent = fma(shape.x * w, w, fma(shape.z * dy, dy, shape.w));
+    float         g        = own_exp2(exponent);
+    return exponent >= least ? (g < ALPHA_MAX ? g : ALPHA_MAX) : 0.0;
+}
+
+struct Share {
+    float value, lobe, alpha, weight, t;
+};
+
+Share share_of(uint n, vec2 pixel, float t)
+{
+    Share p;
+    bool  lobed = (VARIANT & 1u) != 0u && batch_place[n].w != 0.0;
+    p.value     = value_of(batch_shape[n], batch_place[n].xy, lobed ? -120.0 : -LOG2_255, pixel);
+    p.lobe      = lobed ? value_of(batch_lobe[n], batch_place[n].xy, -120.0, pixel) : 0.0;
+    p.alpha     = p.value;
+    if (lobed) {
+        precise float alpha = p.value - p.lobe;
+        float         room  = t < TRANSMITTANCE_MAX ? abs(alpha) : alpha;
+        p.alpha             = room >= ALPHA_MIN ? alpha : 0.0;
+    }
+    precise float next = fma(-p.alpha, t, t);
+    bool          drawn = next >= TRANSMITTANCE_MIN;
+    p.weight            = t - (drawn ? next : t);
+    p.t                 = drawn ? next : -abs(t);
+    return p;
+}
+
+bool touches(uint n, uint block) { return (floatBitsToUint(batch_place[n].z) >> block & 1u) != 0u; }
+
+/* Whether any pixel of the tile has not ended. */
+bool any_alive(float t)
+{
+    barrier();
+    if (gl_LocalInvocationIndex == 0u) alive = 0u;
+    barrier();
+    if (t > 0.0) alive = 1u;
+    barrier();
+    return alive != 0u;
+}

@@ -1,0 +1,78 @@
+/* scan.comp - exclusive prefix sums of whole numbers (Blelloch 1990). A workgroup takes 2048 numbers, eight an invocation.
+ *
+ *     VARIANT 0  the sum of each workgroup's numbers
+ *     VARIANT 1  one workgroup goes through all numbers, 2048 at a time; the total goes to counts[slot]
+ *     VARIANT 2  each workgroup's own prefixes, on top of the sums before it as VARIANT 1 has left them
+ */
+#version 450
+#include "common.glsl"
+
+layout(std430, binding = 0) readonly buffer In { uint in_[]; };
+layout(std430, binding = 1) buffer Out { uint out_[]; };
+layout(std430, binding = 2) buffer Counts { uint counts[]; };
+layout(std430, binding = 3) buffer Sums { uint sums[]; };
+layout(push_constant) uniform Push { uint n, slot; } push;
+
+shared uint total[256];
+
+/* At most 2^32 - 1: then the host knows that it was too much. */
+uint add(uint a, uint b)
+{
+    uint sum = a + b;
+    return sum < a ? 0xFFFFFFFFu : sum;
+}
+
+/* Sum of the invocations before this one; total[255] holds all of them. */
+uint before(uint value)
+{
+    uint t   = gl_LocalInvocationIndex;
+    total[t] = value;
+    barrier();
+    for (uint step = 1u; step < 256u; step *= 2u) {
+        uint left = t >= step ? total[t - step] : 0u;
+        barrier();
+        total[t] = add(total[t], left);
+        barrier();
+    }
+    return total[t] - value;
+}
+
+uint load(uint at) { return at < push.n ? in_[at] : 0u; }
+
+uint sum_of(uint first)
+{
+    uint sum = 0u;
+    for (uint k = 0u; k < 8u; k++) sum = add(sum, load(first + k));
+    return sum;
+}
+
+void prefixes(uint first, uint sum)
+{
+    for (uint k = 0u; k < 8u && first + k < push.n; k++) {
+        uint value       = in_[first + k];
+        out_[first + k] = sum;
+        sum += value;
+    }
+}
+
+void main()
+{
+    uint t = gl_LocalInvocationIndex, groups = (push.n + 2047u) / 2048u;
+    if (VARIANT == 1u) {
+        uint carry = 0u;
+        for (uint g = 0u; g < groups; g++) {
+            uint first = g * 2048u + t * 8u, sum = before(sum_of(first));
+            prefixes(first, carry + sum);
+            carry = add(carry, total[255]);
+            barrier();
+        }
+        if (t == 0u) counts[push.slot] = carry;
+        return;
+    }
+    uint g = work_group();
+    if (g >= groups) return;
+    uint first = g * 2048u + t * 8u, sum = before(sum_of(first));
+    if (VARIANT == 0u) {
+        if (t == 255u) sums[g] = total[255];
+    } else prefixes(first, sums[g] + sum);
+}

@@ -1,0 +1,9 @@
+/* view.glsl - a camera as src/kernels.h's struct lens has it; the host writes it in the same order (vulkan.c, struct vulkan_view). */
+layout(std430, set = 0, binding = 0) readonly buffer View
+{
+    float rotation[9], translation[3], eye[3];
+    float fx, fy, cx, cy, limit_x, limit_y, near_plane;
+    float background[3];
+    uint  width, height, tiles_x, tiles_y;
+}
+view;

@@ -1,0 +1,821 @@
+/* test_vulkan.c - the Vulkan backend against the CPU's: one harness, both behind the same doors, the same input, stated bounds.
+ *
+ * Wants a build with make VULKAN=1 and a device; Mesa's lavapipe will do, and is what the bounds were seen on. The validation layer
+ * listens to every test where it is installed.
+ */
+#include "test.h"
+
+#ifndef OXL_VULKAN
+#define ON_DEVICE(check) SKIP("a build without the Vulkan backend (make VULKAN=1)")
+#else
+
+/* Runs check(context with a device); complaints of the validation layer fail it. */
+#define ON_DEVICE(check)                            \
+    do {                                            \
+        oxl_context *device = vulkan_test_begin();  \
+        if (!device) SKIP("no Vulkan device here"); \
+        check(device);                              \
+        CHECK(device->vulkan->complaints == 0);     \
+        oxl_context_free(device);                   \
+    } while (0)
+
+static void vulkan_test_log(void *user, oxl_log_level level, const char *text)
+{
+    (void)user;
+    if (level <= OXL_LOG_WARNING) printf("  %s\n", text);
+}
+
+static oxl_context *vulkan_test_begin(void)
+{
+    oxl_context_options options = test_ctx->options;
+    oxl_context        *ctx;
+    setenv("OXL_VULKAN_VALIDATE", "1", 1);
+    options.backend = OXL_BACKEND_VULKAN;
+    options.log     = vulkan_test_log;
+    if (oxl_context_create(&options, &ctx) != OXL_OK) return NULL;
+    if (oxl_backend_begin(ctx) == OXL_OK) return ctx;
+    oxl_context_free(ctx);
+    return NULL;
+}
+
+/* ---------------------------------------------------------------- scenes */
+
+static double vulkan_random(uint64_t i, uint64_t k)
+{
+    return 2 * random_unit(random_bits(7, i, k)) - 1;
+}
+
+static oxl_camera vulkan_camera(int width, int height)
+{
+    return (oxl_camera){.width       = width,
+                        .height      = height,
+                        .fx          = 0.9 * width,
+                        .fy          = 0.95 * width,
+                        .cx          = 0.5 * width + 0.3,
+                        .cy          = 0.5 * height - 0.2,
+                        .rotation    = {0.96, 0, 0.28, 0, 1, 0, -0.28, 0, 0.96},
+                        .translation = {0.1, -0.2, 0.3}};
+}
+
+/* Gaussians in and around the view, from needles to plates; lobes for the first of them. */
+static void vulkan_scene(size_t count, int degree, size_t lobes, oxl_model *out)
+{
+    CHECK_OK(oxl_model_create(test_ctx, count, degree, out));
+    CHECK_OK(model_set_lobes(test_ctx, out, lobes));
+    for (size_t i = 0; i < count; i++) {
+        out->plane[OXL_MEAN][i]     = (float)(2.5 * vulkan_random(i, 0) - 1);
+        out->plane[OXL_MEAN + 1][i] = (float)(2 * vulkan_random(i, 1));
+        out->plane[OXL_MEAN + 2][i] = (float)(4 + 3.8 * vulkan_random(i, 2));
+        for (uint64_t k = 0; k < 3; k++) out->plane[OXL_LOG_SCALE + k][i] = (float)(-2.5 + 1.2 * vulkan_random(i, 3 + k));
+        for (uint64_t k = 0; k < 4; k++) out->plane[OXL_ROTATION + k][i] = (float)vulkan_random(i, 6 + k);
+        out->plane[OXL_OPACITY][i] = (float)(3 * vulkan_random(i, 10));
+        for (int k = OXL_SH; k < oxl_model_planes(out); k++)
+            out->plane[k][i] = (float)((k < OXL_SH + 3 ? 1 : 0.2) * vulkan_random(i, (uint64_t)k));
+    }
+    for (size_t i = 0; i < lobes; i++)
+        for (int k = 0; k < MODEL_LOBE_PLANES; k++)
+            out->plane[OXL_LOBE + k][i] = (float)(0.4 * vulkan_random(i, 100 + (uint64_t)k) - (k == 0));
+}
+
+/* The corners of what a model may hold, and beyond. */
+static void vulkan_extremes(oxl_model *m)
+{
+    static const float wild[] = {0,        -0.0f,     1e-38f, 1e-45f, 1e10f, -1e10f, 1e38f, -1e38f,
+                                 INFINITY, -INFINITY, NAN,    88,     -88,   20,     -20};
+    for (size_t i = 0; i < m->count; i += 3) {
+        const uint64_t bits = random_bits(3, i, 0);
+        const int      k    = (int)(bits % OXL_SH);
+        m->plane[k][i]      = wild[bits / 64 % OXL_COUNT(wild)];
+        if (i % 2) m->plane[OXL_LOG_SCALE + bits % 3][i] = (float)(30 * vulkan_random(i, 9));
+        if (i % 5 == 0) m->plane[OXL_OPACITY][i] = (float)(60 * vulkan_random(i, 8));
+        if (i % 7 == 0)
+            for (int q = 0; q < 4; q++) m->plane[OXL_ROTATION + q][i] = 0;
+    }
+}
+
+struct vulkan_twins { /* [0]: the CPU's, [1]: the device's */
+    oxl_context     *ctx[2];
+    struct renderer *r[2];
+    oxl_camera       camera;
+    size_t           pixels;
+};
+
+static struct vulkan_twins vulkan_twins(oxl_context *device, int width, int height)
+{
+    struct vulkan_twins t = {
+        .ctx = {test_ctx, device}, .camera = vulkan_camera(width, height), .pixels = (size_t)width * (size_t)height};
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_create(t.ctx[k], &t.r[k]));
+    return t;
+}
+
+static void vulkan_twins_free(struct vulkan_twins *t)
+{
+    for (int k = 0; k < 2; k++) renderer_free(t->ctx[k], t->r[k]);
+}
+
+static void vulkan_forward_both(struct vulkan_twins *t, const oxl_model *m)
+{
+    oxl_render_options options = oxl_render_options_default();
+    options.background[1]      = 0.25f;
+    for (int k = 0; k < 2; k++)
+        if (renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options) != OXL_OK)
+            test_failed++, printf("  %s\n", oxl_error_text(t->ctx[k]));
+}
+
+static float *vulkan_noise(size_t count, uint64_t seed)
+{
+    float *out = oxl_alloc(test_ctx, count, sizeof *out);
+    for (size_t i = 0; i < count; i++) out[i] = (float)vulkan_random(i, seed);
+    return out;
+}
+
+/* |a - b| over |a|, as vectors; and the largest difference. */
+struct vulkan_distance {
+    double relative, most;
+};
+static struct vulkan_distance vulkan_distance(const float *a, const float *b, size_t count)
+{
+    struct vulkan_distance d   = {0, 0};
+    double                 sum = 0, square = 0;
+    for (size_t i = 0; i < count; i++) {
+        const double off = (double)a[i] - b[i];
+        sum += (double)a[i] * a[i], square += off * off;
+        d.most = !(fabs(off) <= d.most) ? fabs(off) : d.most;
+    }
+    d.relative = sum > 0 ? sqrt(square / sum) : sqrt(square);
+    return d;
+}
+
+/* ---------------------------------------------------------------- sort and scan */
+
+static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
+{
+    struct vulkan          *v    = device->vulkan;
+    uint32_t               *host = oxl_alloc(test_ctx, 2 * n + 2, sizeof *host), *got = host + n + 1, count = (uint32_t)n;
+    struct vulkan_renderer *r;
+    void                   *made;
+    size_t                  wrong = 0;
+    int                     end;
+    CHECK_OK(vulkan_renderer_create(device, &made));
+    r = made;
+    for (size_t i = 0; i < n; i++) host[i] = (uint32_t)random_bits(5, i, n) & mask;
+    for (int k = 0; k < 2; k++) {
+        vulkan_reserve(v, &r->row_key[k], n + 1, 4, "keys");
+        vulkan_reserve(v, &r->row_value[k], n + 1, 4, "keys");
+    }
+    vulkan_reserve(v, &r->histogram, 16 * vulkan_blocks(n + 9000), 4, "keys");
+    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(16 * vulkan_blocks(n + 9000)) + 1, 4, "keys");
+    if (n) vulkan_upload(v, &r->row_key[0], 0, host, 4 * n);
+    for (size_t i = 0; i < n; i++) got[i] = (uint32_t)i;
+    if (n) vulkan_upload(v, &r->row_value[0], 0, got, 4 * n);
+    vulkan_update(v, &r->counts, COUNT_VISIBLE * 4, &count, 4);
+    end = vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, n + 9000, 32); /* more groups than keys */
+    if (n) vulkan_download(v, &r->row_value[end], 0, got, 4 * n);
+    for (size_t i = 1; i < n; i++)
+        wrong += host[got[i - 1]] > host[got[i]] || (host[got[i - 1]] == host[got[i]] && got[i - 1] >= got[i]);
+    CHECK(v->rc == OXL_OK && wrong == 0);
+    vulkan_renderer_free(r);
+    oxl_free(test_ctx, host);
+}
+
+static void vulkan_check_sorts(oxl_context *device)
+{
+    static const size_t sizes[] = {0, 1, 2047, 2048, 2049, 70001};
+    for (size_t k = 0; k < OXL_COUNT(sizes); k++) vulkan_check_sort(device, sizes[k], k % 2 ? 0xFFFFFFFF : 0x00F0000F);
+}
+
+static void vulkan_check_scan(oxl_context *device, size_t n)
+{
+    struct vulkan          *v  = device->vulkan;
+    uint32_t               *in = oxl_alloc(test_ctx, 2 * n, sizeof *in), *out = in + n, total = 0, sum = 0;
+    struct vulkan_renderer *r;
+    void                   *made;
+    size_t                  wrong = 0;
+    CHECK_OK(vulkan_renderer_create(device, &made));
+    r = made;
+    for (size_t i = 0; i < n; i++) in[i] = (uint32_t)(random_bits(6, i, n) % 7);
+    vulkan_reserve(v, &r->seen, n, 4, "numbers");
+    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "numbers");
+    vulkan_upload(v, &r->seen, 0, in, 4 * n);
+    vulkan_scan(r, &r->seen, &r->seen, n, COUNT_PAIRS);
+    vulkan_download(v, &r->seen, 0, out, 4 * n);
+    vulkan_download(v, &r->counts, 4 * COUNT_PAIRS, &total, 4);
+    for (size_t i = 0; i < n; i++) wrong += out[i] != sum, sum += in[i];
+    CHECK(v->rc == OXL_OK && wrong == 0 && total == sum);
+    vulkan_renderer_free(r);
+    oxl_free(test_ctx, in);
+}
+
+static void vulkan_check_scans(oxl_context *device)
+{
+    static const size_t sizes[] = {1, 2048, 2049, VULKAN_SCAN_WHOLE, VULKAN_SCAN_WHOLE + 1, 90000};
+    for (size_t k = 0; k < OXL_COUNT(sizes); k++) vulkan_check_scan(device, sizes[k]);
+}
+
+/* ---------------------------------------------------------------- forward */
+
+/* Which rows are seen, but for those on the very edge, and their splats. */
+static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
+{
+    size_t other = 0, seen = 0;
+    double worst[10] = {0};
+    CHECK_OK(renderer_fetch_rows(t->ctx[1], t->r[1]));
+    for (size_t i = 0; i < count; i++) {
+        const struct splat *a = &t->r[0]->splat[i], *b = &t->r[1]->splat[i];
+        const float         x[10] = {a->u, a->v, a->a, a->k, a->e, a->peak, a->colour[0], a->depth, a->half_x, a->half_y};
+        const float         y[10] = {b->u, b->v, b->a, b->k, b->e, b->peak, b->colour[0], b->depth, b->half_x, b->half_y};
+        other += renderer_saw(t->r[0], i) != renderer_saw(t->r[1], i);
+        if (!renderer_saw(t->r[0], i) || !renderer_saw(t->r[1], i)) continue;
+        seen++;
+        for (int k = 0; k < 10; k++) {
+            const double off = fabs((double)x[k] - y[k]) / (1 + fabs(x[k]));
+            if (!(off <= worst[k]) && x[k] == x[k]) worst[k] = off;
+        }
+    }
+    CHECK(other * 1000 <= count);
+    CHECK(seen > 0);
+    for (int k = 0; k < 10; k++) CHECK_CLOSE(worst[k], 0, k == 0 || k == 1 ? 1e-4 : 2e-3);
+}
+
+static void vulkan_check_projection(oxl_context *device)
+{
+    for (int wild = 0; wild < 2; wild++) {
+        struct vulkan_twins t = vulkan_twins(device, 150, 101);
+        oxl_model           m;
+        vulkan_scene(1500, 3, 200, &m);
+        if (wild) vulkan_extremes(&m);
+        vulkan_forward_both(&t, &m);
+        vulkan_compare_rows(&t, m.count);
+        if (!wild) CHECK_CLOSE((double)((struct vulkan_renderer *)t.r[1]->device)->pairs, (double)t.r[0]->bins.pair_count, 3);
+        oxl_model_free(test_ctx, &m);
+        vulkan_twins_free(&t);
+    }
+}
+
+/* A pixel at the threshold of 1/255 may go either way: at most a few. */
+static void vulkan_compare_images(struct vulkan_twins *t)
+{
+    const float           *image[2];
+    struct vulkan_distance d;
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_image(t->ctx[k], t->r[k], &image[k]));
+    d = vulkan_distance(image[0], image[1], 3 * t->pixels);
+    CHECK_CLOSE(d.relative, 0, 2e-4);
+    CHECK_CLOSE(d.most, 0, 2.0 / 255);
+}
+
+static void vulkan_check_drawing(oxl_context *device)
+{
+    for (size_t lobes = 0; lobes <= 400; lobes += 400) {
+        struct vulkan_twins t = vulkan_twins(device, 100, 75);
+        oxl_model           m;
+        vulkan_scene(600, 2, lobes, &m);
+        vulkan_forward_both(&t, &m);
+        vulkan_compare_images(&t);
+        oxl_model_free(test_ctx, &m);
+        vulkan_twins_free(&t);
+    }
+}
+
+static void vulkan_check_wild_drawing(oxl_context *device)
+{
+    struct vulkan_twins t = vulkan_twins(device, 64, 64);
+    oxl_model           m;
+    vulkan_scene(500, 1, 100, &m);
+    vulkan_extremes(&m);
+    for (size_t i = 0; i < m.count; i++)
+        for (int k = OXL_SH; k < oxl_model_planes(&m); k++)
+            if (!(fabsf(m.plane[k][i]) < 10)) m.plane[k][i] = 0;
+    vulkan_forward_both(&t, &m);
+    vulkan_compare_images(&t);
+    oxl_model_free(test_ctx, &m);
+    vulkan_twins_free(&t);
+}
+
+static void vulkan_check_nothing(oxl_context *device)
+{
+    struct vulkan_twins t = vulkan_twins(device, 40, 30);
+    oxl_model           m;
+    vulkan_scene(5, 0, 0, &m);
+    for (size_t i = 0; i < m.count; i++) m.plane[OXL_MEAN + 2][i] = -50; /* behind the camera */
+    vulkan_forward_both(&t, &m);
+    vulkan_compare_images(&t);
+    oxl_model_free(test_ctx, &m);
+    vulkan_twins_free(&t);
+}
+
+static void vulkan_check_depth(oxl_context *device)
+{
+    const oxl_camera camera = vulkan_camera(60, 45);
+    oxl_context     *ctx[2] = {test_ctx, device};
+    float            depth[2][60 * 45];
+    oxl_image        image[2];
+    oxl_model        m;
+    vulkan_scene(300, 0, 0, &m);
+    for (int k = 0; k < 2; k++) CHECK_OK(oxl_render(ctx[k], &m, &camera, NULL, &image[k], depth[k]));
+    CHECK_CLOSE(vulkan_distance(depth[0], depth[1], OXL_COUNT(depth[0])).relative, 0, 2e-4);
+    for (int k = 0; k < 2; k++) oxl_image_free(ctx[k], &image[k]);
+    oxl_model_free(test_ctx, &m);
+}
+
+/* ---------------------------------------------------------------- any device */
+
+/* The image of a device with these limits; it must be that of one without. */
+static void vulkan_draw_limited(oxl_context *device, uint32_t slab_rows, uint32_t groups_max, float *rgb)
+{
+    const oxl_camera   camera  = vulkan_camera(2100, 40);
+    oxl_render_options options = oxl_render_options_default();
+    struct vulkan      old     = *device->vulkan;
+    struct renderer   *r;
+    const float       *image;
+    oxl_model          m;
+    vulkan_scene(2000, 1, 700, &m);
+    device->vulkan->slab_rows  = slab_rows;
+    device->vulkan->groups_max = groups_max;
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+    CHECK_OK(renderer_image(device, r, &image));
+    memcpy(rgb, image, 3 * 2100 * 40 * sizeof *rgb);
+    renderer_free(device, r);
+    device->vulkan->slab_rows  = old.slab_rows;
+    device->vulkan->groups_max = old.groups_max;
+    oxl_model_free(test_ctx, &m);
+}
+
+static void vulkan_check_limits(oxl_context *device)
+{
+    const size_t           size = 3 * 2100 * 40;
+    float                 *one = oxl_alloc(test_ctx, 2 * size, sizeof *one), *two = one + size;
+    struct vulkan_twins    t       = vulkan_twins(device, 2100, 40);
+    const oxl_camera       camera  = vulkan_camera(2100, 40);
+    oxl_render_options     options = oxl_render_options_default();
+    struct vulkan_distance d;
+    const float           *image;
+    oxl_model              m;
+    vulkan_draw_limited(device, VULKAN_SLAB_ROWS, 65535, one);
+    vulkan_draw_limited(device, 512, 21, two);
+    CHECK(memcmp(one, two, size * sizeof *one) == 0);
+    vulkan_scene(2000, 1, 700, &m);
+    CHECK_OK(renderer_forward(test_ctx, t.r[0], &m, &camera, &options));
+    CHECK_OK(renderer_image(test_ctx, t.r[0], &image));
+    d = vulkan_distance(image, one, size);
+    CHECK_CLOSE(d.relative, 0, 2e-4);
+    vulkan_twins_free(&t);
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, one);
+}
+
+static void vulkan_check_refusal(oxl_context *device)
+{
+    const oxl_camera   camera  = vulkan_camera(100, 100);
+    oxl_render_options options = oxl_render_options_default();
+    struct renderer   *r;
+    oxl_model          m;
+    const size_t       range = device->vulkan->range;
+    vulkan_scene(1000, 0, 0, &m);
+    CHECK_OK(renderer_create(device, &r));
+    device->vulkan->range = 8192;
+    CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(device), "in one array");
+    device->vulkan->range = range;
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* and goes on */
+    renderer_free(device, r);
+    oxl_model_free(test_ctx, &m);
+}
+
+/* ---------------------------------------------------------------- loss */
+
+static void vulkan_check_loss_of(oxl_context *device, int width, int height, float ssim_weight, int masked)
+{
+    struct vulkan_twins     t      = vulkan_twins(device, width, height);
+    float                  *target = vulkan_noise(3 * t.pixels, 60), *weight = vulkan_noise(t.pixels, 61);
+    float                  *drgb = oxl_alloc(test_ctx, 3 * t.pixels, sizeof *drgb);
+    struct vulkan_renderer *r;
+    struct renderer_loss    loss[2];
+    oxl_model               m;
+    for (size_t i = 0; i < t.pixels; i++) weight[i] = weight[i] > -0.98f; /* a fiftieth is masked */
+    for (size_t i = 0; i < 3 * t.pixels; i++) target[i] = 0.5f + 0.4f * target[i];
+    vulkan_scene(300, 0, 0, &m);
+    vulkan_forward_both(&t, &m);
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_loss(t.ctx[k], t.r[k], target, masked ? weight : NULL, ssim_weight, &loss[k]));
+    CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
+    CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
+    CHECK_CLOSE(loss[1].mse, loss[0].mse, 1e-5);
+    CHECK_CLOSE(loss[1].total, loss[0].total, 1e-5);
+    r = t.r[1]->device;
+    vulkan_download(device->vulkan, &r->drgb, 0, drgb, 3 * t.pixels * sizeof *drgb);
+    CHECK_CLOSE(vulkan_distance(t.r[0]->drgb, drgb, 3 * t.pixels).relative, 0, 1e-3);
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, target);
+    oxl_free(test_ctx, weight);
+    oxl_free(test_ctx, drgb);
+    vulkan_twins_free(&t);
+}
+
+static void vulkan_check_loss(oxl_context *device)
+{
+    vulkan_check_loss_of(device, 70, 43, 0.2f, 0);
+    vulkan_check_loss_of(device, 70, 43, 0.2f, 1);
+    vulkan_check_loss_of(device, 33, 20, 0, 1);
+    vulkan_check_loss_of(device, 7, 5, 1, 0); /* smaller than a window */
+}
+
+/* Photographs are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
+static void vulkan_check_photo_of(oxl_context *device, int width, int height, int masked, int halved)
+{
+    struct vulkan_twins  t      = vulkan_twins(device, width >> halved, height >> halved);
+    const size_t         pixels = (size_t)width * (size_t)height;
+    uint8_t             *bytes  = oxl_alloc(test_ctx, 4 * pixels, 1);
+    struct photo         photo  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
+    struct renderer_loss loss[2];
+    oxl_model            m;
+    vulkan_scene(200, 0, 0, &m);
+    for (size_t i = 0; i < 4 * pixels; i++) bytes[i] = (uint8_t)(random_bits(9, i, 0) & (i < 3 * pixels || i % 97 ? 255 : 0));
+    for (int round = 0; round < 2; round++) {
+        const struct photo *given = renderer_has_photo(t.r[1], 3) ? NULL : &photo;
+        vulkan_forward_both(&t, &m);
+        for (int k = 0; k < 2; k++) {
+            CHECK_OK(renderer_take_photo(t.ctx[k], t.r[k], 3, k ? given : &photo, halved));
+            CHECK_OK(renderer_loss(t.ctx[k], t.r[k], NULL, NULL, 0.2f, &loss[k]));
+        }
+        CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
+        CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
+    }
+    CHECK(renderer_has_photo(t.r[1], 3) == (device->vulkan->photos > 0) && !renderer_has_photo(t.r[1], 2));
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, bytes);
+    vulkan_twins_free(&t);
+}
+
+static void vulkan_check_photos(oxl_context *device)
+{
+    vulkan_check_photo_of(device, 41, 33, 1, 0);
+    vulkan_check_photo_of(device, 81, 65, 1, 1);
+    device->vulkan->photos = 0;
+    vulkan_check_photo_of(device, 40, 31, 0, 0);
+}
+
+/* ---------------------------------------------------------------- backward, score, step */
+
+static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lobes)
+{
+    struct vulkan_twins t    = vulkan_twins(device, 90, 60);
+    float              *drgb = vulkan_noise(3 * t.pixels, 50);
+    oxl_model           m, gradient[2];
+    vulkan_scene(700, degree, lobes, &m);
+    vulkan_forward_both(&t, &m);
+    for (int k = 0; k < 2; k++) {
+        CHECK_OK(oxl_model_create(test_ctx, m.count, degree, &gradient[k]));
+        memset(gradient[k].plane[OXL_ROTATION], 0, gradient[k].capacity * sizeof(float));
+        CHECK_OK(renderer_backward(t.ctx[k], t.r[k], drgb, &gradient[k]));
+        CHECK_OK(renderer_gradient(t.ctx[k], t.r[k], &gradient[k]));
+    }
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], m.count).relative, 0, 2e-3);
+    for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
+        CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], lobes).relative, 0, 2e-3);
+    CHECK_OK(renderer_fetch_rows(device, t.r[1]));
+    for (size_t i = 0; i < m.count; i++)
+        if (renderer_saw(t.r[0], i) && renderer_saw(t.r[1], i))
+            CHECK_CLOSE(t.r[1]->dmean2d[i], t.r[0]->dmean2d[i], 1e-2 * t.r[0]->dmean2d[i] + 1e-2);
+    for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &gradient[k]);
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, drgb);
+    vulkan_twins_free(&t);
+}
+
+static void vulkan_check_gradient(oxl_context *device)
+{
+    vulkan_check_gradient_of(device, 3, 0);
+    vulkan_check_gradient_of(device, 1, 300);
+}
+
+/* Devices with less shared memory hold smaller batches: the same sums in another order. */
+static void vulkan_check_small_batches(oxl_context *device)
+{
+    device->vulkan->batch = 4;
+    vulkan_check_gradient_of(device, 0, 100);
+}
+
+static void vulkan_check_score(oxl_context *device)
+{
+    for (size_t lobes = 0; lobes <= 200; lobes += 200) {
+        struct vulkan_twins t    = vulkan_twins(device, 80, 50);
+        float              *drgb = vulkan_noise(3 * t.pixels, 51), *score[2];
+        oxl_model           m;
+        vulkan_scene(400, 0, lobes, &m);
+        vulkan_forward_both(&t, &m);
+        for (int k = 0; k < 2; k++) {
+            score[k] = oxl_calloc(test_ctx, m.count, sizeof *score[k]);
+            CHECK_OK(renderer_score(t.ctx[k], t.r[k], drgb, score[k]));
+        }
+        CHECK_CLOSE(vulkan_distance(score[0], score[1], m.count).relative, 0, 1e-3);
+        for (int k = 0; k < 2; k++) oxl_free(test_ctx, score[k]);
+        oxl_model_free(test_ctx, &m);
+        oxl_free(test_ctx, drgb);
+        vulkan_twins_free(&t);
+    }
+}
+
+struct vulkan_run { /* a model that is stepped, and what it takes */
+    oxl_model            model, first, second, gradient;
+    struct renderer_sums sums;
+    float               *numbers; /* of the sums */
+};
+
+static struct vulkan_run vulkan_run_begin(size_t count, int degree, size_t lobes)
+{
+    struct vulkan_run r;
+    oxl_model *const  rest[] = {&r.first, &r.second, &r.gradient};
+    vulkan_scene(count, degree, lobes, &r.model);
+    for (size_t k = 0; k < OXL_COUNT(rest); k++) {
+        CHECK_OK(oxl_model_create(test_ctx, count, degree, rest[k]));
+        CHECK_OK(model_set_lobes(test_ctx, rest[k], lobes));
+        memset(rest[k]->plane[OXL_ROTATION], 0, rest[k]->capacity * sizeof(float));
+    }
+    r.numbers = oxl_calloc(test_ctx, 4 * count, sizeof *r.numbers);
+    r.sums =
+        (struct renderer_sums){count, 1, 3.5f, 5, r.numbers, r.numbers + count, r.numbers + 2 * count, r.numbers + 3 * count};
+    return r;
+}
+
+static void vulkan_run_free(struct vulkan_run *r)
+{
+    oxl_model_free(test_ctx, &r->model);
+    oxl_model_free(test_ctx, &r->first);
+    oxl_model_free(test_ctx, &r->second);
+    oxl_model_free(test_ctx, &r->gradient);
+    oxl_free(test_ctx, r->numbers);
+}
+
+/* Steps from..to against noise; so many rows are put aside in each. */
+static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_camera *camera, struct vulkan_run *run,
+                             const float *drgb, int from, int to, size_t aside_wanted)
+{
+    oxl_render_options    options = oxl_render_options_default();
+    struct renderer_aside aside;
+    float                 rates[OXL_PLANES];
+    for (int k = 0; k < OXL_PLANES; k++) rates[k] = 1e-3f;
+    for (int step = from; step <= to; step++) {
+        CHECK_OK(renderer_forward(ctx, r, &run->model, camera, &options));
+        CHECK_OK(renderer_backward(ctx, r, drgb, &run->gradient));
+        CHECK_OK(renderer_step(ctx, r, &run->model, &run->gradient, &run->first, &run->second, rates, step, &aside));
+        CHECK(aside.rows == aside_wanted);
+        CHECK_OK(renderer_observe(ctx, r, &run->sums));
+    }
+    CHECK_OK(renderer_fetch(ctx, r));
+}
+
+static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double bound)
+{
+    for (int k = 0; k < oxl_model_planes(a); k++)
+        CHECK_CLOSE(vulkan_distance(a->plane[k], b->plane[k], a->count).relative, 0, bound);
+    for (int k = OXL_LOBE; a->lobes && k < OXL_PLANES; k++)
+        CHECK_CLOSE(vulkan_distance(a->plane[k], b->plane[k], a->lobes).relative, 0, bound);
+}
+
+/* The first step of Adam has the sign of the gradient: where that is next to nothing the signs may differ. */
+static void vulkan_check_steps(oxl_context *device)
+{
+    for (size_t lobes = 0; lobes <= 300; lobes += 300) {
+        struct vulkan_twins t    = vulkan_twins(device, 64, 48);
+        float              *drgb = vulkan_noise(3 * t.pixels, 52);
+        struct vulkan_run   run[2];
+        device->vulkan->slab_rows = 256; /* several slabs */
+        for (int k = 0; k < 2; k++) {
+            run[k] = vulkan_run_begin(600, 1, lobes);
+            vulkan_run_steps(t.ctx[k], t.r[k], &t.camera, &run[k], drgb, 1, 3, 0);
+        }
+        vulkan_compare_models(&run[0].model, &run[1].model, 1e-3);
+        vulkan_compare_models(&run[0].first, &run[1].first, 5e-3);
+        vulkan_compare_models(&run[0].second, &run[1].second, 5e-3);
+        for (int k = 0; k < 3; k++)
+            CHECK_CLOSE(vulkan_distance(run[0].numbers + 600 * k, run[1].numbers + 600 * k, 600).relative, 0, 5e-3);
+        CHECK_CLOSE(vulkan_distance(run[0].sums.views, run[1].sums.views, 600).most, 0, 3);
+        for (int k = 0; k < 2; k++) vulkan_run_free(&run[k]);
+        oxl_free(test_ctx, drgb);
+        vulkan_twins_free(&t);
+    }
+}
+
+/* When the host looks, and at what, does not show in the result: checkpoints come when they come. */
+static void vulkan_check_fetches(oxl_context *device)
+{
+    const oxl_camera  camera = vulkan_camera(64, 48);
+    float            *drgb   = vulkan_noise((size_t)3 * 64 * 48, 52);
+    struct vulkan_run run[2];
+    for (int k = 0; k < 2; k++) {
+        struct renderer *r;
+        CHECK_OK(renderer_create(device, &r));
+        run[k] = vulkan_run_begin(300, 1, 100);
+        if (k == 0) vulkan_run_steps(device, r, &camera, &run[k], drgb, 1, 4, 0);
+        for (int step = 1; k == 1 && step <= 4; step++) vulkan_run_steps(device, r, &camera, &run[k], drgb, step, step, 0);
+        renderer_free(device, r);
+    }
+    for (int k = 0; k < oxl_model_planes(&run[0].model); k++) {
+        CHECK(memcmp(run[0].model.plane[k], run[1].model.plane[k], 300 * sizeof(float)) == 0);
+        CHECK(memcmp(run[0].second.plane[k], run[1].second.plane[k], 300 * sizeof(float)) == 0);
+    }
+    CHECK(memcmp(run[0].numbers, run[1].numbers, 4 * 300 * sizeof(float)) == 0);
+    for (int k = 0; k < 2; k++) vulkan_run_free(&run[k]);
+    oxl_free(test_ctx, drgb);
+}
+
+static void vulkan_check_aside(oxl_context *device)
+{
+    struct vulkan_twins t    = vulkan_twins(device, 64, 48);
+    float              *drgb = vulkan_noise(3 * t.pixels, 52);
+    for (int k = 0; k < 2; k++) {
+        struct vulkan_run run = vulkan_run_begin(64, 1, 0);
+        for (int i = 0; i < 3; i++) run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
+        run.model.plane[OXL_SH + 5][40] = NAN;
+        vulkan_run_steps(t.ctx[k], t.r[k], &t.camera, &run, drgb, 1, 1, 1);
+        CHECK(run.first.plane[OXL_OPACITY][40] == 0 && run.sums.views[40] == 0);
+        vulkan_run_free(&run);
+    }
+    oxl_free(test_ctx, drgb);
+    vulkan_twins_free(&t);
+}
+
+/* ---------------------------------------------------------------- the run */
+
+static oxl_scene *vulkan_survey(oxl_context *ctx)
+{
+    oxl_model  truth;
+    oxl_view   view[6];
+    oxl_image  image[6];
+    oxl_point  point[200];
+    oxl_scene *scene = NULL;
+    vulkan_scene(200, 0, 0, &truth);
+    for (int i = 0; i < 6; i++) {
+        static const char *const names[] = {"a", "b", "c", "d", "e", "f"};
+        view[i]                          = (oxl_view){.name = names[i], .camera = vulkan_camera(48, 36), .is_test = i == 2};
+        view[i].camera.translation[0] += 0.3 * (i - 3);
+        view[i].camera.translation[1] += 0.1 * (i % 3);
+        CHECK_OK(oxl_render(test_ctx, &truth, &view[i].camera, NULL, &image[i], NULL));
+    }
+    for (int i = 0; i < 200; i++) {
+        point[i] = (oxl_point){.rgb = {128, 128, 128}};
+        for (int a = 0; a < 3; a++) point[i].position[a] = truth.plane[OXL_MEAN + a][i];
+    }
+    CHECK_OK(oxl_scene_from_arrays(ctx, view, image, 6, point, 200, &scene));
+    for (int i = 0; i < 6; i++) oxl_image_free(test_ctx, &image[i]);
+    oxl_model_free(test_ctx, &truth);
+    return scene;
+}
+
+/* Everything that a run does between steps: densification, bands, pruning, second lobes. */
+static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, double *psnr)
+{
+    oxl_scene        *scene   = vulkan_survey(ctx);
+    oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
+    oxl_metrics       metrics;
+    options.iterations    = iterations;
+    options.densify_every = 10;
+    options.sh_degree     = 1;
+    options.dog           = OXL_DOG_SELECTIVE;
+    options.dog_threshold = -0.5f;
+    options.max_gaussians = 400;
+    options.keep          = (oxl_keep){OXL_KEEP_FRACTION, 0.8};
+    if (oxl_train(ctx, scene, &options, NULL, out) != OXL_OK) test_failed++, printf("  %s\n", oxl_error_text(ctx));
+    CHECK_OK(oxl_evaluate(ctx, out, scene, OXL_SPLIT_ALL, &metrics));
+    *psnr = metrics.psnr;
+    oxl_metrics_free(ctx, &metrics);
+    oxl_scene_free(ctx, scene);
+}
+
+static void vulkan_check_training(oxl_context *device)
+{
+    oxl_model model[3];
+    double    psnr[3];
+    vulkan_train(test_ctx, 60, &model[0], &psnr[0]);
+    for (int k = 1; k < 3; k++) vulkan_train(device, 60, &model[k], &psnr[k]);
+    CHECK_CLOSE(psnr[1], psnr[0], 0.1);
+    CHECK(model[0].lobes > 0 && model[1].lobes > 0);
+    CHECK(model[1].count == model[2].count && model[1].lobes == model[2].lobes);
+    if (model[1].count == model[2].count)
+        for (int k = 0; k < oxl_model_planes(&model[1]); k++)
+            CHECK(memcmp(model[1].plane[k], model[2].plane[k], model[1].count * sizeof(float)) == 0);
+    for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
+}
+
+#endif
+
+TEST(vulkan_sorts_stably_whatever_the_number_of_keys)
+{
+    ON_DEVICE(vulkan_check_sorts);
+}
+
+TEST(vulkan_adds_up_prefixes_whatever_their_number)
+{
+    ON_DEVICE(vulkan_check_scans);
+}
+
+TEST(vulkan_projects_as_the_cpu_does_at_the_extremes_too)
+{
+    ON_DEVICE(vulkan_check_projection);
+}
+
+TEST(vulkan_draws_as_the_cpu_does)
+{
+    ON_DEVICE(vulkan_check_drawing);
+}
+
+TEST(vulkan_draws_wild_gaussians_as_the_cpu_does)
+{
+    ON_DEVICE(vulkan_check_wild_drawing);
+}
+
+TEST(vulkan_draws_nothing_as_the_background)
+{
+    ON_DEVICE(vulkan_check_nothing);
+}
+
+TEST(vulkan_draws_depths_as_the_cpu_does)
+{
+    ON_DEVICE(vulkan_check_depth);
+}
+
+TEST(vulkan_draws_the_same_within_the_limits_of_any_device)
+{
+    ON_DEVICE(vulkan_check_limits);
+}
+
+TEST(vulkan_says_what_is_too_large_and_goes_on)
+{
+    ON_DEVICE(vulkan_check_refusal);
+}
+
+TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus)
+{
+    ON_DEVICE(vulkan_check_loss);
+}
+
+TEST(vulkan_compares_with_photographs_as_the_cpu_does)
+{
+    ON_DEVICE(vulkan_check_photos);
+}
+
+TEST(vulkan_gradients_agree_with_the_cpus)
+{
+    ON_DEVICE(vulkan_check_gradient);
+}
+
+TEST(vulkan_gradients_agree_in_small_batches)
+{
+    ON_DEVICE(vulkan_check_small_batches);
+}
+
+TEST(vulkan_scores_agree_with_the_cpus)
+{
+    ON_DEVICE(vulkan_check_score);
+}
+
+TEST(vulkan_steps_and_statistics_agree_with_the_cpus)
+{
+    ON_DEVICE(vulkan_check_steps);
+}
+
+TEST(vulkan_steps_do_not_depend_on_when_the_host_looks)
+{
+    ON_DEVICE(vulkan_check_fetches);
+}
+
+TEST(vulkan_puts_aside_what_is_not_finite)
+{
+    ON_DEVICE(vulkan_check_aside);
+}
+
+TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
+{
+    ON_DEVICE(vulkan_check_training);
+}
+
+/* In any build. */
+TEST(vulkan_where_there_is_none_is_told_in_one_line)
+{
+    oxl_context_options options = test_ctx->options;
+    oxl_context        *ctx;
+    oxl_camera camera = {.width = 8, .height = 8, .fx = 8, .fy = 8, .cx = 4, .cy = 4, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    oxl_model  model;
+    oxl_image  image;
+#ifdef OXL_VULKAN
+    setenv("OXL_VULKAN_LIBRARY", "no-such-library.so", 1);
+#endif
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    options.backend = OXL_BACKEND_VULKAN;
+    CHECK_OK(oxl_context_create(&options, &ctx));
+    CHECK(oxl_backend_begin(ctx) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(ctx), "fix: ");
+    CHECK(oxl_render(ctx, &model, &camera, NULL, &image, NULL) == OXL_ERR_FAILED);
+    oxl_context_free(ctx);
+    options.backend = OXL_BACKEND_AUTO;
+    CHECK_OK(oxl_context_create(&options, &ctx));
+    CHECK_OK(oxl_render(ctx, &model, &camera, NULL, &image, NULL));
+    CHECK(strcmp(oxl_backend_name(ctx), "cpu") == 0);
+    oxl_image_free(ctx, &image);
+    oxl_context_free(ctx);
+    oxl_model_free(test_ctx, &model);
+#ifdef OXL_VULKAN
+    unsetenv("OXL_VULKAN_LIBRARY");
+#endif
+}
