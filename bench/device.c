@@ -1,0 +1,220 @@
+/* device.c - a training step on a Vulkan device: iterations a second, and where the device's time goes.
+ *
+ *     make bench VULKAN=1 BACKEND=vulkan [BENCH="GAUSSIANS WIDTH HEIGHT [DEVICE]"]
+ *
+ * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the device's own (timestamps);
+ * those of the step are the host's and hold the waiting. The photograph is on the device, as in training.
+ * Bandwidth is read against a copy between two of the device's buffers, taken in the same run.
+ */
+#include "../oceanxl.c"
+
+#ifndef OXL_VULKAN
+int main(void)
+{
+    fputs("bench: this program was built without the Vulkan backend. fix: make bench VULKAN=1 BACKEND=vulkan\n", stderr);
+    return 1;
+}
+#else
+
+enum { DEVICE_ROUNDS = 11 };
+
+static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]          = "project",
+                                                      [PASS_SCAN]             = "scan",
+                                                      [PASS_COMPACT]          = "compact",
+                                                      [PASS_SORT_COUNT]       = "sort, count",
+                                                      [PASS_SORT_SCATTER]     = "sort, scatter",
+                                                      [PASS_FOOTPRINT]        = "footprint",
+                                                      [PASS_RANGES]           = "ranges",
+                                                      [PASS_RASTER]           = "raster",
+                                                      [PASS_RASTER_BACKWARD]  = "raster backward",
+                                                      [PASS_LOSS_FORWARD]     = "loss forward",
+                                                      [PASS_LOSS_TOTAL]       = "loss total",
+                                                      [PASS_LOSS_BACKWARD]    = "loss backward",
+                                                      [PASS_PROJECT_BACKWARD] = "project backward",
+                                                      [PASS_ADAM]             = "Adam",
+                                                      [PASS_OBSERVE]          = "observe",
+                                                      [PASS_SCORE]            = "score",
+                                                      [PASS_UNPACK]           = "unpack"};
+
+static void device_check(oxl_context *ctx, oxl_result rc)
+{
+    if (rc == OXL_OK) return;
+    fprintf(stderr, "bench: %s\n", oxl_error_text(ctx));
+    exit(1);
+}
+
+struct device_run {
+    oxl_model        model, first, second, gradient;
+    oxl_camera       camera;
+    struct photo     photo;
+    float           *numbers;
+    struct renderer *renderer;
+};
+
+static void device_begin(oxl_context *ctx, size_t count, int width, int height, struct device_run *r)
+{
+    oxl_point *point = oxl_calloc(ctx, count, sizeof *point);
+    if (!point) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", count));
+    for (size_t i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++) {
+            const double u       = random_unit(random_bits(7, i, (uint64_t)a)) - 0.5;
+            point[i].position[a] = a == 0 ? 4 * u : a == 1 ? 4 * u * height / width : 0.3 * u;
+            point[i].rgb[a]      = (uint8_t)(random_bits(9, i, (uint64_t)a) & 255);
+        }
+    device_check(ctx, oxl_model_from_points(ctx, point, count, 3, &r->model));
+    oxl_free(ctx, point);
+    device_check(ctx, oxl_model_create(ctx, count, 3, &r->first));
+    device_check(ctx, oxl_model_create(ctx, count, 3, &r->second));
+    device_check(ctx, oxl_model_create(ctx, count, 3, &r->gradient));
+    r->camera = (oxl_camera){width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
+                             {0, 0, 3}};
+    r->photo  = (struct photo){width, height, oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, 1), NULL};
+    r->numbers = oxl_calloc(ctx, 2 * count, sizeof *r->numbers);
+    if (!r->photo.rgb || !r->numbers) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
+    for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) r->photo.rgb[i] = (uint8_t)random_bits(8, i, 0);
+    device_check(ctx, renderer_create(ctx, &r->renderer));
+}
+
+static void device_end(oxl_context *ctx, struct device_run *r)
+{
+    renderer_free(ctx, r->renderer);
+    oxl_model_free(ctx, &r->model);
+    oxl_model_free(ctx, &r->first);
+    oxl_model_free(ctx, &r->second);
+    oxl_model_free(ctx, &r->gradient);
+    oxl_free(ctx, r->photo.rgb);
+    oxl_free(ctx, r->numbers);
+}
+
+/* Rates of 0: every round draws the same. */
+static void device_step(oxl_context *ctx, struct device_run *r)
+{
+    const float           rates[OXL_PLANES] = {0};
+    oxl_render_options    options           = oxl_render_options_default();
+    struct renderer_loss  loss;
+    struct renderer_aside aside;
+    struct renderer_sums  sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
+    options.near_plane         = 0.01f;
+    device_check(ctx, renderer_forward(ctx, r->renderer, &r->model, &r->camera, &options));
+    device_check(ctx, renderer_take_photo(ctx, r->renderer, 0, &r->photo, 0));
+    device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
+    device_check(ctx, renderer_backward(ctx, r->renderer, NULL, &r->gradient));
+    device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, rates, 1, &aside));
+    device_check(ctx, renderer_observe(ctx, r->renderer, &sums));
+}
+
+/* GB/s read and written, from one buffer of 64 MiB to another. */
+static double device_copy(oxl_context *ctx)
+{
+    struct vulkan       *v = ctx->vulkan;
+    struct vulkan_buffer a = {0}, b = {0};
+    const VkBufferCopy   copy = {0, 0, 64u << 20};
+    double               best = 1e9;
+    vulkan_reserve(v, &a, 64u << 20, 1, "bytes");
+    vulkan_reserve(v, &b, 64u << 20, 1, "bytes");
+    for (int round = 0; round < 4; round++) {
+        double begun;
+        vulkan_record(v);
+        device_check(ctx, v->rc);
+        for (int k = 0; k < 8; k++) {
+            v->CmdCopyBuffer(v->commands, a.handle, b.handle, 1, &copy);
+            vulkan_barrier(v);
+        }
+        begun = os_seconds();
+        device_check(ctx, vulkan_finish(v));
+        best = OXL_MIN(best, os_seconds() - begun);
+    }
+    vulkan_release(v, &a);
+    vulkan_release(v, &b);
+    return 8 * 2 * (double)(64u << 20) / best * 1e-9;
+}
+
+static int device_ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void device_table(const struct vulkan *v, const struct device_run *r, const double seconds[DEVICE_ROUNDS], double copy)
+{
+    const struct vulkan_renderer *d      = r->renderer->device;
+    const double                  rounds = DEVICE_ROUNDS, pixels = (double)r->camera.width * r->camera.height;
+    const double                  touched = 4.0 * (double)r->model.count * oxl_model_planes(&r->model);
+    double                        all     = 0;
+    for (int p = 0; p < PASS_COUNT; p++) all += v->pass_seconds[p];
+    printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f tiles' splats a pixel\n", r->model.count,
+           r->camera.width, r->camera.height, d->pairs, 256.0 * (double)d->pairs / pixels);
+    for (int p = 0; p < PASS_COUNT; p++) {
+        const double each = v->pass_seconds[p] / rounds;
+        if (v->pass_runs[p] == 0) continue;
+        printf("  %-18s %9.3f ms %5.1f %%", DEVICE_PASSES[p], 1e3 * each, 100 * v->pass_seconds[p] / all);
+        if (p == PASS_ADAM) printf("   %.1f GB/s, %.0f %% of a copy", 7e-9 * touched / each, 7e-7 * touched / each / copy);
+        if (p == PASS_PROJECT) printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each, 1e-7 * touched / each / copy);
+        if (p == PASS_RASTER || p == PASS_RASTER_BACKWARD)
+            printf("   %.2f G pixels of pairs a second", 256e-9 * (double)d->pairs / each);
+        printf("\n");
+    }
+    printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes", 1e3 * all / rounds, "step",
+           1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
+}
+
+static void device_bench(oxl_context *ctx, size_t count, int width, int height, double copy)
+{
+    struct device_run r;
+    double            seconds[DEVICE_ROUNDS];
+    device_begin(ctx, count, width, height, &r);
+    device_step(ctx, &r); /* makes the shaders and the room, and takes the model there */
+    device_step(ctx, &r);
+    vulkan_finish(ctx->vulkan);
+    device_check(ctx, vulkan_measure(ctx->vulkan));
+    for (int k = 0; k < DEVICE_ROUNDS; k++) {
+        const double begun = os_seconds();
+        device_step(ctx, &r);
+        vulkan_finish(ctx->vulkan);
+        seconds[k] = os_seconds() - begun;
+    }
+    qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
+    device_table(ctx->vulkan, &r, seconds, copy);
+    device_end(ctx, &r);
+}
+
+/* The same steps by the CPU's own kernels. */
+static void device_cpu(size_t count, int width, int height)
+{
+    struct device_run r;
+    double            seconds[DEVICE_ROUNDS];
+    oxl_context      *ctx;
+    if (oxl_context_create(NULL, &ctx) != OXL_OK) exit(1);
+    device_begin(ctx, count, width, height, &r);
+    device_step(ctx, &r);
+    for (int k = 0; k < DEVICE_ROUNDS; k++) {
+        const double begun = os_seconds();
+        device_step(ctx, &r);
+        seconds[k] = os_seconds() - begun;
+    }
+    qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
+    printf("  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step", 1e3 * seconds[DEVICE_ROUNDS / 2],
+           1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
+    device_end(ctx, &r);
+    oxl_context_free(ctx);
+}
+
+int main(int argc, char **argv)
+{
+    oxl_context_options options = oxl_context_options_default();
+    const size_t        count   = argc > 3 ? (size_t)atol(argv[1]) : 30000;
+    const int           width = argc > 3 ? atoi(argv[2]) : 640, height = argc > 3 ? atoi(argv[3]) : 360;
+    oxl_context        *ctx;
+    double              copy;
+    options.backend = OXL_BACKEND_VULKAN;
+    if (argc > 4) options.device = atoi(argv[4]);
+    if (oxl_context_create(&options, &ctx) != OXL_OK) return 1;
+    device_check(ctx, oxl_backend_begin(ctx));
+    copy = device_copy(ctx);
+    printf("%s: copies %.1f GB/s between its buffers\n", oxl_backend_name(ctx), copy);
+    device_bench(ctx, count, width, height, copy);
+    oxl_context_free(ctx);
+    device_cpu(count, width, height);
+    return 0;
+}
+#endif
