@@ -115,11 +115,29 @@ static int train_is_coarse(const struct train *t, const oxl_camera *camera)
     return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
+/* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
+static oxl_result train_photo_at_hand(struct train *t, int view)
+{
+    const struct photo *photo = scene_photo(t->ctx, t->scene, view);
+    oxl_result          rc;
+    size_t              pixels;
+    if (!photo) return t->ctx->failed;
+    pixels    = (size_t)photo->width * (size_t)photo->height;
+    rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+    t->masked = photo->mask != NULL;
+    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    if (rc != OXL_OK) return rc;
+    image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
+    if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
+    return OXL_OK;
+}
+
 OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
 {
     const struct photo *photo = NULL;
+    t->halved                 = train_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    if (t->robust.points > 0) return train_photo_at_hand(t, view);
     if (!renderer_has_photo(t->renderer, view) && !(photo = scene_photo(t->ctx, t->scene, view))) return t->ctx->failed;
-    t->halved = train_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
     return renderer_take_photo(t->ctx, t->renderer, view, photo, t->halved);
 }
 
@@ -142,13 +160,15 @@ static oxl_result train_next_photo(struct train *t, int *view)
 /* What the photograph has and the scene has not. */
 static oxl_result train_put_aside(struct train *t, const oxl_camera *camera)
 {
-    const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
-    const oxl_result rc     = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    const int        masked = t->masked;
-    t->masked               = 1;
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    const float *drawn  = NULL;
+    oxl_result   rc     = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    const int    masked = t->masked;
+    t->masked           = 1;
+    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &drawn);
     if (rc != OXL_OK) return rc;
-    return robust_weigh(t->ctx, &t->robust, t->scene, camera, t->render.near_plane, renderer_image(t->renderer), t->target,
-                        !t->trial_is_next, masked, t->weight);
+    return robust_weigh(t->ctx, &t->robust, t->scene, camera, t->render.near_plane, drawn, t->target, !t->trial_is_next, masked,
+                        t->weight);
 }
 
 /* The model drawn from a view, against its photograph as train_photo has left it. */
@@ -159,6 +179,8 @@ static oxl_result train_compare(struct train *t, int view, int learns, float ssi
     oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
     if (rc == OXL_OK && learns && t->robust.points > 0) rc = train_put_aside(t, &camera);
     if (rc != OXL_OK) return rc;
+    if (t->robust.points > 0)
+        return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
 
@@ -400,6 +422,8 @@ static void train_end(struct train *t)
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
     robust_free(ctx, &t->robust);
+    oxl_free(ctx, t->target);
+    oxl_free(ctx, t->weight);
     oxl_free(ctx, t->view);
     oxl_free(ctx, t->held);
     text_free(&t->decisions);

@@ -24,6 +24,9 @@ struct train {
     int                      *held; /* (held_views) training views that stand aside, for decisions to be judged by */
     int                       held_views;
     int                       resets;
+    float                    *target, *weight; /* with robust.points: the photograph of this step: (3,H,W), (H,W) */
+    int                       masked;          /* whether weight holds its mask */
+    size_t                    target_capacity, weight_capacity;
     int                       halved;     /* whether the photograph of this step is reduced to half the sides */
     double                    loss, psnr; /* smoothed */
     double                    last_loss;  /* of the last photograph, alike from step to step; not a number: it was put aside */
