@@ -146,6 +146,7 @@ static void robust_ask_points(oxl_context *ctx, struct robust *r, const struct r
                               const oxl_camera *camera, double near_plane)
 {
     const oxl_point *point = oxl_scene_points(scene);
+    (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)r->points; i++) r->place[i] = robust_place(g, camera, near_plane, point[i].position);
     for (size_t i = 0; i < r->points; i++) {
