@@ -79,25 +79,31 @@ TEST(decide_does_as_asked_for)
     decide_case_free(&c);
 }
 
+/* A run that is stopped at each of these steps and goes on ends in the bytes of one that is not. Its decisions are left. */
+static void decide_check_stops(struct checkpoint_case *c, const int *stops, size_t count)
+{
+    oxl_model model;
+    CHECK_OK(oxl_train(test_ctx, c->scene, &c->options, NULL, &c->whole));
+    for (size_t i = 0; i < count; i++) {
+        CHECK(checkpoint_run(c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    text_free(&c->decisions);
+    CHECK_OK(checkpoint_run(c, "key", -1, &model));
+    CHECK(train_same(&model, &c->whole) && model.lobes == c->whole.lobes);
+    oxl_model_free(test_ctx, &model);
+}
+
 /* The trial of second lobes: stopped at any of its steps it is made again, and the decision and the bytes are the same. */
 TEST(decide_a_run_stopped_in_its_trial_ends_in_the_same_bytes)
 {
     static const int       stops[] = {119, 120, 121, 126, 188, 189, 193, 194, 195};
     struct checkpoint_case c       = checkpoint_of(train_scene(14), train_options(240));
-    oxl_model              model;
-    c.options.dog           = OXL_DOG_AUTO;
-    c.options.sh_degree     = -1;
-    c.options.dog_threshold = -0.5f; /* half of them */
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
-        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
-    }
-    text_free(&c.decisions);
-    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
-    CHECK(train_same(&model, &c.whole) && model.lobes == c.whole.lobes);
+    c.options.dog                  = OXL_DOG_AUTO;
+    c.options.sh_degree            = -1;
+    c.options.dog_threshold        = -0.5f; /* half of them */
+    decide_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, "\"dog\": {\"chosen\": ") && strstr(c.decisions.data, "without; "));
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
@@ -116,17 +122,8 @@ TEST(decide_weights_by_depth_are_learned_and_a_run_stopped_in_a_trial_ends_in_th
 {
     static const int       stops[] = {60, 62, 64, 90, 119, 200};
     struct checkpoint_case c       = checkpoint_of(train_scene(14), decide_weights_options());
-    oxl_model              model;
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
-        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
-    }
-    text_free(&c.decisions);
-    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
-    CHECK(train_same(&model, &c.whole));
+    decide_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, ", learned\"") != NULL && strstr(c.decisions.data, "f_mid 1.50") == NULL);
-    oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
 }
 
