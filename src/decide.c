@@ -6,6 +6,9 @@
  * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
  * decision is noted with its evidence (run.json).
  *
+ * The weights by depth (ucd.c) are tried in the same way, but often, for the span of a densification, and judged by the photographs
+ * that it is trained on.
+ *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial makes it again.
  */
 #include "train.h"

@@ -692,7 +692,7 @@ OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], double cap, 
 /* The point to evaluate now; the same until it is told or skipped. */
 OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
 OXL_INTERNAL int  spsa_tell(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
-OXL_INTERNAL void spsa_skip(struct spsa *s);              /* the window did not count: the pair starts again */
+OXL_INTERNAL void spsa_skip(struct spsa *s);              /* the pair starts again */
 OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s);
 
 /* ---------------------------------------------------------------- contrast.c: how fast contrast fades with depth */

@@ -118,7 +118,7 @@ OXL_INTERNAL int spsa_tell(struct spsa *s, double cost)
 
 OXL_INTERNAL void spsa_skip(struct spsa *s)
 {
-    s->told = 0; /* halves on both sides of a reset cannot be compared */
+    s->told = 0; /* one half tells nothing */
 }
 
 OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)

@@ -7,8 +7,8 @@
  *     mean log loss over the second half of that span  +  UCD_GROWTH x dN / N,
  * dN the Gaussians that the densification made. Without the second term more would always look better. The point of less cost goes on.
  *
- * Two spans one after the other, as Spall has it, differ in the photographs, the learning rate and the last opacity reset far more than
- * in the weights: nothing was learned so (docs/PAPER.md).
+ * Two spans one after the other, as Spall has it, differ in the photographs, the learning rate and the last opacity reset as well: from
+ * two starts the weights stayed far apart so (docs/ABLATION.md).
  *
  * Model only what a scene requires: `auto` turns this on where contrast is seen to fade with depth (contrast.c), and says what it saw.
  *
@@ -17,7 +17,7 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define UCD_GROWTH    0.02 /* what a doubling costs, in log loss; PAPER.md has what it was measured by */
+#define UCD_GROWTH    0.02 /* what a doubling costs, in log loss; docs/PAPER.md says why so little */
 #define UCD_CAP       5.0  /* on both weights [D] */
 #define UCD_FADE_MIN  0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
 #define UCD_ERRORS    3.0  /* auto: standard errors that it must be away from none */
