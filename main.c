@@ -495,6 +495,7 @@ int main(int argc, char **argv)
     if (a.version) puts("oceanxl " OXL_VERSION);
     if (a.manual) arguments_manual(stdout);
     if (a.help || a.version || a.manual) return EXIT_DONE;
+    oxl_wait_asleep(argv);
     console.quiet = a.quiet;
     console.live  = oxl_is_terminal(2);
     options.log   = on_log;

@@ -103,6 +103,19 @@ int oxl_is_terminal(int stream)
     return isatty(stream) != 0;
 }
 
+void oxl_wait_asleep(char **argv)
+{
+#ifdef _OPENMP
+    char          self[4096];
+    const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
+    if (length <= 0 || getenv("OMP_WAIT_POLICY")) return;
+    self[length] = 0;
+    if (setenv("OMP_WAIT_POLICY", "passive", 1) == 0) execv(self, argv); /* returns only where it could not */
+#else
+    (void)argv;
+#endif
+}
+
 OXL_INTERNAL double os_seconds(void)
 {
     struct timespec t;
@@ -277,6 +290,11 @@ static long os_process(void)
 int oxl_is_terminal(int stream)
 {
     return _isatty(stream) != 0;
+}
+
+void oxl_wait_asleep(char **argv)
+{
+    (void)argv;
 }
 
 OXL_INTERNAL double os_seconds(void)

@@ -43,6 +43,8 @@ promise wrong_value_is_shown 2 "'-3' seen" "$program" train s -o o --iterations=
 promise wrong_unit_is_refused 2 "'20q' seen" "$program" train s -o o --max-time 20q
 promise one_word_too_many_is_refused 2 "one word too many" "$program" eval a b c
 promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
+promise waiting_threads_sleep 0 "" \
+    sh -c "env -u OMP_WAIT_POLICY OMP_DISPLAY_ENV=true '$program' check nowhere >env.txt 2>&1; ! grep -q WAIT_POLICY env.txt || grep -qi \"WAIT_POLICY *= *'passive\" env.txt"
 promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
 
 # A survey of our own; small, so that a step takes a millisecond.
