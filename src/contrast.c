@@ -139,17 +139,19 @@ static void contrast_look(const struct photo *p, const uint32_t *integral, struc
     s->value = 0.5 * vecmath_log(OXL_MAX((squares - sum * sum / n) / n, 0) + CONTRAST_FLOOR);
 }
 
-/* View by view, so that each photograph is decoded once; one that cannot be read is left out, as training will say. */
+/* View by view, so that each photograph is asked for once; one that cannot be read is left out, as training will say. */
 static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
 {
     oxl_result rc = OXL_OK;
     for (int view = 0; view < oxl_scene_view_count(scene) && rc == OXL_OK; view++) {
         const struct photo *photo = NULL;
+        int                 asked = 0;
         for (size_t i = 0; i < w->samples && rc == OXL_OK; i++) {
             struct contrast_sample *s = &w->sample[i];
             if (s->view != view || !s->valid) continue;
-            if (!photo && (photo = scene_photo(ctx, scene, view))) rc = contrast_integrate(ctx, photo, w);
-            if (!photo && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+            if (!asked && (photo = scene_photo(ctx, scene, view))) rc = contrast_integrate(ctx, photo, w);
+            if (!photo && !asked && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+            asked = 1;
             if (photo && rc == OXL_OK) contrast_look(photo, w->integral, s);
             else s->valid = 0;
         }
