@@ -94,12 +94,23 @@ static oxl_result pictures_write_depth(oxl_context *ctx, const char *folder, con
     return rc;
 }
 
+/* One that cannot be read is not drawn: the evaluation has said so. */
+static oxl_result pictures_copy_photograph(oxl_context *ctx, oxl_scene *scene, int index, const char *folder)
+{
+    oxl_image  photograph = {0};
+    oxl_result rc         = oxl_scene_image(ctx, scene, index, &photograph);
+    if (rc == OXL_ERR_INPUT) return OXL_OK;
+    if (rc == OXL_OK) rc = pictures_write_image(ctx, folder, oxl_scene_view(scene, index)->name, ".photo.png", &photograph);
+    oxl_image_free(ctx, &photograph);
+    return rc;
+}
+
 static oxl_result pictures_draw_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int index,
                                      const oxl_pictures *what, const char *folder)
 {
     const oxl_view *view  = oxl_scene_view(scene, index);
     const int       width = view->camera.width, height = view->camera.height;
-    oxl_image       drawn = {0}, photograph = {0};
+    oxl_image       drawn = {0};
     float          *depth = NULL;
     oxl_result      rc    = OXL_OK;
 
@@ -116,11 +127,9 @@ static oxl_result pictures_draw_view(oxl_context *ctx, const oxl_model *model, o
     for (size_t i = 0; rc == OXL_OK && depth && what->unit > 0 && i < (size_t)width * height; i++) depth[i] *= (float)what->unit;
     if (rc == OXL_OK) rc = pictures_write_image(ctx, folder, view->name, ".png", &drawn);
     if (rc == OXL_OK && depth) rc = pictures_write_depth(ctx, folder, view->name, depth, width, height);
-    if (rc == OXL_OK && what->photographs) rc = oxl_scene_image(ctx, scene, index, &photograph);
-    if (rc == OXL_OK && what->photographs) rc = pictures_write_image(ctx, folder, view->name, ".photo.png", &photograph);
+    if (rc == OXL_OK && what->photographs) rc = pictures_copy_photograph(ctx, scene, index, folder);
 done:
     oxl_image_free(ctx, &drawn);
-    oxl_image_free(ctx, &photograph);
     oxl_free(ctx, depth);
     return rc;
 }

@@ -365,6 +365,17 @@ TEST(job_leaves_out_photographs_that_cannot_be_read_and_counts_them)
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "\"photographs_left_out\": 2"));
 }
 
+TEST(job_ends_well_when_a_photograph_held_out_cannot_be_read)
+{
+    oxl_job_options options = job_test_options();
+    const char     *survey  = job_test_survey();
+    test_write("survey/images/8.png", "no picture");
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"count\": 1"));
+    CHECK(os_is_file(test_path("out/renders/8.png.png")) && !os_is_file(test_path("out/renders/8.png.photo.png")));
+    CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
+}
+
 /* A model with second lobes is followed by a standard one, refined without them; a run that ended between the two goes on there. */
 TEST(job_writes_a_standard_model_beside_one_with_lobes)
 {
