@@ -52,12 +52,23 @@ static void console_clear(struct console *c)
     c->shown = 0;
 }
 
+/* Follows "oxl: "; further lines stand below. */
+static void print_indented(const char *text)
+{
+    for (; *text; text++) {
+        fputc(*text, stderr);
+        if (*text == '\n') fputs("     ", stderr);
+    }
+    fputc('\n', stderr);
+}
+
 static void on_log(void *user, oxl_log_level level, const char *text)
 {
     struct console *c = user;
     if (level == OXL_LOG_DEBUG || (c->quiet && level == OXL_LOG_INFO)) return;
     console_clear(c);
-    fprintf(stderr, "oxl: %s%s\n", level == OXL_LOG_INFO ? "" : level == OXL_LOG_WARNING ? "warning: " : "error: ", text);
+    fprintf(stderr, "oxl: %s", level == OXL_LOG_INFO ? "" : level == OXL_LOG_WARNING ? "warning: " : "error: ");
+    print_indented(text);
 }
 
 static void print_duration(double seconds)
@@ -104,15 +115,10 @@ static int on_progress(void *user, const oxl_progress *p)
     return stop_asked;
 }
 
-/* "oxl: what happened", its further lines indented below. */
 static void print_error(const char *text)
 {
     fputs("oxl: ", stderr);
-    for (; *text; text++) {
-        fputc(*text, stderr);
-        if (*text == '\n') fputs("     ", stderr);
-    }
-    fputc('\n', stderr);
+    print_indented(text);
 }
 
 /* ---------------------------------------------------------------- from arguments to options */

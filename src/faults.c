@@ -32,8 +32,7 @@ static void faults_name_rows(char out[64], size_t first, size_t rows)
 
 OXL_INTERNAL void faults_of_photo(oxl_context *ctx, oxl_faults *f)
 {
-    f->photographs++;
-    oxl_log(ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(ctx));
+    if (f->photographs++ < FAULTS_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(ctx));
 }
 
 static void faults_clear_row(oxl_model *m, size_t row, float rotation, float opacity)
@@ -111,11 +110,12 @@ OXL_INTERNAL oxl_result faults_end(oxl_context *ctx, oxl_faults *f, oxl_model *m
     }
     model_keep_rows(model, keep);
     oxl_free(ctx, keep);
-    if (f->photographs + f->steps + f->rows + f->cleared > 0)
+    if (f->photographs > 0)
+        oxl_log(ctx, OXL_LOG_WARNING, "photographs that could not be read and were left out: %zu", f->photographs);
+    if (f->steps + f->rows + f->cleared > 0)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "numbers that are not finite: %zu photographs left out, %zu steps and %zu steps of single Gaussians skipped, "
-                "%zu Gaussians cleared",
-                f->photographs, f->steps, f->rows, f->cleared);
+                "numbers that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
+                f->steps, f->rows, f->cleared);
     if (f->degenerate > 0)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu Gaussians have no rotation (drawn unturned) or a scale past e^+-87 (drawn as that)",
                 f->degenerate);

@@ -154,7 +154,8 @@ static oxl_result train_next_photo(struct train *t, int *view)
         faults_of_photo(t->ctx, &t->faults);
         t->view[slot] = t->view[--t->views];
     }
-    return oxl_fail(t->ctx, OXL_ERR_INPUT, "none of the training photographs can be read");
+    return oxl_fail(t->ctx, OXL_ERR_INPUT,
+                    "none of the training photographs can be read\nfix: oceanxl check looks at each and says what is wrong");
 }
 
 /* What the photograph has and the scene has not. */
