@@ -65,6 +65,7 @@
 
 /* the whole job */
 #include "src/rehearse.c"          /* some steps before the run, to see how long its steps will take */
+#include "src/lint.c"              /* poses that are not those of the points, photographs that cannot be used */
 #include "src/survey.c"            /* what a survey holds, and what training it would take */
 #include "src/partition_balance.c" /* how even the blocks are, and what each will take */
 #include "src/budget.c"            /* --ram: what fits into how much memory */

@@ -313,13 +313,14 @@ static struct image_warp image_warp_of(const struct pixels *photo, const struct 
 /* ---------------------------------------------------------------- a training photograph */
 
 /* The photograph may have been resized after COLMAP saw it, not cropped or turned. */
-static oxl_result image_check_aspect(oxl_context *ctx, const char *path, const struct pixels *p, const struct colmap_camera *from)
+OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
+                                          const struct colmap_camera *from)
 {
-    const double zx = (double)p->width / from->width, zy = (double)p->height / from->height;
-    const int    turned = (p->width > p->height) != (from->width > from->height);
+    const double zx = (double)width / from->width, zy = (double)height / from->height;
+    const int    turned = fabs((double)width / from->height / ((double)height / from->width) - 1) <= 0.01;
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (cameras.txt:%d) has %d x %d, another shape\nfix: %s",
-                    path, p->width, p->height, (long long)from->id, from->line, from->width, from->height,
+                    path, width, height, (long long)from->id, from->line, from->width, from->height,
                     turned ? "turn the photograph back: COLMAP saw it as it lies in the file"
                            : "use the photographs that COLMAP was given");
 }
@@ -351,7 +352,7 @@ OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, con
     oxl_result        rc;
     *out = (struct photo){0};
     rc   = image_decode(ctx, path, 3, &photo);
-    if (rc == OXL_OK) rc = image_check_aspect(ctx, path, &photo, from);
+    if (rc == OXL_OK) rc = image_check_shape(ctx, path, photo.width, photo.height, from);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
     if (rc == OXL_OK) rc = image_photo_alloc(ctx, to, distorted || mask.data, out);
     if (rc != OXL_OK) goto done;

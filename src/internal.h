@@ -297,6 +297,9 @@ struct pixels { /* 8 bits, interleaved as stb gives them */
 };
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height); /* header alone */
+/* Fails unless a file of so many pixels may be the camera's, reduced or enlarged: not cropped or turned. */
+OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
+                                          const struct colmap_camera *from);
 OXL_INTERNAL void       image_pixels_free(oxl_context *ctx, struct pixels *p);
 
 /* A training photograph: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 counts, 0 masked). */
@@ -361,16 +364,17 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
 OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
 OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
-OXL_INTERNAL int                         scene_takes_point(const struct colmap_point *point, const double origin[3]);
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
+OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
 /* Borrowed from the cache until the next call for another view, or NULL with the error set. */
-OXL_INTERNAL const struct photo         *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
-OXL_INTERNAL void                        scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs */
+OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
+OXL_INTERNAL void                scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs */
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
-OXL_INTERNAL double                      scene_depth_quantile(const oxl_scene *scene, double quantile);
+OXL_INTERNAL double              scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
-OXL_INTERNAL double                      scene_near_plane(const oxl_scene *scene);
+OXL_INTERNAL double              scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
-OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
+OXL_INTERNAL oxl_result          scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
 /* ---------------------------------------------------------------- partition.c: balanced blocks of a survey */
 
@@ -871,6 +875,13 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
                                      oxl_split split, struct seam *out);
 OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a member and its comma: one line of an object */
 
+/* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
+
+#define LINT_DOUBT 0.1 /* share of sightings that are none, from which on the survey as a whole is doubted */
+/* Fills s->missed; s->unusable and s->masked. What is wrong is logged. OXL_ERR_INPUT: no photograph can be trained with. */
+OXL_INTERNAL oxl_result lint_sightings(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+OXL_INTERNAL oxl_result lint_photographs(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+
 /* ---------------------------------------------------------------- survey.c: what a survey holds, what training it would take */
 
 /* What a training run takes, of a survey or of a block, as arithmetic on counts. */
@@ -887,9 +898,11 @@ OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int bl
 OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene);
 OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *options,
                                             const struct survey_load *load);
-OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out);
+/* closely: each photograph and mask is looked at, too, as far as that goes without decoding it. */
+OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
+                                        oxl_survey *out);
 /* An object without a newline at its end; its lines after the first start with `indent`. */
-OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
+OXL_INTERNAL void       survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 
 /* Of the scene that the cost is of, in all its blocks: from steps that are tried, or, where that would take too long, by the cost. */
 OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options,

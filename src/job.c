@@ -232,7 +232,8 @@ static oxl_result job_open(struct job *job)
     oxl_result rc = os_make_folder(job->ctx, job->out);
     if (rc == OXL_OK) rc = job_load(job);
     if (rc != OXL_OK) return rc;
-    survey_describe(job->ctx, job->scene, &job->options, &job->survey);
+    rc = survey_describe(job->ctx, job->scene, &job->options, 0, &job->survey);
+    if (rc != OXL_OK) return rc;
     memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
     job_log_survey(job);
     job_describe_found(job);
@@ -499,9 +500,11 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     struct seam seam;
     oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_split(job), &m);
     if (rc != OXL_OK) goto done;
-    oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
-            job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
-            (double)bytes[0] / 1e6);
+    if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be judged, so the metrics say nothing");
+    else
+        oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
+                job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
+                (double)bytes[0] / 1e6);
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], m.psnr);
     if (rc == OXL_OK && job->partition.block_count > 1)

@@ -14,7 +14,6 @@ enum {
     MEASURE_POINTS = MEASURE_SAMPLE / MEASURE_VIEWS
 };
 #define MEASURE_OUTLIER 5.0 /* a camera farther out than so many median distances does not count for the radius */
-#define MEASURE_BEHIND  0.1 /* share of the points behind the cameras that saw them, from which on it is said */
 
 /* ---------------------------------------------------------------- quantiles */
 
@@ -105,14 +104,13 @@ done:
 
 struct measure_depths {
     double *z; /* (MEASURE_SAMPLE) */
-    size_t  count, behind;
+    size_t  count;
 };
 
 static void measure_add_depth(struct measure_depths *d, const oxl_camera *c, const double p[3])
 {
     const double z = c->rotation[6] * p[0] + c->rotation[7] * p[1] + c->rotation[8] * p[2] + c->translation[2];
-    if (!(z > 0 && z <= DBL_MAX)) d->behind++;
-    else if (d->count < MEASURE_SAMPLE) d->z[d->count++] = z;
+    if (z > 0 && z <= DBL_MAX && d->count < MEASURE_SAMPLE) d->z[d->count++] = z;
 }
 
 static int measure_compare_views(const void *a, const void *b)
@@ -169,10 +167,6 @@ OXL_INTERNAL oxl_result measure_depths(oxl_context *ctx, struct measure_view *vi
     if (!d.z) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
     if (count) qsort(views, count, sizeof *views, measure_compare_views);
     measure_by_tracks(views, count, c, origin, &d);
-    if ((double)d.behind > MEASURE_BEHIND * (double)(d.behind + d.count))
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%.0f %% of the points lie behind the cameras that saw them; are points3D.txt and images.txt of one export?",
-                100.0 * (double)d.behind / (double)(d.behind + d.count));
     if (d.count == 0) measure_by_sight(views, count, points, n, &d);
     qsort(d.z, d.count, sizeof *d.z, measure_compare);
     *out_count = d.count;

@@ -10,8 +10,9 @@
 #include "internal.h"
 
 enum {
-    SCENE_NAMED_MISSING = 10, /* missing photographs that are listed by name */
-    SCENE_HEADERS       = 16  /* cameras of which the first photograph's size is read: some surveys have one camera for each */
+    SCENE_GREY          = 128, /* of points whose colour is not known */
+    SCENE_NAMED_MISSING = 10,  /* missing photographs that are listed by name */
+    SCENE_HEADERS       = 16   /* cameras of which the first photograph's size is read: some surveys have one camera for each */
 };
 #define SCENE_FARTHEST       1e15 /* a point farther from the origin is no place */
 #define SCENE_EXTENT         1.1  /* x the radius of the training cameras [Kerbl 2023] */
@@ -111,8 +112,10 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
     find_like(ctx, scene->images, first, like, sizeof like);
     return oxl_fail(ctx, OXL_ERR_INPUT,
                     "%d of the %zu photographs of images.txt are not in %s, the first is %s; at most %.0f %% may be missing\n"
-                    "fix: name by --images the folder that the names in images.txt start from%s%s",
+                    "fix: %s%s%s",
                     scene->stats.images_missing, scene->colmap.image_count, scene->images, first, 100 * share,
+                    scene->view_count == 0 ? "name by --images the folder that the names in images.txt start from"
+                                           : "put them there, or take them out of the model: colmap image_deleter",
                     like[0] ? "; very like it is " : "", like);
 }
 
@@ -212,6 +215,19 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
     return rc;
 }
 
+/* Of two that have one name, which pose is the photograph's? */
+static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, const struct scene_order *order)
+{
+    const struct colmap *c = &scene->colmap;
+    for (size_t i = 1; i < c->image_count; i++)
+        if (strcmp(order[i - 1].name, order[i].name) == 0)
+            return oxl_fail(ctx, OXL_ERR_INPUT,
+                            "%s/images.txt:%d: %s was there before, in line %d, wanted each photograph once\n"
+                            "fix: export the model once more, or take one of the two out: colmap image_deleter",
+                            c->folder, c->image[order[i].image].line, order[i].name, c->image[order[i - 1].image].line);
+    return OXL_OK;
+}
+
 static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct scene_build *b)
 {
     const struct colmap *c       = &scene->colmap;
@@ -222,6 +238,7 @@ static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct sce
     for (size_t i = 0; i < c->camera_count; i++) b->camera[i] = (struct scene_key){c->camera[i].id, i};
     qsort(b->order, c->image_count, sizeof *b->order, scene_compare_order);
     qsort(b->camera, c->camera_count, sizeof *b->camera, scene_compare_keys);
+    rc = scene_check_names(ctx, scene, b->order);
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) {
         rc = scene_add_view(ctx, scene, b, &b->order[i], &missing);
         if (missing && !first) first = b->order[i].name;
@@ -272,7 +289,7 @@ static void scene_split(oxl_scene *scene, int test_every)
 /* ---------------------------------------------------------------- masks */
 
 /* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */
-static oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out)
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out)
 {
     const char *base = find_base_name(name), *dot = strrchr(base, '.');
     const int   whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
@@ -330,6 +347,18 @@ OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const doubl
     return size <= SCENE_FARTHEST; /* not when it is not a number */
 }
 
+/* GLOMAP and others write 0 0 0 for all. Gaussians that begin black would stay so: the colour's clamp at 0 stops its gradient. */
+static void scene_mend_colours(oxl_context *ctx, oxl_scene *scene)
+{
+    int coloured = 0;
+    for (size_t i = 0; i < scene->point_count && !coloured; i++)
+        for (int k = 0; k < 3; k++) coloured |= scene->point[i].rgb[k] != 0;
+    if (coloured || scene->point_count == 0) return;
+    for (size_t i = 0; i < scene->point_count; i++) memset(scene->point[i].rgb, SCENE_GREY, sizeof scene->point[i].rgb);
+    oxl_log(ctx, OXL_LOG_WARNING,
+            "the points have no colours (all are 0 0 0), so they start grey; colmap color_extractor gives them theirs");
+}
+
 static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
 {
     const struct colmap *c = &scene->colmap;
@@ -348,6 +377,7 @@ static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
                 c->point_count - scene->point_count, c->point_count);
     if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "points3D.txt holds no points");
+    scene_mend_colours(ctx, scene);
     return OXL_OK;
 }
 
@@ -416,7 +446,7 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
         const double      x    = (random_unit(random_bits(seed, i, 2)) * c->width - c->cx) / c->fx * z - c->translation[0];
         const double      y    = (random_unit(random_bits(seed, i, 3)) * c->height - c->cy) / c->fy * z - c->translation[1];
         const double     *r = c->rotation, depth = z - c->translation[2];
-        points[i] = (oxl_point){.rgb = {128, 128, 128}};
+        points[i] = (oxl_point){.rgb = {SCENE_GREY, SCENE_GREY, SCENE_GREY}};
         for (int k = 0; k < 3; k++) points[i].position[k] = r[k] * x + r[3 + k] * y + r[6 + k] * depth; /* R^T (x_c - t) */
     }
     return OXL_OK;

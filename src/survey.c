@@ -135,15 +135,20 @@ static void survey_say_duration(oxl_survey *s, double seconds)
 
 static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
 {
-    survey_say(s, "photographs  %d listed, %d missing; %d to train with, %d held out for the test; masks: %d\n", s->images,
+    survey_say(s, "photographs  %d listed, %d missing; %d to train with, %d held out for the test; masks: %d", s->images,
                s->images_missing, s->train_views, s->test_views, s->masks);
+    if (s->masked > 0) survey_say(s, ", %.0f %% of them black, ignored", 100 * s->masked);
+    survey_say(s, "\n");
     survey_say(s, "cameras      %s; trained at %d x %d\n", s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width,
                s->height);
-    survey_say(s, "points       %zu, each in %.1f photographs on average, reprojection error %.2f px\n", s->points, s->mean_track,
-               s->mean_error);
-    survey_say(s, "place        %.4g x %.4g x %.4g units (1st to 99th percentile of the points); extent of the cameras %.4g\n",
-               s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1], s->bounds_max[2] - s->bounds_min[2],
-               s->extent);
+    if (s->points > 0)
+        survey_say(s, "points       %zu, each in %.1f photographs on average, reprojection error %.2f px\n", s->points,
+                   s->mean_track, s->mean_error);
+    if (s->points > 0)
+        survey_say(s,
+                   "place        %.4g x %.4g x %.4g units (1st to 99th percentile of the points); extent of the cameras %.4g\n",
+                   s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1], s->bounds_max[2] - s->bounds_min[2],
+                   s->extent);
     survey_say(s, s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
                s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
     survey_say(s, ", %.2f GB of memory", s->memory / 1e9);
@@ -157,6 +162,13 @@ static void survey_write_warnings(oxl_survey *s)
 {
     if (s->images_missing > 0)
         survey_say(s, "warning: %d of %d photographs are not on disk and are left out\n", s->images_missing, s->images);
+    if (s->unusable > 0)
+        survey_say(s, "warning: %d of %d photographs cannot be used and will be left out\n", s->unusable, s->images);
+    if (s->missed > LINT_DOUBT)
+        survey_say(s,
+                   "warning: %.0f %% of the points do not lie in the photographs that saw them; are cameras.txt, images.txt and "
+                   "points3D.txt of one model, and the poses from world to camera?\n",
+                   100 * s->missed);
     if (s->points == 0)
         survey_say(s, "warning: no points: training starts from random ones and may fail; export points3D.txt too\n");
     else if (s->points < 500) survey_say(s, "warning: only %zu points; was this the right sub-model?\n", s->points);
@@ -171,8 +183,10 @@ static void survey_write_warnings(oxl_survey *s)
 
 /* ---------------------------------------------------------------- doors */
 
-OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, oxl_survey *out)
+OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
+                                        oxl_survey *out)
 {
+    oxl_result                rc;
     const struct scene_stats *stats  = scene_stats_of(scene);
     const double             *origin = oxl_scene_origin(scene);
     *out                             = (oxl_survey){.images         = stats->images_listed,
@@ -191,18 +205,22 @@ OXL_INTERNAL void survey_describe(oxl_context *ctx, const oxl_scene *scene, cons
     }
     survey_cameras(scene_colmap(scene), out);
     survey_largest(scene, out);
+    rc = lint_sightings(ctx, scene, out);
+    if (rc == OXL_OK && closely) rc = lint_photographs(ctx, scene, out);
+    if (rc != OXL_OK) return rc;
     survey_predict(ctx, scene, options, out);
     survey_write_facts(ctx, out);
     survey_write_warnings(out);
+    return OXL_OK;
 }
 
 oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *options, oxl_survey *out)
 {
     const oxl_job_options o     = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_scene            *scene = NULL;
-    const oxl_result      rc    = oxl_scene_load(ctx, path, &o.scene, &scene);
+    oxl_result            rc    = oxl_scene_load(ctx, path, &o.scene, &scene);
     *out                        = (oxl_survey){0};
-    if (rc == OXL_OK) survey_describe(ctx, scene, &o, out);
+    if (rc == OXL_OK) rc = survey_describe(ctx, scene, &o, 1, out);
     oxl_scene_free(ctx, scene);
     return rc;
 }
@@ -236,6 +254,9 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"mean_track", s->mean_track},
                    {"mean_error", s->mean_error},
                    {"extent", s->extent},
+                   {"missed_share", s->missed},
+                   {"masked_share", s->masked},
+                   {"unusable", s->unusable},
                    {"predicted_gaussians", s->gaussians},
                    {"predicted_memory_bytes", s->memory},
                    {"predicted_seconds", s->seconds}};

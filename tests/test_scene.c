@@ -183,7 +183,35 @@ TEST(scene_missing_photographs_are_left_out_up_to_the_stated_share)
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
     CHECK(!scene);
     CHECK_TEXT(oxl_error_text(test_ctx), "2 of the 8 photographs");
-    CHECK_TEXT(oxl_error_text(test_ctx), "--images");
+    CHECK_TEXT(oxl_error_text(test_ctx), "take them out of the model"); /* the folder is right: some were found */
+}
+
+TEST(scene_refuses_two_poses_for_one_photograph)
+{
+    const char *path = scene_survey("s", 4, 0, 1);
+    oxl_scene  *scene;
+    test_write("s/sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 img00.png\n\n2 1 0 0 0 1 0 0 1 img01.png\n\n"
+                                        "3 1 0 0 0 2 0 0 1 img00.png\n\n");
+    test_write("s/sparse/0/points3D.txt", "1 0 0 10 1 2 3 0.5 1 0 2 0\n");
+    CHECK(oxl_scene_load(test_ctx, path, NULL, &scene) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "s/sparse/0/images.txt:5: img00.png was there before, in line 1");
+}
+
+/* Black is where the colour's clamp holds and stops the gradient: the model would stay black for good. */
+TEST(scene_points_without_colours_start_grey)
+{
+    const char *path = scene_survey("s", 2, 0, 1);
+    oxl_scene  *scene;
+    scene_listen();
+    test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 0 0 0.5 10 0 11 0\n");
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK_TEXT(scene_log, "the points have no colours");
+    for (int i = 0; i < 2; i++) CHECK(oxl_scene_points(scene)[i].rgb[0] == 128 && oxl_scene_points(scene)[i].rgb[2] == 128);
+    oxl_scene_free(test_ctx, scene);
+    test_write("s/sparse/0/points3D.txt", "1 0 0 10 0 0 0 0.5 10 0 11 0\n2 1 0 10 0 1 0 0.5 10 0 11 0\n");
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    CHECK(oxl_scene_points(scene)[0].rgb[0] == 0 && oxl_scene_points(scene)[1].rgb[1] == 1);
+    oxl_scene_free(test_ctx, scene);
 }
 
 TEST(scene_says_where_a_photograph_of_nearly_that_name_lies)
@@ -194,6 +222,7 @@ TEST(scene_says_where_a_photograph_of_nearly_that_name_lies)
     test_write("s/images/dive1/IMG00.JPG", "");
     CHECK(oxl_scene_load(test_ctx, path, NULL, &scene) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "s/images/dive1/IMG00.JPG");
+    CHECK_TEXT(oxl_error_text(test_ctx), "--images");
     options.images = test_path("nowhere");
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "nowhere: there is no such folder");
