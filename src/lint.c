@@ -110,9 +110,9 @@ done:
 /* The header and the segments of a photograph, all of a mask: damage in the pixels themselves is found when they are decoded. */
 static oxl_result lint_photograph(oxl_context *ctx, const oxl_scene *scene, int view)
 {
-    const char *name = oxl_scene_view(scene, view)->name;
-    char       *path = oxl_path_join(ctx, scene_images_folder(scene), name);
-    int         width, height;
+    const char *name  = oxl_scene_view(scene, view)->name;
+    char       *path  = oxl_path_join(ctx, scene_images_folder(scene), name);
+    int         width = 0, height = 0;
     oxl_result  rc = path ? image_size(ctx, path, &width, &height) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (rc == OXL_OK) rc = image_check_shape(ctx, path, width, height, scene_source_camera(scene, view));
     oxl_free(ctx, path);
