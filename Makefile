@@ -39,7 +39,7 @@ TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help man test extremes fuzz coverage mutate portable demo setup bench cost floaters oracle shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help man test extremes fuzz coverage mutate races portable demo setup bench cost floaters oracle shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -92,6 +92,8 @@ coverage: ## lines and branches of src/ that the tests reach (gcov)
 	tests/coverage.sh
 mutate: ## plants faults in the kernels and shows which ones the tests miss (a quarter of an hour)
 	tests/mutate.sh
+races: ## the library's tests under ThreadSanitizer: clang with libomp-dev
+	tests/races.sh $(T)
 portable: ## other machines under qemu, musl, mingw-w64, tcc: what is installed of them
 	tests/portable.sh
 
