@@ -302,6 +302,30 @@ TEST(job_pictures_stay_inside_their_folder)
     oxl_free(test_ctx, path);
 }
 
+/* Of six depths: thousandths for the map of 16 bits, rows from the bottom in the float map. */
+TEST(pictures_of_depth_hold_thousandths_and_floats)
+{
+    static const float    depth[6]  = {0, 1.2344f, 0.0001f, 65.6f, 1e9f, 12.0006f};
+    static const uint16_t wanted[6] = {0, 1234, 1, 65535, 65535, 12001};
+    static const char     head[]    = "Pf\n3 2\n";
+    struct os_file_map    png = {0}, pfm = {0};
+    int                   w = 0, h = 0, channels = 0;
+    uint16_t             *back;
+    CHECK_OK(pictures_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
+    CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth16.png"), &png));
+    CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth.pfm"), &pfm));
+    back = stbi_load_16_from_memory((const stbi_uc *)png.data, (int)png.size, &w, &h, &channels, 0);
+    CHECK(back && w == 3 && h == 2 && channels == 1 && memcmp(back, wanted, sizeof wanted) == 0);
+    CHECK(pfm.size > sizeof depth && memcmp(pfm.data, head, strlen(head)) == 0);
+    if (pfm.size > sizeof depth) {
+        const char *rows = (const char *)pfm.data + pfm.size - sizeof depth;
+        CHECK(memcmp(rows, depth + 3, 3 * sizeof *depth) == 0 && memcmp(rows + 3 * sizeof *depth, depth, 3 * sizeof *depth) == 0);
+    }
+    stbi_image_free(back);
+    os_release_file(test_ctx, &png);
+    os_release_file(test_ctx, &pfm);
+}
+
 TEST(survey_counts_what_the_files_hold)
 {
     oxl_survey s;
