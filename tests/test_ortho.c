@@ -64,12 +64,13 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     oxl_image           image      = {0};
     ortho_options       options    = {test_path("ortho"), 0.05, 0, 1};
     double              line[6]    = {0};
-    const double        at[3]      = {3.3, 1.2, 0.5};
+    const double        at[3]      = {103.3, -48.8, 7.5};
     size_t              brightest  = 0, pixels;
     char                error[300] = "", *text;
     const struct report r          = {.out = test_path("ortho")};
     const char         *cursor;
     FILE               *to = fopen(test_path("said"), "wb");
+    for (int k = 0; k < 3; k++) scene->origin[k] += (double[3]){100, -50, 7}[k];
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     for (int k = 0; k < 3; k++) {
         model.plane[OXL_MEAN + k][0]      = (float)(at[k] - oxl_scene_origin(scene)[k]);
@@ -94,6 +95,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     CHECK_CLOSE(line[5] + line[3] * (double)(brightest / (size_t)image.width), at[1], 0.05);
     free(text);
     text = report_read(&r, "ortho.height.pfm", &pixels);
+    CHECK(text != NULL);
     if (text) {
         float        height;
         const size_t row = (size_t)image.height - 1 - brightest / (size_t)image.width, column = brightest % (size_t)image.width;
@@ -112,7 +114,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
 
 TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
 {
-    oxl_scene *scene = ortho_test_scene();
+    oxl_scene *scene = ortho_test_turned(0.5);
     for (int end = 0; end < 2; end++) {
         oxl_camera        c      = oxl_scene_view(scene, 0)->camera;
         const oxl_camera *wanted = &oxl_scene_view(scene, end)->camera;
@@ -188,12 +190,12 @@ TEST(scale_bar_is_as_long_as_it_is)
     for (int i = 0; i < 2; i++) ortho_test_pixels(scene, end[i], pixels[i]);
     snprintf(bar, sizeof bar, "%s:%s", pixels[0], pixels[1]);
     CHECK_OK(scale_measure(test_ctx, scene, bar, 0.25, to, error, sizeof error));
-    CHECK_OK(scale_measure(test_ctx, scene, "4,2,0:4.3,2.4,0", 1, to, error, sizeof error));
+    CHECK_OK(scale_measure(test_ctx, scene, "4,2,0:4.3,2.4,0", 1.5, to, error, sizeof error));
     fclose(to);
     text = report_read(&r, "said", NULL);
     CHECK_TEXT(text ? text : "", "end 2     4.300000 2.400000");
     CHECK_TEXT(text ? text : "", "scale     0.5");
-    CHECK_TEXT(text ? text : "", "scale     2 metres");
+    CHECK_TEXT(text ? text : "", "scale     3 metres");
     free(text);
     CHECK(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
     CHECK_TEXT(error, "seen in two photographs");

@@ -76,11 +76,14 @@ TEST(report_escapes_every_name)
 
 TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
 {
-    char *page;
+    char       *page;
+    const char *worst;
     report_test_run();
     page = report_test_page();
     CHECK_TEXT(page, "The difference is -1.50 dB");
-    CHECK_TEXT(page, "<td>001<td class=\"n\">");
+    CHECK_TEXT(page, "<tr><td>000<td class=\"n\">");
+    CHECK_TEXT(page, "<tr><td>001<td class=\"n\">");
+    CHECK(!strstr(page, "<tr><td>002"));
     CHECK_TEXT(page, "partition in 2D: l3/l2 = 0.1 is below 0.3");
     CHECK_TEXT(page, "Depth weights f_mid");
     CHECK_TEXT(page, "22\xE2\x80\xAF"
@@ -91,7 +94,8 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
         page,
         " --seed 3 --iterations 12 --sh-degree 3 --robust --ssim-every 2 --coarse 0.125 --partition 2d --split midpoint --ucd 1.5,2,fixed --keep 0.5 --dog selective "
         "--dog-threshold 90.000000%");
-    CHECK(strstr(page, "&lt;b&gt;&amp;&quot;.jpg") < strstr(page, "fine.png")); /* the worst first */
+    worst = strstr(page, "<td class=\"name\">&lt;b&gt;&amp;&quot;.jpg<td class=\"n\">26.00");
+    CHECK(worst && strstr(worst, "<td class=\"name\">fine.png<td class=\"n\">31.00")); /* the worst first */
     free(page);
 }
 
@@ -163,4 +167,12 @@ TEST(report_json_reads_escapes_and_finds_members_at_their_own_depth)
     CHECK(*list == '{' && json_next(list) == NULL);
     CHECK(json_is_true(json, "t") && !json_is_true(json, "a") && isnan(json_number(json, "none")));
     free(s);
+}
+
+TEST(report_json_reads_nothing_past_the_end_of_a_text_that_is_cut_short)
+{
+    static const char in_a_name[] = "{\"a\": \"x\0, \"b\": 2}", in_an_escape[] = "{\"a\": \"x\\\0, \"b\": 2}",
+                      in_a_list[] = "{\"a\": [1\0, \"b\": 2}";
+    CHECK(!json_member(in_a_name, "b") && !json_member(in_an_escape, "b") && !json_member(in_a_list, "b"));
+    CHECK(!json_next(json_first(json_member(in_a_list, "a"))));
 }

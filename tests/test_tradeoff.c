@@ -59,7 +59,8 @@ TEST(tradeoff_compares_seed_by_seed_and_with_fewer_iterations)
     CHECK(isnan(tradeoff_against_base(&t, 4, TRADEOFF_PSNR).mean));
     CHECK_CLOSE(tradeoff_by_iterations(&t, sqrt(55. * 110)), 29.5, 1e-12);
     CHECK_CLOSE(tradeoff_by_iterations(&t, 110), 30.5, 1e-12);
-    CHECK(isnan(tradeoff_by_iterations(&t, 40)) && isnan(tradeoff_by_iterations(&t, 200)));
+    CHECK(isnan(tradeoff_by_iterations(&t, 50))); /* coarse-0.5, below, has not the base's options */
+    CHECK(isnan(tradeoff_by_iterations(&t, 200)));
 }
 
 static struct study_text tradeoff_test_text(void (*write)(struct study_text *out, const struct tradeoff *t))
@@ -83,6 +84,7 @@ TEST(tradeoff_says_in_words_what_each_row_costs_and_what_was_not_trained)
     CHECK_TEXT(table.data, "not trained: paper: 0 of 2 seeds; the next takes about 1234 s, more than is left of 600 s.");
     CHECK_TEXT(page.data, "| coarse-0.5 \\* | 30.00 +-0.71 |");
     CHECK_TEXT(page.data, "- not trained: paper");
+    CHECK(!strcmp(TRADEOFF_SIGNED(0.5, 2), "+0.50") && !strcmp(TRADEOFF_SIGNED(-0.5, 2), "-0.50"));
     free(table.data);
     free(page.data);
 }
