@@ -23,10 +23,13 @@ oxl_context_options oxl_context_options_default(void)
     return (oxl_context_options){.seed = 1, .reallocate = base_reallocate, .device = -1};
 }
 
+/* The result does not depend on their number, and with a hundred thousand the OpenMP runtime crashes. */
+enum { BASE_THREADS_MAX = 1024 };
+
 static int base_threads(int wanted)
 {
 #ifdef _OPENMP
-    return wanted > 0 ? wanted : omp_get_max_threads();
+    return OXL_MIN(wanted > 0 ? wanted : omp_get_max_threads(), BASE_THREADS_MAX);
 #else
     (void)wanted;
     return 1;

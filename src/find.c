@@ -86,8 +86,9 @@ OXL_INTERNAL oxl_result find_model(oxl_context *ctx, const char *path, const cha
     *out                             = (struct colmap){0};
     if (!sparse) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (rc == OXL_OK && !os_is_folder(asked))
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: give the folder that holds images/ and sparse/",
-                      asked);
+        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", asked,
+                      sparse_option ? "--sparse names the folder of cameras.txt, images.txt and points3D.txt"
+                                    : "give the folder that holds images/ and sparse/");
     for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(files); i++) {
         rc = find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
         if (rc == OXL_OK && models == 0 && !sparse_option) rc = find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
