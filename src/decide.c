@@ -37,6 +37,11 @@ static void decide_note(struct train *t, const char *what, const char *chosen, c
     text_add(d, "}");
 }
 
+static int decide_has_noted(const struct train *t, const char *quoted)
+{
+    return !t->decisions.failed && strstr(t->decisions.data, quoted) != NULL;
+}
+
 /* ---------------------------------------------------------------- views that stand aside */
 
 static int decide_bands_at(const struct train *t)
@@ -411,7 +416,6 @@ OXL_INTERNAL void decide_end(struct train *t)
 {
     const oxl_train_options *o = t->options;
     char                     chosen[64], why[320];
-    if (t->decisions.failed) return;
     ucd_describe(&t->ucd, why, sizeof why);
     snprintf(chosen, sizeof chosen, t->ucd.on ? "%.3g,%.3g" : "off", t->ucd.f[0], t->ucd.f[1]);
     decide_note(t, "ucd", chosen, why);
@@ -419,11 +423,11 @@ OXL_INTERNAL void decide_end(struct train *t)
     snprintf(chosen, sizeof chosen, "%zu", t->model->count);
     decide_note(t, "keep", chosen, why);
     snprintf(chosen, sizeof chosen, "%d", t->model->sh_degree);
-    if (!strstr(t->decisions.data, "\"sh_degree\""))
+    if (!decide_has_noted(t, "\"sh_degree\""))
         decide_note(t, "sh_degree", chosen,
                     o->sh_degree < 0 ? "too few training views to spare one to judge by" : "as asked for");
     snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
-    if (!strstr(t->decisions.data, "\"dog\""))
+    if (!decide_has_noted(t, "\"dog\""))
         decide_note(t, "dog", chosen,
                     o->dog == OXL_DOG_AUTO ? "too few training views to spare one to judge by" : "as asked for");
 }

@@ -604,7 +604,9 @@ static oxl_result train_loop(struct train *t)
 /* What was decided, for the one who asked where the run has its place. */
 static void train_hand_over(struct train *t)
 {
-    if (t->place && t->place->decisions && t->decisions.data) text_add(t->place->decisions, "%s", t->decisions.data);
+    struct text *out = t->place ? t->place->decisions : NULL;
+    if (out && t->decisions.data) text_add(out, "%s", t->decisions.data);
+    if (out) out->failed |= t->decisions.failed;
 }
 
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,

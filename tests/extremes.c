@@ -7,6 +7,7 @@
 #include "../tools/synth.c"
 #include "../tools/synth_export.c"
 #include "../tools/synth_file.c"
+#include "../tools/synth_fish.c"
 #include "../tools/synth_path.c"
 #include "../tools/synth_points.c"
 #include "../tools/synth_shade.c"
