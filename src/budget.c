@@ -42,12 +42,13 @@ static void budget_leave_out_trials(oxl_job_options *o)
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)
 {
     oxl_job_options fitted = *o;
-    double          gaussians;
+    double          gaussians, needed = BUDGET_GROWTH * (double)load->points;
     if (o->ram == 0) return 1;
+    if (o->train.max_gaussians > 0) needed = OXL_MIN(needed, o->train.max_gaussians); /* it then starts with no more */
     fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
     if (survey_cost(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
     gaussians = budget_gaussians(ctx, &fitted, load);
-    if (gaussians < BUDGET_GROWTH * (double)load->points || gaussians < 1) return 0;
+    if (gaussians < needed || gaussians < 1) return 0;
     fitted.train.max_gaussians = (int)gaussians;
     *o                         = fitted;
     return 1;

@@ -181,9 +181,20 @@ static int job_has_blocks(struct job *job)
     return blocks > 0;
 }
 
-/* The work of another run is not thrown away by a slip of the hand; a finished one has given what it had to give. */
+/* Of another folder and with other contents: a survey that moved, or has grown, is no other. */
+static int job_is_of_another_survey(const struct job *job, const struct oxl_run *run)
+{
+    return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 && strcmp(run->found, job->found.data) != 0;
+}
+
+/* The work of another run is not thrown away by a slip of the hand; a finished one of this survey has given what it had to give. */
 static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
 {
+    if (run->finished && job_is_of_another_survey(job, run) && !job->options.restart)
+        return oxl_fail(job->ctx, OXL_ERR_USAGE,
+                        "%s holds the finished result of another survey, %s\n"
+                        "fix: name another folder by -o; --restart replaces it",
+                        job->out, run->scene);
     if (!run->finished && job_has_blocks(job) && !job->options.restart)
         return oxl_fail(job->ctx, OXL_ERR_USAGE,
                         "%s holds the unfinished work of a run with other options or of another survey:\n"
@@ -303,12 +314,26 @@ static void job_add_record(struct job *job, const struct block_record *r)
     job->unfinished += !r->finished;
 }
 
+/* What is said of the whole in numbers or bytes, blocks share by the points that they start from. Merging leaves of each block what lies in
+ * its home, and of its points that share lies there: so the sum is about what was asked for. */
+static void job_share(const struct job *job, size_t points, oxl_train_options *o)
+{
+    double total = 0, share;
+    for (int k = 0; k < job->partition.block_count; k++) total += (double)job->partition.block[k].points;
+    if (job->partition.block_count < 2 || !(total > 0)) return;
+    share = OXL_MIN(1, (double)points / total);
+    if (o->max_gaussians > 0) o->max_gaussians = (int)OXL_MAX(1, o->max_gaussians * share);
+    if (o->keep.kind == OXL_KEEP_COUNT) o->keep.value = OXL_MAX(1, floor(o->keep.value * share));
+    if (o->keep.kind == OXL_KEEP_BYTES) o->keep.value *= share;
+}
+
 /* What the block may take, and what it will. */
 static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct block_task *task, oxl_job_options *o)
 {
     const struct survey_load load = survey_load(scene);
     struct survey_cost       cost;
     *o = job->options;
+    job_share(job, load.points, &o->train);
     if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
         oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.2f GB has no room for trials: SH degree %d and no second lobes, undecided",

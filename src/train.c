@@ -341,14 +341,32 @@ static oxl_result train_bands(struct train *t)
 
 /* ---------------------------------------------------------------- the run */
 
+/* From points taken evenly from the file's order, when there may not be one for each. */
+static oxl_result train_first_of_some(struct train *t, const oxl_point *points, size_t count)
+{
+    const size_t most = (size_t)t->options->max_gaussians;
+    oxl_point   *some = oxl_alloc(t->ctx, most, sizeof *some);
+    oxl_result   rc;
+    if (!some) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for %zu points", most);
+    for (size_t i = 0; i < most; i++) some[i] = points[(size_t)((double)i * (double)count / (double)most)];
+    oxl_log(t->ctx, OXL_LOG_WARNING, "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
+            count);
+    rc = oxl_model_from_points(t->ctx, some, most, 0, t->model);
+    oxl_free(t->ctx, some);
+    return rc;
+}
+
 /* One Gaussian a point; without points, random ones in front of the cameras. Or a model that is there already. */
 static oxl_result train_first_model(struct train *t)
 {
-    oxl_point *random = NULL;
-    oxl_result rc;
+    const oxl_point *points = oxl_scene_points(t->scene);
+    const size_t     count  = oxl_scene_point_count(t->scene);
+    oxl_point       *random = NULL;
+    oxl_result       rc;
     if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
-    if (oxl_scene_point_count(t->scene) > 0)
-        return oxl_model_from_points(t->ctx, oxl_scene_points(t->scene), oxl_scene_point_count(t->scene), 0, t->model);
+    if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
+        return train_first_of_some(t, points, count);
+    if (count > 0) return oxl_model_from_points(t->ctx, points, count, 0, t->model);
     oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones", TRAIN_RANDOM_POINTS);
     rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
     if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, t->model);

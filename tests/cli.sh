@@ -56,6 +56,7 @@ promise option_of_another_command_is_refused 2 "option '--depth' is not known" "
 promise missing_scene_is_a_usage_error 2 "wants SCENE -o OUT" "$program" train
 promise missing_value_is_named 2 "option --max-time takes a value: TIME" "$program" train s -o o --max-time
 promise wrong_value_is_shown 2 "'-3' seen" "$program" train s -o o --iterations=-3
+promise sparse_that_is_not_there_is_told_as_such 3 "--sparse names the folder" on_stderr "$program" check . --sparse nowhere
 promise wrong_unit_is_refused 2 "'20q' seen" "$program" train s -o o --max-time 20q
 promise one_word_too_many_is_refused 2 "one word too many" "$program" eval a b c
 promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
@@ -76,6 +77,8 @@ promise metrics_hold_what_is_promised 0 "peak_rss_bytes" \
 promise metrics_are_json 0 "" sh -c '! command -v python3 || { python3 -m json.tool out/metrics.json && python3 -m json.tool out/run.json; }'
 promise renders_show_the_held_out_views 0 "" files 2 out/renders "*.photo.png"
 promise a_pipe_sees_plain_lines 0 "ETA" sh -c "'$program' train survey -o lines --iterations 60 2>&1 | tr '\\r' '#' | grep -v '#'"
+promise any_number_of_threads_will_do 0 "" "$program" check survey --threads 100000
+promise a_message_has_its_fix_below_it 0 "     fix: " on_stderr sh -c "cp -r survey hurt; for i in hurt/images/*; do : >\$i; break; done; '$program' check hurt"
 promise quiet_is_quiet 0 "" sh -c "'$program' train survey -o silent --iterations 20 --quiet 2>said.txt && test -s silent/scene.ply && ! test -s said.txt"
 promise report_is_written_by_train 0 "</html>" tail -n 1 out/report.html
 promise report_is_written_anew 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"

@@ -240,6 +240,23 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     CHECK(job_test_has(test_path("out/run.json"), "\"iterations_done\": 13"));
 }
 
+TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
+{
+    oxl_job_options options = job_test_options();
+    const char     *survey  = job_test_survey();
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(rename(test_path("survey"), test_path("moved")) == 0);
+    options.train.iterations++;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
+    test_write("moved/sparse/0/points3D.txt", "1 0 0 4 120 60 50 0.5 1 0 2 0\n2 1 0 4 120 60 50 0.5 1 0 2 0\n");
+    CHECK_OK(oxl_job_run(test_ctx, test_path("moved"), test_path("out"), &options, NULL));
+    survey = job_test_survey();
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "holds the finished result of another survey");
+    options.restart = 1;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+}
+
 TEST(job_keeps_what_the_log_said_also_over_an_interruption)
 {
     const oxl_job_options options  = job_test_options();
@@ -387,6 +404,24 @@ TEST(job_leaves_out_photographs_that_cannot_be_read_and_counts_them)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"photographs_left_out\": 2"));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"steps_skipped\": 0"));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "\"photographs_left_out\": 2"));
+}
+
+/* It used to start from every point, and each block had the whole number to itself. */
+TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
+{
+    const char *survey = job_test_survey();
+    for (int k = 0; k < 4; k++) {
+        oxl_job_options options = k < 2 ? job_test_options() : job_test_blocks();
+        oxl_model       model;
+        options.train.iterations = 40;
+        options.restart          = 1;
+        if (k % 2) options.train.keep = (oxl_keep){OXL_KEEP_COUNT, 30};
+        else options.train.max_gaussians = 30;
+        CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+        CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+        CHECK(k < 2 ? model.count == 30 || (k == 0 && model.count < 30) : model.count > 20 && model.count < 38);
+        oxl_model_free(test_ctx, &model);
+    }
 }
 
 TEST(job_ends_well_when_a_photograph_held_out_cannot_be_read)
