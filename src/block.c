@@ -162,27 +162,11 @@ static int block_progress(void *user, const oxl_progress *progress)
     return next && next->progress ? next->progress(next->user, &p) : 0;
 }
 
-/* What a killed process left of files that it was writing: no other one writes into this folder. */
-struct block_sweep {
-    oxl_context *ctx;
-    const char  *folder;
-};
-
-static void block_sweep_file(void *user, const char *name)
-{
-    struct block_sweep *s      = user;
-    const size_t        length = strlen(name);
-    char               *path   = oxl_path_join(s->ctx, s->folder, name);
-    if (path && length > 4 && !strcmp(name + length - 4, ".tmp")) os_remove(path);
-    oxl_free(s->ctx, path);
-}
-
 static oxl_result block_sweep(oxl_context *ctx, const char *folder)
 {
     char      *text = oxl_path_join(ctx, folder, "sparse/0");
-    oxl_result rc   = text ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
-    if (rc == OXL_OK) rc = os_list_folder(ctx, folder, block_sweep_file, &(struct block_sweep){ctx, folder});
-    if (rc == OXL_OK && os_is_folder(text)) rc = os_list_folder(ctx, text, block_sweep_file, &(struct block_sweep){ctx, text});
+    oxl_result rc   = text ? os_sweep(ctx, folder) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
+    if (rc == OXL_OK) rc = os_sweep(ctx, text);
     oxl_free(ctx, text);
     return rc;
 }

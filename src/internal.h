@@ -155,6 +155,8 @@ OXL_INTERNAL void       os_reader_close(struct os_reader *r);
 
 /* Whole or not at all: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
+/* Removes what a killed process left in a folder of files that it was writing. Nobody else may be writing there. */
+OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder);
 
 /* The same for a file that is produced piece by piece. */
 struct os_writer {

@@ -615,10 +615,22 @@ static void job_end(struct job *job)
     text_free(&job->notes);
 }
 
+/* A run of all blocks is alone in OUT; one of a single block may have neighbours that are just writing there. */
+static oxl_result job_sweep(const struct job *job)
+{
+    char      *pictures = oxl_path_join(job->ctx, job->out, "renders");
+    oxl_result rc       = pictures ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK && job->options.block < 0) rc = os_sweep(job->ctx, job->out);
+    if (rc == OXL_OK && job->options.block < 0) rc = os_sweep(job->ctx, pictures);
+    oxl_free(job->ctx, pictures);
+    return rc;
+}
+
 /* From the survey to the blocks; *done: nothing is left to do. */
 static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
+    if (rc == OXL_OK) rc = job_sweep(job);
     if (rc == OXL_OK) rc = job_look(job, done);
     if (rc == OXL_OK && *done)
         oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this survey, these options and this seed",

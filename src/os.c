@@ -542,6 +542,25 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
     return rc;
 }
 
+struct os_sweeping {
+    oxl_context *ctx;
+    const char  *folder;
+};
+
+static void os_sweep_file(void *user, const char *name)
+{
+    const struct os_sweeping *s      = user;
+    const size_t              length = strlen(name);
+    char                     *path   = oxl_path_join(s->ctx, s->folder, name);
+    if (path && length > 4 && !strcmp(name + length - 4, ".tmp")) os_remove(path);
+    oxl_free(s->ctx, path);
+}
+
+OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder)
+{
+    return os_is_folder(folder) ? os_list_folder(ctx, folder, os_sweep_file, &(struct os_sweeping){ctx, folder}) : OXL_OK;
+}
+
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size)
 {
     struct os_writer writer;

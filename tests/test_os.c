@@ -29,6 +29,16 @@ static int os_file_holds(const char *path, const char *text)
     return same;
 }
 
+TEST(os_sweep_removes_half_written_files_alone)
+{
+    CHECK_OK(os_write_file(test_ctx, test_path("kept.txt"), "1", 1));
+    CHECK_OK(os_write_file(test_ctx, test_path("run.json.123.tmp"), "2", 1));
+    CHECK_OK(os_write_file(test_ctx, test_path(".tmp"), "3", 1));
+    CHECK_OK(os_sweep(test_ctx, test_folder()));
+    CHECK(os_is_file(test_path("kept.txt")) && os_is_file(test_path(".tmp")) && !os_is_file(test_path("run.json.123.tmp")));
+    CHECK_OK(os_sweep(test_ctx, test_path("nowhere")));
+}
+
 TEST(os_a_written_file_reads_back_with_a_zero_behind_it)
 {
     const char *path = test_path("a");
