@@ -33,6 +33,7 @@ struct tradeoff_row {
     float       bands_every;
     int         sh_degree; /* -1: the base's */
     double      keep;
+    int         unhurried; /* 1: --haste 0 */
 };
 
 struct tradeoff_picture { /* one way of drawing */
