@@ -616,7 +616,7 @@ static void job_end(struct job *job)
 }
 
 /* A run of all blocks is alone in OUT; one of a single block may have neighbours that are just writing there. */
-static oxl_result job_sweep(const struct job *job)
+static oxl_result job_sweep(struct job *job)
 {
     char      *pictures = oxl_path_join(job->ctx, job->out, "renders");
     oxl_result rc       = pictures ? OXL_OK : job_no_memory(job);
