@@ -202,7 +202,7 @@ static float points_error(const struct synth_path *path, const struct points_tra
 {
     double sum = 0;
     for (int i = 0; i < t->count; i++) {
-        double x, y, z;
+        double x = 0, y = 0, z = 0;
         synth_project(&path->camera[t->seen[i].view], t->position, &x, &y, &z);
         sum += hypot(x - t->seen[i].x, y - t->seen[i].y);
     }
