@@ -325,12 +325,15 @@ OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *fol
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its name", folder);
     if (rc == OXL_OK) rc = colmap_open(&r, folder, "cameras.txt");
     if (rc == OXL_OK) rc = colmap_read_cameras(&r);
+    if (rc == OXL_OK) colmap_compare(&r, "cameras", out->camera_count);
     colmap_close(&r);
     if (rc == OXL_OK) rc = colmap_open(&r, folder, "images.txt");
     if (rc == OXL_OK) rc = colmap_read_images(&r, keep_observations);
+    if (rc == OXL_OK) colmap_compare(&r, "images", out->image_count);
     colmap_close(&r);
     if (rc == OXL_OK) rc = colmap_open(&r, folder, "points3D.txt");
     if (rc == OXL_OK) rc = colmap_read_points(&r);
+    if (rc == OXL_OK) colmap_compare(&r, "points", out->point_count);
     colmap_close(&r);
     oxl_free(ctx, r.window);
     oxl_free(ctx, r.cameras.slot);

@@ -37,6 +37,7 @@ struct colmap_reader {
     const char         *next;         /* first byte after this line */
     const char         *cursor, *end; /* what is left of this line, without blanks at its ends */
     int                 line;         /* from 1 */
+    uint64_t            announced;    /* rows, by the comment that COLMAP begins its files with; 0: it says nothing */
     int                 is_quiet;     /* what there is to report is not said: `heard` is set instead */
     int                 heard;
     size_t              odd[ODD_COUNT];
@@ -44,8 +45,9 @@ struct colmap_reader {
     size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
 };
 
-/* Begins with a file of the folder. colmap_close says how many oddities went unsaid, and lets go of the file. */
+/* Begins with a file of the folder. colmap_compare: whether it held as many rows as it announces, or was cut. colmap_close says how many oddities went unsaid, and lets go of the file. */
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name);
+OXL_INTERNAL void       colmap_compare(struct colmap_reader *r, const char *what, size_t count);
 OXL_INTERNAL void       colmap_close(struct colmap_reader *r);
 
 OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* the file's first window; once more after a seek to 0 */

@@ -78,6 +78,39 @@ OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r)
     return r->rc;
 }
 
+OXL_INTERNAL int colmap_is_blank(char c)
+{
+    return c == ' ' || c == '\t';
+}
+
+/* N of "# Number of images: N, ..." among the comments at the window's start. */
+static uint64_t colmap_announcement(const struct colmap_reader *r)
+{
+    static const char words[] = "# Number of ";
+    uint64_t          number  = 0;
+    for (const char *line = r->next; line < r->limit && *line == '#';) {
+        const char *feed = memchr(line, '\n', (size_t)(r->limit - line)), *end = feed ? feed : r->limit;
+        const char *at = (size_t)(end - line) > sizeof words ? memchr(line, ':', (size_t)(end - line)) : NULL;
+        if (at && memcmp(line, words, sizeof words - 1) == 0) {
+            for (at++; at < end && colmap_is_blank(*at); at++) {}
+            for (; at < end && *at >= '0' && *at <= '9' && number < UINT32_MAX; at++)
+                number = 10 * number + (uint64_t)(*at - '0');
+        }
+        line = feed ? feed + 1 : r->limit;
+    }
+    return number;
+}
+
+OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size_t count)
+{
+    if (r->announced <= count) return;
+    oxl_log(r->ctx, OXL_LOG_WARNING,
+            "%s: its header announces %" PRIu64 " %s, and %zu are there: was the file cut, or edited?\n"
+            "fix: " COLMAP_FIX_EXPORT,
+            r->path, r->announced, what, count);
+    r->out->warnings++;
+}
+
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
 {
     size_t wanted;
@@ -87,7 +120,9 @@ OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder,
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->window;
     wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* the end is met, and a zero byte follows it */
-    return r->room < wanted && colmap_widen(r, wanted) != OXL_OK ? r->rc : colmap_begin(r);
+    if (r->room < wanted && colmap_widen(r, wanted) != OXL_OK) return r->rc;
+    if (colmap_begin(r) == OXL_OK) r->announced = colmap_announcement(r);
+    return r->rc;
 }
 
 OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r)
@@ -125,11 +160,6 @@ OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_oddity kind)
     if (r->is_quiet) return;
     if (r->odd[kind]++ < COLMAP_LOGGED_MAX)
         oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_oddity_text[kind]);
-}
-
-OXL_INTERNAL int colmap_is_blank(char c)
-{
-    return c == ' ' || c == '\t';
 }
 
 OXL_INTERNAL int colmap_next_line(struct colmap_reader *r)

@@ -132,6 +132,23 @@ static const char *colmap_replaced(const char *text, char from, const char *to)
 
 /* ---------------------------------------------------------------- what is read */
 
+TEST(colmap_a_file_of_fewer_rows_than_it_announces_is_told)
+{
+    char          images[1024], points[1024];
+    struct colmap c;
+    snprintf(images, sizeof images, "# Number of images: 3, mean observations per image: 2\n%s", colmap_good_images);
+    snprintf(points, sizeof points, "# Number of points:  3\n%s", colmap_good_points);
+    colmap_check_same(colmap_good_cameras, images, colmap_good_points, 0);
+    colmap_listen();
+    CHECK_OK(colmap_try(colmap_good_cameras, images, points, &c));
+    CHECK(colmap_warned.count == 1 && c.warnings == 1);
+    CHECK_TEXT(colmap_warned.last, "points3D.txt: its header announces 3 points, and 2 are there");
+    colmap_free(test_ctx, &c);
+    CHECK_OK(colmap_try(colmap_good_cameras, "# Number of images:\n7 1 0 0 0 0 0 0 1 b.jpg\n\n", "# Number of points: 0\n", &c));
+    CHECK(colmap_warned.count == 1);
+    colmap_free(test_ctx, &c);
+}
+
 TEST(colmap_cameras_are_read_as_written)
 {
     struct colmap c;
