@@ -339,20 +339,21 @@ OXL_API oxl_ucd    oxl_ucd_default(void);
 OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out);
 
 typedef struct oxl_train_options {
-    int iterations;     /* one photograph each */
-    int sh_degree;      /* 0..3: bands at the end of the run; -1 (auto): as many as training views held out for it ask for */
-    int max_gaussians;  /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
-    double max_seconds; /* stop in good order after this long; 0: no limit */
-    float  background[3];
-    float  ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
+    int iterations;    /* one photograph each */
+    int sh_degree;     /* 0..3: bands at the end of the run; -1 (auto): as many as training views held out for it ask for */
+    int max_gaussians; /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
+    double   max_seconds; /* stop in good order after this long; 0: no limit */
+    float    background[3];
+    float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
-    int    ssim_every;  /* SSIM counts in every n-th step, the others have L1 alone (1) */
-    float  coarse;      /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more (0, draft -1) */
-    float  bands_every; /* share of the run after which there is one more band of spherical harmonics (1/30) */
+    int      ssim_every; /* SSIM counts in every n-th step, the others have L1 alone (1) */
+    float    coarse; /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more (0, draft -1) */
+    float    bands_every; /* share of the run after which there is one more band of spherical harmonics (1/30) */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
-    float  rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
-    float
-        haste; /* those are of 30 000 iterations; for means, scales, rotations of n < 30 000 times (30 000 / n)^haste (0.25, paper 0) */
+    float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
+    /* Those are of 30 000 iterations; for means, scales, rotations of n < 30 000 times (30 000 / n)^haste; -1: 0.25, 0 in one of several
+     * blocks (-1, paper 0). */
+    float    haste;
     /* density control, as fractions of the run and steps */
     float    densify_from, densify_until; /* 0.025, 0.5 */
     int      densify_every;               /* 100 */

@@ -12,6 +12,7 @@
 #define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
 #define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
 #define TRAIN_COARSE_AUTO   0.25  /* of the run, for larger ones */
+#define TRAIN_HASTE_AUTO    0.25
 #define TRAIN_UNHURRIED     30000 /* iterations that the rates were chosen for [Kerbl 2023] */
 #define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
@@ -31,7 +32,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .rate_opacity        = 0.025f,
                            .rate_sh0            = 0.0025f,
                            .rate_sh             = 0.0025f / 20,
-                           .haste               = 0.25f,
+                           .haste               = -1,
                            .densify_from        = 0.025f,
                            .densify_until       = 0.5f,
                            .densify_every       = 100,
@@ -59,7 +60,8 @@ static double train_seconds(const struct train *t)
 /* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
 static double train_haste(const oxl_train_options *o)
 {
-    return o->iterations < TRAIN_UNHURRIED ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_UNHURRIED / o->iterations)) : 1;
+    const double power = o->haste < 0 ? TRAIN_HASTE_AUTO : o->haste;
+    return o->iterations < TRAIN_UNHURRIED ? vecmath_exp(power * vecmath_log((double)TRAIN_UNHURRIED / o->iterations)) : 1;
 }
 
 static void train_rates(const struct train *t, float rate[OXL_PLANES])
@@ -583,7 +585,8 @@ static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
                         "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
                         "0 to 1, more than 0",
                         o->ssim_every, o->coarse, o->bands_every);
-    if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);
+    if (!((o->haste >= 0 && o->haste <= 1) || o->haste == -1))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1, or -1 (auto)", o->haste);
     if (o->iterations >= 1 && o->sh_degree >= -1 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE,
                     "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3 or -1 (auto), at least 1",
