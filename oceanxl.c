@@ -20,6 +20,7 @@
 #include "src/find.c"          /* where a survey's files are */
 #include "src/measure.c"       /* robust measures: bounds, the cameras' radius, depths */
 #include "src/scene.c"         /* from the files to views, points and photographs */
+#include "src/bands.c"         /* near, mid or far: what each pixel shows, as the points tell */
 
 /* a survey too large for one model becomes blocks */
 #include "src/partition.h"        /* what these files share */

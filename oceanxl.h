@@ -282,7 +282,7 @@ typedef struct oxl_metrics {
     int               count;
     oxl_view_metrics *views;       /* (count) */
     double            depth[2];    /* a third of the times that a point is seen, it lies nearer, and a third beyond */
-    double            by_depth[3]; /* PSNR of all pixels that the model draws nearer, in between, farther; NaN: there are none */
+    double            by_depth[3]; /* PSNR of the pixels around points seen nearer, in between, farther; NaN: there are none */
 } oxl_metrics;
 
 OXL_API oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out);

@@ -378,6 +378,22 @@ OXL_INTERNAL double              scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
 OXL_INTERNAL oxl_result          scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
+/* ---------------------------------------------------------------- bands.c: near, mid or far, pixel by pixel, by the survey's points */
+
+struct bands_sight { /* a point in a view */
+    int   view, pixel;
+    float z; /* camera z */
+};
+struct bands {
+    double              depth[2]; /* a third of the times that a point is seen in training, it lies nearer, and a third beyond */
+    struct bands_sight *sight;    /* (count) by view and pixel, the nearer first */
+    size_t              count;
+};
+OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, struct bands *out);
+OXL_INTERNAL void       bands_free(oxl_context *ctx, struct bands *b);
+/* band: (H,W) 1 near, 2 mid, 3 far; 0: no point tells. */
+OXL_INTERNAL oxl_result bands_of_view(oxl_context *ctx, const struct bands *b, const oxl_scene *scene, int view, uint8_t *band);
+
 /* ---------------------------------------------------------------- partition.c: balanced blocks of a survey */
 
 struct partition_box { /* half-open, low <= x < high, in the partition's frame; outer faces are infinite */

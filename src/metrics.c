@@ -307,16 +307,21 @@ oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
 /* ---------------------------------------------------------------- evaluation */
 
 struct metrics_bands { /* what is summed over all views */
-    double             depth[2];
+    struct bands       of;
     struct metrics_sum sum[3];
 };
 
-/* Where nothing is drawn there is no depth; without points there are no bands. */
-static void metrics_add_bands(const oxl_image *drawn, const oxl_image *photograph, const float *depth, struct metrics_bands *b)
+static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_image *drawn,
+                                    const oxl_image *photograph, struct metrics_bands *b)
 {
-    for (size_t i = 0; i < (size_t)drawn->width * drawn->height; i++)
-        if (depth[i] > 0 && b->depth[0] > 0)
-            metrics_add_pixel(drawn, photograph, i, &b->sum[(depth[i] > b->depth[0]) + (depth[i] > b->depth[1])]);
+    const size_t pixels = (size_t)drawn->width * (size_t)drawn->height;
+    uint8_t     *band   = oxl_alloc(ctx, pixels, 1);
+    oxl_result   rc     = band ? bands_of_view(ctx, &b->of, scene, view, band)
+                               : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
+    for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
+        if (band[i]) metrics_add_pixel(drawn, photograph, i, &b->sum[band[i] - 1]);
+    oxl_free(ctx, band);
+    return rc;
 }
 
 static oxl_result metrics_of_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_image *photograph,
@@ -325,17 +330,14 @@ static oxl_result metrics_of_view(oxl_context *ctx, const oxl_model *model, oxl_
     const oxl_camera  *camera  = &oxl_scene_view(scene, row->view)->camera;
     oxl_render_options options = oxl_render_options_default();
     oxl_image          drawn   = {0};
-    float             *depth   = oxl_alloc(ctx, (size_t)camera->width * camera->height, sizeof *depth);
     oxl_result         rc;
-    if (!depth) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", camera->width, camera->height);
     options.near_plane = (float)scene_near_plane(scene);
-    rc                 = oxl_render(ctx, model, camera, &options, &drawn, depth);
+    rc                 = oxl_render(ctx, model, camera, &options, &drawn, NULL);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, photograph, &row->ssim);
     if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &drawn, photograph, &row->ms_ssim);
-    if (rc == OXL_OK) metrics_add_bands(&drawn, photograph, depth, bands);
+    if (rc == OXL_OK) rc = metrics_add_bands(ctx, scene, row->view, &drawn, photograph, bands);
     oxl_image_free(ctx, &drawn);
-    oxl_free(ctx, depth);
     return rc;
 }
 
@@ -362,23 +364,24 @@ static void metrics_sum_up(oxl_metrics *m, const struct metrics_bands *bands)
         m->ssim += m->views[i].ssim / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
     }
-    memcpy(m->depth, bands->depth, sizeof m->depth);
+    memcpy(m->depth, bands->of.depth, sizeof m->depth);
     for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
 }
 
 oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out)
 {
     const int            count = oxl_scene_view_count(scene);
-    struct metrics_bands bands = {.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
-    oxl_result           rc    = OXL_OK;
+    struct metrics_bands bands = {.sum = {{0}}};
+    oxl_result           rc    = bands_begin(ctx, scene, &bands.of);
     *out                       = (oxl_metrics){.views = oxl_alloc(ctx, (size_t)count + 1, sizeof *out->views)};
-    if (!out->views) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", count);
+    if (rc == OXL_OK && !out->views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", count);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         const int is_test = oxl_scene_view(scene, i)->is_test != 0;
         if (split == OXL_SPLIT_ALL || is_test == (split == OXL_SPLIT_TEST))
             rc = metrics_add_view(ctx, model, scene, i, out, &bands);
     }
     metrics_sum_up(out, &bands);
+    bands_free(ctx, &bands.of);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
 }

@@ -172,7 +172,7 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
 {
     oxl_image  image[2];
     oxl_scene *scene    = NULL;
-    oxl_point  point[3] = {{.position = {0, 0, -2}}, {.position = {0, 0, -1}}, {.position = {0, 0, -0.5}}}; /* at z 1, 2, 2.5 */
+    oxl_point  point[3] = {{.position = {-0.4, 0, -2}}, {.position = {0.9, 0, -1}}, {.position = {0, 0, -0.5}}}; /* z 1, 2, 2.5 */
     for (int i = 0; i < 2; i++) {
         view[i]        = (oxl_view){.name = i ? "a \"quoted\"" : "b", .is_test = i};
         view[i].camera = (oxl_camera){.width       = 24,
@@ -208,15 +208,42 @@ TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
     CHECK(m.count == 2 && m.views[0].view == 0 && m.views[1].view == 1);
     CHECK(m.psnr > 54 && m.psnr < 100 && m.ssim > 0.99);
     CHECK_CLOSE(m.psnr, (m.views[0].psnr + m.views[1].psnr) / 2, 1e-12);
-    CHECK(m.depth[0] >= 1 && m.depth[0] <= 2 && m.depth[1] >= 2 && m.depth[1] <= 2.5); /* and the Gaussian is at 3 */
-    CHECK(isnan(m.by_depth[0]) && isnan(m.by_depth[1]) && m.by_depth[2] > 50);
-    CHECK(m.by_depth[2] < m.psnr); /* without the pixels where nothing is drawn, and nothing wrong */
+    CHECK(m.depth[0] >= 1 && m.depth[0] <= 2 && m.depth[1] >= 2 && m.depth[1] <= 2.5);
+    CHECK(m.by_depth[2] < m.psnr); /* around the third point, where the Gaussian is, and not in the corners, which are right */
     CHECK_OK(metrics_write_json(test_ctx, &json, scene, &m));
     CHECK_TEXT(json.data, "\"ms_ssim\": ");
-    CHECK_TEXT(json.data, "\"near_psnr\": null, \"mid_psnr\": null, \"far_psnr\": ");
+    CHECK_TEXT(json.data, "\"near_psnr\": ");
     CHECK_TEXT(json.data, "\"count\": 2,\n  \"views\": [\n    {\"name\": \"a \\\"quoted\\\"\", \"psnr\": ");
     text_free(&json);
     oxl_metrics_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &model);
+}
+
+/* A model that is wrong around a far point alone, whatever its own depth there: the far band's PSNR tells of it, no other. */
+TEST(metrics_by_depth_are_of_the_same_pixels_for_every_model)
+{
+    static float pixels[3 * 64 * 48];
+    oxl_model    model;
+    oxl_scene   *scene    = NULL;
+    oxl_image    image    = {.width = 64, .height = 48, .rgb = pixels};
+    oxl_point    point[3] = {{.position = {-0.5, 0, 1}}, {.position = {0.5, -0.5, 1.5}}, {.position = {1, 1, 3}}};
+    oxl_view     view     = {.name = "a"};
+    oxl_metrics  m;
+    view.camera =
+        (oxl_camera){.width = 64, .height = 48, .fx = 40, .fy = 40, .cx = 32, .cy = 24, .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, point, 3, &scene));
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    for (int k = 0; k < 3; k++) model.plane[OXL_LOG_SCALE + k][0] = -5;
+    model.plane[OXL_SH][0] = 1;
+    for (int far = 0; far < 2; far++) {
+        const double z = far ? 3 : 0.5; /* the same pixels, near and far */
+        for (int k = 0; k < 3; k++)
+            model.plane[OXL_MEAN + k][0] = (float)((k < 2 ? 1.0 / 3 : 1) * z - oxl_scene_origin(scene)[k]);
+        CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_ALL, &m));
+        CHECK(m.by_depth[0] == 100 && isnan(m.by_depth[1]) && m.by_depth[2] < 50);
+        oxl_metrics_free(test_ctx, &m);
+    }
     oxl_scene_free(test_ctx, scene);
     oxl_model_free(test_ctx, &model);
 }

@@ -129,7 +129,7 @@ void ablate_table(struct study_text *t, const struct ablation *a)
     if (a->rows > 2) ablate_comparison(t, a, "against the first row", 0);
     study_add(
         t,
-        "\nfar dB: PSNR of what lies in the farther third of depth. MB: of scene.ply, all rows at SH degree %d. seconds: of training. memory MB: what the library held at its peak, row by row.\n",
+        "\nfar dB: PSNR of what lies in the farther third of depth, the pixels around points that the survey has there: the same in every row. MB: of scene.ply, all rows at SH degree %d. seconds: of training. memory MB: what the library held at its peak, row by row.\n",
         a->sh_degree);
     if (!a->held_out) study_add(t, "No view was held out: PSNR and SSIM are of the training views.\n");
     if (ablate_is_one_block(a))
