@@ -6,8 +6,8 @@
  * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
  * decision is noted with its evidence (run.json).
  *
- * The weights by depth (ucd.c) are tried in the same way, but often, for the span of a densification, and judged by the photographs
- * that it is trained on.
+ * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the photographs
+ * that they are trained on.
  *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial makes it again.
  */
@@ -312,11 +312,11 @@ OXL_INTERNAL oxl_result decide_lobes(struct train *t)
 
 /* ---------------------------------------------------------------- weights by depth (ucd.c) */
 
-/* Nothing else may be decided before the next densification, and no reset of opacities be just made up for: that alone is what the
+/* Nothing else may be decided before the trial ends, and no reset of opacities be just made up for: that alone is what the
  * losses would tell of. */
 OXL_INTERNAL int decide_tries_weights(const struct train *t)
 {
-    const int end = t->step + t->options->densify_every, bands = decide_bands_at(t), lobes = decide_lobes_at(t);
+    const int end = t->step + UCD_SPANS * t->options->densify_every, bands = decide_bands_at(t), lobes = decide_lobes_at(t);
     if (!ucd_tries(&t->ucd) || end > (int)(t->options->densify_until * t->options->iterations)) return 0;
     for (int step = t->step; step < end; step++)
         if (step == bands || step == lobes) return 0;
@@ -325,23 +325,23 @@ OXL_INTERNAL int decide_tries_weights(const struct train *t)
     return 1;
 }
 
-/* A densification with the point asked for, and all steps up to the next one. */
+/* Densifications with the point asked for, and all steps up to the one after. */
 static oxl_result decide_try_point(struct train *t, double *cost)
 {
-    const int    span = t->options->densify_every, end = t->step + span - 1;
-    const size_t before = t->model->count;
-    double       f[2], growth, sum = 0;
+    const int    span = t->options->densify_every, end = t->step + UCD_SPANS * span - 1;
+    const double before = (double)t->model->count, f[2] = {t->ucd.f[0], t->ucd.f[1]};
+    double       sum = 0;
     oxl_result   rc;
-    ucd_ask(&t->ucd, f);
-    rc     = train_densify(t, f);
-    growth = (double)t->model->count / (double)before - 1;
+    ucd_ask(&t->ucd, t->ucd.f);
+    rc = train_densify(t, t->ucd.f);
     while (rc == OXL_OK && t->step < end) {
         t->step++;
         rc = train_step(t);
         if (rc == OXL_OK && train_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
         if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
     }
-    if (rc == OXL_OK) *cost = ucd_tell(&t->ucd, sum / (span / 2), growth);
+    memcpy(t->ucd.f, f, sizeof t->ucd.f);
+    if (rc == OXL_OK) *cost = ucd_tell(&t->ucd, sum / (span / 2), (double)t->model->count / before - 1);
     return rc;
 }
 
@@ -350,13 +350,16 @@ static oxl_result decide_try_weights(struct train *t, struct decide_branch *star
 {
     const struct ucd before  = t->ucd;
     double           cost[2] = {0, 0};
-    oxl_result       rc      = decide_try_point(t, &cost[0]);
+    oxl_result       rc;
+    spsa_skip(&t->ucd.spsa); /* a pair that was broken off began from another state */
+    rc = decide_try_point(t, &cost[0]);
     if (rc == OXL_OK) rc = decide_branch_restart(t, start, other);
+    t->ucd.densified = before.densified;
     if (rc == OXL_OK) rc = decide_try_point(t, &cost[1]);
     if (rc != OXL_OK) t->ucd = before;
     if (rc != OXL_OK) return rc;
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs differ by %.2g", t->step, t->ucd.f[0],
-            t->ucd.f[1], fabs(cost[1] - cost[0]));
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs were %.5f and %.5f", t->step, t->ucd.f[0],
+            t->ucd.f[1], cost[0], cost[1]);
     return cost[0] < cost[1] ? decide_branch_swap(t, other) : OXL_OK;
 }
 

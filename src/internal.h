@@ -701,16 +701,17 @@ OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder);
 
 struct spsa {
     double   f[2];           /* f_mid, f_far: the estimate */
+    double   home[2], doubt; /* where the estimate is drawn to, and how much: the curvature of a cost around it */
     double   point[2][2];    /* the two points of the pair in progress */
     double   cost[2];        /* of them, as told */
-    double   cap, stability; /* the most that f may be; Spall's A */
-    double   slopes;         /* sum of the first pairs' |slope|, from which the gain follows */
+    double   cap;            /* the most that f may be */
     uint64_t seed, signs;
     int      pair, told; /* pairs finished; costs told of the one in progress */
     int      first;      /* which of the two points is asked for first */
 };
-/* pairs: how many are expected. */
-OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], double cap, int pairs, uint64_t seed);
+/* doubt: half of it is what a weight must gain to be believed 1 away from home, in the costs' unit. */
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double doubt, double cap,
+                             uint64_t seed);
 /* The point to evaluate now; the same until it is told or skipped. */
 OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
 OXL_INTERNAL int  spsa_tell(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
@@ -728,7 +729,10 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 
 /* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
 
-enum { UCD_DENSIFICATIONS = 10 }; /* fewer teach too little */
+enum {
+    UCD_SPANS          = 4, /* densifications that a trial of weights spans: the gain of the first shows after the third alone */
+    UCD_DENSIFICATIONS = 20 /* fewer teach too little: three pairs */
+};
 
 struct ucd {
     int             on, learns, too_short; /* too short a run to learn */
@@ -744,7 +748,7 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *sc
 OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
 OXL_INTERNAL int        ucd_tries(const struct ucd *u);            /* whether the next densification is one to learn from */
 OXL_INTERNAL void       ucd_ask(const struct ucd *u, double f[2]); /* the point to try; told of twice, the next pair begins */
-/* Of the point asked for: the mean log loss that followed, and dN/N. Returns its cost; what is not finite drops the pair. */
+/* Of the point asked for: the mean log loss at the end of its trial, and dN/N over it. Returns its cost; what is not finite drops the pair. */
 OXL_INTERNAL double     ucd_tell(struct ucd *u, double log_loss, double growth);
 OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 

@@ -2,8 +2,11 @@
  * simultaneous perturbation algorithm for stochastic optimization", IEEE Trans. AES 34(3)).
  *
  * Pair k shifts both weights at once by c_k times random signs, once there and once back, and asks for the cost of either point;
- * their difference, over the distance of the two points, is the gradient's estimate:
- *     f <- project(f - a_k (cost+ - cost-) / (point+ - point-)),   a_k = a / (A + k + 1)^0.602,   c_k = c / (k + 1)^0.101.
+ * their difference, over the distance of the two points, is the gradient's estimate. To the costs that are told comes one that is
+ * known: doubt/2 (f - home)^2. Where the costs are flat, and between few pairs of much noise they are, a search without it stays where
+ * it began, or wanders. With its curvature known the best gain is so too, a_k = 1 / (doubt (k + 1)) [Spall 1998, III.B: exponent 1]:
+ *     f <- project(f - a_k ((cost+ - cost-) / (point+ - point-) + doubt (f - home))),   c_k = c / (k + 1)^0.101,
+ * so f is the mean of where each pair alone would put it, home - slope / doubt, wherever the search began.
  * Every second pair goes at a right angle to the one before it, so that what either sees of the other weight cancels (Bhatnagar 2003,
  * "Two-timescale simultaneous perturbation stochastic approximation using deterministic perturbation sequences").
  * Which of the two points is asked for first is random, so a cost that drifts with time favours neither.
@@ -16,13 +19,9 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define SPSA_GAIN_DECAY     0.602 /* the least that converges in practice [Spall 1998, III.B] */
 #define SPSA_SHIFT_DECAY    0.101
-#define SPSA_SHIFT          0.5 /* c: near the noise of a cost, seen as a change of f */
-#define SPSA_STABILITY      0.1 /* A, as a share of the pairs expected [Spall 1998] */
-#define SPSA_FIRST_STEP     0.5 /* of f: sets the gain a */
-#define SPSA_STEP_MAX       0.5
-#define SPSA_CALIBRATION    4                           /* pairs whose mean slope sets a: one alone may be all noise */
+#define SPSA_SHIFT          1.0 /* c: what a difference over less tells is lost in the noise of a cost (docs/ABLATION.md) */
+#define SPSA_SWAY           2.0 /* no pair alone puts a weight farther from home */
 #define SPSA_STREAM         (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
 #define SPSA_DISTANCE_LEAST 0.5 /* x c_k: where the projection left less between the two points, a difference tells nothing */
 
@@ -66,14 +65,14 @@ static void spsa_open_pair(struct spsa *s)
     s->told  = 0;
 }
 
-OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], double cap, int pairs, uint64_t seed)
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double doubt, double cap, uint64_t seed)
 {
     memset(s, 0, sizeof *s);
-    s->cap       = OXL_MAX(cap, 1.0);
-    s->stability = SPSA_STABILITY * OXL_MAX(pairs, 0);
-    s->seed      = seed;
-    s->f[0]      = start[0];
-    s->f[1]      = start[1];
+    s->cap   = OXL_MAX(cap, 1.0);
+    s->seed  = seed;
+    s->doubt = doubt;
+    memcpy(s->f, start, sizeof s->f);
+    memcpy(s->home, home, sizeof s->home);
     spsa_project(s->cap, s->f);
     spsa_open_pair(s);
 }
@@ -83,22 +82,16 @@ OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2])
     memcpy(f, s->point[s->told ? !s->first : s->first], 2 * sizeof *f);
 }
 
-/* a such that the mean step of the first pairs is the first step's size; 0 as long as no cost differed. */
-static double spsa_gain(struct spsa *s, const double slope[2])
-{
-    if (s->pair < SPSA_CALIBRATION) s->slopes += OXL_MAX(fabs(slope[0]), fabs(slope[1]));
-    if (!(s->slopes > 0)) return 0;
-    return SPSA_FIRST_STEP * spsa_power(s->stability + 1, SPSA_GAIN_DECAY) * OXL_MIN(s->pair + 1, SPSA_CALIBRATION) / s->slopes;
-}
-
 static void spsa_step(struct spsa *s)
 {
     const double *p = s->point[0], *q = s->point[1], least = SPSA_DISTANCE_LEAST * spsa_shift(s);
     const double  distance[2] = {p[0] - q[0], (p[1] - p[0]) - (q[1] - q[0])}; /* as projected, not as meant */
-    double        slope[2], gain, by[2];
-    for (int i = 0; i < 2; i++) slope[i] = fabs(distance[i]) >= least ? (s->cost[0] - s->cost[1]) / distance[i] : 0;
-    gain = spsa_gain(s, slope) / spsa_power(s->stability + s->pair + 1, SPSA_GAIN_DECAY);
-    for (int i = 0; i < 2; i++) by[i] = OXL_CLAMP(-gain * slope[i], -SPSA_STEP_MAX, SPSA_STEP_MAX);
+    const double  away[2]     = {s->f[0] - s->home[0], (s->f[1] - s->f[0]) - (s->home[1] - s->home[0])};
+    double        by[2];
+    for (int i = 0; i < 2; i++) {
+        const double slope = fabs(distance[i]) >= least ? (s->cost[0] - s->cost[1]) / distance[i] : 0;
+        by[i]              = (OXL_CLAMP(-slope / s->doubt, -SPSA_SWAY, SPSA_SWAY) - away[i]) / (s->pair + 1);
+    }
     spsa_move(s->cap, (double[]){s->f[0], s->f[1]}, by[0], by[1], s->f);
 }
 
@@ -127,8 +120,8 @@ OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
     archive_doubles(a, s->point[0], 4);
     archive_doubles(a, s->cost, 2);
     archive_doubles(a, &s->cap, 1);
-    archive_doubles(a, &s->stability, 1);
-    archive_doubles(a, &s->slopes, 1);
+    archive_doubles(a, s->home, 2);
+    archive_doubles(a, &s->doubt, 1);
     archive_u64(a, &s->seed);
     archive_u64(a, &s->signs);
     archive_int(a, &s->pair);

@@ -302,7 +302,7 @@ static oxl_result train_density(struct train *t)
     if (t->step > t->options->densify_until * t->options->iterations) return OXL_OK;
     rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
     if (rc == OXL_OK && train_densifies(t)) {
-        if (decide_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
+        if (!t->trial_is_next && decide_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
         else rc = train_densify(t, t->ucd.f);
         t->ucd.densified++;
     }

@@ -2,13 +2,14 @@
  *
  * Water takes contrast with distance, and the gradients that ask for more Gaussians with it. So a gradient seen from between z_near and
  * z_far counts f_mid times, from beyond z_far f_far times: there alone, never in the optimiser. Both are learned during the run by
- * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same photographs (decide.c): the
- * densification is made with it, training goes on up to the next one, and the cost of the point is
- *     mean log loss over the second half of that span  +  UCD_GROWTH x dN / N,
- * dN the Gaussians that the densification made. Without the second term more would always look better. The point of less cost goes on.
+ * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same photographs (decide.c): training goes on with it
+ * for UCD_SPANS densifications and up to the next one, and the cost of the point is
+ *     mean log loss over the last half of a span  +  UCD_GROWTH x dN / N,
+ * dN the Gaussians that came. Without the second term more would always look better. The point of less cost goes on. What is cloned
+ * and split hurts at first: judged after one span, growth seems to do harm, and all weights fall to 1 (docs/ABLATION.md).
  *
- * Two spans one after the other, as Spall has it, differ in the photographs, the learning rate and the last opacity reset as well: from
- * two starts the weights stayed far apart so (docs/ABLATION.md).
+ * Two trials one after the other, as Spall has it, differ in the photographs, the learning rate and the last opacity reset as well:
+ * from two starts the weights stayed far apart so. As far as the costs are flat, the weights are drawn to those of a run without a search.
  *
  * Model only what a scene requires: `auto` turns this on where contrast is seen to fade with depth (contrast.c), and says what it saw.
  *
@@ -17,7 +18,8 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define UCD_GROWTH    0.02 /* what a doubling costs, in log loss; docs/PAPER.md says why so little */
+#define UCD_GROWTH    0.02 /* what a doubling costs, in log loss: about what it earns in a trial (docs/ABLATION.md) */
+#define UCD_DOUBT     0.01 /* half of it is what a weight must gain to be 1 away from its default, in log loss */
 #define UCD_CAP       5.0  /* on both weights [D] */
 #define UCD_FADE_MIN  0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
 #define UCD_ERRORS    3.0  /* auto: standard errors that it must be away from none */
@@ -25,8 +27,8 @@
 #define UCD_FRONT     0.10 /* quantiles of depth that auto compares */
 #define UCD_BACK      0.90
 enum {
-    UCD_PAIRS       = 16, /* at least, where there are as many densifications; spread over them, as each costs another span */
-    UCD_PAIRS_SHARE = 4   /* and a quarter of them, in longer runs */
+    UCD_PAIRS  = 12,           /* where there are densifications enough; spread over them, as each costs another trial */
+    UCD_STRIDE = 2 * UCD_SPANS /* at least, so that trials add no more than a half */
 };
 
 /* ---------------------------------------------------------------- options */
@@ -92,8 +94,9 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
 
 static void ucd_begin_search(struct ucd *u, int densifications, uint64_t seed)
 {
-    u->stride = OXL_CLAMP((densifications + UCD_PAIRS / 2) / UCD_PAIRS, 1, UCD_PAIRS_SHARE);
-    spsa_begin(&u->spsa, u->f, UCD_CAP, densifications / u->stride, seed);
+    const oxl_ucd usual = oxl_ucd_default();
+    u->stride           = OXL_MAX(UCD_STRIDE, (densifications + UCD_PAIRS / 2) / UCD_PAIRS);
+    spsa_begin(&u->spsa, u->f, (double[]){usual.f_mid, usual.f_far}, UCD_DOUBT, UCD_CAP, seed);
     memcpy(u->f, u->spsa.f, sizeof u->f);
     u->too_short = u->learns && densifications < UCD_DENSIFICATIONS;
     u->learns    = u->learns && !u->too_short;
@@ -131,7 +134,7 @@ OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size)
 
 OXL_INTERNAL int ucd_tries(const struct ucd *u)
 {
-    return u->learns && u->densified % u->stride == 0;
+    return u->learns && u->densified >= u->spsa.pair * u->stride;
 }
 
 OXL_INTERNAL void ucd_ask(const struct ucd *u, double f[2])

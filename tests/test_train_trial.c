@@ -107,13 +107,13 @@ TEST(decide_a_run_stopped_in_its_trial_ends_in_the_same_bytes)
     checkpoint_case_free(&c);
 }
 
-/* Densifications from step 60 to 120; each but the last is made twice, with the steps up to the next one. */
+/* 21 densifications from step 60 to 120. */
 static oxl_train_options decide_weights_options(void)
 {
     oxl_train_options o = train_options(240);
     o.sh_degree         = 0;
-    o.densify_every     = 5;
-    o.densify_gradient  = 2e-3f; /* of some, not of all */
+    o.densify_every     = 3;
+    o.densify_gradient  = 8e-3f; /* of some, not of all */
     o.ucd.mode          = OXL_UCD_ON;
     return o;
 }
@@ -128,7 +128,9 @@ TEST(decide_weights_by_depth_are_learned_and_a_run_stopped_in_a_trial_ends_in_th
 }
 
 struct decide_watch {
-    int step, tried, back; /* the last step; steps of trials; times that one went back */
+    int    step, tried, back; /* the last step; steps of trials; times that one went back */
+    int    densified;         /* steps of trials at which the number of Gaussians changed */
+    size_t gaussians;
 };
 
 static int decide_watch(void *user, const oxl_progress *p)
@@ -136,19 +138,22 @@ static int decide_watch(void *user, const oxl_progress *p)
     struct decide_watch *w = user;
     w->tried += p->trial;
     w->back += p->iteration <= w->step && p->trial;
-    w->step = p->iteration;
+    w->densified += p->trial && p->iteration == w->step + 1 && p->iteration % 3 == 0 && p->gaussians != w->gaussians;
+    w->gaussians = p->gaussians;
+    w->step      = p->iteration;
     return 0;
 }
 
-/* 12 pairs of twice 4 steps. */
-TEST(decide_tries_each_pair_of_weights_from_the_same_step_and_not_after_the_last_densification)
+/* 3 pairs of twice 11 steps. */
+TEST(decide_tries_each_pair_of_weights_from_the_same_step_over_four_densifications)
 {
-    struct decide_watch     w     = {0, 0, 0};
+    struct decide_watch     w     = {.step = 0};
     const oxl_train_options o     = decide_weights_options();
     oxl_scene              *scene = train_scene(14);
     oxl_model               model;
     CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){decide_watch, &w}, &model));
-    CHECK(w.tried == 12 * 8 && w.back == 12 && w.step == 240);
+    CHECK(w.tried == 3 * 22 && w.back == 3 && w.step == 240);
+    CHECK(w.densified > 6); /* of 3 in each of 6 trials, besides the one that it began with */
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
