@@ -173,12 +173,12 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     t[1] = os_seconds();
     bench_check(ctx, bin_splats(ctx, &r->bins, in->camera.width, in->camera.height));
     t[2] = os_seconds();
-    render_tiles(ctx, r);
+    render_each_tile(ctx, r, NULL, raster_forward);
     t[3] = os_seconds();
     bench_check(ctx, renderer_loss(ctx, r, in->target, NULL, 0.2f, &loss));
     t[4] = os_seconds();
     bench_check(ctx, render_begin_backward(ctx, r));
-    render_tiles_backward(ctx, r, r->drgb);
+    render_each_tile(ctx, r, r->drgb, raster_backward);
     t[5] = os_seconds();
     out  = render_gaussians(&in->gradient, r->in.sh_degree);
     render_project_backward(ctx, r, &out);

@@ -31,7 +31,7 @@ struct bin_scratch {
     uint32_t          *count; /* (BIN_PARTS, tiles) pairs, then where each part writes */
     uint32_t          *pack_start;
     size_t key_capacity, other_capacity, staged_capacity, count_capacity, order_capacity, pair_capacity, start_capacity,
-        tile_order_capacity, pack_capacity;
+        pack_capacity;
     int    parts;
     size_t part_end[BIN_PARTS + 1]; /* in the depth order */
 };
@@ -310,30 +310,12 @@ static size_t bin_prefix(struct bins *b)
     return sum;
 }
 
-/* Longest first, by counting sort on the bits of the length: within a factor of two of sorted is all that scheduling needs. */
-static void bin_order_tiles(struct bins *b)
-{
-    const uint32_t tiles     = (uint32_t)(b->tiles_x * b->tiles_y);
-    uint32_t       start[34] = {0};
-    for (int pass = 0; pass < 2; pass++) {
-        for (uint32_t t = 0; t < tiles; t++) {
-            uint32_t length = b->tile_start[t + 1] - b->tile_start[t];
-            int      bucket = 32;
-            for (; length; length >>= 1) bucket--;
-            if (pass == 0) start[bucket + 1]++;
-            else b->tile_order[start[bucket]++] = t;
-        }
-        for (int i = 0; pass == 0 && i < 33; i++) start[i + 1] += start[i];
-    }
-}
-
 static oxl_result bin_reserve_tiles(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s     = b->scratch;
     const size_t        tiles = (size_t)(b->tiles_x * b->tiles_y);
     oxl_result          rc    = oxl_reserve(ctx, (void **)&s->count, &s->count_capacity, BIN_PARTS * tiles, sizeof *s->count);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&b->tile_start, &s->start_capacity, tiles + 1, sizeof *b->tile_start);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&b->tile_order, &s->tile_order_capacity, tiles, sizeof *b->tile_order);
     return rc;
 }
 
@@ -360,7 +342,6 @@ OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *b, int width, 
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int part = 0; part < b->scratch->parts; part++) bin_scatter_part(b, part);
-    bin_order_tiles(b);
     return OXL_OK;
 }
 
@@ -377,6 +358,5 @@ OXL_INTERNAL void bin_free(oxl_context *ctx, struct bins *b)
     oxl_free(ctx, b->order);
     oxl_free(ctx, b->pair);
     oxl_free(ctx, b->tile_start);
-    oxl_free(ctx, b->tile_order);
     *b = (struct bins){0};
 }

@@ -275,7 +275,6 @@ struct bins {
     size_t              pair_count;
     size_t              slot_count; /* >= pair_count: slots are laid out before the exact test */
     uint32_t           *tile_start; /* (tiles + 1) */
-    uint32_t           *tile_order; /* (tiles) most pairs first, so that threads end together */
     struct bin_scratch *scratch;
 };
 OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *bins, int width, int height);

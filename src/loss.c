@@ -455,24 +455,17 @@ static oxl_result loss_whole_windows(oxl_context *ctx, const struct loss_job *jo
     return OXL_OK;
 }
 
-/* The rows of the three channels, end to end, are cut into equal lengths; a piece that crosses a channel becomes two strips. */
+/* Each piece is a span of rows in all three channels: where a thread's tiles are as well (render.c), about. */
 static int loss_cut(int height, int pieces, struct loss_strip *strip)
 {
-    const int64_t rows  = 3 * (int64_t)height;
-    int           count = 0;
-    for (int piece = 0; piece < pieces; piece++) {
-        int64_t       at  = rows * piece / pieces;
-        const int64_t end = rows * (piece + 1) / pieces;
-        while (at < end) {
-            const int channel = (int)(at / height), first = (int)(at % height);
-            const int last       = (int)OXL_MIN((int64_t)height, first + (end - at));
+    int count = 0;
+    for (int piece = 0; piece < pieces; piece++)
+        for (int channel = 0; channel < 3; channel++) {
             strip[count].channel = channel;
-            strip[count].first   = first;
-            strip[count].end     = last;
-            at += last - first;
+            strip[count].first   = (int)((int64_t)height * piece / pieces);
+            strip[count].end     = (int)((int64_t)height * (piece + 1) / pieces);
             count++;
         }
-    }
     return count;
 }
 
@@ -496,8 +489,8 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
     double             values = 3.0 * (double)pixels, windows = values;
     struct loss_strip *strip;
     int                strips;
-    oxl_result         rc = oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, (size_t)pieces + 3, sizeof *strip);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * ((size_t)pieces + 3), sizeof(real));
+    oxl_result         rc = oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, 3 * (size_t)pieces, sizeof *strip);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * 3 * (size_t)pieces, sizeof(real));
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height, LOSS_SUMS * sizeof(double));
     if (rc == OXL_OK && job->weight) rc = loss_whole_windows(ctx, job, scratch, &values, &windows);
@@ -513,7 +506,7 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
         strip[i].scratch    = (real *)scratch->rows + room * (size_t)i;
         strip[i].sums       = (double(*)[LOSS_SUMS])scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
     }
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < strips; i++) {
         if (job->ssim_weight > 0) loss_strip(ctx->isa, &strip[i]);
         else loss_l1_strip(&strip[i]);

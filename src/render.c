@@ -8,7 +8,14 @@
 #include "kernels.h"
 #include "vecmath.h"
 
-#define RENDER_TASK 64 /* packs of rows a task: 1024 Gaussians, so that a plane's part is a page */
+#define RENDER_TASK      64 /* packs of rows a task: 1024 Gaussians, so that a plane's part is a page */
+#define RENDER_TILE_COST 16 /* pairs: what an empty tile takes */
+
+/* Tiles, one after the other, that a thread begins with. */
+struct render_share {
+    int  next, end;
+    char apart[64 - 2 * sizeof(int)]; /* on a cache line of its own */
+};
 
 struct renderer {
     const struct renderer_device *doors;  /* of `device` */
@@ -25,11 +32,12 @@ struct renderer {
     float           *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
     int              masked;
     float (*sums)[SPLAT_SUMS];
-    float              *score; /* (slots) */
-    struct bins         bins;
-    struct loss_scratch loss;
-    size_t splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity, transmittance_capacity,
-        sums_capacity, score_capacity, target_capacity, weight_capacity;
+    float               *score; /* (slots) */
+    struct bins          bins;
+    struct loss_scratch  loss;
+    struct render_share *share; /* (threads) */
+    size_t share_capacity, splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity,
+        transmittance_capacity, sums_capacity, score_capacity, target_capacity, weight_capacity;
 };
 
 oxl_render_options oxl_render_options_default(void)
@@ -73,6 +81,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->weight);
     oxl_free(ctx, r->sums);
     oxl_free(ctx, r->score);
+    oxl_free(ctx, r->share);
     oxl_free(ctx, r);
 }
 
@@ -116,6 +125,7 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t co
 {
     const size_t rows = render_packs(count) * PACK;
     oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->share, &r->share_capacity, (size_t)ctx->threads, sizeof *r->share);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
@@ -154,12 +164,14 @@ static void render_project(oxl_context *ctx, struct renderer *r)
     }
 }
 
-static struct raster_job render_raster_job(struct renderer *r, uint32_t tile, const float *drgb)
+typedef void render_tile_fn(int isa, const struct raster_job *job);
+
+static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
 {
     return (struct raster_job){.bins          = &r->bins,
                                .width         = r->lens.width,
                                .height        = r->lens.height,
-                               .tile          = (int)tile,
+                               .tile          = tile,
                                .background    = {r->background[0], r->background[1], r->background[2]},
                                .rgb           = r->rgb,
                                .transmittance = r->transmittance,
@@ -168,14 +180,41 @@ static struct raster_job render_raster_job(struct renderer *r, uint32_t tile, co
                                .score         = r->score};
 }
 
-static void render_tiles(oxl_context *ctx, struct renderer *r)
+/* Shares of about equal work. A thread has the same part of the image from stage to stage, in its own cache, and no two threads
+ * write to one cache line but where shares meet. */
+static void render_share_tiles(const oxl_context *ctx, struct renderer *r)
 {
-    const int tiles = r->bins.tiles_x * r->bins.tiles_y;
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int i = 0; i < tiles; i++) {
-        const struct raster_job job = render_raster_job(r, r->bins.tile_order[i], NULL);
-        raster_forward(ctx->isa, &job);
+    const int      tiles = r->bins.tiles_x * r->bins.tiles_y;
+    const uint64_t whole = r->bins.pair_count + RENDER_TILE_COST * (uint64_t)tiles;
+    for (int k = 0, tile = 0; k < ctx->threads; k++) {
+        const uint64_t end = whole * (uint64_t)(k + 1) / (uint64_t)ctx->threads;
+        r->share[k].next   = tile;
+        while (tile < tiles && r->bins.tile_start[tile + 1] + RENDER_TILE_COST * (uint64_t)(tile + 1) <= end) tile++;
+        r->share[k].end = tile;
     }
+}
+
+static void render_work_off(struct renderer *r, struct render_share *share, int isa, const float *drgb, render_tile_fn *work)
+{
+    for (int tile = 0; tile < share->end;) {
+#ifdef _OPENMP
+#pragma omp atomic capture
+#endif
+        tile = share->next++;
+        if (tile < share->end) {
+            const struct raster_job job = render_raster_job(r, tile, drgb);
+            work(isa, &job);
+        }
+    }
+}
+
+/* Each thread takes its own share, then helps the others with theirs. */
+static void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work)
+{
+    render_share_tiles(ctx, r);
+#pragma omp parallel for schedule(static, 1) num_threads(ctx->threads)
+    for (int own = 0; own < ctx->threads; own++)
+        for (int k = 0; k < ctx->threads; k++) render_work_off(r, &r->share[(own + k) % ctx->threads], ctx->isa, drgb, work);
 }
 
 /* Everything that forward needs before its first parallel region. */
@@ -216,7 +255,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
     rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
-    if (rc == OXL_OK) render_tiles(ctx, r);
+    if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
     return rc;
 }
 
@@ -266,16 +305,6 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     return rc;
 }
 
-static void render_tiles_backward(oxl_context *ctx, struct renderer *r, const float *drgb)
-{
-    const int tiles = r->bins.tiles_x * r->bins.tiles_y;
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int i = 0; i < tiles; i++) {
-        const struct raster_job job = render_raster_job(r, r->bins.tile_order[i], drgb);
-        raster_backward(ctx->isa, &job);
-    }
-}
-
 static void render_project_backward(oxl_context *ctx, struct renderer *r, const struct gaussians *out)
 {
     const int64_t tasks = render_tasks(r);
@@ -302,7 +331,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     out = render_gaussians(gradient, r->in.sh_degree);
-    render_tiles_backward(ctx, r, drgb ? drgb : r->drgb);
+    render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
     render_project_backward(ctx, r, &out);
     return OXL_OK;
 }
@@ -317,16 +346,11 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
 
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
 {
-    const int  tiles = r->bins.tiles_x * r->bins.tiles_y;
     oxl_result rc;
     if (r->device) return r->doors->score(r->device, drgb, score);
     rc = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
     if (rc != OXL_OK) return rc;
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int i = 0; i < tiles; i++) {
-        const struct raster_job job = render_raster_job(r, r->bins.tile_order[i], drgb);
-        raster_score(ctx->isa, &job);
-    }
+    render_each_tile(ctx, r, drgb, raster_score);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* slots in their order: part of the result */
         const struct splat *s   = &r->splat[r->bins.order[i]];
@@ -520,7 +544,7 @@ static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
         s->colour[2]    = 0;
     }
     memset(r->background, 0, sizeof r->background);
-    render_tiles(ctx, r);
+    render_each_tile(ctx, r, NULL, raster_forward);
 }
 
 static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)

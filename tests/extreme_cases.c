@@ -318,7 +318,7 @@ static oxl_result extreme_draw(oxl_context *ctx, const struct extreme_scene *s, 
     r->in.lobe_free = (float)s->lobe_free;
     render_project(ctx, r);
     rc = bin_splats(ctx, &r->bins, s->camera.width, s->camera.height);
-    if (rc == OXL_OK) render_tiles(ctx, r);
+    if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
     return rc;
 }
 

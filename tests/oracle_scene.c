@@ -276,7 +276,7 @@ static void oracle_run_float(oxl_context *ctx, const struct oracle_scene *s, con
     renderer->in.lobe_free = 1;
     render_project(ctx, renderer);
     if (bin_splats(ctx, &renderer->bins, s->width, s->height) != OXL_OK) oracle_quit("render:", oxl_error_text(ctx));
-    render_tiles(ctx, renderer);
+    render_each_tile(ctx, renderer, NULL, raster_forward);
     for (size_t i = 0; i < 3 * pixels; i++) r->rgb[i] = renderer->rgb[i];
     for (size_t i = 0; i < pixels; i++) r->transmittance[i] = renderer->transmittance[i];
     *loss = oracle_loss(ctx, s, r->rgb, fragile, drgb);
