@@ -494,6 +494,7 @@ OXL_INTERNAL void       model_keep_rows(oxl_model *model, const uint8_t *keep);
 
 /* The second lobe. Memory for it is held for the first `lobes` rows alone, up to a whole pack. */
 enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
+#define MODEL_OPACITY           0.1    /* of a fresh Gaussian; Kerbl 2023 */
 #define MODEL_LOBE_RATE_OPACITY 0.025f /* Adam's, of plane OXL_LOBE ["Prune Wisely", code] */
 #define MODEL_LOBE_RATE_SCALE   0.005f /* of OXL_LOBE + 1..3 */
 /* Rows 0..lobes-1 carry one; fresh ones are zero. */

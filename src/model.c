@@ -381,7 +381,6 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
 
 /* ---------------------------------------------------------------- start from points: the rows */
 
-#define MODEL_OPACITY      0.1  /* of a fresh Gaussian; Kerbl 2023 */
 #define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
 
 static int model_by_value(const void *a, const void *b)

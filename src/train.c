@@ -12,7 +12,10 @@
 #define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
 #define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
 #define TRAIN_COARSE_AUTO   0.25  /* of the run, for larger ones */
-#define TRAIN_HASTE_AUTO    0.25
+#define TRAIN_HASTE_AUTO    0.35
+#define TRAIN_HASTE_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
+#define TRAIN_HASTE_OPACITY 0.7   /* and their opacities multiplied, */
+#define TRAIN_OPACITY_MOST  0.3   /* up to this */
 #define TRAIN_UNHURRIED     30000 /* iterations that the rates were chosen for [Kerbl 2023] */
 #define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
@@ -77,7 +80,7 @@ static void train_rates(const struct train *t, float rate[OXL_PLANES])
                   : k < OXL_OPACITY  ? (float)(haste * o->rate_rotation)
                   : k < OXL_SH       ? o->rate_opacity
                   : k < OXL_SH + 3   ? o->rate_sh0
-                  : k < OXL_LOBE     ? o->rate_sh
+                  : k < OXL_LOBE     ? (float)(sqrt(haste) * o->rate_sh)
                   : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                      : MODEL_LOBE_RATE_SCALE;
 }
@@ -367,14 +370,25 @@ static oxl_result train_first_of_some(struct train *t, const oxl_point *points, 
     return rc;
 }
 
-/* One Gaussian a point; without points, random ones in front of the cameras. Or a model that is there already. */
-static oxl_result train_first_model(struct train *t)
+/* A run in haste starts with what others take time to learn: Gaussians narrower and more opaque than Kerbl's. */
+static void train_hurry(struct train *t)
+{
+    const double haste = train_haste(t->options), narrower = TRAIN_HASTE_WIDTH * vecmath_log(haste);
+    const double opacity = OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_HASTE_OPACITY * vecmath_log(haste)), TRAIN_OPACITY_MOST);
+    if (!(haste > 1)) return;
+    for (size_t i = 0; i < t->model->count; i++) {
+        for (int a = 0; a < 3; a++) t->model->plane[OXL_LOG_SCALE + a][i] -= (float)narrower;
+        t->model->plane[OXL_OPACITY][i] = (float)vecmath_logit(opacity);
+    }
+}
+
+/* One Gaussian a point; without points, random ones in front of the cameras. */
+static oxl_result train_fresh_model(struct train *t)
 {
     const oxl_point *points = oxl_scene_points(t->scene);
     const size_t     count  = oxl_scene_point_count(t->scene);
     oxl_point       *random = NULL;
     oxl_result       rc;
-    if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
     if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
         return train_first_of_some(t, points, count);
     if (count > 0) return oxl_model_from_points(t->ctx, points, count, 0, t->model);
@@ -382,6 +396,16 @@ static oxl_result train_first_model(struct train *t)
     rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
     if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, t->model);
     oxl_free(t->ctx, random);
+    return rc;
+}
+
+/* Or a model that is there already. */
+static oxl_result train_first_model(struct train *t)
+{
+    oxl_result rc;
+    if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
+    rc = train_fresh_model(t);
+    if (rc == OXL_OK) train_hurry(t);
     return rc;
 }
 

@@ -435,6 +435,29 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* One step that moves nothing: 30 000^0.1 = 2.80. */
+TEST(train_in_haste_starts_from_gaussians_that_are_narrower_and_more_opaque)
+{
+    oxl_scene        *scene = train_scene(7);
+    oxl_train_options o     = train_options(1);
+    oxl_model         usual, hasty;
+    o.rate_mean_first = o.rate_mean_last = 1e-30f;
+    o.rate_log_scale = o.rate_opacity = 0;
+    for (int i = 0; i < 2; i++) {
+        o.haste = (float)i * 0.1f;
+        CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, i ? &hasty : &usual));
+    }
+    CHECK(usual.count == hasty.count);
+    for (size_t i = 0; i < usual.count; i++) {
+        CHECK_CLOSE(usual.plane[OXL_LOG_SCALE + 1][i] - hasty.plane[OXL_LOG_SCALE + 1][i], 0.03 * log(30000), 1e-5);
+        CHECK_CLOSE(vecmath_sigmoid(usual.plane[OXL_OPACITY][i]), 0.1, 1e-6);
+        CHECK_CLOSE(vecmath_sigmoid(hasty.plane[OXL_OPACITY][i]), 0.1 * pow(30000, 0.07), 1e-6);
+    }
+    oxl_model_free(test_ctx, &usual);
+    oxl_model_free(test_ctx, &hasty);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(train_halves_large_photographs_alone_when_it_is_to_choose)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
