@@ -703,6 +703,7 @@ OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder);
 struct spsa {
     double   f[2];           /* f_mid, f_far: the estimate */
     double   home[2], doubt; /* where the estimate is drawn to, and how much: the curvature of a cost around it */
+    double   sway[2];        /* how far from home each pair alone would put f_mid and f_far - f_mid: their sums */
     double   point[2][2];    /* the two points of the pair in progress */
     double   cost[2];        /* of them, as told */
     double   cap;            /* the most that f may be */

@@ -4,9 +4,10 @@
  * Pair k shifts both weights at once by c_k times random signs, once there and once back, and asks for the cost of either point;
  * their difference, over the distance of the two points, is the gradient's estimate. To the costs that are told comes one that is
  * known: doubt/2 (f - home)^2. Where the costs are flat, and between few pairs of much noise they are, a search without it stays where
- * it began, or wanders. With its curvature known the best gain is so too, a_k = 1 / (doubt (k + 1)) [Spall 1998, III.B: exponent 1]:
+ * it began, or wanders. With its curvature known the best gain is so too, a_k = 1 / (doubt (k + 2)) [Spall 1998, III.B: exponent 1]:
  *     f <- project(f - a_k ((cost+ - cost-) / (point+ - point-) + doubt (f - home))),   c_k = c / (k + 1)^0.101,
- * so f is the mean of where each pair alone would put it, home - slope / doubt, wherever the search began.
+ * after a first step that forgets where the search began: f is the mean of home and of where each pair alone would put it,
+ * home - slope / doubt.
  * Every second pair goes at a right angle to the one before it, so that what either sees of the other weight cancels (Bhatnagar 2003,
  * "Two-timescale simultaneous perturbation stochastic approximation using deterministic perturbation sequences").
  * Which of the two points is asked for first is random, so a cost that drifts with time favours neither.
@@ -21,7 +22,7 @@
 
 #define SPSA_SHIFT_DECAY    0.101
 #define SPSA_SHIFT          1.0 /* c: what a difference over less tells is lost in the noise of a cost (docs/ABLATION.md) */
-#define SPSA_SWAY           2.0 /* no pair alone puts a weight farther from home */
+#define SPSA_SWAY           1.0 /* no pair alone puts a weight farther from home: in the first, the loss still falls fast */
 #define SPSA_STREAM         (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
 #define SPSA_DISTANCE_LEAST 0.5 /* x c_k: where the projection left less between the two points, a difference tells nothing */
 
@@ -86,13 +87,11 @@ static void spsa_step(struct spsa *s)
 {
     const double *p = s->point[0], *q = s->point[1], least = SPSA_DISTANCE_LEAST * spsa_shift(s);
     const double  distance[2] = {p[0] - q[0], (p[1] - p[0]) - (q[1] - q[0])}; /* as projected, not as meant */
-    const double  away[2]     = {s->f[0] - s->home[0], (s->f[1] - s->f[0]) - (s->home[1] - s->home[0])};
-    double        by[2];
     for (int i = 0; i < 2; i++) {
         const double slope = fabs(distance[i]) >= least ? (s->cost[0] - s->cost[1]) / distance[i] : 0;
-        by[i]              = (OXL_CLAMP(-slope / s->doubt, -SPSA_SWAY, SPSA_SWAY) - away[i]) / (s->pair + 1);
+        s->sway[i] += OXL_CLAMP(-slope / s->doubt, -SPSA_SWAY, SPSA_SWAY);
     }
-    spsa_move(s->cap, (double[]){s->f[0], s->f[1]}, by[0], by[1], s->f);
+    spsa_move(s->cap, s->home, s->sway[0] / (s->pair + 2), s->sway[1] / (s->pair + 2), s->f);
 }
 
 OXL_INTERNAL int spsa_tell(struct spsa *s, double cost)
@@ -121,6 +120,7 @@ OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
     archive_doubles(a, s->cost, 2);
     archive_doubles(a, &s->cap, 1);
     archive_doubles(a, s->home, 2);
+    archive_doubles(a, s->sway, 2);
     archive_doubles(a, &s->doubt, 1);
     archive_u64(a, &s->seed);
     archive_u64(a, &s->signs);

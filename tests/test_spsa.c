@@ -35,7 +35,7 @@ TEST(spsa_keeps_the_order_and_the_cap_wherever_the_cost_pulls)
     for (int pull = 0; pull < 8; pull++) { /* down, mid up and far down, mid down and far up, up; the same with less doubt */
         struct spsa s;
         double      f[2];
-        spsa_begin(&s, (double[]){3.1, 0.5}, (double[]){1.5, 2}, pull < 4 ? 2 : 0.01, 5, 3);
+        spsa_begin(&s, (double[]){3.1, 0.5}, (double[]){1.5, 2}, pull < 4 ? 3 : 0.01, 5, 3);
         CHECK(s.f[0] == 3.1 && s.f[1] == 3.1);
         for (int i = 0; i < 400; i++) {
             spsa_ask(&s, f);
@@ -43,12 +43,12 @@ TEST(spsa_keeps_the_order_and_the_cap_wherever_the_cost_pulls)
             spsa_tell(&s, (pull & 1 ? -f[0] : f[0]) + (pull & 2 ? -f[1] : f[1]));
         }
         if (pull == 0) CHECK(s.f[0] < 1.3 && s.f[1] < 1.3);
-        if (pull == 3) CHECK(s.f[0] > 2.3 && s.f[1] > 3.2);
+        if (pull == 3) CHECK(s.f[0] > 2.1 && s.f[1] > 2.9);
     }
 }
 
-/* A slope of -0.002 for f_mid: 0.2 of a step, where the doubt is 0.01. What a pair tells of the wrong weight, the next takes back. */
-TEST(spsa_is_the_mean_of_where_each_pair_would_put_it_wherever_it_began)
+/* A slope of -0.002 for f_mid: 0.2, where the doubt is 0.01. What a pair tells of the wrong weight, the next takes back. */
+TEST(spsa_is_the_mean_of_home_and_of_where_each_pair_would_put_it_wherever_it_began)
 {
     struct spsa s;
     double      f[2];
@@ -57,10 +57,10 @@ TEST(spsa_is_the_mean_of_where_each_pair_would_put_it_wherever_it_began)
         for (int i = 0; i < 12; i++) {
             spsa_ask(&s, f);
             spsa_tell(&s, -0.002 * f[0]);
-            if (i == 1) CHECK_CLOSE(s.f[0], 3.2, 1e-12);
+            if (i == 1) CHECK_CLOSE(s.f[0], 3.1, 1e-12);
         }
-        CHECK_CLOSE(s.f[0], 3.2, 1e-12);
-        CHECK_CLOSE(s.f[1], 5.2, 1e-12);
+        CHECK_CLOSE(s.f[0], 3 + 0.2 * 6 / 7, 1e-12);
+        CHECK_CLOSE(s.f[1], 5 + 0.2 * 6 / 7, 1e-12);
     }
 }
 
@@ -73,8 +73,8 @@ TEST(spsa_believes_no_pair_too_much)
         spsa_ask(&s, f);
         spsa_tell(&s, i == 7 ? 1000 : 0); /* the last of four pairs is broken */
     }
-    CHECK_CLOSE(fabs(s.f[0] - 3), SPSA_SWAY / 4, 1e-12);
-    CHECK_CLOSE(fabs(s.f[1] - s.f[0] - 2), SPSA_SWAY / 4, 1e-12);
+    CHECK_CLOSE(fabs(s.f[0] - 3), SPSA_SWAY / 5, 1e-12);
+    CHECK_CLOSE(fabs(s.f[1] - s.f[0] - 2), SPSA_SWAY / 5, 1e-12);
 }
 
 /* Where the bounds bring points together, cost differences over next to nothing would be noise, enlarged. */

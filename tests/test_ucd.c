@@ -186,8 +186,8 @@ TEST(ucd_learns_the_same_weights_from_below_and_from_above_in_spite_of_noise)
 {
     for (uint64_t seed = 1; seed <= 4; seed++) {
         struct ucd below = search_begin(1, 1, 66, seed), above = search_begin(3, 4, 66, seed);
-        search_run(&below, 66, 1, 1000 * seed);
-        search_run(&above, 66, 1, 1000 * seed + 500);
+        search_run(&below, 66, 0.7, 1000 * seed); /* costs that differ by 0.002: as measured */
+        search_run(&above, 66, 0.7, 1000 * seed + 500);
         CHECK(below.spsa.pair == 9 && above.spsa.pair == 9);
         CHECK_CLOSE(above.f[0], below.f[0], 0.3);
         CHECK_CLOSE(above.f[1], below.f[1], 0.3);
