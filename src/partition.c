@@ -19,7 +19,8 @@ enum {
     PARTITION_SHRINKS      = 48,   /* of a box, at most: all points in one place would never end */
     PARTITION_DEPTH        = 96,   /* of the tree at most: 32 + 4 levels, see partition_depth */
     PARTITION_LEAST_POINTS = 100,
-    PARTITION_LEAST_VIEWS  = 20
+    PARTITION_LEAST_VIEWS  = 20,
+    PARTITION_ENOUGH_VIEWS = 50 /* fewer are learned by heart: a block of so few takes more of its border (docs/SCALE.md) */
 };
 #define PARTITION_FLAT   0.3  /* l3 / l2 below it: 2D [OceanXL] */
 #define PARTITION_MARGIN 0.05 /* of a box's size, on each side [BlockGaussian] */
@@ -86,6 +87,7 @@ struct partition_build {
     uint32_t               *blocks;
     size_t                 *inside; /* (blocks) points in the expanded box */
     uint8_t                *role;   /* (blocks, views) */
+    uint8_t                *poor;   /* (blocks) has few views; NULL: not yet known */
 };
 
 static size_t partition_task_begin(size_t count, int task)
@@ -427,11 +429,12 @@ static oxl_result partition_count_points(struct partition_build *b)
 
 /* ---------------------------------------------------------------- which views a block is trained on */
 
-/* Exact, in integers. all: different points that the view sees; inside: points of the block; both: of those the view sees. */
-static enum partition_role partition_role(size_t both, size_t all, size_t inside)
+/* Exact, in integers. all: different points that the view sees; inside: points of the block; both: of those the view sees. poor: the
+ * block has few views, and takes also those that see a tenth of what they see in it. */
+static enum partition_role partition_role(size_t both, size_t all, size_t inside, int poor)
 {
     if (10 * both > 3 * all) return PARTITION_BASE;
-    return 10 * both > inside ? PARTITION_BORDER : PARTITION_OUT;
+    return 10 * both > inside || (poor && 10 * both > all) ? PARTITION_BORDER : PARTITION_OUT;
 }
 
 /* seen (blocks): scratch. */
@@ -445,7 +448,8 @@ static void partition_judge_view(const struct partition_build *b, size_t view, u
         for (uint32_t j = b->first[i]; j < b->first[i + 1]; j++) seen[b->blocks[j]]++;
     }
     for (int i = 0; i < b->leaf_count; i++)
-        b->role[(size_t)i * s->views + view] = (uint8_t)partition_role(seen[i], s->seen[view], b->inside[i]);
+        b->role[(size_t)i * s->views + view] =
+            (uint8_t)partition_role(seen[i], s->seen[view], b->inside[i], b->poor && b->poor[i]);
 }
 
 static oxl_result partition_judge_views(struct partition_build *b)
@@ -470,6 +474,15 @@ static int partition_count_views(const struct partition_build *b, int block)
     int count = 0;
     for (size_t v = 0; v < b->sight->views; v++) count += b->role[(size_t)block * b->sight->views + v] != PARTITION_OUT;
     return count;
+}
+
+/* Once it is settled which blocks there are. */
+static oxl_result partition_call_for_views(struct partition_build *b)
+{
+    b->poor = oxl_alloc(b->ctx, (size_t)b->leaf_count, sizeof *b->poor);
+    if (!b->poor) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for %d blocks", b->leaf_count);
+    for (int i = 0; i < b->leaf_count; i++) b->poor[i] = partition_count_views(b, i) < PARTITION_ENOUGH_VIEWS;
+    return partition_judge_views(b);
 }
 
 /* ---------------------------------------------------------------- guards */
@@ -518,6 +531,7 @@ static oxl_result partition_assign(struct partition_build *b)
         taken = rc == OXL_OK ? partition_guard(b) : 0;
         all += taken;
     }
+    if (rc == OXL_OK) rc = partition_call_for_views(b);
     if (all > 0)
         oxl_log(b->ctx, b->level, "%d block%s with less than %zu points or %d views joined %s neighbours", all,
                 all == 1 ? "" : "s", b->least_points, b->least_views, all == 1 ? "its" : "their");
@@ -747,6 +761,7 @@ done:
     oxl_free(b->ctx, b->blocks);
     oxl_free(b->ctx, b->inside);
     oxl_free(b->ctx, b->role);
+    oxl_free(b->ctx, b->poor);
     return rc;
 }
 
