@@ -314,14 +314,13 @@ static void job_add_record(struct job *job, const struct block_record *r)
     job->unfinished += !r->finished;
 }
 
-/* The options of one block. What is said of the whole in numbers or bytes, blocks share by the points that they start from. Merging leaves of each block what lies in
+/* What is said of the whole in numbers or bytes, blocks share by the points that they start from. Merging leaves of each block what lies in
  * its home, and of its points that share lies there: so the sum is about what was asked for. */
 static void job_share(const struct job *job, size_t points, oxl_train_options *o)
 {
     double total = 0, share;
     for (int k = 0; k < job->partition.block_count; k++) total += (double)job->partition.block[k].points;
     if (job->partition.block_count < 2 || !(total > 0)) return;
-    if (o->haste < 0) o->haste = 0; /* of few views, larger steps now and then learn a wrong brightness (docs/TRADEOFF.md) */
     share = OXL_MIN(1, (double)points / total);
     if (o->max_gaussians > 0) o->max_gaussians = (int)OXL_MAX(1, o->max_gaussians * share);
     if (o->keep.kind == OXL_KEEP_COUNT) o->keep.value = OXL_MAX(1, floor(o->keep.value * share));

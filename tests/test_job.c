@@ -244,21 +244,6 @@ TEST(job_in_blocks_that_is_stopped_goes_on_in_the_block_where_it_was)
     CHECK(job_test_same(test_path("whole/scene.ply"), test_path("out/scene.ply")));
 }
 
-TEST(job_hurries_in_one_block_alone_unless_it_is_told_to)
-{
-    struct partition_block block[2] = {{.points = 10}, {.points = 30}};
-    struct job             job      = {.ctx = test_ctx, .partition = {.block = block, .block_count = 2}};
-    oxl_train_options      o        = oxl_train_options_default(OXL_PRESET_DRAFT);
-    job_share(&job, 10, &o);
-    CHECK(o.haste == 0);
-    o.haste = 0.5f;
-    job_share(&job, 10, &o);
-    CHECK(o.haste == 0.5f);
-    o.haste = -1, job.partition.block_count = 1;
-    job_share(&job, 10, &o);
-    CHECK(o.haste == -1);
-}
-
 TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
 {
     oxl_job_options       options  = job_test_options();
