@@ -76,26 +76,6 @@ char *study_read(const char *folder, const char *name)
     return text;
 }
 
-/* In every locale: strtod would follow it. */
-double study_number(const char *json, const char *name)
-{
-    char        quoted[40];
-    double      value = 0, unit = 1;
-    const char *at;
-    int         exponent = 0;
-    snprintf(quoted, sizeof quoted, "\"%s\": ", name);
-    at = json ? strstr(json, quoted) : NULL;
-    if (!at) return NAN;
-    at += strlen(quoted);
-    if (*at == '-') unit = -1, at++;
-    if (*at < '0' || *at > '9') return NAN;
-    for (; *at >= '0' && *at <= '9'; at++) value = 10 * value + (*at - '0');
-    if (*at == '.')
-        for (at++; *at >= '0' && *at <= '9'; at++) value = 10 * value + (*at - '0'), exponent--;
-    if (*at == 'e' || *at == 'E') exponent += (int)strtol(at + 1, NULL, 10);
-    return unit * (exponent < 0 ? value / pow(10, -exponent) : value * pow(10, exponent));
-}
-
 oxl_result study_write(struct study *s, const char *folder, const char *name, const struct study_text *t)
 {
     struct synth_file file;
@@ -132,8 +112,8 @@ static oxl_result study_note(struct study *s, const char *folder, struct study_r
     char             *before = study_read(folder, "study.json");
     struct study_text t      = {0};
     oxl_result        rc     = OXL_OK;
-    r->memory                = study_number(before, "library_peak_bytes");
-    r->cpu                   = study_number(before, "cpu_seconds");
+    r->memory                = json_number(before, "library_peak_bytes");
+    r->cpu                   = json_number(before, "cpu_seconds");
     free(before);
     if (s->begun == 0) return OXL_OK;
     if (s->begun == 1 || !(r->memory > (double)s->peak)) r->memory = (double)s->peak;
@@ -149,11 +129,11 @@ static oxl_result study_note(struct study *s, const char *folder, struct study_r
 static oxl_result study_read_metrics(struct study *s, const char *folder, struct study_result *r)
 {
     char        *text  = study_read(folder, "metrics.json");
-    const double all[] = {r->psnr = study_number(text, "psnr"),       r->ssim = study_number(text, "ssim"),
-                          r->ms_ssim = study_number(text, "ms_ssim"), r->gaussians = study_number(text, "gaussians"),
-                          r->bytes = study_number(text, "bytes"),     r->seconds = study_number(text, "seconds"),
-                          r->blocks = study_number(text, "blocks")};
-    r->far             = study_number(text, "far_psnr");
+    const double all[] = {r->psnr = json_number(text, "psnr"),       r->ssim = json_number(text, "ssim"),
+                          r->ms_ssim = json_number(text, "ms_ssim"), r->gaussians = json_number(text, "gaussians"),
+                          r->bytes = json_number(text, "bytes"),     r->seconds = json_number(text, "seconds"),
+                          r->blocks = json_number(text, "blocks")};
+    r->far             = json_number(json_member(text, "by_depth"), "far_psnr");
     r->held_out        = text && strstr(text, "\"split\": \"test\"") != NULL;
     free(text);
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)

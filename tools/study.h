@@ -69,6 +69,5 @@ oxl_result study_train(struct study *s, const char *scene, const char *folder, c
 /* A file of the folder: written whole or not at all; read into fresh memory, NULL when it is not there. */
 oxl_result study_write(struct study *s, const char *folder, const char *name, const struct study_text *t);
 char      *study_read(const char *folder, const char *name);
-double     study_number(const char *json, const char *name); /* the first member of that name; not a number: there is none */
 
 #endif

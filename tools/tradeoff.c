@@ -119,7 +119,7 @@ static double tradeoff_steps(const struct tradeoff_run *r, int row)
 static oxl_result tradeoff_choose_side(struct tradeoff_run *r)
 {
     char             *before = study_read(r->options->out, "tradeoff.json");
-    const double      chosen = study_number(before, "max_side");
+    const double      chosen = json_number(before, "max_side");
     double            steps  = 0;
     oxl_survey        survey;
     struct study_text t  = {0};
