@@ -285,6 +285,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
     oxl_result      rc = oxl_model_read(ctx, a->path[0], model);
     if (rc == OXL_OK) rc = job_options(ctx, a, &options);
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options.scene, scene);
+    if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene)); /* a block's or another program's has its own */
     return rc;
 }
 

@@ -228,6 +228,8 @@ typedef struct oxl_model {
 OXL_API oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_model *out);
 OXL_API void       oxl_model_free(oxl_context *ctx, oxl_model *model);
 OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: those that every row has */
+/* The same model relative to another origin: what draws it with a scene's cameras expects the scene's. */
+OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3]);
 
 /* One isotropic Gaussian a point, as wide as the mean distance to its 3 nearest neighbours [Kerbl 2023]. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);

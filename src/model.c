@@ -20,6 +20,16 @@ int oxl_model_planes(const oxl_model *model)
     return OXL_SH + 3 * side * side;
 }
 
+void oxl_model_move_origin(oxl_model *model, const double origin[3])
+{
+    for (int a = 0; a < 3; a++) {
+        const double by = model->origin[a] - origin[a];
+        float       *x  = model->plane[OXL_MEAN + a];
+        for (size_t i = 0; by != 0 && i < model->count; i++) x[i] = (float)(x[i] + by);
+        model->origin[a] = origin[a];
+    }
+}
+
 OXL_INTERNAL void model_clear_rows(oxl_model *model, size_t first, size_t end)
 {
     const int planes = oxl_model_planes(model);

@@ -94,6 +94,8 @@ promise ctrl_c_left_the_model 0 "Gaussians" "$program" info stopped/scene.ply
 promise info_counts_gaussians 0 '"gaussians": ' on_stdout "$program" info out/scene.ply --json
 promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.ply survey
 promise eval_prints_json 0 '  "psnr": ' on_stdout "$program" eval out/scene.ply survey --json
+promise a_model_lies_where_its_origin_says 0 "" sh -c \
+    "LC_ALL=C sed '1,/^end_header/s/^comment origin.*/comment origin 1e6 0 0/' out/scene.ply >moved.ply; for m in out/scene moved; do '$program' eval \$m.ply survey >\$(basename \$m).txt || exit 1; done; ! cmp -s scene.txt moved.txt"
 promise render_draws_every_view 0 "16 pictures in all" "$program" render out/scene.ply survey -o all --split all --depth
 promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
 promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"

@@ -162,8 +162,9 @@ TEST(ablate_digits_do_not_follow_the_locale)
 
 TEST(ablate_reads_numbers_as_metrics_json_has_them)
 {
-    const char *json = "{\n  \"standard\": {\"psnr\": 2, \"ssim\": 1},\n  \"gaussians\": 12345,\n  \"ssim\": 0.71828182845904523,\n"
-                       "  \"small\": -2.5e-05, \"large\": 1e+20,\n  \"none\": null }";
+    const char *json =
+        "{\n  \"standard\": {\"psnr\": 2, \"ssim\": 1},\n  \"gaussians\": 12345,\n  \"ssim\": 0.71828182845904523,\n"
+        "  \"small\": -2.5e-05, \"large\": 1e+20,\n  \"none\": null }";
     CHECK_CLOSE(json_number(json, "gaussians"), 12345, 0);
     CHECK_CLOSE(json_number(json, "ssim"), 0.71828182845904523, 1e-15);
     CHECK_CLOSE(json_number(json, "small"), -2.5e-5, 1e-18);

@@ -742,6 +742,19 @@ static oxl_result model_test_job(int job, long n, const oxl_point *points, const
     return rc;
 }
 
+TEST(model_is_in_the_same_place_relative_to_another_origin)
+{
+    const double origin[3] = {5e5, -2, 0.25};
+    oxl_model    m;
+    CHECK_OK(oxl_model_create(test_ctx, 20, 0, &m));
+    for (size_t i = 0; i < 20; i++) m.plane[OXL_MEAN][i] = (float)i;
+    m.origin[0] = 5e5 + 8, m.origin[1] = -2;
+    oxl_model_move_origin(&m, origin);
+    CHECK(m.plane[OXL_MEAN][3] == 11 && m.plane[OXL_MEAN + 1][3] == 0 && m.plane[OXL_MEAN + 2][19] == -0.25f);
+    CHECK(memcmp(m.origin, origin, sizeof origin) == 0);
+    oxl_model_free(test_ctx, &m);
+}
+
 TEST(model_jobs_survive_any_allocation_that_is_refused)
 {
     oxl_point *points     = model_test_points(100);
