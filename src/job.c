@@ -314,8 +314,8 @@ static void job_add_record(struct job *job, const struct block_record *r)
     job->unfinished += !r->finished;
 }
 
-/* What is said of the whole in numbers or bytes, blocks share by the points that they start from. Merging leaves of each block what lies in
- * its home, and of its points that share lies there: so the sum is about what was asked for. */
+/* What is said of the whole in numbers or bytes, blocks share by the points that they start from. Merging leaves of each block what
+ * lies in its home, and of its points that share lies there: so the sum is about what was asked for. */
 static void job_share(const struct job *job, size_t points, oxl_train_options *o)
 {
     double total = 0, share;
