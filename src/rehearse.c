@@ -10,7 +10,7 @@
 #include "vecmath.h"
 
 #define REHEARSE_GROWN   0.75 /* share of a run's steps that cost what those of the grown model do, the others as the first */
-#define REHEARSE_TRAINED 1.2  /* steps of trained models over those of fresh ones with as many Gaussians */
+#define REHEARSE_TRAINED 1.1  /* steps of trained models over those of fresh ones with as many Gaussians */
 #define REHEARSE_GROWTH  1.25 /* of their number in a densification: 1.1 to 1.35 were seen, until the cap */
 #define REHEARSE_SECONDS 1.0  /* each model is tried for at most about so long */
 #define REHEARSE_APART   0.7  /* new Gaussians stand so many standard deviations from those that they grow beside */
