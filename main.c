@@ -145,7 +145,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->ssim_every >= 0) o->train.ssim_every = a->ssim_every;
     if (a->coarse >= -1) o->train.coarse = (float)a->coarse;
     if (a->bands_every >= 0) o->train.bands_every = (float)a->bands_every;
-    if (a->haste >= -1) o->train.haste = (float)a->haste;
+    if (a->haste >= 0) o->train.haste = (float)a->haste;
     if (a->ram >= 0) o->ram = (size_t)a->ram;
     if (a->block >= 0) o->block = a->block;
     if (a->seed >= 0) o->seed = (uint64_t)a->seed;

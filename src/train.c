@@ -12,7 +12,6 @@
 #define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
 #define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
 #define TRAIN_COARSE_AUTO   0.25  /* of the run, for larger ones */
-#define TRAIN_HASTE_AUTO    0.35
 #define TRAIN_HASTE_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
 #define TRAIN_HASTE_OPACITY 0.7   /* and their opacities multiplied, */
 #define TRAIN_OPACITY_MOST  0.3   /* up to this */
@@ -36,7 +35,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .rate_opacity        = 0.025f,
                            .rate_sh0            = 0.0025f,
                            .rate_sh             = 0.0025f / 20,
-                           .haste               = -1,
+                           .haste               = 0.35f,
                            .densify_from        = 0.025f,
                            .densify_until       = 0.5f,
                            .densify_every       = 100,
@@ -64,8 +63,7 @@ static double train_seconds(const struct train *t)
 /* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
 static double train_haste(const oxl_train_options *o)
 {
-    const double power = o->haste < 0 ? TRAIN_HASTE_AUTO : o->haste;
-    return o->iterations < TRAIN_UNHURRIED ? vecmath_exp(power * vecmath_log((double)TRAIN_UNHURRIED / o->iterations)) : 1;
+    return o->iterations < TRAIN_UNHURRIED ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_UNHURRIED / o->iterations)) : 1;
 }
 
 static void train_rates(const struct train *t, float rate[OXL_PLANES])
@@ -622,8 +620,8 @@ static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
                         "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
                         "0 to 1, more than 0",
                         o->ssim_every, o->coarse, o->bands_every);
-    if (!((o->haste >= 0 && o->haste <= 1) || o->haste == -1))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1, or -1 (auto)", o->haste);
+    if (!(o->haste >= 0 && o->haste <= 1))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);
     if (o->iterations >= 1 && o->sh_degree >= -1 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE,
                     "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3 or -1 (auto), at least 1",
