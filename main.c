@@ -85,7 +85,8 @@ static void print_progress(struct console *c, const oxl_progress *p)
     c->iteration = p->iteration;
     c->seconds   = p->seconds;
     console_clear(c);
-    if (p->blocks > 1) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
+    if (p->blocks > 1 && p->block < p->blocks) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
+    if (p->blocks > 1 && p->block == p->blocks) fprintf(stderr, "together ");
     fprintf(stderr, "%s%6d/%d  loss %.4f  PSNR %.2f dB  %zu Gaussians  %.1f it/s  %.0f MB  ETA ", p->trial ? "trying " : "",
             p->iteration, p->iterations, p->loss, p->psnr, p->gaussians, c->rate, (double)p->memory / 1e6);
     print_duration(p->seconds_left);
@@ -145,6 +146,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->ssim_every >= 0) o->train.ssim_every = a->ssim_every;
     if (a->coarse >= -1) o->train.coarse = (float)a->coarse;
     if (a->bands_every >= 0) o->train.bands_every = (float)a->bands_every;
+    if (a->refine >= 0) o->refine = (float)a->refine;
     if (a->haste >= 0) o->train.haste = (float)a->haste;
     if (a->ram >= 0) o->ram = (size_t)a->ram;
     if (a->block >= 0) o->block = a->block;
@@ -233,9 +235,14 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
 
 static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    struct arguments merged = *a;
-    oxl_result       rc     = oxl_merge(ctx, a->path[0]);
-    merged.out              = a->path[0];
+    const oxl_callback callback = {on_progress, console};
+    struct arguments   merged   = *a;
+    oxl_result         rc;
+    merged.out = a->path[0];
+    catch_signals();
+    rc = oxl_merge(ctx, a->path[0], (float)a->refine, &callback);
+    if (rc == OXL_ERR_INTERRUPTED)
+        fprintf(stderr, "oxl: interrupted; the state is saved\n     go on: oceanxl merge %s\n", a->path[0]);
     if (rc == OXL_OK) rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
     if (rc == OXL_OK) print_results(&merged);
     return rc;

@@ -440,8 +440,10 @@ typedef struct oxl_job_options {
     int                   renders; /* 1: pictures of the held-out views go to OUT/renders (1) */
     size_t                ram;     /* bytes that the run may take at its peak; blocks, cache and Gaussians follow; 0: any (0) */
     int                   block;   /* train this block alone and do not merge; -1: all (-1) */
-    int                   restart; /* 1: give up unfinished work of other options in OUT (0) */
-    uint64_t              seed;    /* 0: the context's (0) */
+    float
+        refine; /* of several blocks: their steps x refine more, of all Gaussians on all photographs, once they are merged (0.1) */
+    int      restart; /* 1: give up unfinished work of other options in OUT (0) */
+    uint64_t seed;    /* 0: the context's (0) */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
@@ -511,8 +513,9 @@ OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char
                                  oxl_partition_report *report);
 OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
 OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *report, char **out);
-/* Merges the finished blocks of the run in folder `out` into scene.ply, and judges it: what oxl_job_run does at its end. */
-OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out);
+/* Merges the finished blocks of the run in folder `out` into scene.ply, refines them together and judges the whole: what oxl_job_run does
+ * at its end. refine: as in oxl_job_options, in the place of the run's; -1: the run's. callback may be NULL. */
+OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_callback *callback);
 
 /* The options of the run in folder `out`, if there is one of this survey: a run that is resumed keeps what it was given. Otherwise
  * options stay as they are. Their strings lie in *run: free it, by oxl_run_free, when the options are no longer used. */

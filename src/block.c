@@ -1,6 +1,6 @@
 /* block.c - the training of one block, in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply, log.csv, block.json.
  *
- * A model with second lobes is followed by model_standard.ply, for viewers that know none: the lobes dropped, the rest refined for a
+ * A model with second lobes may be followed by model_standard.ply, for viewers that know none: the lobes dropped, the rest refined for a
  * twentieth of the run. block.json is written last. Invariant: a block.json that says "finished": true describes the model.ply beside it, and the line
  * "job" in it says of which run it is.
  */
@@ -193,6 +193,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                       .log       = &b->log,
                                       .notes     = &b->notes,
                                       .decisions = &b->decisions,
+                                      .start     = task->start,
                                       .faults    = &b->faults,
                                       .partition = task->partition};
     oxl_result               rc, written;
@@ -220,26 +221,37 @@ static int block_refine_progress(void *user, const oxl_progress *progress)
     return next && next->progress ? next->progress(next->user, &p) : 0;
 }
 
-/* Positions, shapes and colours, at the rates that the run ended with; no Gaussian comes or goes. */
-static oxl_train_options block_refine_options(const oxl_train_options *run, int sh_degree)
+OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
 {
-    oxl_train_options o   = *run;
-    o.iterations          = OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
-    o.sh_degree           = sh_degree;
-    o.rate_mean_first     = run->rate_mean_last;
-    o.densify_until       = 0;
-    o.coarse              = 0;
-    o.reset_opacity_every = 0;
-    o.ucd.mode            = OXL_UCD_OFF;
-    o.keep.kind           = OXL_KEEP_ALL;
-    o.dog                 = OXL_DOG_OFF;
+    return OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
+}
+
+/* At the rates that the run ended with, those of its haste, not of a run as short as this. */
+OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
+{
+    const double      haste = train_haste(run);
+    oxl_train_options o     = *run;
+    o.iterations            = steps;
+    o.sh_degree             = sh_degree;
+    o.haste                 = 0;
+    o.rate_mean_last        = (float)(haste * run->rate_mean_last);
+    o.rate_mean_first       = o.rate_mean_last;
+    o.rate_log_scale        = (float)(haste * run->rate_log_scale);
+    o.rate_rotation         = (float)(haste * run->rate_rotation);
+    o.rate_sh               = (float)(sqrt(haste) * run->rate_sh);
+    o.densify_until         = 0;
+    o.coarse                = 0;
+    o.reset_opacity_every   = 0;
+    o.ucd.mode              = OXL_UCD_OFF;
+    o.keep.kind             = OXL_KEEP_ALL;
+    o.dog                   = OXL_DOG_OFF;
     return o;
 }
 
 /* model loses its lobes. *done: model_standard.ply is there. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
-    const oxl_train_options o   = block_refine_options(&b->task->train, model->sh_degree);
+    const oxl_train_options o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
     struct text             key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
     struct train_place      place = {.folder    = b->task->folder,
                                      .log       = &log,
@@ -284,7 +296,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
 {
     int        done = 1;
     oxl_result rc   = OXL_OK;
-    if (model->lobes > 0) {
+    if (model->lobes > 0 && b->task->standard > 0) {
         b->last   = (oxl_progress){0};
         b->faults = (oxl_faults){0};
         rc        = block_refine(b, scene, model, &done);

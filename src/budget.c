@@ -39,12 +39,21 @@ static void budget_leave_out_trials(oxl_job_options *o)
     o->train.ucd.learn = 0;
 }
 
+OXL_INTERNAL int budget_holds(const oxl_context *ctx, const struct survey_load *load, double more, oxl_job_options *o,
+                              double *memory)
+{
+    if (o->ram) o->scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    *memory = survey_cost(ctx, o, load).memory + more;
+    return o->ram == 0 || *memory <= BUDGET_MARGIN * (double)o->ram;
+}
+
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)
 {
     oxl_job_options fitted = *o;
-    double          gaussians, needed = BUDGET_GROWTH * (double)load->points;
+    const double    most   = (double)train_cap_of(load->points, load->train_pixels, &o->train); /* photographs allow no more */
+    const double    needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, most);
+    double          gaussians;
     if (o->ram == 0) return 1;
-    if (o->train.max_gaussians > 0) needed = OXL_MIN(needed, o->train.max_gaussians); /* it then starts with no more */
     fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
     if (survey_cost(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
     gaussians = budget_gaussians(ctx, &fitted, load);

@@ -835,6 +835,8 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
 
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options);
+/* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
+OXL_INTERNAL double train_haste(const oxl_train_options *options);
 OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training views */
 /* Share of the run in which a photograph of this size is halved. */
@@ -869,13 +871,19 @@ struct block_task {
     oxl_train_options       train;
     const oxl_callback     *callback;
     const struct partition *partition; /* of several blocks; or NULL */
-    double                  predicted_seconds, predicted_peak;
+    const oxl_model        *start;     /* what training starts from; NULL: the scene's points */
+    int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
+    double predicted_seconds, predicted_peak;
 };
-OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out);
+/* A run that goes on for `steps` steps from a model that another has ended with: no Gaussian comes or goes. */
+OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps);
+/* How many steps model_standard.ply is worth after such a run. */
+OXL_INTERNAL int               block_standard_steps(const oxl_train_options *run);
+OXL_INTERNAL oxl_result        block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out);
 /* Adds what the training of a block decided, the members of a JSON object; nothing when there is no block.json. */
-OXL_INTERNAL oxl_result block_read_decisions(oxl_context *ctx, const char *folder, struct text *out);
+OXL_INTERNAL oxl_result        block_read_decisions(oxl_context *ctx, const char *folder, struct text *out);
 /* Goes on from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as far as it came. */
-OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
+OXL_INTERNAL oxl_result        block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
 
 /* ---------------------------------------------------------------- metrics.c */
 
@@ -946,6 +954,9 @@ OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl
 
 /* Image cache and most Gaussians such that the load fits options->ram (0: they stay); 0 when it cannot. */
 OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o);
+/* A run that makes no Gaussians, beside `more` bytes: whether it fits, with a smaller cache if need be. *memory: what it takes. */
+OXL_INTERNAL int        budget_holds(const oxl_context *ctx, const struct survey_load *load, double more, oxl_job_options *o,
+                                     double *memory);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o);
 /* partition_make with blocks small enough that each fits. OXL_ERR_BUDGET: not even small ones do. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,

@@ -21,6 +21,7 @@ struct job {
     struct block_record total;       /* over the blocks */
     int                 block;       /* that is being trained */
     int                 unfinished;  /* blocks that were stopped by --max-time */
+    int                 refined;     /* blocks/together has them all */
     double              begun;
     uint64_t            seed; /* of the context, to be given back */
 };
@@ -33,6 +34,7 @@ oxl_job_options oxl_job_options_default(oxl_preset preset)
                              .partition = oxl_partition_options_default(),
                              .preset    = names[preset],
                              .block     = -1,
+                             .refine    = 0.1f,
                              .renders   = 1};
 }
 
@@ -67,12 +69,14 @@ static int job_has(struct job *job, const char *name)
     return has;
 }
 
-/* OUT/blocks/KKK, or a file in it. */
+/* OUT/blocks/KKK, or a file in it; after the last block comes OUT/blocks/together. */
 static char *job_block_path(struct job *job, int block, const char *name)
 {
     struct text t    = {.ctx = job->ctx};
     char       *path = NULL;
-    text_add(&t, "%s/blocks/%03d%s%s", job->out, block, name ? "/" : "", name ? name : "");
+    if (block < job->partition.block_count) text_add(&t, "%s/blocks/%03d", job->out, block);
+    else text_add(&t, "%s/blocks/together", job->out);
+    if (name) text_add(&t, "/%s", name);
     if (text_take(&t, &path) != OXL_OK) job_no_memory(job);
     return path;
 }
@@ -287,16 +291,23 @@ static oxl_result job_load_block(struct job *job, const char *folder, oxl_scene 
     return rc;
 }
 
+/* The share of the blocks' steps that all of them get together. */
+static double job_refinement(const struct job *job)
+{
+    return job->partition.block_count > 1 ? job->options.refine : 0;
+}
+
 /* The run's progress from the block's: time counts over all blocks. */
 static int job_progress(void *user, const oxl_progress *progress)
 {
     struct job  *job  = user;
     oxl_progress p    = *progress;
     const double here = os_seconds() - job->begun, limit = job->options.train.max_seconds;
-    const int    left = job->options.block >= 0 ? 0 : job->partition.block_count - job->block - 1;
+    const int    blocks = job->partition.block_count, alone = job->options.block >= 0 || job->block == blocks;
+    const double left = alone ? 0 : blocks - job->block - 1 + job_refinement(job) * blocks;
     p.memory          = os_peak_rss();
     p.block           = job->block;
-    p.blocks          = job->partition.block_count;
+    p.blocks          = blocks;
     p.seconds_left += left * (p.seconds + p.seconds_left); /* the others as this one */
     if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
     return job->callback && job->callback->progress ? job->callback->progress(job->callback->user, &p) : 0;
@@ -327,12 +338,19 @@ static void job_share(const struct job *job, size_t points, oxl_train_options *o
     if (o->keep.kind == OXL_KEEP_BYTES) o->keep.value *= share;
 }
 
+/* The time allowed is the run's: what comes later has what is left of it. */
+static void job_limit_time(const struct job *job, oxl_train_options *o)
+{
+    if (o->max_seconds > 0) o->max_seconds = OXL_MAX(1e-3, o->max_seconds - (os_seconds() - job->begun));
+}
+
 /* What the block may take, and what it will. */
 static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct block_task *task, oxl_job_options *o)
 {
     const struct survey_load load = survey_load(scene);
     struct survey_cost       cost;
     *o = job->options;
+    if (job->partition.block_count > 1) o->partition.kind = OXL_PARTITION_NONE; /* it is not cut again */
     job_share(job, load.points, &o->train);
     if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
@@ -342,15 +360,15 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     task->train             = o->train;
     task->predicted_peak    = cost.memory;
     task->predicted_seconds = survey_seconds(job->ctx, scene, o, &cost);
-    if (task->train.max_seconds > 0)
-        task->train.max_seconds = OXL_MAX(1e-3, task->train.max_seconds - (os_seconds() - job->begun));
+    job_limit_time(job, &task->train);
     return OXL_OK;
 }
 
 static oxl_result job_train_block(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
-    struct block_task  task     = {.folder = folder, .key = job->line.data, .callback = &callback};
+    const int          standard = job_refinement(job) > 0 ? 0 : block_standard_steps(&job->options.train);
+    struct block_task  task     = {.folder = folder, .key = job->line.data, .callback = &callback, .standard = standard};
     oxl_job_options    options;
     oxl_scene         *own = NULL;
     oxl_result         rc  = OXL_OK;
@@ -398,7 +416,7 @@ static oxl_result job_blocks(struct job *job)
     return rc;
 }
 
-/* ---------------------------------------------------------------- at the end */
+/* ---------------------------------------------------------------- blocks, merged */
 
 /* A block's model; its standard one when that is wanted and it has second lobes. */
 static oxl_result job_read_block(struct job *job, int block, int standard, oxl_model *out)
@@ -413,24 +431,109 @@ static oxl_result job_read_block(struct job *job, int block, int standard, oxl_m
     return rc;
 }
 
-/* One block's model is the whole's; those of several are merged, one after the other. */
-static oxl_result job_join(struct job *job, int standard, oxl_model *out)
+/* What lies at home in each of several blocks. */
+static oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count;
-    oxl_result rc     = OXL_OK;
-    *out              = (oxl_model){0};
-    if (blocks > 1) rc = oxl_model_create(job->ctx, 0, 0, out);
+    oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
     memcpy(out->origin, job->origin, sizeof job->origin);
-    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         oxl_model part;
         rc = job_read_block(job, k, standard, &part);
-        if (rc == OXL_OK && blocks > 1) rc = merge_block(job->ctx, &job->partition, k, &part, out);
-        else if (rc == OXL_OK) OXL_SWAP(oxl_model, *out, part);
+        if (rc == OXL_OK) rc = merge_block(job->ctx, &job->partition, k, &part, out);
         oxl_model_free(job->ctx, &part);
     }
+    return rc;
+}
+
+/* The model of the one block, or of all together, or what the blocks have. */
+static oxl_result job_join(struct job *job, int standard, oxl_model *out)
+{
+    const int  blocks = job->partition.block_count, together = job->refined ? blocks : 0;
+    oxl_result rc = OXL_OK;
+    if (blocks > 1 && !job->refined) rc = job_merge(job, standard, out);
+    else rc = job_read_block(job, together, standard, out);
     if (rc == OXL_OK && out->count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
     return rc;
 }
+
+/* ---------------------------------------------------------------- all blocks together
+ *
+ * Each has learned beside neighbours of its own making, and merging takes those away: a haze that one block put in front of its
+ * neighbour's ground was never seen together with that ground. So what is merged is refined, all of it on all photographs, in a
+ * folder beside the blocks' (docs/SCALE.md has what that mends).
+ */
+
+/* Whether the whole fits into the memory allowed; if so, the cache of photographs is as large as it may be. */
+static int job_fits_together(struct job *job, const oxl_model *merged, struct block_task *task)
+{
+    struct survey_load load  = survey_load(job->scene);
+    oxl_job_options    o     = job->options;
+    const double       start = 4.0 * oxl_model_planes(merged) * (double)merged->count; /* bytes of what is started from */
+    o.train                  = task->train;
+    o.train.max_gaussians    = (int)OXL_MIN(merged->count, INT_MAX);
+    load.points              = merged->count;
+    task->predicted_seconds  = job_refinement(job) * job->total.predicted_seconds;
+    if (budget_holds(job->ctx, &load, start, &o, &task->predicted_peak)) {
+        scene_set_cache(job->scene, o.scene.image_cache_bytes);
+        return 1;
+    }
+    oxl_log(job->ctx, OXL_LOG_WARNING,
+            "the blocks are not refined together, which would take %.2f GB: --ram allows %.2f GB; their brightness may differ",
+            task->predicted_peak / 1e9, (double)o.ram / 1e9);
+    return 0;
+}
+
+static oxl_result job_train_together(struct job *job, const char *folder)
+{
+    const double       steps    = job_refinement(job) * job->partition.block_count * job->options.train.iterations;
+    const oxl_callback callback = {job_progress, job};
+    oxl_model          merged   = {0};
+    struct block_task  task     = {.folder   = folder,
+                                   .key      = job->line.data,
+                                   .callback = &callback,
+                                   .start    = &merged,
+                                   .standard = block_standard_steps(&job->options.train)};
+    oxl_result         rc       = job->scene ? OXL_OK : job_load(job);
+    if (rc == OXL_OK) rc = job_merge(job, 0, &merged);
+    if (rc != OXL_OK) goto done;
+    task.train = block_refinement(&job->options.train, merged.sh_degree, (int)OXL_CLAMP(steps, 1, INT_MAX));
+    job_limit_time(job, &task.train);
+    if (!job_fits_together(job, &merged, &task)) goto done;
+    oxl_log(job->ctx, OXL_LOG_INFO, "all blocks together: %d steps", task.train.iterations);
+    rc = block_train(job->ctx, job->scene, &task);
+    if (rc == OXL_ERR_MEMORY)
+        rc = oxl_fail(job->ctx, rc,
+                      "no memory to refine the %zu Gaussians of all blocks together\n"
+                      "fix: oceanxl merge %s --refine 0 joins the blocks as they are",
+                      merged.count, job->out);
+done:
+    oxl_model_free(job->ctx, &merged);
+    return rc;
+}
+
+/* When all blocks are finished. */
+static oxl_result job_together(struct job *job)
+{
+    const int           number = job->partition.block_count;
+    char               *folder;
+    struct block_record record = {0};
+    oxl_result          rc, trained = OXL_OK;
+    if (!(job_refinement(job) > 0) || job->options.block >= 0 || job->unfinished) return OXL_OK;
+    folder     = job_block_path(job, number, NULL);
+    job->block = number;
+    rc         = folder ? block_read(job->ctx, folder, job->line.data, &record) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK && !record.finished) {
+        trained = job_train_together(job, folder);
+        rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
+        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->line.data, &record);
+    }
+    if (rc == OXL_OK && record.there) job_add_record(job, &record);
+    job->refined = record.finished;
+    oxl_free(job->ctx, folder);
+    return rc == OXL_OK ? trained : rc;
+}
+
+/* ---------------------------------------------------------------- at the end */
 
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
 {
@@ -662,7 +765,11 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     job_begin(&job, ctx, scene, out, options, callback);
     rc = job.line.failed ? job_no_memory(&job) : job_prepare_block(&job, &ready);
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
-    if (rc == OXL_OK && !done) rc = job_conclude(&job, job_blocks(&job));
+    if (rc == OXL_OK && !done) {
+        rc = job_blocks(&job);
+        if (rc == OXL_OK) rc = job_together(&job);
+        rc = job_conclude(&job, rc);
+    }
     job_end(&job);
     return rc;
 }
@@ -686,7 +793,7 @@ static oxl_result job_collect(struct job *job)
     return rc;
 }
 
-oxl_result oxl_merge(oxl_context *ctx, const char *out)
+oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_callback *callback)
 {
     oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct oxl_run  run     = {0};
@@ -699,9 +806,11 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out)
                       out, out);
     if (rc != OXL_OK) return rc;
     run_options(&run, &options);
-    job_begin(&job, ctx, run.scene, out, &options, NULL);
+    job_begin(&job, ctx, run.scene, out, &options, callback);
+    if (refine >= 0) job.options.refine = refine; /* what the blocks are does not depend on it */
     rc = job.line.failed ? job_no_memory(&job) : job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_collect(&job);
+    if (rc == OXL_OK && !done) rc = job_together(&job);
     if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
     job_end(&job);
     run_free(ctx, &run);

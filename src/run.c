@@ -63,6 +63,7 @@ static const struct run_field {
     RUN_FIELD("dog_opacity_factor", RUN_FLOAT, train.dog_opacity_factor),
     RUN_FIELD("dog_scale_factor", RUN_FLOAT, train.dog_scale_factor),
     RUN_FIELD("ram", RUN_SIZE, ram),
+    RUN_FIELD("refine", RUN_FLOAT, refine),
     RUN_FIELD("block_points", RUN_INT, partition.block_points),
     RUN_ENUM("partition", partition.kind, OXL_PARTITION_NONE),
     RUN_ENUM("cut", partition.cut, OXL_CUT_MIDPOINT),

@@ -81,9 +81,10 @@ static double survey_blocks(const oxl_job_options *o, size_t points)
 OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                    const struct survey_cost *cost)
 {
-    double seconds = rehearse(ctx, scene, &o->train, cost->gaussians);
+    const double blocks  = survey_blocks(o, oxl_scene_point_count(scene));
+    double       seconds = rehearse(ctx, scene, &o->train, cost->gaussians);
     if (!(seconds > 0)) seconds = cost->seconds;
-    seconds *= survey_blocks(o, oxl_scene_point_count(scene));
+    seconds *= blocks > 1 ? blocks * (1 + o->refine) : 1;
     return o->train.max_seconds > 0 ? OXL_MIN(seconds, o->train.max_seconds) : seconds;
 }
 

@@ -60,8 +60,7 @@ static double train_seconds(const struct train *t)
 
 /* ---------------------------------------------------------------- the schedule */
 
-/* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
-static double train_haste(const oxl_train_options *o)
+OXL_INTERNAL double train_haste(const oxl_train_options *o)
 {
     return o->iterations < TRAIN_UNHURRIED ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_UNHURRIED / o->iterations)) : 1;
 }
@@ -454,6 +453,8 @@ static oxl_result train_begin(struct train *t)
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
     rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->first);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->second);
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, &t->first, t->model->lobes);
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, &t->second, t->model->lobes);
     if (rc == OXL_OK) rc = train_resize(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
@@ -620,8 +621,7 @@ static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
                         "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
                         "0 to 1, more than 0",
                         o->ssim_every, o->coarse, o->bands_every);
-    if (!(o->haste >= 0 && o->haste <= 1))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);
+    if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);
     if (o->iterations >= 1 && o->sh_degree >= -1 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE,
                     "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3 or -1 (auto), at least 1",

@@ -193,7 +193,7 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
     for (options.block = 1; options.block >= 0; options.block--)
         CHECK_OK(oxl_job_run(test_ctx, survey, test_path("parts"), &options, NULL));
     CHECK(!os_is_file(test_path("parts/scene.ply")));
-    CHECK_OK(oxl_merge(test_ctx, test_path("parts")));
+    CHECK_OK(oxl_merge(test_ctx, test_path("parts"), -1, NULL));
     CHECK(job_test_same(test_path("whole/scene.ply"), test_path("parts/scene.ply")));
     CHECK(job_test_has(test_path("parts/run.json"), "\"finished\": true"));
     CHECK(job_test_has(test_path("parts/metrics.json"), "\"blocks\": 2"));
@@ -219,12 +219,85 @@ TEST(job_in_blocks_keeps_each_gaussian_within_reach_of_the_home_it_is_in)
     partition_free(test_ctx, &p);
 }
 
+static double job_test_psnr(const char *model)
+{
+    oxl_scene  *scene = NULL;
+    oxl_model   read  = {0};
+    oxl_metrics m     = {0};
+    double      psnr;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
+    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, OXL_SPLIT_TRAIN, &m));
+    psnr = m.psnr;
+    oxl_metrics_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &read);
+    oxl_scene_free(test_ctx, scene);
+    return psnr;
+}
+
+TEST(job_in_blocks_refines_them_together_on_all_photographs)
+{
+    oxl_job_options options = job_test_blocks();
+    options.refine          = 0;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("apart"), &options, NULL));
+    CHECK(!os_is_folder(test_path("apart/blocks/together")));
+    options.refine = 4;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/blocks/together/block.json"), "\"iterations_done\": 96,"));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"iterations\": 120,"));
+    CHECK(job_test_psnr("out/scene.ply") > job_test_psnr("apart/scene.ply") + 0.1);
+    CHECK(!os_is_file(test_path("out/blocks/together/checkpoint.oxl")));
+}
+
+TEST(job_merge_leaves_the_blocks_as_they_are_when_that_is_asked_for)
+{
+    oxl_job_options options = job_test_blocks();
+    options.refine          = 0;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("apart"), &options, NULL));
+    options.refine = 1;
+    for (options.block = 0; options.block < 2; options.block++)
+        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(oxl_merge(test_ctx, test_path("out"), 0, NULL));
+    CHECK(job_test_same(test_path("apart/scene.ply"), test_path("out/scene.ply")));
+}
+
+TEST(job_that_is_stopped_while_all_blocks_are_refined_goes_on_there)
+{
+    oxl_job_options       options  = job_test_blocks();
+    struct job_test_watch watch    = {0, 20};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_survey();
+    options.refine                 = 1; /* 24 steps: the blocks have 12 */
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("whole"), &options, NULL));
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    CHECK(!os_is_file(test_path("out/scene.ply")) && watch.calls == 12 + 12 + 20);
+    watch = (struct job_test_watch){0, -1};
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 1 + 4);
+    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("out/scene.ply")));
+}
+
+TEST(job_in_blocks_with_second_lobes_keeps_them_when_all_are_refined)
+{
+    oxl_job_options options = job_test_blocks();
+    oxl_model       model = {0}, standard = {0};
+    options.train.dog = OXL_DOG_ALL;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK(!os_is_file(test_path("out/blocks/000/model_standard.ply"))); /* nothing is made of it */
+    CHECK(os_is_file(test_path("out/blocks/together/model_standard.ply")));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene_standard.ply"), &standard));
+    CHECK(model.lobes == model.count && standard.lobes == 0 && standard.count == model.count);
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &standard);
+}
+
 TEST(job_merge_names_the_block_that_is_missing)
 {
     oxl_job_options options = job_test_blocks();
     options.block           = 0;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(oxl_merge(test_ctx, test_path("out")) == OXL_ERR_INPUT);
+    CHECK(oxl_merge(test_ctx, test_path("out"), -1, NULL) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "blocks/001");
     CHECK_TEXT(oxl_error_text(test_ctx), "--block 1");
 }
@@ -240,7 +313,7 @@ TEST(job_in_blocks_that_is_stopped_goes_on_in_the_block_where_it_was)
     CHECK(!os_is_file(test_path("out/scene.ply")));
     watch = (struct job_test_watch){0, -1};
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
-    CHECK(watch.calls == 1 + 7 + 12);
+    CHECK(watch.calls == 1 + 7 + 12 + 2); /* and two steps of all together */
     CHECK(job_test_same(test_path("whole/scene.ply"), test_path("out/scene.ply")));
 }
 

@@ -81,9 +81,9 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     report_test_run();
     page = report_test_page();
     CHECK_TEXT(page, "The difference is -1.50 dB");
-    CHECK_TEXT(page, "<tr><td>000<td class=\"n\">");
-    CHECK_TEXT(page, "<tr><td>001<td class=\"n\">");
-    CHECK(!strstr(page, "<tr><td>002"));
+    CHECK_TEXT(page, "<tr><td>block 0<td class=\"n\">");
+    CHECK_TEXT(page, "<tr><td>block 1<td class=\"n\">");
+    CHECK(!strstr(page, "<tr><td>block 2") && !strstr(page, "all together"));
     CHECK_TEXT(page, "partition in 2D: l3/l2 = 0.1 is below 0.3");
     CHECK_TEXT(page, "Depth weights f_mid");
     CHECK_TEXT(page, "22\xE2\x80\xAF"
@@ -96,6 +96,17 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
         "--dog-threshold 90.000000%");
     worst = strstr(page, "<td class=\"name\">&lt;b&gt;&amp;&quot;.jpg<td class=\"n\">26.00");
     CHECK(worst && strstr(worst, "<td class=\"name\">fine.png<td class=\"n\">31.00")); /* the worst first */
+    free(page);
+}
+
+TEST(report_of_blocks_that_were_refined_together_shows_that_as_one_more)
+{
+    char *page;
+    report_test_run();
+    test_write("out/blocks/together/block.json", "{\"finished\": true, \"gaussians\": 22400, \"iterations_done\": 77}");
+    page = report_test_page();
+    CHECK_TEXT(page, "<tr><td>all together<td class=\"n\">77<td");
+    CHECK_TEXT(page, "&#9644; all together</b>");
     free(page);
 }
 

@@ -79,12 +79,20 @@ static void report_read_log(struct report *r, struct report_block *b, char *text
         if (report_log_row(at + 1, column, columns, b->log + (size_t)b->rows * REPORT_COLUMNS)) b->rows++;
 }
 
+const char *report_part(const struct report *r, int part, char out[40])
+{
+    if (part < r->blocks) snprintf(out, 40, "block %d", part);
+    else snprintf(out, 40, "all together");
+    return out;
+}
+
 static void report_read_block(struct report *r, int k)
 {
-    char name[64], *log;
-    snprintf(name, sizeof name, "blocks/%03d/block.json", k);
+    char name[64], folder[32] = "blocks/together", *log;
+    if (k < r->blocks) snprintf(folder, sizeof folder, "blocks/%03d", k);
+    snprintf(name, sizeof name, "%s/block.json", folder);
     r->block[k].json = report_read(r, name, NULL);
-    snprintf(name, sizeof name, "blocks/%03d/log.csv", k);
+    snprintf(name, sizeof name, "%s/log.csv", folder);
     log = report_read(r, name, NULL);
     if (log) report_read_log(r, &r->block[k], log);
     free(log);
@@ -98,14 +106,15 @@ static void report_open(struct report *r)
     r->scene            = json_string(json_member(r->job, "scene"));
     r->metrics          = report_read(r, "metrics.json", NULL);
     r->blocks           = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
-    r->block            = calloc((size_t)r->blocks, sizeof *r->block);
+    r->block            = calloc((size_t)r->blocks + 1, sizeof *r->block);
     if (!r->block) r->page.failed = 1, r->blocks = 0;
-    for (int k = 0; k < r->blocks; k++) report_read_block(r, k);
+    for (int k = 0; r->block && k < r->blocks + (r->blocks > 1); k++) report_read_block(r, k);
+    r->parts = r->blocks + (r->blocks > 1 && r->block[r->blocks].json);
 }
 
 static void report_close(struct report *r)
 {
-    for (int k = 0; k < r->blocks; k++) {
+    for (int k = 0; r->block && k <= r->blocks; k++) {
         free(r->block[k].json);
         free(r->block[k].log);
     }
@@ -167,7 +176,7 @@ static void report_head(struct report *r)
 static void report_each_note(const struct report *r, const char *level, void (*visit)(void *user, int block, const char *text),
                              void *user)
 {
-    for (int k = -1; k < r->blocks; k++)
+    for (int k = -1; k < r->parts; k++)
         for (const char *e = json_first(json_member(k < 0 ? r->run : r->block[k].json, "notes")); e; e = json_next(e)) {
             char *its = json_string(json_member(e, "level")), *text = json_string(json_member(e, "text"));
             if (its && text && strcmp(its, level) == 0) visit(user, k, text);
@@ -190,7 +199,7 @@ static void report_item(void *user, int block, const char *text)
     if (list->count++ == REPORT_EVIDENCE) study_add(t, "<details><summary>more such lines</summary>");
     if (list->count > REPORT_NOTES) return;
     study_add(t, "<small>");
-    if (block >= 0 && list->r->blocks > 1) study_add(t, "block %d: ", block);
+    if (block >= 0 && list->r->blocks > 1) study_add(t, "%s: ", REPORT_PART(list->r, block));
     page_text(t, text);
     study_add(t, "</small>");
 }
@@ -326,7 +335,7 @@ static void report_warning(void *user, int block, const char *text)
     struct study_text  *t    = &list->r->page;
     if (list->count++ >= REPORT_NOTES) return;
     study_add(t, "%s<li>", list->count == 1 ? "<ul>\n" : "");
-    if (block >= 0 && list->r->blocks > 1) study_add(t, "block %d: ", block);
+    if (block >= 0 && list->r->blocks > 1) study_add(t, "%s: ", REPORT_PART(list->r, block));
     page_text(t, text);
     study_add(t, "</li>\n");
 }
@@ -338,7 +347,7 @@ static void report_own_warnings(struct report *r, struct report_list *list)
     char         words[160];
     if (!json_is_true(r->run, "finished"))
         report_warning(list, -1, "the run is not finished; run the same command again, and it goes on");
-    for (int k = 0; k < r->blocks && r->blocks > 1; k++)
+    for (int k = 0; k < r->parts && r->blocks > 1; k++)
         if (!json_is_true(r->block[k].json, "finished")) report_warning(list, k, "not finished");
     if (r->metrics && json_number(r->survey, "test_views") <= 0)
         report_warning(list, -1, "no view was held out: the figures are of photographs that training has seen (--test-every 8)");
@@ -367,12 +376,12 @@ static void report_block_rows(struct report *r)
     study_add(t,
               "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
               "<th class=\"n\">predicted<th class=\"n\">memory<th class=\"n\">predicted</tr>\n");
-    for (int k = 0; k < r->blocks; k++) {
+    for (int k = 0; k < r->parts; k++) {
         const char *b = r->block[k].json;
         study_add(
             t,
-            "<tr><td>%03d<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s</tr>\n",
-            k, PAGE_COUNT(json_number(b, "iterations_done")), PAGE_COUNT(json_number(b, "gaussians")),
+            "<tr><td>%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s</tr>\n",
+            REPORT_PART(r, k), PAGE_COUNT(json_number(b, "iterations_done")), PAGE_COUNT(json_number(b, "gaussians")),
             PAGE_SECONDS(json_number(b, "seconds")), PAGE_SECONDS(json_number(b, "predicted_seconds")),
             PAGE_BYTES(json_number(b, "peak_rss_bytes")), PAGE_BYTES(json_number(b, "predicted_memory_bytes")));
     }
@@ -479,6 +488,7 @@ static void report_command(struct report *r)
     report_number_option(r, "--max-side", "max_side", fresh.scene.max_side);
     report_number_option(r, "--test-every", "test_every", fresh.scene.test_every);
     report_number_option(r, "--block-points", "block_points", fresh.partition.block_points);
+    report_share_option(r, "--refine", "refine", fresh.refine);
     report_number_option(r, "--ram", "ram", 0);
     report_word_option(r, "--partition", report_word(r, "partition", REPORT_AXES, 4), "auto");
     report_word_option(r, "--split", report_word(r, "cut", REPORT_CUTS, 2), "balanced");

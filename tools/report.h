@@ -31,17 +31,21 @@ struct report_block {
 
 struct report {
     oxl_context         *ctx;
-    const char          *out;          /* folder */
-    char                *run, *scene;  /* run.json; the survey's folder as it was given */
-    char                *metrics;      /* metrics.json, or NULL: not judged yet */
-    const char          *job, *survey; /* within run */
-    int                  blocks;
+    const char          *out;           /* folder */
+    char                *run, *scene;   /* run.json; the survey's folder as it was given */
+    char                *metrics;       /* metrics.json, or NULL: not judged yet */
+    const char          *job, *survey;  /* within run */
+    int                  blocks, parts; /* parts: the blocks, and all together if they were refined so */
     struct report_block *block;
     struct study_text    page;
 };
 
 /* OUT/name as text in fresh memory, or NULL; size may be NULL. */
 char *report_read(const struct report *r, const char *name, size_t *size);
+
+/* "block 3", "all together"; returns out. */
+const char *report_part(const struct report *r, int part, char out[40]);
+#define REPORT_PART(r, part) report_part(r, part, (char[40]){0})
 
 /* ---------------------------------------------------------------- report_page.c */
 

@@ -49,7 +49,7 @@ static struct curve_axis curve_axis_round(double low, double high)
 static int curve_axes(const struct report *r, const struct curve *c, struct curve_axis *x, struct curve_axis *y)
 {
     double low = INFINITY, high = -INFINITY, last = 0;
-    for (int k = 0; k < r->blocks; k++)
+    for (int k = 0; k < r->parts; k++)
         for (int i = 0; i < r->block[k].rows; i++) {
             const double *row = r->block[k].log + (size_t)i * REPORT_COLUMNS;
             if (row[REPORT_ITERATION] > last) last = row[REPORT_ITERATION];
@@ -95,7 +95,7 @@ static void curve_line(struct study_text *t, const struct report *r, int block, 
                        const struct curve_axis *x, const struct curve_axis *y)
 {
     const struct report_block *b     = &r->block[block];
-    const int                  every = 1 + b->rows * r->blocks / CURVE_POINTS, colour = r->blocks <= CURVE_NAMED ? block : 0;
+    const int                  every = 1 + b->rows * r->parts / CURVE_POINTS, colour = r->parts <= CURVE_NAMED ? block : 0;
     char                       command = 'M';
     study_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour, second ? " stroke-dasharray=\"5 4\"" : "");
     for (int i = 0; i < b->rows; i++) {
@@ -115,10 +115,10 @@ static void curve_draw(struct study_text *t, const struct report *r, const struc
         t,
         "<figure><figcaption>%s%s</figcaption>\n<svg class=\"chart%s\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" "
         "aria-label=\"%s over the iterations\">",
-        c->title, c->unit, r->blocks > CURVE_NAMED ? " many" : "", CURVE_WIDTH, CURVE_HEIGHT, 2 * CURVE_WIDTH, 2 * CURVE_HEIGHT,
+        c->title, c->unit, r->parts > CURVE_NAMED ? " many" : "", CURVE_WIDTH, CURVE_HEIGHT, 2 * CURVE_WIDTH, 2 * CURVE_HEIGHT,
         c->title);
     curve_grid(t, &x, &y);
-    for (int k = 0; k < r->blocks; k++)
+    for (int k = 0; k < r->parts; k++)
         for (int j = 0; j < (c->column[0] == c->column[1] ? 1 : 2); j++) curve_line(t, r, k, c, j, &x, &y);
     study_add(t, "</svg></figure>\n");
 }
@@ -127,7 +127,7 @@ static void curve_draw(struct study_text *t, const struct report *r, const struc
 static int curve_is_flat(const struct report *r, const struct curve *c)
 {
     if (c->column[0] != REPORT_F_MID) return 0;
-    for (int k = 0; k < r->blocks; k++)
+    for (int k = 0; k < r->parts; k++)
         for (int i = 0; i < r->block[k].rows; i++)
             for (int j = 0; j < 2; j++)
                 if (r->block[k].log[(size_t)i * REPORT_COLUMNS + (size_t)c->column[j]] > 1) return 0;
@@ -138,18 +138,19 @@ void chart_section(struct report *r)
 {
     struct study_text *t    = &r->page;
     int                rows = 0;
-    for (int k = 0; k < r->blocks; k++) rows += r->block[k].rows;
+    for (int k = 0; k < r->parts; k++) rows += r->block[k].rows;
     page_section(t, "How training went");
     if (rows == 0) study_add(t, "<p>There is no log.csv yet.</p>\n");
     else study_add(t, "<p class=\"pale\">Along the bottom: iterations, of one photograph each.</p>\n<div class=\"charts\">\n");
     for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++)
         if (!curve_is_flat(r, &CURVES[i])) curve_draw(t, r, &CURVES[i]);
     if (rows > 0) study_add(t, "</div>\n");
-    if (rows > 0 && r->blocks > 1 && r->blocks <= CURVE_NAMED) {
+    if (rows > 0 && r->parts > 1 && r->parts <= CURVE_NAMED) {
         study_add(t, "<p><small>");
-        for (int k = 0; k < r->blocks; k++) study_add(t, "<b style=\"color:var(--s%d)\">&#9644; block %d</b> &nbsp; ", k, k);
+        for (int k = 0; k < r->parts; k++)
+            study_add(t, "<b style=\"color:var(--s%d)\">&#9644; %s</b> &nbsp; ", k, REPORT_PART(r, k));
         study_add(t, "</small></p>\n");
-    } else if (rows > 0 && r->blocks > CURVE_NAMED)
+    } else if (rows > 0 && r->parts > CURVE_NAMED)
         study_add(t, "<p><small>One line for each of the %d blocks.</small></p>\n", r->blocks);
     study_add(t, "</section>\n");
 }
