@@ -194,8 +194,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                       .notes     = &b->notes,
                                       .decisions = &b->decisions,
                                       .start     = task->start,
-                                      .faults    = &b->faults,
-                                      .partition = task->partition};
+                                      .faults    = &b->faults};
     oxl_result               rc, written;
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
     rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &place, model);
@@ -253,14 +252,9 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 {
     const oxl_train_options o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
     struct text             key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
-    struct train_place      place = {.folder    = b->task->folder,
-                                     .log       = &log,
-                                     .notes     = &notes,
-                                     .start     = model,
-                                     .faults    = &b->faults,
-                                     .partition = b->task->partition};
-    oxl_model               plain = {0};
-    oxl_result              rc;
+    struct train_place place = {.folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .faults = &b->faults};
+    oxl_model          plain = {0};
+    oxl_result         rc;
     *done     = 0;
     b->before = b->task->train.iterations;
     model_drop_lobes(model);

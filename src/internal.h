@@ -513,8 +513,6 @@ OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model,
  * `into` holds what it held. */
 OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
                                     oxl_model *into);
-/* Narrows what would reach beyond the margin of the home that it lies in. */
-OXL_INTERNAL void       merge_confine(const struct partition *p, oxl_model *model);
 
 /* ---------------------------------------------------------------- modelfile.c: models as PLY and .splat */
 
@@ -820,14 +818,13 @@ OXL_INTERNAL void       robust_archive(struct archive *a, struct robust *r);
 
 /* Where a run keeps its state. */
 struct train_place {
-    const char             *folder;    /* of the checkpoints */
-    const char             *key;       /* what the result depends on */
-    struct text            *log;       /* the caller's, kept with the state */
-    struct text            *notes;     /* so are these */
-    const oxl_model        *start;     /* what training starts from; NULL: the scene's points */
-    struct text            *decisions; /* gets members of a JSON object: what was decided, and on what evidence; or NULL */
-    oxl_faults             *faults;    /* out: of the whole run; or NULL */
-    const struct partition *partition; /* of several blocks, one of which is trained; or NULL */
+    const char      *folder;    /* of the checkpoints */
+    const char      *key;       /* what the result depends on */
+    struct text     *log;       /* the caller's, kept with the state */
+    struct text     *notes;     /* so are these */
+    const oxl_model *start;     /* what training starts from; NULL: the scene's points */
+    struct text     *decisions; /* gets members of a JSON object: what was decided, and on what evidence; or NULL */
+    oxl_faults      *faults;    /* out: of the whole run; or NULL */
 };
 /* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
@@ -867,11 +864,10 @@ struct block_record { /* block.json */
     oxl_faults faults;
 };
 struct block_task {
-    const char             *folder, *key; /* key: the run's line */
-    oxl_train_options       train;
-    const oxl_callback     *callback;
-    const struct partition *partition; /* of several blocks; or NULL */
-    const oxl_model        *start;     /* what training starts from; NULL: the scene's points */
+    const char         *folder, *key; /* key: the run's line */
+    oxl_train_options   train;
+    const oxl_callback *callback;
+    const oxl_model    *start; /* what training starts from; NULL: the scene's points */
     int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
     double predicted_seconds, predicted_peak;
 };

@@ -374,9 +374,8 @@ static oxl_result job_train_block(struct job *job, const char *folder)
     oxl_result         rc  = OXL_OK;
     if (job->partition.block_count > 1) {
         oxl_scene_free(job->ctx, job->scene); /* the whole is not needed until the end, and may be large */
-        job->scene     = NULL;
-        rc             = job_load_block(job, folder, &own);
-        task.partition = &job->partition;
+        job->scene = NULL;
+        rc         = job_load_block(job, folder, &own);
     }
     if (rc == OXL_OK) rc = job_plan_block(job, own ? own : job->scene, &task, &options);
     if (rc == OXL_OK) scene_set_cache(own ? own : job->scene, options.scene.image_cache_bytes);

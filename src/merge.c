@@ -2,14 +2,8 @@
  *
  * Invariant: a Gaussian is kept by the block in whose home its centre lies, and by no other. So what two neighbours both trained,
  * where their expanded boxes overlap, is there once; and as the outer homes have no end, nothing far away is lost.
- *
- * That is no more than half of it: what is wide lies over the homes of others too, where none of its block's views may have seen it.
- * So while blocks are trained, each Gaussian is confined: two standard deviations end within the margin around the home it is in.
  */
 #include "internal.h"
-#include "vecmath.h"
-
-#define MERGE_REACH 2.0 /* standard deviations: beyond them lies a seventh of the opacity */
 
 static void merge_place(const struct partition *p, const oxl_model *model, size_t row, double frame[3])
 {
@@ -23,46 +17,6 @@ static int merge_is_at_home(const struct partition *p, int block, const oxl_mode
     double frame[3];
     merge_place(p, model, row, frame);
     return partition_contains(&p->block[block].box, frame);
-}
-
-/* The widest that a Gaussian at this place of a home may be. */
-static double merge_room(const struct partition_block *b, const double frame[3])
-{
-    double room = INFINITY;
-    for (int k = 0; k < 3; k++) {
-        room = OXL_MIN(room, frame[k] - b->expanded.low[k]);
-        room = OXL_MIN(room, b->expanded.high[k] - frame[k]);
-    }
-    return room / MERGE_REACH;
-}
-
-/* No Gaussian of a home may be narrower than this for merge_room to matter. */
-static double merge_least_room(const struct partition *p)
-{
-    double least = INFINITY;
-    for (int i = 0; i < p->block_count; i++)
-        for (int k = 0; k < 3; k++) {
-            const struct partition_block *b = &p->block[i];
-            if (b->box.low[k] > -INFINITY) least = OXL_MIN(least, b->box.low[k] - b->expanded.low[k]);
-            if (b->box.high[k] < INFINITY) least = OXL_MIN(least, b->expanded.high[k] - b->box.high[k]);
-        }
-    return least / MERGE_REACH;
-}
-
-OXL_INTERNAL void merge_confine(const struct partition *p, oxl_model *model)
-{
-    const double  least = merge_least_room(p);
-    float *const *s     = &model->plane[OXL_LOG_SCALE];
-    for (size_t i = 0; i < model->count; i++) {
-        const float widest = OXL_MAX(s[0][i], OXL_MAX(s[1][i], s[2][i]));
-        int         block  = 0;
-        double      frame[3];
-        if (!(vecmath_exp(widest) > least)) continue;
-        merge_place(p, model, i, frame);
-        while (block < p->block_count && !partition_contains(&p->block[block].box, frame)) block++;
-        if (block == p->block_count) continue; /* not a number */
-        for (int k = 0; k < 3; k++) s[k][i] = OXL_MIN(s[k][i], (float)vecmath_log(merge_room(&p->block[block], frame)));
-    }
 }
 
 /* What is kept of a block's model. In a model the rows with a second lobe stand in front, so the block's go behind those that are

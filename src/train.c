@@ -16,7 +16,6 @@
 #define TRAIN_HASTE_OPACITY 0.7   /* and their opacities multiplied, */
 #define TRAIN_OPACITY_MOST  0.3   /* up to this */
 #define TRAIN_UNHURRIED     30000 /* iterations that the rates were chosen for [Kerbl 2023] */
-#define TRAIN_CONFINE_EVERY 20    /* steps; a scale grows by a fifth in them at most, in a short run */
 #define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
 #define TRAIN_SMOOTHING     0.02  /* of loss and PSNR in progress reports: about the last 50 views */
@@ -591,22 +590,10 @@ OXL_INTERNAL oxl_result train_photograph(struct train *t)
     return rc == OXL_OK ? train_on_view(t, view) : rc;
 }
 
-/* In one of several blocks: what others will draw too must not reach far into their homes. */
-static oxl_result train_confine(struct train *t)
-{
-    const struct partition *p  = t->place ? t->place->partition : NULL;
-    oxl_result              rc = OXL_OK;
-    if (!p || t->step % TRAIN_CONFINE_EVERY) return OXL_OK;
-    rc = renderer_fetch(t->ctx, t->renderer);
-    if (rc == OXL_OK) merge_confine(p, t->model);
-    return rc;
-}
-
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
     oxl_result rc = train_bands(t);
     if (rc == OXL_OK) rc = train_photograph(t);
-    if (rc == OXL_OK) rc = train_confine(t);
     if (rc == OXL_OK) rc = train_density(t);
     if (rc == OXL_OK) rc = train_prune(t);
     if (rc == OXL_OK) rc = decide_lobes(t);

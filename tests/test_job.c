@@ -199,26 +199,6 @@ TEST(job_by_blocks_gives_the_same_bytes_in_one_process_and_in_many)
     CHECK(job_test_has(test_path("parts/metrics.json"), "\"blocks\": 2"));
 }
 
-TEST(job_in_blocks_keeps_each_gaussian_within_reach_of_the_home_it_is_in)
-{
-    oxl_job_options  options = job_test_blocks();
-    struct partition p;
-    options.train.iterations = 20;
-    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK_OK(partition_read(test_ctx, test_path("out/partition.txt"), &p));
-    for (int b = 0; b < 2; b++) {
-        oxl_model model, confined;
-        CHECK_OK(oxl_model_read(test_ctx, test_path(b ? "out/blocks/001/model.ply" : "out/blocks/000/model.ply"), &model));
-        CHECK_OK(model_copy(test_ctx, &model, &confined));
-        merge_confine(&p, &confined);
-        for (int k = OXL_LOG_SCALE; k < OXL_ROTATION; k++)
-            CHECK(!memcmp(model.plane[k], confined.plane[k], model.count * sizeof(float)));
-        oxl_model_free(test_ctx, &model);
-        oxl_model_free(test_ctx, &confined);
-    }
-    partition_free(test_ctx, &p);
-}
-
 static double job_test_psnr(const char *model)
 {
     oxl_scene  *scene = NULL;

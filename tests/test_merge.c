@@ -119,35 +119,6 @@ TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
     oxl_model_free(test_ctx, &m);
 }
 
-/* Borders at 0 and, above 0 on the first axis, at 1 on the second; margins 0.2. */
-TEST(merge_confines_what_would_reach_beyond_the_margin_of_the_home_it_is_in)
-{
-    const double           zero[3]  = {0, 0, 0};
-    const float            at[5][2] = {{-3, 0}, {0, -7}, {1.8f, 0.9f}, {0.1f, 2}, {NAN, 0}};
-    const float            room[5]  = {3.2f, 0.2f, 0.3f, 0.3f, 1e30f}; /* to the end of the nearest margin */
-    struct partition_block block[3];
-    struct partition       p;
-    oxl_model              m = merge_test_cloud(10, 0, zero);
-    merge_test_partition(&p, block, zero);
-    for (int i = 0; i < 9; i++) p.rotation[i] = i % 4 == 0;
-    for (int b = 0; b < 3; b++)
-        for (int k = 0; k < 3; k++) {
-            block[b].expanded.low[k]  = block[b].box.low[k] - 0.2;
-            block[b].expanded.high[k] = block[b].box.high[k] + 0.2;
-        }
-    for (size_t i = 0; i < 10; i++) {
-        for (int a = 0; a < 2; a++) m.plane[a][i] = at[i % 5][a];
-        for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] = a == 1 ? logf(i < 5 ? 100 : 0.49f * room[i % 5]) : -3;
-    }
-    merge_confine(&p, &m);
-    for (size_t i = 0; i < 10; i++) {
-        const float was = i < 5 ? 100 : 0.49f * room[i % 5], is = expf(m.plane[OXL_LOG_SCALE + 1][i]);
-        CHECK_CLOSE(is / OXL_MIN(was, room[i % 5] / 2), 1, 1e-5);
-        CHECK(m.plane[OXL_LOG_SCALE][i] == -3 && m.plane[OXL_LOG_SCALE + 2][i] == -3);
-    }
-    oxl_model_free(test_ctx, &m);
-}
-
 TEST(merge_keeps_places_to_float_accuracy_when_origins_lie_a_thousand_kilometres_apart)
 {
     const double           east[3] = {1e6, 4.2e6, -30}, west[3] = {3.3, 4.2e6 + 0.7, 25};
