@@ -197,17 +197,29 @@ static void print_file(const char *folder, const char *name)
 
 static void print_resume(const struct arguments *a)
 {
-    fprintf(
-        stderr,
-        "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the model so far\n     go on: oceanxl train %s -o %s",
-        a->out, a->path[0], a->out);
-    if (a->block >= 0) fprintf(stderr, " --block %d", a->block);
+    const char *out = a->out ? a->out : a->path[0];
+    fprintf(stderr, "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the model so far\n     go on: ", out);
+    if (a->out) fprintf(stderr, "oceanxl train %s -o %s", a->path[0], out);
+    else fprintf(stderr, "oceanxl merge %s", out);
+    if (a->out && a->block >= 0) fprintf(stderr, " --block %d", a->block);
+    if (a->refine >= 0) fprintf(stderr, " --refine %g", a->refine);
     fputc('\n', stderr);
+}
+
+static int has_file(const char *folder, const char *name)
+{
+    char  path[4096];
+    FILE *file;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    file = fopen(path, "rb");
+    if (file) fclose(file);
+    return file != NULL;
 }
 
 static void print_results(const struct arguments *a)
 {
-    if (a->json) print_file(a->out, "metrics.json");
+    if (!has_file(a->out, "metrics.json")) printf("unfinished %s\n", a->out);
+    else if (a->json) print_file(a->out, "metrics.json");
     else
         printf("model     %s/scene.ply\nmetrics   %s/metrics.json\npictures  %s/renders\nreport    %s/report.html\n", a->out,
                a->out, a->out, a->out);
@@ -241,8 +253,8 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
     merged.out = a->path[0];
     catch_signals();
     rc = oxl_merge(ctx, a->path[0], (float)a->refine, &callback);
-    if (rc == OXL_ERR_INTERRUPTED)
-        fprintf(stderr, "oxl: interrupted; the state is saved\n     go on: oceanxl merge %s\n", a->path[0]);
+    console_clear(console);
+    if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK) rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
     if (rc == OXL_OK) print_results(&merged);
     return rc;

@@ -42,6 +42,13 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
     return rc;
 }
 
+static void block_remove(struct block *b, const char *name)
+{
+    char *path = oxl_path_join(b->ctx, b->task->folder, name);
+    if (path) os_remove(path);
+    oxl_free(b->ctx, path);
+}
+
 /* ---------------------------------------------------------------- block.json */
 
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out)
@@ -200,6 +207,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
     rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &place, model);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     *record = block_record_of(b, model);
+    block_remove(b, "model_standard.ply"); /* it is of another model.ply */
     written = block_write(b, "log.csv", &b->log);
     if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
     if (written == OXL_OK) written = block_write_record(b, record);

@@ -42,9 +42,14 @@ static void budget_leave_out_trials(oxl_job_options *o)
 OXL_INTERNAL int budget_holds(const oxl_context *ctx, const struct survey_load *load, double more, oxl_job_options *o,
                               double *memory)
 {
-    if (o->ram) o->scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    const double    allowed = BUDGET_MARGIN * (double)o->ram, wanted = (double)o->scene.image_cache_bytes;
+    oxl_job_options least         = *o;
+    least.scene.image_cache_bytes = 0;
+    *memory                       = (survey_cost(ctx, &least, load).memory + more) / BUDGET_MARGIN;
+    if (o->ram && *memory > (double)o->ram) return 0;
+    if (o->ram) o->scene.image_cache_bytes = (size_t)OXL_MIN(wanted, allowed - BUDGET_MARGIN * *memory);
     *memory = survey_cost(ctx, o, load).memory + more;
-    return o->ram == 0 || *memory <= BUDGET_MARGIN * (double)o->ram;
+    return 1;
 }
 
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)

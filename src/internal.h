@@ -843,8 +843,11 @@ OXL_INTERNAL int    train_may_try(const oxl_train_options *options);        /* w
 
 /* ---------------------------------------------------------------- run.c: run.json, what a result depends on */
 
+#define RUN_REFINE_MOST 1000.0 /* x the blocks' steps */
+
 struct oxl_run { /* read back from run.json */
     int      finished;
+    float    refine;       /* not in the line: blocks do not depend on it */
     char    *line, *found; /* "job": {...}, "found": {...}; line NULL: there was no run */
     char    *scene, *preset, *path[3];
     uint64_t seed;
@@ -950,7 +953,8 @@ OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl
 
 /* Image cache and most Gaussians such that the load fits options->ram (0: they stay); 0 when it cannot. */
 OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o);
-/* A run that makes no Gaussians, beside `more` bytes: whether it fits, with a smaller cache if need be. *memory: what it takes. */
+/* A run that makes no Gaussians, beside `more` bytes: whether it fits, without a cache if need be. *memory: what it takes; the budget that
+ * would do when it does not fit. */
 OXL_INTERNAL int        budget_holds(const oxl_context *ctx, const struct survey_load *load, double more, oxl_job_options *o,
                                      double *memory);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o);

@@ -17,6 +17,7 @@ struct job {
     double              origin[3];
     oxl_model           model;
     struct text         line, found; /* "job": {...} and "found": {...} of run.json */
+    struct text         key;         /* both: what a block depends on */
     struct text         notes;       /* what the log says outside of the blocks' training */
     struct block_record total;       /* over the blocks */
     int                 block;       /* that is being trained */
@@ -93,6 +94,12 @@ static void job_describe_found(struct job *job)
     text_add(t, "}");
 }
 
+static oxl_result job_make_key(struct job *job)
+{
+    text_add(&job->key, "%s, %s", job->line.data, job->found.data);
+    return job->found.failed || job->key.failed ? job_no_memory(job) : OXL_OK;
+}
+
 static void job_add_partition_decision(const struct job *job, struct text *t)
 {
     const struct partition *p     = &job->partition;
@@ -139,7 +146,9 @@ static oxl_result job_write_run(struct job *job, int finished)
         if (k > 0) text_add(&t, ", ");
         text_add_number(&t, job->origin[k]);
     }
-    text_add(&t, "],\n  %s,\n  %s,\n", job->line.data, job->found.data);
+    text_add(&t, "],\n  \"refined\": %s,\n  \"refine\": ", job->refined ? "true" : "false");
+    text_add_number(&t, (double)job->options.refine);
+    text_add(&t, ",\n  %s,\n  %s,\n", job->line.data, job->found.data);
     if (finished) rc = job_add_decisions(job, &t);
     text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");
@@ -220,7 +229,7 @@ static oxl_result job_look(struct job *job, int *done)
     if (rc != OXL_OK || !run.line) goto leave;
     if (strcmp(run.line, job->line.data) || !run.found || strcmp(run.found, job->found.data) || job->options.restart)
         rc = job_make_way(job, &run);
-    else *done = run.finished && job_has(job, "scene.ply");
+    else *done = run.finished && run.refine == job->options.refine && job_has(job, "scene.ply");
 leave:
     run_free(job->ctx, &run);
     return rc;
@@ -252,7 +261,7 @@ static oxl_result job_open(struct job *job)
     memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
     job_log_survey(job);
     job_describe_found(job);
-    return job->found.failed ? job_no_memory(job) : OXL_OK;
+    return job_make_key(job);
 }
 
 /* ---------------------------------------------------------------- blocks */
@@ -295,6 +304,11 @@ static oxl_result job_load_block(struct job *job, const char *folder, oxl_scene 
 static double job_refinement(const struct job *job)
 {
     return job->partition.block_count > 1 ? job->options.refine : 0;
+}
+
+static int job_steps_together(const struct job *job)
+{
+    return (int)OXL_CLAMP(job_refinement(job) * job->partition.block_count * job->options.train.iterations, 1, INT_MAX);
 }
 
 /* The run's progress from the block's: time counts over all blocks. */
@@ -368,7 +382,7 @@ static oxl_result job_train_block(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
     const int          standard = job_refinement(job) > 0 ? 0 : block_standard_steps(&job->options.train);
-    struct block_task  task     = {.folder = folder, .key = job->line.data, .callback = &callback, .standard = standard};
+    struct block_task  task     = {.folder = folder, .key = job->key.data, .callback = &callback, .standard = standard};
     oxl_job_options    options;
     oxl_scene         *own = NULL;
     oxl_result         rc  = OXL_OK;
@@ -388,7 +402,7 @@ static oxl_result job_block(struct job *job, int block)
 {
     char               *folder = job_block_path(job, block, NULL);
     struct block_record record;
-    oxl_result          rc = folder ? block_read(job->ctx, folder, job->line.data, &record) : OXL_ERR_MEMORY, trained = OXL_OK;
+    oxl_result          rc = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY, trained = OXL_OK;
     if (rc != OXL_OK) goto done;
     job->block = block;
     if (!record.finished) {
@@ -396,7 +410,7 @@ static oxl_result job_block(struct job *job, int block)
             oxl_log(job->ctx, OXL_LOG_INFO, "block %d of 0 to %d", block, job->partition.block_count - 1);
         trained = job_train_block(job, folder);
         rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
-        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->line.data, &record);
+        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     }
     if (rc == OXL_OK) job_add_record(job, &record);
     if (rc == OXL_OK) rc = trained;
@@ -462,44 +476,46 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
  * folder beside the blocks' (docs/SCALE.md has what that mends).
  */
 
+/* Bytes that stand beside the training: the model that it starts from, and that with lobes once more while they are dropped. */
+static double job_start_bytes(const oxl_model *merged)
+{
+    const double rows = 4.0 * oxl_model_planes(merged) * (double)merged->count;
+    return merged->lobes > 0 ? 2 * rows + 6 * 4.0 * (OXL_PLANES - OXL_LOBE) * (double)merged->lobes : rows;
+}
+
 /* Whether the whole fits into the memory allowed; if so, the cache of photographs is as large as it may be. */
 static int job_fits_together(struct job *job, const oxl_model *merged, struct block_task *task)
 {
-    struct survey_load load  = survey_load(job->scene);
-    oxl_job_options    o     = job->options;
-    const double       start = 4.0 * oxl_model_planes(merged) * (double)merged->count; /* bytes of what is started from */
-    o.train                  = task->train;
-    o.train.max_gaussians    = (int)OXL_MIN(merged->count, INT_MAX);
-    load.points              = merged->count;
-    task->predicted_seconds  = job_refinement(job) * job->total.predicted_seconds;
-    if (budget_holds(job->ctx, &load, start, &o, &task->predicted_peak)) {
+    struct survey_load load = survey_load(job->scene);
+    oxl_job_options    o    = job->options;
+    o.train                 = task->train;
+    o.train.max_gaussians   = (int)OXL_MIN(merged->count, INT_MAX);
+    load.points             = merged->count;
+    task->predicted_seconds = job_refinement(job) * job->total.predicted_seconds;
+    if (budget_holds(job->ctx, &load, job_start_bytes(merged), &o, &task->predicted_peak)) {
         scene_set_cache(job->scene, o.scene.image_cache_bytes);
         return 1;
     }
     oxl_log(job->ctx, OXL_LOG_WARNING,
-            "the blocks are not refined together, which would take %.2f GB: --ram allows %.2f GB; their brightness may differ",
-            task->predicted_peak / 1e9, (double)o.ram / 1e9);
+            "the blocks are not refined together: their brightness may differ\nfix: --ram %.0fM would do instead of %.0fM",
+            ceil(task->predicted_peak / 1048576), floor((double)o.ram / 1048576));
     return 0;
 }
 
-static oxl_result job_train_together(struct job *job, const char *folder)
+/* *fits: 0 when nothing was done for want of memory. */
+static oxl_result job_train_together(struct job *job, struct block_task *task, int *fits)
 {
-    const double       steps    = job_refinement(job) * job->partition.block_count * job->options.train.iterations;
-    const oxl_callback callback = {job_progress, job};
-    oxl_model          merged   = {0};
-    struct block_task  task     = {.folder   = folder,
-                                   .key      = job->line.data,
-                                   .callback = &callback,
-                                   .start    = &merged,
-                                   .standard = block_standard_steps(&job->options.train)};
-    oxl_result         rc       = job->scene ? OXL_OK : job_load(job);
+    oxl_model  merged = {0};
+    oxl_result rc     = job->scene ? OXL_OK : job_load(job);
     if (rc == OXL_OK) rc = job_merge(job, 0, &merged);
     if (rc != OXL_OK) goto done;
-    task.train = block_refinement(&job->options.train, merged.sh_degree, (int)OXL_CLAMP(steps, 1, INT_MAX));
-    job_limit_time(job, &task.train);
-    if (!job_fits_together(job, &merged, &task)) goto done;
-    oxl_log(job->ctx, OXL_LOG_INFO, "all blocks together: %d steps", task.train.iterations);
-    rc = block_train(job->ctx, job->scene, &task);
+    task->start = &merged;
+    task->train = block_refinement(&job->options.train, merged.sh_degree, job_steps_together(job));
+    job_limit_time(job, &task->train);
+    *fits = job_fits_together(job, &merged, task);
+    if (!*fits) goto done;
+    oxl_log(job->ctx, OXL_LOG_INFO, "all blocks together: %d steps", task->train.iterations);
+    rc = block_train(job->ctx, job->scene, task);
     if (rc == OXL_ERR_MEMORY)
         rc = oxl_fail(job->ctx, rc,
                       "no memory to refine the %zu Gaussians of all blocks together\n"
@@ -510,26 +526,40 @@ done:
     return rc;
 }
 
+static oxl_result job_refine(struct job *job, struct block_task *task)
+{
+    struct block_record record  = {0};
+    int                 fits    = 1;
+    oxl_result          trained = OXL_OK, rc = block_read(job->ctx, task->folder, task->key, &record);
+    if (rc == OXL_OK && !record.finished) {
+        trained = job_train_together(job, task, &fits);
+        rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
+        if (rc == OXL_OK) rc = block_read(job->ctx, task->folder, task->key, &record);
+    }
+    if (rc == OXL_OK && fits) job_add_record(job, &record);
+    job->refined = fits && record.finished;
+    return rc == OXL_OK ? trained : rc;
+}
+
 /* When all blocks are finished. */
 static oxl_result job_together(struct job *job)
 {
-    const int           number = job->partition.block_count;
-    char               *folder;
-    struct block_record record = {0};
-    oxl_result          rc, trained = OXL_OK;
+    const int          number   = job->partition.block_count;
+    const oxl_callback callback = {job_progress, job};
+    struct block_task  task     = {.callback = &callback, .standard = block_standard_steps(&job->options.train)};
+    struct text        key      = {.ctx = job->ctx};
+    char              *folder;
+    oxl_result         rc;
     if (!(job_refinement(job) > 0) || job->options.block >= 0 || job->unfinished) return OXL_OK;
-    folder     = job_block_path(job, number, NULL);
-    job->block = number;
-    rc         = folder ? block_read(job->ctx, folder, job->line.data, &record) : OXL_ERR_MEMORY;
-    if (rc == OXL_OK && !record.finished) {
-        trained = job_train_together(job, folder);
-        rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
-        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->line.data, &record);
-    }
-    if (rc == OXL_OK && record.there) job_add_record(job, &record);
-    job->refined = record.finished;
+    text_add(&key, "\"together\": %d, %s", job_steps_together(job), job->key.data);
+    folder      = job_block_path(job, number, NULL);
+    job->block  = number;
+    task.folder = folder;
+    task.key    = key.data;
+    rc          = folder && !key.failed ? job_refine(job, &task) : job_no_memory(job);
     oxl_free(job->ctx, folder);
-    return rc == OXL_OK ? trained : rc;
+    text_free(&key);
+    return rc;
 }
 
 /* ---------------------------------------------------------------- at the end */
@@ -682,7 +712,7 @@ static oxl_result job_conclude(struct job *job, oxl_result rc)
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     if (job->options.block >= 0 && !one) return rc;
     if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
-    else oxl_log(job->ctx, OXL_LOG_INFO, "some blocks of %s are not finished; run again to go on", job->out);
+    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to go on", job->out);
     return joined == OXL_OK ? rc : joined;
 }
 
@@ -698,12 +728,21 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .callback   = callback,
                         .line       = {.ctx = ctx},
                         .found      = {.ctx = ctx},
+                        .key        = {.ctx = ctx},
                         .notes      = {.ctx = ctx},
                         .begun      = os_seconds(),
                         .seed       = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
     ctx->notes = &job->notes;
     run_describe(&job->line, scene, &job->options);
+}
+
+static oxl_result job_check(struct job *job)
+{
+    const double refine = job->options.refine;
+    if (job->line.failed) return job_no_memory(job);
+    if (refine >= 0 && refine <= RUN_REFINE_MOST) return OXL_OK;
+    return oxl_fail(job->ctx, OXL_ERR_USAGE, "refine %g: wanted 0 to %g, a share of the blocks' steps", refine, RUN_REFINE_MOST);
 }
 
 static void job_end(struct job *job)
@@ -715,6 +754,7 @@ static void job_end(struct job *job)
     oxl_scene_free(job->ctx, job->scene);
     text_free(&job->line);
     text_free(&job->found);
+    text_free(&job->key);
     text_free(&job->notes);
 }
 
@@ -750,6 +790,11 @@ static oxl_result job_prepare_block(struct job *job, int *ready)
     oxl_result     rc  = run_read(job->ctx, job->out, &run);
     *ready = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && !strcmp(run.line, job->line.data) &&
              job_has(job, "partition.txt");
+    *ready = *ready && run.found;
+    if (*ready) {
+        text_add(&job->found, "%s", run.found);
+        rc = job_make_key(job);
+    }
     run_free(job->ctx, &run);
     return rc == OXL_OK && *ready ? job_cut(job) : rc;
 }
@@ -762,7 +807,8 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     int        ready = 0, done = 0;
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
-    rc = job.line.failed ? job_no_memory(&job) : job_prepare_block(&job, &ready);
+    rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_prepare_block(&job, &ready);
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
         rc = job_blocks(&job);
@@ -782,7 +828,7 @@ static oxl_result job_collect(struct job *job)
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         char               *folder = job_block_path(job, k, NULL);
         struct block_record record = {0};
-        rc                         = folder ? block_read(job->ctx, folder, job->line.data, &record) : OXL_ERR_MEMORY;
+        rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
         if (rc == OXL_OK && !record.finished)
             rc = oxl_fail(job->ctx, OXL_ERR_INPUT, "%s: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
                           folder, job->scene_path, job->out, k);
@@ -805,9 +851,10 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
                       out, out);
     if (rc != OXL_OK) return rc;
     run_options(&run, &options);
+    if (refine >= 0) options.refine = refine;
     job_begin(&job, ctx, run.scene, out, &options, callback);
-    if (refine >= 0) job.options.refine = refine; /* what the blocks are does not depend on it */
-    rc = job.line.failed ? job_no_memory(&job) : job_prepare(&job, &done);
+    rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_collect(&job);
     if (rc == OXL_OK && !done) rc = job_together(&job);
     if (rc == OXL_OK && !done) rc = job_finish(&job, 1);

@@ -63,7 +63,6 @@ static const struct run_field {
     RUN_FIELD("dog_opacity_factor", RUN_FLOAT, train.dog_opacity_factor),
     RUN_FIELD("dog_scale_factor", RUN_FLOAT, train.dog_scale_factor),
     RUN_FIELD("ram", RUN_SIZE, ram),
-    RUN_FIELD("refine", RUN_FLOAT, refine),
     RUN_FIELD("block_points", RUN_INT, partition.block_points),
     RUN_ENUM("partition", partition.kind, OXL_PARTITION_NONE),
     RUN_ENUM("cut", partition.cut, OXL_CUT_MIDPOINT),
@@ -209,6 +208,7 @@ OXL_INTERNAL oxl_result run_read(oxl_context *ctx, const char *folder, struct ox
     if (os_is_file(path)) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && map.data && strstr(map.data, "\"job\": {")) {
         out->finished = strstr(map.data, "\"finished\": true") != NULL;
+        out->refine   = (float)OXL_CLAMP(run_number(map.data, "refine"), 0, RUN_REFINE_MOST);
         out->line     = run_copy_line(ctx, map.data, "\"job\": {");
         out->found    = run_copy_line(ctx, map.data, "\"found\": {");
         if (out->line && run_find(out->line, "seed")) out->seed = strtoull(run_find(out->line, "seed"), NULL, 10);
@@ -240,6 +240,7 @@ OXL_INTERNAL void run_options(const struct oxl_run *run, oxl_job_options *o)
         if (s && parse_double(&s, s + strlen(s), &value)) run_set(o, &RUN_FIELDS[i], value);
     }
     for (size_t i = 0; i < OXL_COUNT(RUN_PATHS); i++) memcpy((char *)o + RUN_PATHS[i].at, &run->path[i], sizeof run->path[i]);
+    o->refine = run->refine;
     o->preset = run->preset;
     o->seed   = run->seed;
 }

@@ -241,6 +241,38 @@ TEST(job_merge_leaves_the_blocks_as_they_are_when_that_is_asked_for)
     CHECK(job_test_same(test_path("apart/scene.ply"), test_path("out/scene.ply")));
 }
 
+TEST(job_that_is_finished_refines_its_blocks_anew_for_another_share_and_trains_none)
+{
+    oxl_job_options       options  = job_test_blocks();
+    struct job_test_watch watch    = {0, -1};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_survey();
+    options.refine                 = 0.5f; /* 12 steps */
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("whole"), &options, NULL));
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK_OK(oxl_merge(test_ctx, test_path("out"), 0, &callback));
+    CHECK(watch.calls == 0 && job_test_has(test_path("out/run.json"), "\"refine\": 0,"));
+    CHECK(job_test_has(test_path("out/run.json"), "\"refined\": false"));
+    options.refine = 1;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 24);
+    CHECK_OK(oxl_merge(test_ctx, test_path("out"), 0.5f, NULL));
+    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("out/scene.ply")));
+}
+
+TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
+{
+    const oxl_job_options options  = job_test_blocks();
+    struct job_test_watch watch    = {0, -1};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_survey();
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(remove(test_path("survey/images/8.png")) == 0);
+    watch.calls = 0;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls == 12 + 12 + 2);
+}
+
 TEST(job_that_is_stopped_while_all_blocks_are_refined_goes_on_there)
 {
     oxl_job_options       options  = job_test_blocks();

@@ -39,7 +39,7 @@ static void report_test_run(void)
 {
     test_write("out/run.json",
                "{\"oceanxl\": \"0\", \"finished\": true, \"threads\": 2, \"instructions\": \"base\", \"preset\": \"draft\", "
-               "\"iterations_done\": 24, \"blocks\": 2, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
+               "\"iterations_done\": 24, \"blocks\": 2, \"refined\": true, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
                "\"survey\": {\"images\": 9, \"images_missing\": 0, \"train_views\": 7, \"test_views\": 2, \"points\": 16000},\n"
                "\"notes\": [{\"level\": \"warning\", \"text\": \"a <warning> & more\"}, "
                "{\"level\": \"info\", \"text\": \"partition in 2D: l3/l2 = 0.1 is below 0.3\"}]}");

@@ -109,7 +109,7 @@ static void report_open(struct report *r)
     r->block            = calloc((size_t)r->blocks + 1, sizeof *r->block);
     if (!r->block) r->page.failed = 1, r->blocks = 0;
     for (int k = 0; r->block && k < r->blocks + (r->blocks > 1); k++) report_read_block(r, k);
-    r->parts = r->blocks + (r->blocks > 1 && r->block[r->blocks].json);
+    r->parts = r->blocks + (r->block && r->block[r->blocks].json && json_is_true(r->run, "refined"));
 }
 
 static void report_close(struct report *r)
@@ -462,6 +462,7 @@ static void report_folder_option(struct report *r, const char *option, const cha
 /* The command that gives the same bytes: every option that differs from the preset's. */
 static void report_command(struct report *r)
 {
+    const double    refine = json_number(r->run, "refine");
     char           *preset = json_string(json_member(r->run, "preset"));
     const int       which  = preset && strcmp(preset, "paper") == 0 ? 2 : preset && strcmp(preset, "standard") == 0 ? 1 : 0;
     oxl_job_options fresh  = oxl_job_options_default((oxl_preset)which);
@@ -488,7 +489,7 @@ static void report_command(struct report *r)
     report_number_option(r, "--max-side", "max_side", fresh.scene.max_side);
     report_number_option(r, "--test-every", "test_every", fresh.scene.test_every);
     report_number_option(r, "--block-points", "block_points", fresh.partition.block_points);
-    report_share_option(r, "--refine", "refine", fresh.refine);
+    if (isfinite(refine) && (float)refine != fresh.refine) study_add(&r->page, " --refine %g", refine);
     report_number_option(r, "--ram", "ram", 0);
     report_word_option(r, "--partition", report_word(r, "partition", REPORT_AXES, 4), "auto");
     report_word_option(r, "--split", report_word(r, "cut", REPORT_CUTS, 2), "balanced");
