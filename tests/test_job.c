@@ -294,8 +294,14 @@ TEST(job_in_blocks_with_second_lobes_keeps_them_when_all_are_refined)
     oxl_job_options options = job_test_blocks();
     oxl_model       model = {0}, standard = {0};
     options.train.dog = OXL_DOG_ALL;
+    options.refine    = 0;
+    options.seed      = 7;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(!os_is_file(test_path("out/blocks/000/model_standard.ply"))); /* nothing is made of it */
+    CHECK(os_is_file(test_path("out/blocks/000/model_standard.ply")));
+    options.refine = 0.1f;
+    options.seed   = 0;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK(!os_is_file(test_path("out/blocks/000/model_standard.ply"))); /* it was the other seed's */
     CHECK(os_is_file(test_path("out/blocks/together/model_standard.ply")));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene_standard.ply"), &standard));
