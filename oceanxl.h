@@ -473,7 +473,8 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
 /* Trains the survey in folder `scene` and leaves in folder `out`: scene.ply, scene_standard.ply when that is not the
  * standard's 62 columns, metrics.json, run.json and renders/; and for each block
  * blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most block_points points is one block, 000, trained as it is;
- * a larger one is cut first (partition.txt, partition.svg, and a COLMAP text export in each blocks/KKK/).
+ * a larger one is cut first (partition.txt, partition.svg, and a COLMAP text export in each blocks/KKK/), merged, and refined on all
+ * photographs in blocks/together/ (see `refine`).
  *
  * While a block is trained, its folder holds checkpoints. A run that was stopped, by whatever, goes on from there when it is
  * called again, to the same bytes as if nothing had been; a finished one is left as it is. When the callback stops the run, or

@@ -29,8 +29,8 @@ static const struct {
      "oceanxl train survey -o out",
      "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
      "Ctrl-C stops in good order and saves the state, a crash loses a minute: run the same command again, and it goes on."},
-    {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, and judges the whole.", "oceanxl merge out",
-     "OUT gets what train would have left there, to the byte."},
+    {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, refines them together, judges the whole.",
+     "oceanxl merge out", "OUT gets what train would have left there, to the byte."},
     {"check", COMMAND_CHECK, 1, "SCENE", "Lints a survey: says what train would find, and what it would take.",
      "oceanxl check survey", "Exit code 3: it cannot be trained, and the message says why."},
     {"partition", COMMAND_PARTITION, 1, "SCENE -o OUT",
