@@ -14,10 +14,8 @@ set -eu
 
 # ------------------------------------------------------------------------------------------------ inside of a task
 
-block() { # SCENE OUT [options]
-    scene=$1 out=$2
-    shift 2
-    "$OCEANXL" train "$scene" -o "$out" --block "$SLURM_ARRAY_TASK_ID" --threads "${SLURM_CPUS_PER_TASK:-1}" --quiet "$@" &
+task() { # the program's arguments
+    "$OCEANXL" "$@" --threads "${SLURM_CPUS_PER_TASK:-1}" --quiet &
     program=$!
     again=
     trap 'again=1; kill -TERM $program' USR1 # Slurm's word that TIME is nearly over
@@ -32,8 +30,12 @@ block() { # SCENE OUT [options]
 }
 
 case ${1:-} in
---block) shift; block "$@" ;;
---merge) exec "$OCEANXL" merge "$2" ;;
+--block)
+    scene=$2 out=$3
+    shift 3
+    task train "$scene" -o "$out" --block "$SLURM_ARRAY_TASK_ID" "$@"
+    ;;
+--merge) task merge "$2" ;; # which refines all blocks together
 esac
 
 # ------------------------------------------------------------------------------------------------ on the front node
@@ -46,12 +48,12 @@ export OCEANXL
 
 "$OCEANXL" partition "$scene" -o "$out" "$@"
 log="$out/slurm-%A_%a.log"
-common="--parsable --export=ALL --open-mode=append --cpus-per-task=${CPUS:-2} ${MEM:+--mem=$MEM} ${TIME:+--time=$TIME}"
+# --signal=B: the script is told, not the program
+common="--parsable --export=ALL --open-mode=append --requeue --signal=B:USR1@120 --cpus-per-task=${CPUS:-2} ${MEM:+--mem=$MEM} ${TIME:+--time=$TIME}"
 blocks=$(grep -c '^[0-9]' "$out/partition.txt")
 
-# --signal=B: the script is told, not the program
 # shellcheck disable=SC2086 # the common options are words
-array=$(sbatch $common --job-name=oceanxl-block --requeue --signal=B:USR1@120 --output="$log" --array=0-$((blocks - 1)) \
+array=$(sbatch $common --job-name=oceanxl-block --output="$log" --array=0-$((blocks - 1)) \
     "$0" --block "$scene" "$out" "$@")
 echo "array $array: $blocks blocks"
 # shellcheck disable=SC2086
