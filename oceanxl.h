@@ -440,10 +440,9 @@ typedef struct oxl_job_options {
     int                   renders; /* 1: pictures of the held-out views go to OUT/renders (1) */
     size_t                ram;     /* bytes that the run may take at its peak; blocks, cache and Gaussians follow; 0: any (0) */
     int                   block;   /* train this block alone and do not merge; -1: all (-1) */
-    float
-        refine; /* of several blocks: their steps x refine more, of all Gaussians on all photographs, once they are merged (0.1) */
-    int      restart; /* 1: give up unfinished work of other options in OUT (0) */
-    uint64_t seed;    /* 0: the context's (0) */
+    float                 refine;  /* merged blocks are refined together for this share of their steps; 0: not (0.1) */
+    int                   restart; /* 1: give up unfinished work of other options in OUT (0) */
+    uint64_t              seed;    /* 0: the context's (0) */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);

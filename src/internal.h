@@ -867,7 +867,7 @@ struct block_record { /* block.json */
     oxl_faults faults;
 };
 struct block_task {
-    const char         *folder, *key; /* key: the run's line */
+    const char         *folder, *key; /* key: what the result depends on */
     oxl_train_options   train;
     const oxl_callback *callback;
     const oxl_model    *start; /* what training starts from; NULL: the scene's points */

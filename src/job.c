@@ -1,8 +1,8 @@
 /* job.c - the whole job: a survey in, a folder with the model, its metrics and its pictures out.
  *
  * OUT/run.json is written first, to say what is under way, and last, when everything else is in place. Invariant: a run.json that
- * says "finished": true describes the scene.ply beside it. The line "job" in it is all that the result depends on beside the
- * survey itself: a second run that would write the same line goes on where the first one stopped, or has nothing to do.
+ * says "finished": true describes the scene.ply beside it. The lines "job" and "found" in it are all that a block depends on, and with
+ * "refine" all that the result does: a second run that would write the same goes on where the first one stopped, or has nothing to do.
  */
 #include "internal.h"
 
@@ -471,7 +471,7 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 
 /* ---------------------------------------------------------------- all blocks together
  *
- * Each has learned beside neighbours of its own making, and merging takes those away: a haze that one block put in front of its
+ * Each has learned beside its own copies of what lies around it, and merging takes those away: what one block put in front of its
  * neighbour's ground was never seen together with that ground. So what is merged is refined, all of it on all photographs, in a
  * folder beside the blocks' (docs/SCALE.md has what that mends).
  */
