@@ -3,7 +3,7 @@
  * Rows out of sight have no gradient; classical Adam would let them drift along their old momentum. They rest here instead, as in
  * Taming 3DGS (Mallick et al. 2024): it saves reading and writing them, and PAPER.md has what it changes.
  *
- * Invariant: a row whose bit in `visible` is 0 is not written.
+ * Invariants: a row whose bit in `visible` is 0 is not written; one with a number or a gradient that is not finite loses its bit.
  */
 #include "kernels.h"
 
@@ -28,16 +28,46 @@ SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned
     }
 }
 
+/* The rows of a pack all of whose gradients and numbers are finite: 0 x anything finite is 0, 0 x inf and 0 x nan are not, and stay so
+ * in a sum. */
+SIMD_INLINE unsigned adam_finite(const struct adam_job *job, int planes, size_t at)
+{
+    real     sum[PACK] = {0};
+    unsigned finite    = 0;
+    for (int k = 0; k < planes; k++) {
+        const real *g = job->gradient[k] + at, *p = job->parameter[k] + at;
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) sum[l] += 0 * g[l] + 0 * p[l];
+    }
+    for (int l = 0; l < PACK; l++) finite |= (unsigned)(sum[l] == 0) << l;
+    return finite;
+}
+
+/* At degree 3 a pack is 236 lines of memory, each in a page of its own: more streams than the processor foresees by itself. */
+SIMD_INLINE void adam_prefetch(const struct adam_job *job, int planes, size_t at)
+{
+    for (int k = 0; k < planes; k++) {
+        simd_prefetch(job->parameter[k] + at);
+        simd_prefetch(job->gradient[k] + at);
+        simd_prefetch(job->first[k] + at);
+        simd_prefetch(job->second[k] + at);
+    }
+}
+
 SIMD_BODY void adam_step_body(const int fused, const struct adam_job *job)
 {
-    for (int k = 0; k < job->planes; k++)
-        for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
-            const unsigned seen = job->visible[pack];
-            const size_t   at   = pack * PACK;
-            if (seen)
-                adam_pack(fused, job, seen, job->rate[k], job->parameter[k] + at, job->first[k] + at, job->second[k] + at,
-                          job->gradient[k] + at);
-        }
+    for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
+        const size_t at     = pack * PACK;
+        const int    planes = job->planes + (pack < job->lobe_packs ? job->lobe_planes : 0);
+        unsigned     seen   = job->visible[pack];
+        if (!seen) continue;
+        if (pack + 1 < job->end_pack && job->visible[pack + 1]) adam_prefetch(job, job->planes, at + PACK);
+        seen &= adam_finite(job, planes, at);
+        job->visible[pack] = (uint16_t)seen;
+        for (int k = 0; k < planes; k++)
+            adam_pack(fused, job, seen, job->rate[k], job->parameter[k] + at, job->first[k] + at, job->second[k] + at,
+                      job->gradient[k] + at);
+    }
 }
 
 SIMD_DISPATCH(OXL_INTERNAL, adam_step, struct adam_job)

@@ -326,13 +326,14 @@ OXL_INTERNAL void       loss_free(oxl_context *ctx, struct loss_scratch *scratch
 /* ---------------------------------------------------------------- adam.c: the step that follows the gradient */
 
 struct adam_job {
-    size_t          first_pack, end_pack;
-    const uint16_t *visible; /* (packs) rows that are stepped */
-    int             planes;
-    real           *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
-    const real     *gradient[OXL_PLANES];
-    real            rate[OXL_PLANES];   /* with the bias correction of the first moment in it */
-    real            inverse_correction; /* 1 / sqrt(1 - beta2^t) */
+    size_t    first_pack, end_pack;
+    uint16_t *visible;             /* (packs) rows that are stepped; the bit of one with a number that is not finite is cleared */
+    int       planes, lobe_planes; /* of every row; behind them those of second lobes, up to the end of the last pack with one */
+    size_t    lobe_packs;
+    real     *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
+    const real *gradient[OXL_PLANES];
+    real        rate[OXL_PLANES];   /* with the bias correction of the first moment in it */
+    real        inverse_correction; /* 1 / sqrt(1 - beta2^t) */
 };
 OXL_INTERNAL void adam_step(int isa, const struct adam_job *job);
 

@@ -236,9 +236,9 @@ SIMD_INLINE void project_basis_backward(int degree, const struct project_colour 
     }
 }
 
-SIMD_INLINE void project_colour(const struct gaussians *in, const struct lens *lens, size_t first, struct project_colour *c)
+/* From the eye to each row, and the basis there. */
+SIMD_INLINE void project_sight(const struct gaussians *in, const struct lens *lens, size_t first, struct project_colour *c)
 {
-    const int   bands = (in->sh_degree + 1) * (in->sh_degree + 1);
     const real *mx = in->plane[OXL_MEAN] + first, *my = in->plane[OXL_MEAN + 1] + first, *mz = in->plane[OXL_MEAN + 2] + first;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -248,16 +248,27 @@ SIMD_INLINE void project_colour(const struct gaussians *in, const struct lens *l
         c->inverse[l] = inverse;
     }
     project_basis(in->sh_degree, c);
-    for (int ch = 0; ch < 3; ch++) {
-        real sum[PACK];
-        for (int l = 0; l < PACK; l++) sum[l] = (real)0.5;
-        for (int k = 0; k < bands; k++) {
-            const real *sh = in->plane[OXL_SH + 3 * k + ch] + first, *basis = c->basis[k];
+}
+
+SIMD_INLINE void project_colour(const struct gaussians *in, const struct lens *lens, size_t first, struct project_colour *c)
+{
+    const int bands = (in->sh_degree + 1) * (in->sh_degree + 1);
+    real      red[PACK], green[PACK], blue[PACK];
+    project_sight(in, lens, first, c);
+    for (int l = 0; l < PACK; l++) red[l] = green[l] = blue[l] = (real)0.5;
+    for (int k = 0; k < 16; k++) {
+        const real *r, *g, *b, *basis = c->basis[k];
+        if (k == bands) break; /* a second way out of the loop keeps gcc from jamming two rounds into one, with gathers */
+        r = in->plane[OXL_SH + 3 * k] + first, g = in->plane[OXL_SH + 3 * k + 1] + first,
+        b = in->plane[OXL_SH + 3 * k + 2] + first;
 #pragma omp simd
-            for (int l = 0; l < PACK; l++) sum[l] += basis[l] * sh[l];
+        for (int l = 0; l < PACK; l++) {
+            red[l] += basis[l] * r[l];
+            green[l] += basis[l] * g[l];
+            blue[l] += basis[l] * b[l];
         }
-        memcpy(c->value[ch], sum, sizeof sum);
     }
+    for (int l = 0; l < PACK; l++) c->value[0][l] = red[l], c->value[1][l] = green[l], c->value[2][l] = blue[l];
 }
 
 /* dcolour (3, PACK) -> the SH planes of `out`, and dL/d(mean) through the viewing direction, added to dmean (3, PACK). MATH 15 */
@@ -267,16 +278,17 @@ SIMD_INLINE void project_colour_backward(const struct project_job *job, size_t f
     const int degree = job->in.sh_degree, bands = (degree + 1) * (degree + 1);
     real      v[16][PACK], dx[PACK], dy[PACK], dz[PACK];
     for (int k = 0; k < bands; k++) {
-        for (int l = 0; l < PACK; l++) v[k][l] = 0;
-        for (int ch = 0; ch < 3; ch++) {
-            const real *sh    = job->in.plane[OXL_SH + 3 * k + ch] + first;
-            real       *out   = job->out.plane[OXL_SH + 3 * k + ch] + first;
-            const real *basis = c->basis[k], *d = dcolour[ch];
+        const real *sh[3]  = {job->in.plane[OXL_SH + 3 * k] + first, job->in.plane[OXL_SH + 3 * k + 1] + first,
+                              job->in.plane[OXL_SH + 3 * k + 2] + first};
+        real       *out[3] = {job->out.plane[OXL_SH + 3 * k] + first, job->out.plane[OXL_SH + 3 * k + 1] + first,
+                              job->out.plane[OXL_SH + 3 * k + 2] + first};
+        const real *basis  = c->basis[k];
 #pragma omp simd
-            for (int l = 0; l < PACK; l++) {
-                out[l] = basis[l] * d[l];
-                v[k][l] += sh[l] * d[l];
-            }
+        for (int l = 0; l < PACK; l++) {
+            v[k][l]   = sh[0][l] * dcolour[0][l] + sh[1][l] * dcolour[1][l] + sh[2][l] * dcolour[2][l];
+            out[0][l] = basis[l] * dcolour[0][l];
+            out[1][l] = basis[l] * dcolour[1][l];
+            out[2][l] = basis[l] * dcolour[2][l];
         }
     }
     if (degree == 0) return;
@@ -398,6 +410,13 @@ static void project_store_lobe(struct lobe *out, int l, const struct project_lob
     out->main_x = p->main_x[l], out->main_y = p->main_y[l];
 }
 
+/* Harmonics of the pack that comes next, each plane's in a page of its own: colour has 3 of them at degree 0, 48 at degree 3. */
+SIMD_INLINE void project_prefetch(real *const plane[OXL_PLANES], int sh_degree, size_t at)
+{
+    const int end = OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1);
+    for (int k = OXL_SH; k < end; k++) simd_prefetch(plane[k] + at);
+}
+
 SIMD_BODY void project_forward_body(const int fused, const struct project_job *job)
 {
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
@@ -417,6 +436,7 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
             if (lanes.seen[l] && first + l < job->in.count) seen |= 1u << l;
         job->visible[pack] = (uint16_t)seen;
         if (!seen) continue;
+        if (pack + 1 < job->end_pack) project_prefetch(job->in.plane, job->in.sh_degree, first + PACK);
         project_colour(&job->in, job->lens, first, &colour);
         for (int l = 0; l < PACK; l++)
             if (seen >> l & 1) project_store(job, first + l, l, &lanes, &colour);
@@ -430,7 +450,6 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
 struct project_gradients {
     real sums[SPLAT_SUMS][PACK]; /* reduced over the splat's pairs; 0 where it is not visible */
     real mean[3][PACK];
-    real colour[3][PACK];
     real u[PACK], v[PACK]; /* the centre's */
 };
 
@@ -445,6 +464,8 @@ static void project_gather(const struct project_job *job, size_t first, unsigned
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
             for (int k = 0; k < SPLAT_SUMS; k++) sum[k] += job->sums[slot][k];
         for (int k = 0; k < SPLAT_SUMS; k++) d->sums[k][l] = sum[k];
+        for (int ch = 0; ch < 3; ch++) /* the colour's clamp at 0 stops its gradient */
+            if (!(s->colour[ch] > 0)) d->sums[SUM_RED + ch][l] = 0;
     }
 }
 
@@ -592,16 +613,14 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
         struct project_gradients d;
         struct project_colour    colour;
         if (!seen) continue;
-        project_gather(job, first, seen, &d);
-        project_colour(&job->in, job->lens, first, &colour);
-        for (int ch = 0; ch < 3; ch++) { /* the colour's clamp at 0 stops its gradient */
-#pragma omp simd
-            for (int l = 0; l < PACK; l++) {
-                d.colour[ch][l] = colour.value[ch][l] > 0 ? d.sums[SUM_RED + ch][l] : 0;
-                d.mean[ch][l]   = 0;
-            }
+        if (pack + 1 < job->end_pack && job->visible[pack + 1]) {
+            project_prefetch(job->in.plane, job->in.sh_degree, first + PACK);
+            project_prefetch(job->out.plane, job->in.sh_degree, first + PACK);
         }
-        project_colour_backward(job, first, &colour, d.colour, d.mean);
+        project_gather(job, first, seen, &d);
+        project_sight(&job->in, job->lens, first, &colour);
+        memset(d.mean, 0, sizeof d.mean);
+        project_colour_backward(job, first, &colour, d.sums + SUM_RED, d.mean);
 #pragma omp simd
         for (int l = 0; l < PACK; l++) project_lane_backward(fused, job, seen, first + l, l, &d);
         if (lobes) {

@@ -370,43 +370,26 @@ struct render_step {
     double           correction; /* of the first moment's bias */
 };
 
-static void render_step_planes(const struct render_step *s, int first_plane, int planes, struct adam_job *out)
+/* Planes of the model from first_plane on become those of the job from `at` on. */
+static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at, struct adam_job *out)
 {
-    out->planes = planes;
-    for (int k = 0; k < planes; k++) {
-        out->parameter[k] = s->model->plane[first_plane + k];
-        out->gradient[k]  = s->gradient->plane[first_plane + k];
-        out->first[k]     = s->first->plane[first_plane + k];
-        out->second[k]    = s->second->plane[first_plane + k];
-        out->rate[k]      = (float)(s->rates[first_plane + k] / s->correction);
+    for (int k = first_plane; k < first_plane + planes; k++, at++) {
+        out->parameter[at] = s->model->plane[k];
+        out->gradient[at]  = s->gradient->plane[k];
+        out->first[at]     = s->first->plane[k];
+        out->second[at]    = s->second->plane[k];
+        out->rate[at]      = (float)(s->rates[k] / s->correction);
     }
 }
 
-/* Second lobes are stepped up to the end of their last pack; past the last of them gradient and moments are 0, and so is the step. */
-/* 0 x anything finite is 0; 0 x inf and 0 x nan are not, and stay so in a sum. */
-static void render_look_through(const struct adam_job *job, size_t at, float *restrict sum)
+/* Rows of a pack that were seen before the step and are no longer: those that it put aside. */
+static void render_count_aside(unsigned before, unsigned after, size_t pack, struct renderer_aside *out)
 {
-    for (int k = 0; k < job->planes; k++) {
-        const float *g = job->gradient[k] + at, *p = job->parameter[k] + at;
-#pragma omp simd
-        for (int l = 0; l < PACK; l++) sum[l] += 0 * g[l] + 0 * p[l];
-    }
-}
-
-/* Clears the bits of a pack's rows of which a gradient or a number of their own is not finite, and counts them. Both are about to be
- * read anyway. */
-static void render_put_aside(const struct adam_job *rows, const struct adam_job *lobe, size_t pack, uint16_t *visible,
-                             struct renderer_aside *out)
-{
-    const size_t at        = pack * PACK;
-    float        sum[PACK] = {0};
-    render_look_through(rows, at, sum);
-    render_look_through(lobe, at, sum);
-    for (unsigned l = 0; l < PACK; l++) {
-        if (sum[l] == 0 || !(visible[pack] >> l & 1)) continue;
-        visible[pack] = (uint16_t)(visible[pack] & ~(1u << l));
-        if (out->rows++ == 0) out->first = at + l;
-    }
+    for (unsigned l = 0; before != after && l < PACK; l++)
+        if ((before & ~after) >> l & 1) {
+            out->first = OXL_MIN(out->first, pack * PACK + l);
+            out->rows++;
+        }
 }
 
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
@@ -414,31 +397,28 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
                                       struct renderer_aside *out)
 {
     const struct render_step s     = {model, first, second, gradient, rates, 1 - vecmath_exp(step * vecmath_log(0.9))};
-    const size_t             lobes = render_packs(r->in.lobes);
     const int64_t            tasks = render_tasks(r);
-    struct adam_job          rows  = {.visible            = r->visible,
-                                      .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))))};
-    struct adam_job          lobe  = rows;
-    const struct adam_job    none  = {.planes = 0};
     size_t                   aside = 0, first_aside = SIZE_MAX;
+    struct adam_job          rows = {.visible            = r->visible,
+                                     .lobe_packs         = render_packs(r->in.lobes),
+                                     .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))))};
     if (r->device) return r->doors->step(r->device, model, first, second, rates, step, out);
-    render_step_planes(&s, 0, OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1), &rows);
-    if (lobes) render_step_planes(&s, OXL_LOBE, MODEL_LOBE_PLANES, &lobe);
+    rows.planes      = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
+    rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
+    render_step_planes(&s, 0, rows.planes, 0, &rows);
+    render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : aside) reduction(min : first_aside)
     for (int64_t task = 0; task < tasks; task++) {
-        const size_t    first_pack = (size_t)task * RENDER_TASK, end_pack = OXL_MIN(first_pack + RENDER_TASK, r->bins.packs);
-        struct adam_job job        = rows;
-        struct renderer_aside here = {0};
-        for (size_t pack = first_pack; pack < end_pack; pack++)
-            if (r->visible[pack]) render_put_aside(&rows, pack < lobes ? &lobe : &none, pack, r->visible, &here);
+        struct adam_job       job  = rows;
+        struct renderer_aside here = {0, SIZE_MAX};
+        uint16_t              seen[RENDER_TASK];
+        job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->bins.packs);
+        memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);
+        adam_step(ctx->isa, &job);
+        for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
+            render_count_aside(seen[pack - job.first_pack], r->visible[pack], pack, &here);
         aside += here.rows;
-        if (here.rows) first_aside = OXL_MIN(first_aside, here.first);
-        job.first_pack = first_pack, job.end_pack = end_pack;
-        adam_step(ctx->isa, &job);
-        if (first_pack >= lobes) continue;
-        job            = lobe;
-        job.first_pack = first_pack, job.end_pack = OXL_MIN(end_pack, lobes);
-        adam_step(ctx->isa, &job);
+        first_aside = OXL_MIN(first_aside, here.first);
     }
     *out = (struct renderer_aside){aside, first_aside};
     return OXL_OK;

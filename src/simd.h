@@ -84,6 +84,16 @@ SIMD_INLINE int simd_lowest_bit(uint32_t bits)
 #endif
 }
 
+/* Asks for the line of memory at `at`, which will be read soon. For lines far apart, which the processor does not foresee by itself. */
+SIMD_INLINE void simd_prefetch(const void *at)
+{
+#ifdef __GNUC__
+    __builtin_prefetch(at);
+#else
+    (void)at;
+#endif
+}
+
 SIMD_INLINE int simd_detect(void)
 {
     int best = ISA_BASE;

@@ -75,7 +75,7 @@ static const struct extreme_adam EXTREME_ADAMS[] = {
 
 static struct extreme_error extreme_run_adam(oxl_context *ctx, const struct extreme_adam *e)
 {
-    const uint16_t       all                = 0xFFFF;
+    uint16_t             all = 0xFFFF, all_f64 = 0xFFFF;
     const double         rate               = 1e-3;
     float                value[3][PACK]     = {{0}}, gradient[PACK];
     double               value_f64[3][PACK] = {{0}}, gradient_f64[PACK];
@@ -87,7 +87,7 @@ static struct extreme_error extreme_run_adam(oxl_context *ctx, const struct extr
                                                .second    = {value[2]},
                                                .gradient  = {gradient}};
     struct adam_job_f64  job_f64            = {.end_pack  = 1,
-                                               .visible   = &all,
+                                               .visible   = &all_f64,
                                                .planes    = 1,
                                                .parameter = {value_f64[0]},
                                                .first     = {value_f64[1]},

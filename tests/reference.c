@@ -47,6 +47,8 @@
 #define project_jacobian           project_jacobian_f64
 #define project_covariance         project_covariance_f64
 #define project_colour             project_colour_f64
+#define project_sight              project_sight_f64
+#define project_prefetch           project_prefetch_f64
 #define project_basis              project_basis_f64
 #define project_basis_backward     project_basis_backward_f64
 #define project_colour_backward    project_colour_backward_f64
@@ -225,6 +227,8 @@
 
 #define adam_job         adam_job_f64
 #define adam_pack        adam_pack_f64
+#define adam_finite      adam_finite_f64
+#define adam_prefetch    adam_prefetch_f64
 #define adam_step        adam_step_f64
 #define adam_step_body   adam_step_body_f64
 #define adam_step_base   adam_step_base_f64
@@ -412,6 +416,8 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef project_jacobian
 #undef project_covariance
 #undef project_colour
+#undef project_sight
+#undef project_prefetch
 #undef project_basis
 #undef project_basis_backward
 #undef project_colour_backward
@@ -585,6 +591,8 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef loss_free
 #undef adam_job
 #undef adam_pack
+#undef adam_finite
+#undef adam_prefetch
 #undef adam_step
 #undef adam_step_body
 #undef adam_step_base

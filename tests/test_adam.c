@@ -7,7 +7,7 @@ struct adam_state {
     float parameter[ADAM_ROWS], first[ADAM_ROWS], second[ADAM_ROWS], gradient[ADAM_ROWS];
 };
 
-static void adam_take_step(struct adam_state *s, int step, float rate, const uint16_t visible[2])
+static void adam_take_step(struct adam_state *s, int step, float rate, uint16_t visible[2])
 {
     struct adam_job job = {.end_pack           = 2,
                            .visible            = visible,
@@ -23,7 +23,7 @@ static void adam_take_step(struct adam_state *s, int step, float rate, const uin
 
 TEST(adam_follows_the_formulas)
 {
-    const uint16_t    all[2]       = {0xFFFF, 0xFFFF};
+    uint16_t          all[2]       = {0xFFFF, 0xFFFF};
     struct adam_state s            = {{0}, {0}, {0}, {0}};
     double            p[ADAM_ROWS] = {0}, m[ADAM_ROWS] = {0}, v[ADAM_ROWS] = {0};
     for (int step = 1; step <= 200; step++) {
@@ -40,7 +40,7 @@ TEST(adam_follows_the_formulas)
 
 TEST(adam_leaves_rows_out_of_sight_alone)
 {
-    const uint16_t    some[2] = {0x00F0, 0};
+    uint16_t          some[2] = {0x00F0, 0};
     struct adam_state s;
     for (int i = 0; i < ADAM_ROWS; i++) s.parameter[i] = s.gradient[i] = 1, s.first[i] = s.second[i] = 0.5f;
     adam_take_step(&s, 1, 0.01f, some);
@@ -54,12 +54,31 @@ TEST(adam_leaves_rows_out_of_sight_alone)
 
 TEST(adam_survives_zero_and_enormous_gradients)
 {
-    const uint16_t    all[2] = {0xFFFF, 0xFFFF};
+    uint16_t          all[2] = {0xFFFF, 0xFFFF};
     struct adam_state s      = {{0}, {0}, {0}, {0}};
     for (int i = 0; i < ADAM_ROWS; i++) s.gradient[i] = i % 2 ? 1e20f : 0;
     for (int step = 1; step <= 50; step++) adam_take_step(&s, step, 0.01f, all);
     for (int i = 0; i < ADAM_ROWS; i++) {
         CHECK(isfinite(s.parameter[i]) && isfinite(s.first[i]) && isfinite(s.second[i]));
         CHECK_CLOSE(s.parameter[i], i % 2 ? -0.5 : 0, 0.01);
+    }
+}
+
+TEST(adam_strikes_out_rows_that_are_not_finite_and_steps_their_neighbours)
+{
+    uint16_t          all[2] = {0xFFFF, 0xFFFF};
+    struct adam_state s;
+    for (int i = 0; i < ADAM_ROWS; i++) s.parameter[i] = s.gradient[i] = 1, s.first[i] = s.second[i] = 0.5f;
+    s.gradient[3]   = NAN;
+    s.gradient[20]  = -INFINITY;
+    s.parameter[21] = NAN;
+    adam_take_step(&s, 1, 0.01f, all);
+    CHECK(all[0] == (uint16_t) ~(1u << 3));
+    CHECK(all[1] == (uint16_t) ~(3u << 4));
+    for (int i = 0; i < ADAM_ROWS; i++) {
+        const int aside = i == 3 || i == 20 || i == 21;
+        CHECK((s.first[i] == 0.5f) == aside);
+        CHECK((s.second[i] == 0.5f) == aside);
+        if (i != 21) CHECK((s.parameter[i] == 1) == aside);
     }
 }
