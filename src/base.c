@@ -36,6 +36,15 @@ static int base_threads(int wanted)
 #endif
 }
 
+OXL_INTERNAL int base_thread(void)
+{
+#ifdef _OPENMP
+    return omp_get_thread_num();
+#else
+    return 0;
+#endif
+}
+
 oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out)
 {
     oxl_context_options o   = options ? *options : oxl_context_options_default();

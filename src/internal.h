@@ -66,6 +66,8 @@ struct oxl_context {
     oxl_result          failed; /* what `error` is about: for doors that return a pointer or NULL */
 };
 
+OXL_INTERNAL int base_thread(void); /* which of a parallel region's threads this is, from 0 */
+
 /* All memory goes through these; NULL when the allocator refuses or count x size overflows. Aligned to 64 bytes. */
 OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);
 OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
@@ -886,7 +888,6 @@ OXL_INTERNAL oxl_result        block_train(oxl_context *ctx, oxl_scene *scene, c
 
 /* ---------------------------------------------------------------- metrics.c */
 
-OXL_INTERNAL double metrics_shown(float v);                       /* what a screen shows: 0..1 */
 OXL_INTERNAL double metrics_decibel(double error, double weight); /* PSNR of weighted squared errors; NaN of none */
 
 struct metrics_sum {

@@ -7,6 +7,7 @@
  * Invariant: sums go row by row in the order of the rows, so that the result does not depend on the number of threads.
  */
 #include "internal.h"
+#include "simd.h"
 #include "vecmath.h"
 
 enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
@@ -16,7 +17,7 @@ enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
 #define METRICS_BEST_PSNR 100.0 /* dB, of identical images */
 
 /* Values are clamped to what a screen shows; not-a-number is black, as in a written picture. */
-OXL_INTERNAL double metrics_shown(float v)
+SIMD_INLINE double metrics_shown(float v)
 {
     return v > 0 ? OXL_MIN((double)v, 1.0) : 0;
 }
@@ -96,7 +97,7 @@ struct metrics_windows {
     const oxl_image    *a, *b;
     int                 whole; /* 1: windows that reach over the edge are left out; 0: outside is black */
     double              kernel[METRICS_WINDOW];
-    double             *scratch; /* (threads,6,W): five blurred columns and a mark for columns that hold a masked pixel */
+    double             *scratch; /* (threads, METRICS_LINES, W + 2 METRICS_RADIUS) */
     struct metrics_row *row;     /* (H) */
 };
 
@@ -111,38 +112,51 @@ static void metrics_kernel(double kernel[METRICS_WINDOW])
     for (int i = 0; i < METRICS_WINDOW; i++) kernel[i] /= sum;
 }
 
-/* The five moments of one channel, blurred along y around row y: of a, b, aa, bb, ab. Outside of the image is black. */
-static void metrics_blur_columns(const struct metrics_windows *s, int channel, int y, double *column[5])
+/* One row of windows, and lines to work on. Those of METRICS_RADIUS columns more to either side hold 0 there: outside is black. */
+struct metrics_line {
+    const struct metrics_windows *s;
+    int                           y;
+    double                       *column[5], *masked; /* (W + 2 METRICS_RADIUS) moments blurred along y; masked pixels there */
+    double                       *ssim, *contrast, *touches; /* (W) of the window around each pixel */
+};
+enum { METRICS_LINES = 9, METRICS_RUN = 16 };
+
+/* The five moments of one channel, blurred along y around the row: of a, b, aa, bb, ab. Outside of the image is black. */
+SIMD_INLINE void metrics_blur_columns(const struct metrics_line *line, int channel)
 {
-    const int w = s->a->width, h = s->a->height, first = OXL_MAX(0, y - METRICS_RADIUS),
-              last     = OXL_MIN(h - 1, y + METRICS_RADIUS);
-    const size_t plane = (size_t)channel * w * h;
-    for (int x = 0; x < w; x++) {
-        double m[5] = {0, 0, 0, 0, 0};
-        for (int j = first; j <= last; j++) {
-            const size_t i = plane + (size_t)j * w + x;
-            const double k = s->kernel[j - y + METRICS_RADIUS], a = metrics_shown(s->a->rgb[i]), b = metrics_shown(s->b->rgb[i]);
-            m[0] += k * a;
-            m[1] += k * b;
-            m[2] += k * a * a;
-            m[3] += k * b * b;
-            m[4] += k * a * b;
+    const struct metrics_windows *s = line->s;
+    const int                     w = s->a->width, h = s->a->height, y = line->y;
+    double *m0 = line->column[0] + METRICS_RADIUS, *m1 = line->column[1] + METRICS_RADIUS, *m2 = line->column[2] + METRICS_RADIUS;
+    double *m3 = line->column[3] + METRICS_RADIUS, *m4 = line->column[4] + METRICS_RADIUS;
+    for (int x = 0; x < w; x++) m0[x] = m1[x] = m2[x] = m3[x] = m4[x] = 0;
+    for (int j = OXL_MAX(0, y - METRICS_RADIUS); j <= OXL_MIN(h - 1, y + METRICS_RADIUS); j++) {
+        const size_t row  = ((size_t)channel * h + j) * w;
+        const double k    = s->kernel[j - y + METRICS_RADIUS];
+        const float *of_a = s->a->rgb + row, *of_b = s->b->rgb + row;
+#pragma omp simd
+        for (int x = 0; x < w; x++) {
+            const double a = metrics_shown(of_a[x]), b = metrics_shown(of_b[x]);
+            m0[x] += k * a;
+            m1[x] += k * b;
+            m2[x] += k * a * a;
+            m3[x] += k * b * b;
+            m4[x] += k * a * b;
         }
-        for (int q = 0; q < 5; q++) column[q][x] = m[q];
     }
 }
 
-static void metrics_mark_columns(const struct metrics_windows *s, int y, double *masked)
+SIMD_INLINE void metrics_mark_columns(const struct metrics_line *line)
 {
-    const int w = s->a->width, first = OXL_MAX(0, y - METRICS_RADIUS), last = OXL_MIN(s->a->height - 1, y + METRICS_RADIUS);
-    for (int x = 0; x < w; x++) {
-        masked[x] = 0;
-        for (int j = first; s->b->weight && j <= last; j++) masked[x] += s->b->weight[(size_t)j * w + x] <= 0.5f;
-    }
+    const oxl_image *b      = line->s->b;
+    double          *masked = line->masked + METRICS_RADIUS;
+    for (int x = 0; x < b->width; x++) masked[x] = 0;
+    if (!b->weight) return;
+    for (int j = OXL_MAX(0, line->y - METRICS_RADIUS); j <= OXL_MIN(b->height - 1, line->y + METRICS_RADIUS); j++)
+        for (int x = 0; x < b->width; x++) masked[x] += b->weight[(size_t)j * b->width + x] <= 0.5f;
 }
 
 /* Wang 2004, eq. 13 with its exponents 1. *contrast: without the luminance, the c s of Wang 2003, eq. 7. */
-static double metrics_similarity(const double m[5], double *contrast)
+SIMD_INLINE double metrics_similarity(const double m[5], double *contrast)
 {
     const double mean_ab = m[0] * m[1], mean_aa = m[0] * m[0], mean_bb = m[1] * m[1];
     const double variance_a = m[2] - mean_aa, variance_b = m[3] - mean_bb, covariance = m[4] - mean_ab;
@@ -150,49 +164,76 @@ static double metrics_similarity(const double m[5], double *contrast)
     return (2 * mean_ab + METRICS_C1) / (mean_aa + mean_bb + METRICS_C1) * *contrast;
 }
 
-/* Adds the windows centred in row y of one channel; those that touch a masked pixel are left out. */
-static void metrics_add_windows(struct metrics_windows *s, int channel, int y, double *column[5], const double *masked)
+/* The windows around METRICS_RUN pixels of the row from x on: blurred along x, and compared. */
+SIMD_INLINE void metrics_compare_run(const struct metrics_line *line, int x)
 {
-    const int           w = s->a->width, edge = s->whole ? METRICS_RADIUS : 0;
-    struct metrics_row *row = &s->row[y];
-    row->windows            = 0;
-    for (int x = edge; x < w - edge; x++) {
-        double touches = 0, m[5] = {0, 0, 0, 0, 0}, contrast;
-        for (int j = OXL_MAX(0, x - METRICS_RADIUS); j <= OXL_MIN(w - 1, x + METRICS_RADIUS); j++) {
-            for (int q = 0; q < 5; q++) m[q] += s->kernel[j - x + METRICS_RADIUS] * column[q][j];
-            touches += masked[j];
+    double m[5][METRICS_RUN] = {{0}}, touches[METRICS_RUN] = {0};
+    for (int j = 0; j < METRICS_WINDOW; j++) {
+        const double  k  = line->s->kernel[j];
+        const double *c0 = line->column[0] + x + j, *c1 = line->column[1] + x + j, *c2 = line->column[2] + x + j;
+        const double *c3 = line->column[3] + x + j, *c4 = line->column[4] + x + j, *masked = line->masked + x + j;
+#pragma omp simd
+        for (int l = 0; l < METRICS_RUN; l++) {
+            m[0][l] += k * c0[l];
+            m[1][l] += k * c1[l];
+            m[2][l] += k * c2[l];
+            m[3][l] += k * c3[l];
+            m[4][l] += k * c4[l];
+            touches[l] += masked[l];
         }
-        if (touches > 0) continue;
-        row->ssim[channel] += metrics_similarity(m, &contrast);
-        row->contrast[channel] += contrast;
+    }
+#pragma omp simd
+    for (int l = 0; l < METRICS_RUN; l++) {
+        const double moments[5] = {m[0][l], m[1][l], m[2][l], m[3][l], m[4][l]};
+        line->ssim[x + l]       = metrics_similarity(moments, &line->contrast[x + l]);
+    }
+    memcpy(line->touches + x, touches, sizeof touches);
+}
+
+/* Adds the windows of one channel; those that touch a masked pixel are left out. */
+static void metrics_add_windows(const struct metrics_line *line, int channel, struct metrics_row *row)
+{
+    const int edge = line->s->whole ? METRICS_RADIUS : 0;
+    row->windows   = 0;
+    for (int x = edge; x < line->s->a->width - edge; x++) {
+        if (line->touches[x] > 0) continue;
+        row->ssim[channel] += line->ssim[x];
+        row->contrast[channel] += line->contrast[x];
         row->windows++;
     }
 }
 
-static int metrics_thread(void)
+SIMD_BODY void metrics_line_body(const int fused, const struct metrics_line *line)
 {
-#ifdef _OPENMP
-    return omp_get_thread_num();
-#else
-    return 0;
-#endif
+    (void)fused;
+    metrics_mark_columns(line);
+    for (int c = 0; c < 3; c++) {
+        metrics_blur_columns(line, c);
+        for (int x = 0; x < line->s->a->width; x += METRICS_RUN) metrics_compare_run(line, x);
+        metrics_add_windows(line, c, &line->s->row[line->y]);
+    }
 }
 
-static void metrics_rows(oxl_context *ctx, struct metrics_windows *s)
+SIMD_DISPATCH(static, metrics_line, struct metrics_line)
+
+/* Of a line: whole runs, and METRICS_RADIUS columns to either side. */
+static size_t metrics_room(int width)
 {
-    const size_t width = (size_t)s->a->width;
+    return ((size_t)width + METRICS_RUN - 1) / METRICS_RUN * METRICS_RUN + 2 * METRICS_RADIUS;
+}
+
+static void metrics_rows(oxl_context *ctx, const struct metrics_windows *s)
+{
+    const size_t width = metrics_room(s->a->width);
     const int    edge  = s->whole ? METRICS_RADIUS : 0;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = edge; y < s->a->height - edge; y++) {
-        double *column[6];
-        for (int q = 0; q < 6; q++) column[q] = s->scratch + (6 * (size_t)metrics_thread() + q) * width;
-        metrics_mark_columns(s, y, column[5]);
-        for (int c = 0; c < 3; c++) {
-            metrics_blur_columns(s, c, y, column);
-            metrics_add_windows(s, c, y, column, column[5]);
-        }
+        double             *at   = s->scratch + METRICS_LINES * (size_t)base_thread() * width;
+        struct metrics_line line = {.s = s, .y = y};
+        for (int q = 0; q < 5; q++, at += width) line.column[q] = at;
+        line.masked = at, line.ssim = at + width, line.contrast = at + 2 * width, line.touches = at + 3 * width;
+        metrics_line(ctx->isa, &line);
     }
-    (void)ctx;
 }
 
 /* The sums over the image. */
@@ -202,7 +243,7 @@ static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, cons
     struct metrics_windows s  = {.a = a, .b = b, .whole = whole};
     oxl_result             rc = OXL_OK;
     *out                      = (struct metrics_row){.windows = 0};
-    s.scratch                 = oxl_alloc(ctx, (size_t)a->width * ctx->threads, 6 * sizeof *s.scratch);
+    s.scratch                 = oxl_calloc(ctx, metrics_room(a->width) * (size_t)ctx->threads, METRICS_LINES * sizeof *s.scratch);
     s.row                     = oxl_calloc(ctx, (size_t)a->height, sizeof *s.row);
     if (!s.scratch || !s.row) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the SSIM of %d x %d px", a->width, a->height);

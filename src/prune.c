@@ -219,12 +219,8 @@ OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, fl
     }
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < p->height; y++) {
-#ifdef _OPENMP
-        int32_t *own = sum + (size_t)omp_get_thread_num() * each;
-#else
-        int32_t *own = sum;
-#endif
-        row[y] = prune_detail_row(p, y, own, out + (size_t)y * p->width);
+        int32_t *own = sum + (size_t)base_thread() * each;
+        row[y]       = prune_detail_row(p, y, own, out + (size_t)y * p->width);
     }
     for (int y = 0; y < p->height; y++) total += row[y];
     scale = total > 0 ? (float)((double)pixels / total) : 0;
