@@ -197,31 +197,61 @@ static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
     return i == s->first ? s->weight_first : i == s->last ? s->weight_last : (unsigned)n_out;
 }
 
-/* Adds `weight` times one row's part under the span to three sums. */
-static void image_add_span(const uint8_t *row, const struct image_span *s, int n_out, uint64_t weight, uint64_t sum[3])
+/* What the rows of a photograph's output have in common: where its columns lie, and a line for each thread to add rows in. */
+struct image_reduction {
+    const struct pixels *in;
+    const struct photo  *out;
+    struct image_span   *column; /* (out->width) */
+    uint32_t            *line;   /* (threads, in->width, 3) */
+};
+
+/* The weighted sum of the rows under the span. Their weights add up to in->height, so 32 bits hold it. */
+static void image_add_rows(const struct image_reduction *r, const struct image_span *rows, uint32_t *restrict line)
 {
-    uint64_t part[3] = {0, 0, 0};
-    for (int i = s->first; i <= s->last; i++) {
-        const unsigned w = image_span_weight(s, i, n_out);
-        for (int c = 0; c < 3; c++) part[c] += w * row[3 * (size_t)i + c];
+    const size_t samples = 3 * (size_t)r->in->width;
+    memset(line, 0, samples * sizeof *line);
+    for (int i = rows->first; i <= rows->last; i++) {
+        const unsigned weight = image_span_weight(rows, i, r->out->height);
+        const uint8_t *row    = r->in->data + (size_t)i * samples;
+        for (size_t k = 0; k < samples; k++) line[k] += weight * row[k];
     }
-    for (int c = 0; c < 3; c++) sum[c] += weight * part[c];
 }
 
 /* The mean of the photograph over each output pixel's area, exact before it is rounded. */
-static void image_reduce_row(const struct pixels *in, const struct photo *out, int y)
+static void image_reduce_row(const struct image_reduction *r, int y)
 {
-    const struct image_span rows  = image_span_of(y, in->height, out->height);
-    const uint64_t          total = (uint64_t)in->width * in->height;
-    const size_t            plane = (size_t)out->width * out->height;
-    for (int x = 0; x < out->width; x++) {
-        const struct image_span columns = image_span_of(x, in->width, out->width);
-        uint64_t                sum[3]  = {0, 0, 0};
-        for (int i = rows.first; i <= rows.last; i++)
-            image_add_span(in->data + 3 * (size_t)i * in->width, &columns, out->width, image_span_weight(&rows, i, out->height),
-                           sum);
-        for (int c = 0; c < 3; c++) out->rgb[c * plane + (size_t)y * out->width + x] = (uint8_t)((sum[c] + total / 2) / total);
+    const struct image_span rows  = image_span_of(y, r->in->height, r->out->height);
+    const uint64_t          total = (uint64_t)r->in->width * r->in->height;
+    const size_t            plane = (size_t)r->out->width * r->out->height;
+    uint32_t               *line  = r->line + 3 * (size_t)r->in->width * (size_t)base_thread();
+    image_add_rows(r, &rows, line);
+    for (int x = 0; x < r->out->width; x++) {
+        const struct image_span *s      = &r->column[x];
+        uint64_t                 sum[3] = {0, 0, 0};
+        for (int i = s->first; i <= s->last; i++)
+            for (int c = 0; c < 3; c++) sum[c] += (uint64_t)image_span_weight(s, i, r->out->width) * line[3 * (size_t)i + c];
+        for (int c = 0; c < 3; c++)
+            r->out->rgb[c * plane + (size_t)y * r->out->width + x] = (uint8_t)((sum[c] + total / 2) / total);
     }
+}
+
+static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const struct photo *out)
+{
+    struct image_reduction r  = {.in = in, .out = out};
+    oxl_result             rc = OXL_OK;
+    r.column                  = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
+    r.line                    = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
+    if (!r.column || !r.line) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce a photograph of %d x %d px", in->width, in->height);
+        goto done;
+    }
+    for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < out->height; y++) image_reduce_row(&r, y);
+done:
+    oxl_free(ctx, r.column);
+    oxl_free(ctx, r.line);
+    return rc;
 }
 
 /* A pixel that touches a black one of the mask is masked: its colour has part of what is to be ignored. */
@@ -356,12 +386,13 @@ OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, con
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
     if (rc == OXL_OK) rc = image_photo_alloc(ctx, to, distorted || mask.data, out);
     if (rc != OXL_OK) goto done;
+    if (!distorted) rc = image_reduce(ctx, &photo, out);
+    if (rc != OXL_OK) goto done;
     warp = image_warp_of(&photo, &mask, from, to);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < to->height; y++) {
         if (distorted) image_warp_row(&warp, out, y);
-        else image_reduce_row(&photo, out, y);
-        if (!distorted && mask.data) image_reduce_mask_row(&mask, out, y);
+        else if (mask.data) image_reduce_mask_row(&mask, out, y);
     }
     image_drop_empty_mask(ctx, out);
 done:
@@ -416,6 +447,15 @@ OXL_INTERNAL void image_to_photo(const oxl_image *image, struct photo *photo)
     for (size_t i = 0; photo->mask && i < count; i++) photo->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
 }
 
+/* One filter for all rows and a short search: to try all five and search longer takes 1.6 times as long and saves nothing (docs/SPEED.md). */
+static unsigned char *image_encode_png(const uint8_t *bytes, int width, int height, int channels, int *size)
+{
+    enum { AVERAGE = 3 };
+    stbi_write_force_png_filter      = AVERAGE;
+    stbi_write_png_compression_level = 5;
+    return stbi_write_png_to_mem(bytes, channels * width, width, height, channels, size);
+}
+
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height)
 {
     const size_t   count   = (size_t)width * height;
@@ -425,7 +465,7 @@ OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, cons
     oxl_result     rc      = OXL_OK;
     for (size_t i = 0; bytes && i < count; i++)
         for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_to_byte(rgb[c * count + i]);
-    if (bytes) encoded = stbi_write_png_to_mem(bytes, 3 * width, width, height, 3, &size);
+    if (bytes) encoded = image_encode_png(bytes, width, height, 3, &size);
     if (!encoded) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode %d x %d px", path, width, height);
         goto done;
@@ -448,7 +488,7 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
     oxl_result     rc      = OXL_OK;
     for (size_t i = 0; bytes && i < count; i++)
         bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
-    if (bytes) encoded = stbi_write_png_to_mem(bytes, 2 * width, width, height, 2, &size);
+    if (bytes) encoded = image_encode_png(bytes, width, height, 2, &size);
     if (encoded) {
         unsigned sum;
         encoded[BITS] = 16, encoded[COLOUR] = 0;
