@@ -31,7 +31,9 @@ struct contrast_sample { /* one point in one photograph */
     float  x, y, cell; /* px: where it is, how wide a cell is there */
 };
 struct contrast_work {
-    int                    *view; /* (images of the COLMAP model) the view that is looked at, or -1 */
+    int                    *view;   /* (images of the COLMAP model) the view that is looked at, or -1 */
+    int                    *chosen; /* (chosen_count) those views */
+    int                     chosen_count;
     struct contrast_sample *sample;
     double                 *by_view;  /* (views of the scene) */
     uint32_t               *integral; /* (H+1, W+1) of a photograph: the sum of all that lies above and left; may wrap */
@@ -46,8 +48,11 @@ static void contrast_choose_views(const oxl_scene *scene, const struct colmap *c
     const int views = oxl_scene_view_count(scene), step = views / CONTRAST_VIEWS + 1;
     int       seen = 0;
     for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
-    for (int i = 0; i < views; i++)
-        if (!oxl_scene_view(scene, i)->is_test && seen++ % step == 0) w->view[scene_source_image(scene, i) - c->image] = i;
+    for (int i = 0; i < views; i++) {
+        if (oxl_scene_view(scene, i)->is_test || seen++ % step != 0) continue;
+        w->view[scene_source_image(scene, i) - c->image] = i;
+        w->chosen[w->chosen_count++]                     = i;
+    }
 }
 
 /* Whole points, each with all its chosen views; with many, every k-th point. */
@@ -125,36 +130,47 @@ static void contrast_look(const struct photo *p, const uint32_t *integral, struc
     const float  side = CONTRAST_CELLS * s->cell;
     const int    n    = CONTRAST_CELLS * CONTRAST_CELLS;
     double       sum = 0, squares = 0;
+    int          x[CONTRAST_CELLS + 1], y[CONTRAST_CELLS + 1]; /* px: where cells begin and end */
     s->valid = left >= 0 && top >= 0 && left + side <= (float)p->width - 1 && top + side <= (float)p->height - 1;
+    if (!s->valid) return;
+    for (int k = 0; k <= CONTRAST_CELLS; k++) x[k] = (int)(left + k * s->cell + 0.5f), y[k] = (int)(top + k * s->cell + 0.5f);
     for (int i = 0; i < n && s->valid; i++) {
-        const int       column = i % CONTRAST_CELLS, row = i / CONTRAST_CELLS;
-        const int       x0 = (int)(left + column * s->cell + 0.5f), x1 = (int)(left + (column + 1) * s->cell + 0.5f);
-        const int       y0 = (int)(top + row * s->cell + 0.5f), y1 = (int)(top + (row + 1) * s->cell + 0.5f);
-        const uint32_t *above = integral + (size_t)y0 * stride, *below = integral + (size_t)y1 * stride;
-        const double    v = (double)(below[x1] - below[x0] - above[x1] + above[x0]) / (3.0 * (x1 - x0) * (y1 - y0));
-        s->valid          = !p->mask || p->mask[(size_t)y0 * p->width + x0] >= 128;
+        const int      *x0 = x + i % CONTRAST_CELLS, *y0 = y + i / CONTRAST_CELLS;
+        const uint32_t *above = integral + y0[0] * stride, *below = integral + y0[1] * stride;
+        const double    v =
+            (double)(below[x0[1]] - below[x0[0]] - above[x0[1]] + above[x0[0]]) / (3.0 * (x0[1] - x0[0]) * (y0[1] - y0[0]));
+        s->valid = !p->mask || p->mask[y0[0] * (stride - 1) + x0[0]] >= 128;
         sum += v;
         squares += v * v;
     }
     s->value = 0.5 * vecmath_log(OXL_MAX((squares - sum * sum / n) / n, 0) + CONTRAST_FLOOR);
 }
 
+/* All that is seen in one photograph. */
+static void contrast_look_at(const oxl_context *ctx, const struct photo *photo, int view, struct contrast_work *w)
+{
+    const int64_t samples = (int64_t)w->samples;
+    (void)ctx; /* without OpenMP */
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < samples; i++) {
+        struct contrast_sample *s = &w->sample[i];
+        if (s->view != view || !s->valid) continue;
+        if (photo) contrast_look(photo, w->integral, s);
+        else s->valid = 0;
+    }
+}
+
 /* View by view, so that each photograph is asked for once; one that cannot be read is left out, as training will say. */
 static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
 {
     oxl_result rc = OXL_OK;
-    for (int view = 0; view < oxl_scene_view_count(scene) && rc == OXL_OK; view++) {
-        const struct photo *photo = NULL;
-        int                 asked = 0;
-        for (size_t i = 0; i < w->samples && rc == OXL_OK; i++) {
-            struct contrast_sample *s = &w->sample[i];
-            if (s->view != view || !s->valid) continue;
-            if (!asked && (photo = scene_photo(ctx, scene, view))) rc = contrast_integrate(ctx, photo, w);
-            if (!photo && !asked && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
-            asked = 1;
-            if (photo && rc == OXL_OK) contrast_look(photo, w->integral, s);
-            else s->valid = 0;
-        }
+    for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
+        const struct photo *photo;
+        scene_read_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
+        photo = scene_photo(ctx, scene, w->chosen[k]);
+        if (!photo && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+        if (photo) rc = contrast_integrate(ctx, photo, w);
+        if (rc == OXL_OK) contrast_look_at(ctx, photo, w->chosen[k], w);
     }
     return rc;
 }
@@ -221,9 +237,10 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     *out                       = (struct contrast){0};
     if (!c || c->track_count == 0) return OXL_OK;
     w.view    = oxl_alloc(ctx, c->image_count + 1, sizeof *w.view);
+    w.chosen  = oxl_alloc(ctx, (size_t)views + 1, sizeof *w.chosen);
     w.sample  = oxl_alloc(ctx, OXL_MIN(c->track_count, (size_t)CONTRAST_SAMPLE) + 1, sizeof *w.sample);
     w.by_view = oxl_calloc(ctx, (size_t)views + 1, sizeof *w.by_view);
-    if (!w.view || !w.sample || !w.by_view) {
+    if (!w.view || !w.chosen || !w.sample || !w.by_view) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d photographs", views);
         goto done;
     }
@@ -234,6 +251,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     if (rc == OXL_OK) contrast_fit(&w, views, out);
 done:
     oxl_free(ctx, w.view);
+    oxl_free(ctx, w.chosen);
     oxl_free(ctx, w.sample);
     oxl_free(ctx, w.by_view);
     oxl_free(ctx, w.integral);

@@ -370,8 +370,12 @@ OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *sce
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
 OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
+OXL_INTERNAL int        scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* (all views at most) -> how many */
 /* Borrowed from the cache until the next call for another view, or NULL with the error set. */
 OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
+/* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. The cache
+ * holds those that are being read, too. Nothing is said of one that cannot be read, until it is asked for. */
+OXL_INTERNAL void                scene_read_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 OXL_INTERNAL void                scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs */
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
 OXL_INTERNAL double              scene_depth_quantile(const oxl_scene *scene, double quantile);

@@ -411,18 +411,21 @@ static void metrics_sum_up(oxl_metrics *m, const struct metrics_bands *bands)
 
 oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out)
 {
-    const int            count = oxl_scene_view_count(scene);
+    const size_t         room  = (size_t)oxl_scene_view_count(scene) + 1;
     struct metrics_bands bands = {.sum = {{0}}};
     oxl_result           rc    = bands_begin(ctx, scene, &bands.of);
-    *out                       = (oxl_metrics){.views = oxl_alloc(ctx, (size_t)count + 1, sizeof *out->views)};
-    if (rc == OXL_OK && !out->views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", count);
+    int                 *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
+    *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
+    if (rc == OXL_OK && (!view || !out->views))
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
+    if (rc == OXL_OK) count = scene_views_of(scene, split, view);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
-        const int is_test = oxl_scene_view(scene, i)->is_test != 0;
-        if (split == OXL_SPLIT_ALL || is_test == (split == OXL_SPLIT_TEST))
-            rc = metrics_add_view(ctx, model, scene, i, out, &bands);
+        scene_read_ahead(ctx, scene, view + i, count - i);
+        rc = metrics_add_view(ctx, model, scene, view[i], out, &bands);
     }
     metrics_sum_up(out, &bands);
     bands_free(ctx, &bands.of);
+    oxl_free(ctx, view);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
 }

@@ -20,6 +20,8 @@ enum {
 #define SCENE_NEAR           0.2  /* x the depth before which 1 % of the points lie */
 #define SCENE_NEAR_POINTLESS 0.01 /* x the extent, when there are no points */
 
+enum { SCENE_AHEAD = 16 }; /* photographs read at once, at most */
+
 struct scene_source { /* indices in colmap.image, colmap.camera */
     size_t image, camera;
 };
@@ -560,9 +562,9 @@ static size_t scene_photo_bytes(const struct photo *p)
 /* Drops the photographs asked for last, until the rest and `keep` fit. Every epoch asks for all of them in a new order, so the one just
  * used is the one that will not be wanted for longest: with room for half of them this finds 50 % in memory, where dropping the oldest
  * finds 15 %. */
-static void scene_make_room(oxl_context *ctx, oxl_scene *scene, int keep)
+static void scene_make_room(oxl_context *ctx, oxl_scene *scene, int keep, size_t limit)
 {
-    while (scene->cached > scene->cache_limit) {
+    while (scene->cached > limit) {
         int latest = -1;
         for (int i = 0; i < scene->view_count; i++)
             if (i != keep && scene->photo[i].rgb && (latest < 0 || scene->used[i] > scene->used[latest])) latest = i;
@@ -577,25 +579,80 @@ OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
     if (scene->from_files) scene->cache_limit = bytes;
 }
 
+static oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int view, struct photo *out)
+{
+    char      *path = oxl_path_join(ctx, scene->images, scene->view[view].name);
+    char      *mask = NULL;
+    oxl_result rc =
+        path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (rc == OXL_OK)
+        rc = image_load_photo(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera, out);
+    oxl_free(ctx, path);
+    oxl_free(ctx, mask);
+    return rc;
+}
+
 OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene, int view)
 {
     struct photo *photo = &scene->photo[view];
     scene->used[view]   = ++scene->clock;
     if (!photo->rgb) {
-        char      *path = oxl_path_join(ctx, scene->images, scene->view[view].name);
-        char      *mask = NULL;
-        oxl_result rc   = path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask)
-                               : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-        if (rc == OXL_OK)
-            rc = image_load_photo(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera,
-                                  photo);
-        oxl_free(ctx, path);
-        oxl_free(ctx, mask);
-        if (rc != OXL_OK) return NULL;
+        if (scene_load_photo(ctx, scene, view, photo) != OXL_OK) return NULL;
         scene->cached += scene_photo_bytes(photo);
-        scene_make_room(ctx, scene, view);
+        scene_make_room(ctx, scene, view, scene->cache_limit);
     }
     return photo;
+}
+
+/* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
+ * cache as they come from the file, which is *bytes. */
+static int scene_choose_ahead(const oxl_context *ctx, const oxl_scene *scene, const int *view, int count, int *chosen,
+                              size_t *bytes)
+{
+    int n  = 0;
+    *bytes = 0;
+    for (int i = 0; i < count && n < OXL_MIN(ctx->threads, SCENE_AHEAD); i++) {
+        const struct colmap_camera *file = &scene->colmap.camera[scene->source[view[i]].camera];
+        const size_t                more = 3 * (size_t)file->width * (size_t)file->height;
+        if (scene->photo[view[i]].rgb) continue;
+        if (*bytes + more > scene->cache_limit / 4) break;
+        *bytes += more;
+        chosen[n++] = view[i];
+    }
+    return n;
+}
+
+/* The caller's allocator, one thread at a time. */
+static void *scene_reallocate_in_turn(void *user, void *old, size_t size)
+{
+    const oxl_context_options *caller = user;
+    void                      *memory;
+#pragma omp critical(scene_memory)
+    memory = caller->reallocate(caller->user, old, size);
+    return memory;
+}
+
+OXL_INTERNAL void scene_read_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
+{
+    struct photo read[SCENE_AHEAD] = {{0}};
+    int          chosen[SCENE_AHEAD], n;
+    size_t       bytes;
+    oxl_context  alone = *ctx; /* each thread's own errors, which nobody hears: who asks for the photograph will */
+    if (!scene->from_files || count < 1 || scene->photo[view[0]].rgb) return;
+    n = scene_choose_ahead(ctx, scene, view, count, chosen, &bytes);
+    if (n < 2) return;
+    alone.threads            = 1;
+    alone.options.reallocate = scene_reallocate_in_turn, alone.options.user = &ctx->options;
+    scene_make_room(ctx, scene, -1, scene->cache_limit - bytes);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(alone)
+    for (int i = 0; i < n; i++) scene_load_photo(&alone, scene, chosen[i], &read[i]);
+    for (int i = 0; i < n; i++) {
+        if (!read[i].rgb) continue;
+        scene->photo[chosen[i]] = read[i];
+        scene->used[chosen[i]]  = 0; /* wanted soon: the last to be dropped */
+        scene->cached += scene_photo_bytes(&read[i]);
+    }
+    scene_make_room(ctx, scene, -1, scene->cache_limit);
 }
 
 oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out)
@@ -622,6 +679,14 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
 int oxl_scene_view_count(const oxl_scene *scene)
 {
     return scene->view_count;
+}
+
+OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view)
+{
+    int count = 0;
+    for (int i = 0; i < scene->view_count; i++)
+        if (split == OXL_SPLIT_ALL || (scene->view[i].is_test != 0) == (split == OXL_SPLIT_TEST)) view[count++] = i;
+    return count;
 }
 
 const oxl_view *oxl_scene_view(const oxl_scene *scene, int index)

@@ -160,7 +160,8 @@ static oxl_result train_next_photo(struct train *t, int *view)
         oxl_result rc;
         if (slot == 0) train_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
-        rc    = train_photo(t, *view);
+        if (!renderer_has_photo(t->renderer, *view)) scene_read_ahead(t->ctx, t->scene, t->view + slot, t->views - slot);
+        rc = train_photo(t, *view);
         if (rc != OXL_ERR_INPUT) return rc;
         faults_of_photo(t->ctx, &t->faults);
         t->view[slot] = t->view[--t->views];

@@ -325,6 +325,97 @@ TEST(scene_photographs_in_memory_stay_within_the_cache)
     oxl_scene_free(test_ctx, scene);
 }
 
+static int scene_inside, scene_met; /* threads in the caller's allocator; how often one met another there */
+
+static void *scene_reallocate_watched(void *user, void *old, size_t size)
+{
+    void *memory;
+    int   others;
+#pragma omp atomic capture
+    others = scene_inside++;
+    if (others) {
+#pragma omp atomic
+        scene_met++;
+    }
+    for (volatile int wait = 0; wait < 20000; wait++) continue; /* long enough for another to come */
+    memory = counting_reallocate(user, old, size);
+#pragma omp atomic
+    scene_inside--;
+    return memory;
+}
+
+TEST(scene_reads_photographs_ahead_into_the_cache_and_no_further)
+{
+    enum { VIEWS = 7, ONE = 3 * 32 * 24 };
+    const int         order[VIEWS] = {3, 1, 6, 0, 2, 5, 4}, threads = test_ctx->threads;
+    const char       *path    = scene_survey("s", VIEWS, 0, 1);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    test_ctx->threads            = 4;
+    test_ctx->options.reallocate = scene_reallocate_watched;
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    scene_read_ahead(test_ctx, scene, order, VIEWS);
+    CHECK(scene->cached == 4 * ONE); /* one on each thread */
+    for (int i = 0; i < VIEWS; i++) CHECK((scene->photo[order[i]].rgb != NULL) == (i < 4));
+    scene_read_ahead(test_ctx, scene, order, VIEWS); /* the first is there: nothing is to be done */
+    CHECK(scene->cached == 4 * ONE);
+    scene_read_ahead(test_ctx, scene, order + 4, VIEWS - 4);
+    for (int i = 0; i < VIEWS; i++) CHECK(scene->photo[i].rgb && scene->photo[i].rgb[0] == i + 1);
+    oxl_scene_free(test_ctx, scene);
+
+    options.image_cache_bytes = 8 * ONE; /* a quarter of it, two photographs, may be on its way */
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    scene_read_ahead(test_ctx, scene, order, VIEWS);
+    CHECK(scene->cached == 2 * ONE);
+    scene_set_cache(scene, 4 * ONE - 1);
+    for (int i = 0; i < VIEWS; i++) {
+        scene_read_ahead(test_ctx, scene, order + i, VIEWS - i); /* not two at once */
+        CHECK(scene_photo(test_ctx, scene, order[i])->rgb[0] == order[i] + 1);
+        CHECK(scene->cached < 4 * ONE);
+    }
+    oxl_scene_free(test_ctx, scene);
+    CHECK(scene_met == 0);
+    test_ctx->threads            = threads;
+    test_ctx->options.reallocate = counting_reallocate;
+}
+
+TEST(scene_photographs_read_ahead_are_the_last_to_leave_the_cache)
+{
+    enum { VIEWS = 12, ONE = 3 * 32 * 24 };
+    const int         ahead[2] = {9, 10}, threads = test_ctx->threads;
+    const char       *path    = scene_survey("s", VIEWS, 0, 1);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    test_ctx->threads         = 2;
+    options.image_cache_bytes = 8 * ONE;
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    for (int i = 0; i < 8; i++) scene_photo(test_ctx, scene, i);
+    scene_read_ahead(test_ctx, scene, ahead, 2);
+    CHECK(scene->cached == 8 * ONE && scene->photo[9].rgb && scene->photo[10].rgb && !scene->photo[7].rgb &&
+          !scene->photo[6].rgb);
+    for (int i = 6; i < 9; i++) scene_photo(test_ctx, scene, i);
+    CHECK(scene->photo[9].rgb && scene->photo[10].rgb);
+    oxl_scene_free(test_ctx, scene);
+    test_ctx->threads = threads;
+}
+
+TEST(scene_photograph_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
+{
+    const int   order[3] = {1, 0, 2}, threads = test_ctx->threads;
+    const char *path = scene_survey("s", 3, 0, 1);
+    oxl_scene  *scene;
+    test_write("s/images/img01.png", "no picture");
+    test_ctx->threads = 3;
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
+    test_ctx->error[0] = 0;
+    scene_read_ahead(test_ctx, scene, order, 3);
+    CHECK(test_ctx->error[0] == 0 && !scene->photo[1].rgb && scene->photo[0].rgb && scene->photo[2].rgb);
+    CHECK(scene_photo(test_ctx, scene, 1) == NULL);
+    CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
+    oxl_scene_free(test_ctx, scene);
+    test_ctx->threads = threads;
+}
+
 TEST(scene_photograph_that_is_corrupt_is_named_and_the_rest_goes_on)
 {
     const char *path = scene_survey("s", 3, 0, 1);
