@@ -354,8 +354,9 @@ typedef struct oxl_train_options {
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
     /* Those are of 30 000 iterations. With h = (30 000 / n)^haste, in a run of n < 30 000, they are h times as large for means, scales
-     * and rotations, sqrt(h) times for bands above 0; and the first Gaussians are narrower and more opaque than Kerbl's (0.35,
-     * paper 0; docs/TRADEOFF.md). */
+     * and rotations, sqrt(h) times for bands above 0; and the first Gaussians are narrower and more opaque than Kerbl's. In a run
+     * of n < 7000, with r = (7000 / n)^haste, scales take sqrt(r) times that again, the mean gradient forgets r^2 times as much in a
+     * step (up to a half), and the mean of its square r^-1.5 times as much (0.35, paper 0; docs/TRADEOFF.md). */
     float    haste;
     /* density control, as fractions of the run and steps */
     float    densify_from, densify_until; /* 0.025, 0.5 */

@@ -160,12 +160,12 @@ struct bench_input {
 
 static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input *in, double seconds[STAGES])
 {
-    oxl_render_options    o = oxl_render_options_default();
-    struct renderer_loss  loss;
-    struct renderer_aside aside;
-    struct gaussians      out;
-    float                 rate[OXL_PLANES] = {0};
-    double                t[STAGES + 1];
+    oxl_render_options         o = oxl_render_options_default();
+    struct renderer_loss       loss;
+    struct renderer_aside      aside;
+    struct gaussians           out;
+    const struct renderer_pace still = {.beta = RENDERER_BETAS, .step = 1};
+    double                     t[STAGES + 1];
     o.near_plane = in->near_plane;
     bench_check(ctx, render_begin(ctx, r, &in->model, &in->camera, &o));
     t[0] = os_seconds();
@@ -183,7 +183,7 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     out  = render_gaussians(&in->gradient, r->in.sh_degree);
     render_project_backward(ctx, r, &out);
     t[6] = os_seconds();
-    bench_check(ctx, renderer_step(ctx, r, &in->model, &in->gradient, &in->first, &in->second, rate, 1, &aside));
+    bench_check(ctx, renderer_step(ctx, r, &in->model, &in->gradient, &in->first, &in->second, &still, &aside));
     t[7] = os_seconds();
     for (int s = 0; s < STAGES; s++) seconds[s] = t[s + 1] - t[s];
 }

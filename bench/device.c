@@ -89,17 +89,17 @@ static void device_end(oxl_context *ctx, struct device_run *r)
 /* Rates of 0: every round draws the same. */
 static void device_step(oxl_context *ctx, struct device_run *r)
 {
-    const float           rates[OXL_PLANES] = {0};
-    oxl_render_options    options           = oxl_render_options_default();
-    struct renderer_loss  loss;
-    struct renderer_aside aside;
-    struct renderer_sums  sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
-    options.near_plane         = 0.01f;
+    const struct renderer_pace still   = {.beta = RENDERER_BETAS, .step = 1};
+    oxl_render_options         options = oxl_render_options_default();
+    struct renderer_loss       loss;
+    struct renderer_aside      aside;
+    struct renderer_sums       sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
+    options.near_plane              = 0.01f;
     device_check(ctx, renderer_forward(ctx, r->renderer, &r->model, &r->camera, &options));
     device_check(ctx, renderer_take_photo(ctx, r->renderer, 0, &r->photo, 0));
     device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
     device_check(ctx, renderer_backward(ctx, r->renderer, NULL, &r->gradient));
-    device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, rates, 1, &aside));
+    device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, &still, &aside));
     device_check(ctx, renderer_observe(ctx, r->renderer, &sums));
 }
 

@@ -12,7 +12,7 @@ layout(std430, binding = 3) buffer Second { float square[]; };
 layout(std430, binding = 4) buffer Seen { uint seen[]; };
 layout(std430, binding = 5) buffer Counts { uint counts[]; };        /* [slot] rows put aside, [slot + 1] the first of them */
 layout(std430, binding = 6) readonly buffer Rates { float rates[]; }; /* by plane, with the first moment's correction */
-layout(push_constant) uniform Push { uint first, count, stride, planes, lobes, lobe_plane, slot; float inverse_correction; } push;
+layout(push_constant) uniform Push { uint first, count, stride, planes, lobes, lobe_plane, slot; float beta1, beta2, inverse_correction; } push;
 
 bool plane_is_finite(uint k, uint i)
 {
@@ -23,7 +23,8 @@ void step_plane(uint k, uint i)
 {
     uint  at = k * push.stride + i;
     float g  = clamp(gradient[at], -1e18, 1e18);
-    float m = fma(0.9, mean[at], (1.0 - 0.9) * g), v = fma(0.999, square[at], (1.0 - 0.999) * g * g);
+    float m = fma(push.beta1, mean[at], (1.0 - push.beta1) * g);
+    float v = fma(push.beta2, square[at], (1.0 - push.beta2) * g * g);
     mean[at]      = m;
     square[at]    = v;
     parameter[at] = parameter[at] - rates[k] * (m / fma(sqrt(v), push.inverse_correction, 1e-15));

@@ -7,8 +7,6 @@
  */
 #include "kernels.h"
 
-#define ADAM_BETA1   ((real)0.9) /* [Kerbl 2023] */
-#define ADAM_BETA2   ((real)0.999)
 #define ADAM_EPSILON ((real)1e-15)
 
 /* One pack of one plane (MATH 17). The square is capped where float would overflow: a gradient of 1e20 is a step of `rate`, not a NaN. */
@@ -19,8 +17,8 @@ SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned
     for (int l = 0; l < PACK; l++) {
         const int  on = seen >> l & 1;
         const real g = gradient[l], limited = OXL_CLAMP(g, (real)-1e18, (real)1e18);
-        const real m = muladd(fused, ADAM_BETA1, first[l], (1 - ADAM_BETA1) * limited);
-        const real v = muladd(fused, ADAM_BETA2, second[l], (1 - ADAM_BETA2) * limited * limited);
+        const real m = muladd(fused, job->beta1, first[l], (1 - job->beta1) * limited);
+        const real v = muladd(fused, job->beta2, second[l], (1 - job->beta2) * limited * limited);
         const real p = parameter[l] - rate * (m / muladd(fused, real_sqrt(v), job->inverse_correction, ADAM_EPSILON));
         first[l]     = on ? m : first[l];
         second[l]    = on ? v : second[l];

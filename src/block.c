@@ -243,7 +243,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     o.haste                 = 0;
     o.rate_mean_last        = (float)(haste * run->rate_mean_last);
     o.rate_mean_first       = o.rate_mean_last;
-    o.rate_log_scale        = (float)(haste * run->rate_log_scale);
+    o.rate_log_scale        = train_scale_rate(run);
     o.rate_rotation         = (float)(haste * run->rate_rotation);
     o.rate_sh               = (float)(sqrt(haste) * run->rate_sh);
     o.densify_until         = 0;

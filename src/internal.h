@@ -561,13 +561,21 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
 
 /* Adam on the rows seen by the last view, but for those of which a number or its gradient is not finite: these count as not
- * seen from then on.
- * rates (planes) as they apply at this step; step counts from 1. */
+ * seen from then on. */
+struct renderer_pace {
+    float  rate[OXL_PLANES]; /* of each plane at this step */
+    double beta[2];          /* what is left after a step of the mean gradient, and of its mean square */
+    int    step;             /* from 1: both means begin at 0, which is made up for */
+};
+#define RENDERER_BETAS \
+    {                  \
+        0.9, 0.999     \
+    } /* [Kerbl 2023] */
 struct renderer_aside {
     size_t rows, first; /* how many; the first of them */
 };
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                      oxl_model *first, oxl_model *second, const float *rates, int step,
+                                      oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
                                       struct renderer_aside *out);
 
 /* Adds to the statistics of density control what the last view, walked back, tells of each row that it saw. */
@@ -612,7 +620,7 @@ struct renderer_device {
     oxl_result (*backward)(void *device, const float *drgb);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     oxl_result (*score)(void *device, const float *drgb, float *score);
-    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const float *rates, int step,
+    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
                        struct renderer_aside *out);
     oxl_result (*observe)(void *device, const struct renderer_sums *sums);
     oxl_result (*fetch)(void *device);
@@ -840,6 +848,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
 OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options);
 /* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
 OXL_INTERNAL double train_haste(const oxl_train_options *options);
+OXL_INTERNAL float  train_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training views */
 /* Share of the run in which a photograph of this size is halved. */

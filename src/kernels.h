@@ -333,6 +333,7 @@ struct adam_job {
     real     *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
     const real *gradient[OXL_PLANES];
     real        rate[OXL_PLANES];   /* with the bias correction of the first moment in it */
+    real        beta1, beta2;       /* what is left of the two moments after a step */
     real        inverse_correction; /* 1 / sqrt(1 - beta2^t) */
 };
 OXL_INTERNAL void adam_step(int isa, const struct adam_job *job);

@@ -43,13 +43,13 @@ static oxl_result rehearse_target(struct rehearsal *r)
 
 static oxl_result rehearse_step(struct rehearsal *r, oxl_model *model, const oxl_camera *camera)
 {
-    const float           rate[OXL_PLANES] = {0};
-    struct renderer_loss  loss;
-    struct renderer_aside aside;
-    oxl_result            rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
+    const struct renderer_pace still = {.beta = RENDERER_BETAS, .step = 1};
+    struct renderer_loss       loss;
+    struct renderer_aside      aside;
+    oxl_result                 rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
     if (rc == OXL_OK) rc = renderer_loss(r->ctx, r->renderer, r->target, NULL, 0.2f, &loss);
     if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, &r->gradient);
-    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, rate, 1, &aside);
+    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, &still, &aside);
     return rc;
 }
 

@@ -15,6 +15,8 @@
 #define TRAIN_HASTE_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
 #define TRAIN_HASTE_OPACITY 0.7   /* and their opacities multiplied, */
 #define TRAIN_OPACITY_MOST  0.3   /* up to this */
+#define TRAIN_CALM          7000  /* iterations from which on Kerbl's momentum is the better one */
+#define TRAIN_BETA_LEAST    0.5
 #define TRAIN_UNHURRIED     30000 /* iterations that the rates were chosen for [Kerbl 2023] */
 #define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
@@ -64,22 +66,37 @@ OXL_INTERNAL double train_haste(const oxl_train_options *o)
     return o->iterations < TRAIN_UNHURRIED ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_UNHURRIED / o->iterations)) : 1;
 }
 
-static void train_rates(const struct train *t, float rate[OXL_PLANES])
+/* The same for what helps runs below TRAIN_CALM alone: Adam's means, and scales once more (docs/TRADEOFF.md). */
+static double train_rush(const oxl_train_options *o)
 {
-    const oxl_train_options *o        = t->options;
-    const double             haste    = train_haste(o);
+    return o->iterations < TRAIN_CALM ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_CALM / o->iterations)) : 1;
+}
+
+OXL_INTERNAL float train_scale_rate(const oxl_train_options *o)
+{
+    return (float)(train_haste(o) * sqrt(train_rush(o)) * o->rate_log_scale);
+}
+
+static struct renderer_pace train_pace(const struct train *t)
+{
+    const oxl_train_options *o     = t->options;
+    const double             haste = train_haste(o), rush = train_rush(o);
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
     const float              mean = (float)(haste * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    struct renderer_pace     pace = {.beta = RENDERER_BETAS, .step = t->step};
+    pace.beta[0]                  = OXL_MAX(TRAIN_BETA_LEAST, 1 - (1 - pace.beta[0]) * rush * rush);
+    pace.beta[1]                  = 1 - (1 - pace.beta[1]) / (rush * sqrt(rush));
     for (int k = 0; k < OXL_PLANES; k++)
-        rate[k] = k < OXL_LOG_SCALE  ? mean
-                  : k < OXL_ROTATION ? (float)(haste * o->rate_log_scale)
-                  : k < OXL_OPACITY  ? (float)(haste * o->rate_rotation)
-                  : k < OXL_SH       ? o->rate_opacity
-                  : k < OXL_SH + 3   ? o->rate_sh0
-                  : k < OXL_LOBE     ? (float)(sqrt(haste) * o->rate_sh)
-                  : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
-                                     : MODEL_LOBE_RATE_SCALE;
+        pace.rate[k] = k < OXL_LOG_SCALE  ? mean
+                       : k < OXL_ROTATION ? train_scale_rate(o)
+                       : k < OXL_OPACITY  ? (float)(haste * o->rate_rotation)
+                       : k < OXL_SH       ? o->rate_opacity
+                       : k < OXL_SH + 3   ? o->rate_sh0
+                       : k < OXL_LOBE     ? (float)(sqrt(haste) * o->rate_sh)
+                       : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
+                                          : MODEL_LOBE_RATE_SCALE;
+    return pace;
 }
 
 /* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
@@ -207,7 +224,7 @@ OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct ren
 static oxl_result train_on_view(struct train *t, int view)
 {
     const char           *name = oxl_scene_view(t->scene, view)->name;
-    float                 rate[OXL_PLANES];
+    struct renderer_pace  pace;
     struct renderer_loss  loss;
     struct renderer_aside aside;
     oxl_result            rc;
@@ -223,8 +240,8 @@ static oxl_result train_on_view(struct train *t, int view)
     }
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
-    train_rates(t, rate);
-    rc = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, rate, t->step, &aside);
+    pace = train_pace(t);
+    rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &pace, &aside);
     if (rc == OXL_OK && aside.rows > 0) rc = renderer_fetch(t->ctx, t->renderer);
     if (rc != OXL_OK) return rc;
     faults_of_rows(t->ctx, &t->faults, t->step, name, aside, t->model, &t->first, &t->second);

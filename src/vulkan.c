@@ -1379,19 +1379,19 @@ static oxl_result vulkan_score(void *device, const float *drgb, float *score)
 
 /* ---------------------------------------------------------------- step and statistics */
 
-static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const float *rates, int step,
-                              struct renderer_aside *out)
+static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
+                              const struct renderer_pace *pace, struct renderer_aside *out)
 {
     struct vulkan_renderer *r          = device;
     struct vulkan          *v          = r->v;
-    const double            correction = 1 - vecmath_exp(step * vecmath_log(0.9));
-    const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(step * vecmath_log(0.999))));
+    const double            correction = 1 - vecmath_exp(pace->step * vecmath_log(pace->beta[0]));
+    const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(pace->step * vecmath_log(pace->beta[1]))));
     const uint32_t          planes     = (uint32_t)(OXL_SH + 3 * (r->bands + 1) * (r->bands + 1));
     float                   rate[OXL_PLANES];
     uint32_t                aside[2] = {0, UINT32_MAX}, push[6];
     vulkan_enter(v);
     for (uint32_t k = 0; k < r->planes; k++)
-        rate[k] = (float)(rates[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
+        rate[k] = (float)(pace->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
     if (r->model != model) v->rc = oxl_fail(v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
     vulkan_take_moments(r, first, second);
     vulkan_update(v, &r->rates, 0, rate, r->planes * sizeof *rate);
@@ -1399,7 +1399,8 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
         vulkan_run(v, PASS_ADAM, 0, vulkan_groups(push[1]),
-                   VULKAN_PUSH(push[0], push[1], push[2], planes, push[4], push[5], COUNT_ASIDE, vulkan_bits(inverse)),
+                   VULKAN_PUSH(push[0], push[1], push[2], planes, push[4], push[5], COUNT_ASIDE,
+                               vulkan_bits((float)pace->beta[0]), vulkan_bits((float)pace->beta[1]), vulkan_bits(inverse)),
                    VULKAN_BUFFERS(&r->slab[s].parameter, &r->slab[s].gradient, &r->slab[s].first, &r->slab[s].second, &r->seen,
                                   &r->counts, &r->rates));
     }

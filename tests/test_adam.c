@@ -17,6 +17,8 @@ static void adam_take_step(struct adam_state *s, int step, float rate, uint16_t 
                            .second             = {s->second},
                            .gradient           = {s->gradient},
                            .rate               = {(float)(rate / (1 - pow(0.9, step)))},
+                           .beta1              = 0.9f,
+                           .beta2              = 0.999f,
                            .inverse_correction = (float)(1 / sqrt(1 - pow(0.999, step)))};
     adam_step(test_ctx->isa, &job);
 }

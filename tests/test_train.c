@@ -483,3 +483,28 @@ TEST(train_refuses_shares_of_a_run_that_are_none)
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }
+
+static struct renderer_pace train_pace_of(int iterations, float haste)
+{
+    oxl_train_options    o     = oxl_train_options_default(OXL_PRESET_STANDARD);
+    oxl_scene           *scene = train_scene(2);
+    const struct train   t     = {.ctx = test_ctx, .scene = scene, .options = &o, .step = 1};
+    struct renderer_pace pace;
+    o.iterations = iterations;
+    o.haste      = haste;
+    pace         = train_pace(&t);
+    oxl_scene_free(test_ctx, scene);
+    return pace;
+}
+
+TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iterations_on)
+{
+    const struct renderer_pace calm = train_pace_of(7000, 0.35f), hurried = train_pace_of(700, 0.35f),
+                               least = train_pace_of(10, 0.35f), usual = train_pace_of(700, 0);
+    CHECK(calm.beta[0] == 0.9 && calm.beta[1] == 0.999);
+    CHECK(usual.beta[0] == 0.9 && usual.beta[1] == 0.999 && usual.rate[OXL_LOG_SCALE] == 0.005f);
+    CHECK_CLOSE(hurried.beta[0], 0.5, 0.002); /* 1 - 0.1 x 10^0.7 */
+    CHECK_CLOSE(hurried.beta[1], 1 - 0.001 * pow(10, -0.525), 1e-6);
+    CHECK_CLOSE(hurried.rate[OXL_LOG_SCALE], 0.005 * pow(300.0 / 7, 0.35) * pow(10, 0.175), 1e-5);
+    CHECK(least.beta[0] == 0.5 && least.beta[1] > hurried.beta[1] && least.beta[1] < 1);
+}

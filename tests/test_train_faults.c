@@ -102,16 +102,16 @@ TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_ot
     struct faults_case    c;
     struct renderer_aside aside;
     struct renderer_loss  loss;
-    float                 rates[OXL_PLANES];
+    struct renderer_pace  pace = {.beta = RENDERER_BETAS};
     faults_begin(&c, 3);
-    for (int k = 0; k < OXL_PLANES; k++) rates[k] = 0.01f;
-    c.t.step++;
+    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] = 0.01f;
+    pace.step = ++c.t.step;
     CHECK_OK(train_photo(&c.t, 2));
     CHECK_OK(train_compare_view(&c.t, 2, &loss));
     CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &c.t.gradient));
     c.t.gradient.plane[OXL_ROTATION + 1][40] = NAN;
     c.t.gradient.plane[OXL_SH + 2][41]       = -INFINITY;
-    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, rates, c.t.step, &aside));
+    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, &pace, &aside));
     CHECK(aside.rows == 2 && aside.first == 40 && !renderer_saw(c.t.renderer, 40) && renderer_saw(c.t.renderer, 42));
     for (int k = 0; k < oxl_model_planes(&c.model); k++)
         for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);

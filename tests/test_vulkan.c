@@ -553,12 +553,12 @@ static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_cam
 {
     oxl_render_options    options = oxl_render_options_default();
     struct renderer_aside aside;
-    float                 rates[OXL_PLANES];
-    for (int k = 0; k < OXL_PLANES; k++) rates[k] = 1e-3f;
-    for (int step = from; step <= to; step++) {
+    struct renderer_pace  pace = {.beta = {0.7, 0.9995}};
+    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] = 1e-3f;
+    for (pace.step = from; pace.step <= to; pace.step++) {
         CHECK_OK(renderer_forward(ctx, r, &run->model, camera, &options));
         CHECK_OK(renderer_backward(ctx, r, drgb, &run->gradient));
-        CHECK_OK(renderer_step(ctx, r, &run->model, &run->gradient, &run->first, &run->second, rates, step, &aside));
+        CHECK_OK(renderer_step(ctx, r, &run->model, &run->gradient, &run->first, &run->second, &pace, &aside));
         CHECK(aside.rows == aside_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
