@@ -18,7 +18,7 @@ sites() {
     BEGIN { split(" + | - | * | < | > | >= | <= | += |(real)0.5|(real)-0.5", old, "|")
             split(" - | + | + | >= | <= | > | < | -= |(real)0.25|(real)0.5", new, "|") }
     /\/\*/ { comment = 1 }
-    !comment && !/^#/ && !/^static const/ && !/for \(/ {
+    !comment && !/^#/ && !/^static const/ && !/for \(/ && !/prefetch/ {
         for (i = 1; i <= 10; i++) {
             at = index($0, old[i])
             if (at) printf "%s\t%d\t%d\t%s\t%s\n", FILENAME, FNR, at, old[i], new[i]
