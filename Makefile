@@ -117,11 +117,15 @@ extremes: $(BUILD)/extremes ## docs/STABILITY.md: the kernels at the extremes, f
 SECONDS ?= 10
 FUZZ_CC ?= clang
 FUZZ_TARGETS := $(notdir $(wildcard fuzz/corpus/*))
-fuzz: $(BUILD)/fuzz/fuzz ## each reader of strangers' files for SECONDS (10) under libFuzzer; FUZZ_TARGETS=ply for one
-	@for t in $(FUZZ_TARGETS); do mkdir -p $(BUILD)/fuzz/$$t; echo "fuzz $$t"; \
-	  OXL_FUZZ=$$t $< -max_total_time=$(SECONDS) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
-	    -artifact_prefix=$(BUILD)/fuzz/crash-$$t- $(BUILD)/fuzz/$$t fuzz/corpus/$$t > $(BUILD)/fuzz/$$t.log 2>&1 || \
-	  { tail -n 25 $(BUILD)/fuzz/$$t.log; exit 1; }; grep -h -e 'cov: ' -e number_of_executed $(BUILD)/fuzz/$$t.log | tail -n 2; done
+FUZZ_RUNS := $(addprefix fuzz-,$(FUZZ_TARGETS))
+.PHONY: $(FUZZ_RUNS)
+fuzz: $(FUZZ_RUNS) ## each reader of strangers' files for SECONDS (10) under libFuzzer, side by side with -j; FUZZ_TARGETS=ply for one
+$(FUZZ_RUNS): fuzz-%: $(BUILD)/fuzz/fuzz
+	@mkdir -p $(BUILD)/fuzz/$*
+	@OXL_FUZZ=$* $< -max_total_time=$(SECONDS) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
+	  -artifact_prefix=$(BUILD)/fuzz/crash-$*- $(BUILD)/fuzz/$* fuzz/corpus/$* > $(BUILD)/fuzz/$*.log 2>&1 || \
+	  { tail -n 25 $(BUILD)/fuzz/$*.log; exit 1; }
+	@echo "fuzz $*"; grep -h -e 'cov: ' -e number_of_executed $(BUILD)/fuzz/$*.log | tail -n 2
 FUZZ_SANITIZE := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=undefined,float-cast-overflow
 $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(wildcard oceanxl.[ch] src/* tools/*)
 	@mkdir -p $(@D)
