@@ -173,7 +173,7 @@ static const struct option {
     {"Speed for accuracy", "--sh-every", "SHARE", REAL, FIELD(bands_every), RUNS,
      "of the run, after which there is one more band of spherical harmonics, as 0.2 (0.0333)"},
     {"Speed for accuracy", "--haste", "POWER", REAL, FIELD(haste), RUNS,
-     "shorter runs take steps of geometry (30000 / iterations)^POWER times the usual ones, and start sharper (0.35, paper: 0)"},
+     "shorter runs take steps of geometry (30000 / iterations)^POWER times the usual ones, start sharper, keep less momentum (0.35, paper: 0)"},
     {"What the scene requires", "--ucd", "on|off|auto|MID,FAR", TEXT, FIELD(ucd), TRAINS,
      "densify more readily what is far away in water: weights of two depth bands, learned; MID,FAR: from there (auto)"},
     {"What the scene requires", "--keep", "FRACTION|COUNT|SIZE|auto|all", TEXT, FIELD(keep), TRAINS,
