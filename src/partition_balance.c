@@ -16,7 +16,8 @@ OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int bl
         if (plan->role[(size_t)block * plan->sight->views + v] == PARTITION_OUT) continue;
         load.views++;
         load.pixels += (double)c->width * c->height;
-        load.largest = OXL_MAX(load.largest, (double)c->width * c->height);
+        load.largest      = OXL_MAX(load.largest, (double)c->width * c->height);
+        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
         load.observations += plan->sight->first[v + 1] - plan->sight->first[v];
     }
     load.train_pixels = load.pixels;

@@ -604,6 +604,18 @@ OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene,
     return photo;
 }
 
+OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
+{
+    const struct colmap_camera *file = scene->from_files ? scene_source_camera(scene, view) : NULL;
+    return file ? (double)file->width * file->height : 0;
+}
+
+OXL_INTERNAL double scene_ahead_bytes(const oxl_context *ctx, double cache, double file_pixels)
+{
+    const double at_once = OXL_MIN(floor(cache / 4 / OXL_MAX(1, 3 * file_pixels)), OXL_MIN(ctx->threads, SCENE_AHEAD));
+    return at_once >= 2 ? at_once * 3 * file_pixels : 0;
+}
+
 /* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
  * cache as they come from the file, which is *bytes. */
 static int scene_choose_ahead(const oxl_context *ctx, const oxl_scene *scene, const int *view, int count, int *chosen,
@@ -612,8 +624,7 @@ static int scene_choose_ahead(const oxl_context *ctx, const oxl_scene *scene, co
     int n  = 0;
     *bytes = 0;
     for (int i = 0; i < count && n < OXL_MIN(ctx->threads, SCENE_AHEAD); i++) {
-        const struct colmap_camera *file = &scene->colmap.camera[scene->source[view[i]].camera];
-        const size_t                more = 3 * (size_t)file->width * (size_t)file->height;
+        const size_t more = 3 * (size_t)scene_file_pixels(scene, view[i]);
         if (scene->photo[view[i]].rgb) continue;
         if (*bytes + more > scene->cache_limit / 4) break;
         *bytes += more;

@@ -124,3 +124,26 @@ TEST(budget_too_small_for_all_blocks_together_leaves_them_as_they_are_and_says_s
     CHECK(job_test_has(test_path("out/run.json"), "not refined together"));
     CHECK(!os_is_folder(test_path("out/blocks/together")) && os_is_file(test_path("out/scene.ply")));
 }
+
+TEST(budget_counts_the_photographs_that_are_on_their_way)
+{
+    struct survey_load load    = budget_test_load();
+    oxl_job_options    o       = oxl_job_options_default(OXL_PRESET_STANDARD);
+    const int          threads = test_ctx->threads;
+    double             before, after;
+    test_ctx->threads         = 4;
+    o.scene.image_cache_bytes = (size_t)1 << 30;
+    load.pixels               = 1e7;
+    before                    = survey_cost(test_ctx, &o, &load).memory;
+    load.largest_file         = 2e7; /* 60 MB: four are less than a quarter of the cache */
+    after                     = survey_cost(test_ctx, &o, &load).memory;
+    CHECK_CLOSE(after - before, 240e6, 1);
+    load.largest_file = 2e8; /* not two of them are read at once */
+    CHECK(survey_cost(test_ctx, &o, &load).memory == before);
+    load.pixels       = 1e9; /* the cache is full of them anyway */
+    load.largest_file = 0;
+    before            = survey_cost(test_ctx, &o, &load).memory;
+    load.largest_file = 2e7;
+    CHECK(survey_cost(test_ctx, &o, &load).memory == before);
+    test_ctx->threads = threads;
+}
