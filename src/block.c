@@ -233,7 +233,7 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
     return OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
 }
 
-/* At the rates that the run ended with, those of its haste, not of a run as short as this. */
+/* At the rates that the run ended with, those of its haste, not of a run as short as this; with Kerbl's momentum. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
     const double      haste = train_haste(run);

@@ -373,8 +373,8 @@ OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, cons
 OXL_INTERNAL int        scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* (all views at most) -> how many */
 /* Borrowed from the cache until the next call for another view, or NULL with the error set. */
 OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
-/* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. The cache
- * holds those that are being read, too. Nothing is said of one that cannot be read, until it is asked for. */
+/* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
+ * quarter of the cache may be on its way, and is made free before. Nothing is said of one that cannot be read, until it is asked for. */
 OXL_INTERNAL double              scene_file_pixels(const oxl_scene *scene, int view); /* as it lies on disk; 0: from arrays */
 OXL_INTERNAL double     scene_ahead_bytes(const oxl_context *ctx, double cache, double file_pixels); /* at most on their way */
 OXL_INTERNAL void       scene_read_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
@@ -562,8 +562,6 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
  * each row seen, the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
 
-/* Adam on the rows seen by the last view, but for those of which a number or its gradient is not finite: these count as not
- * seen from then on. */
 struct renderer_pace {
     float  rate[OXL_PLANES]; /* of each plane at this step */
     double beta[2];          /* what is left after a step of the mean gradient, and of its mean square */
@@ -576,6 +574,8 @@ struct renderer_pace {
 struct renderer_aside {
     size_t rows, first; /* how many; the first of them */
 };
+/* Adam on the rows seen by the last view, but for those of which a number or its gradient is not finite: these count as not
+ * seen from then on. */
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
                                       oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
                                       struct renderer_aside *out);

@@ -20,7 +20,10 @@ enum {
 #define SCENE_NEAR           0.2  /* x the depth before which 1 % of the points lie */
 #define SCENE_NEAR_POINTLESS 0.01 /* x the extent, when there are no points */
 
-enum { SCENE_AHEAD = 16 }; /* photographs read at once, at most */
+enum {
+    SCENE_AHEAD       = 16,
+    SCENE_AHEAD_BYTES = 6
+}; /* photographs read at once, at most; bytes a pixel: decoded, and what decoding takes */
 
 struct scene_source { /* indices in colmap.image, colmap.camera */
     size_t image, camera;
@@ -612,8 +615,9 @@ OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
 
 OXL_INTERNAL double scene_ahead_bytes(const oxl_context *ctx, double cache, double file_pixels)
 {
-    const double at_once = OXL_MIN(floor(cache / 4 / OXL_MAX(1, 3 * file_pixels)), OXL_MIN(ctx->threads, SCENE_AHEAD));
-    return at_once >= 2 ? at_once * 3 * file_pixels : 0;
+    const double each    = SCENE_AHEAD_BYTES * file_pixels;
+    const double at_once = OXL_MIN(floor(cache / 4 / OXL_MAX(1, each)), OXL_MIN(ctx->threads, SCENE_AHEAD));
+    return at_once >= 2 ? at_once * each : 0;
 }
 
 /* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
@@ -624,7 +628,7 @@ static int scene_choose_ahead(const oxl_context *ctx, const oxl_scene *scene, co
     int n  = 0;
     *bytes = 0;
     for (int i = 0; i < count && n < OXL_MIN(ctx->threads, SCENE_AHEAD); i++) {
-        const size_t more = 3 * (size_t)scene_file_pixels(scene, view[i]);
+        const size_t more = SCENE_AHEAD_BYTES * (size_t)scene_file_pixels(scene, view[i]);
         if (scene->photo[view[i]].rgb) continue;
         if (*bytes + more > scene->cache_limit / 4) break;
         *bytes += more;
@@ -638,7 +642,9 @@ static void *scene_reallocate_in_turn(void *user, void *old, size_t size)
 {
     const oxl_context_options *caller = user;
     void                      *memory;
+#ifdef _OPENMP
 #pragma omp critical(scene_memory)
+#endif
     memory = caller->reallocate(caller->user, old, size);
     return memory;
 }

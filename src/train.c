@@ -9,18 +9,19 @@
 #define TRAIN_RESET_LEAST \
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
 #define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
-#define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
-#define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
-#define TRAIN_COARSE_AUTO   0.25  /* of the run, for larger ones */
-#define TRAIN_HASTE_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
-#define TRAIN_HASTE_OPACITY 0.7   /* and their opacities multiplied, */
-#define TRAIN_OPACITY_MOST  0.3   /* up to this */
-#define TRAIN_CALM          7000  /* iterations from which on Kerbl's momentum is the better one */
-#define TRAIN_BETA_LEAST    0.5
-#define TRAIN_UNHURRIED     30000 /* iterations that the rates were chosen for [Kerbl 2023] */
-#define TRAIN_SAVE_STEPS    500   /* a checkpoint after so many iterations, */
-#define TRAIN_SAVE_SECONDS  60.0  /* or so long, whichever comes first */
-#define TRAIN_SMOOTHING     0.02  /* of loss and PSNR in progress reports: about the last 50 views */
+#define TRAIN_RANDOM_POINTS 10000   /* to start from when the scene has none */
+#define TRAIN_COARSE_SIDE   640     /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
+#define TRAIN_COARSE_AUTO   0.25    /* of the run, for larger ones */
+#define TRAIN_HASTE_WIDTH   0.3     /* powers of haste: what the first Gaussians' widths are divided by */
+#define TRAIN_HASTE_OPACITY 0.7     /* and their opacities multiplied, */
+#define TRAIN_OPACITY_MOST  0.3     /* up to this */
+#define TRAIN_CALM          7000    /* iterations from which on Kerbl's momentum is the better one */
+#define TRAIN_BETA_LEAST    0.5     /* of the mean gradient */
+#define TRAIN_BETA_MOST     0.99999 /* of the mean of its square: nearer to 1 a float is 1 */
+#define TRAIN_UNHURRIED     30000   /* iterations that the rates were chosen for [Kerbl 2023] */
+#define TRAIN_SAVE_STEPS    500     /* a checkpoint after so many iterations, */
+#define TRAIN_SAVE_SECONDS  60.0    /* or so long, whichever comes first */
+#define TRAIN_SMOOTHING     0.02    /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
 {
@@ -86,7 +87,7 @@ static struct renderer_pace train_pace(const struct train *t)
     const float              mean = (float)(haste * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     struct renderer_pace     pace = {.beta = RENDERER_BETAS, .step = t->step};
     pace.beta[0]                  = OXL_MAX(TRAIN_BETA_LEAST, 1 - (1 - pace.beta[0]) * rush * rush);
-    pace.beta[1]                  = 1 - (1 - pace.beta[1]) / (rush * sqrt(rush));
+    pace.beta[1]                  = OXL_MIN(TRAIN_BETA_MOST, 1 - (1 - pace.beta[1]) / (rush * sqrt(rush)));
     for (int k = 0; k < OXL_PLANES; k++)
         pace.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? train_scale_rate(o)
@@ -169,6 +170,15 @@ OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
     return renderer_take_photo(t->ctx, t->renderer, view, photo, t->halved);
 }
 
+/* From a place in the epoch on, those that a device does not hold. */
+static void train_read_ahead(struct train *t, int slot)
+{
+    int view[64], count = 0;
+    for (int i = slot; i < t->views && count < (int)OXL_COUNT(view); i++)
+        if (!renderer_has_photo(t->renderer, t->view[i])) view[count++] = t->view[i];
+    if (count > 0 && view[0] == t->view[slot]) scene_read_ahead(t->ctx, t->scene, view, count);
+}
+
 /* The next view whose photograph can be read; one that cannot is named and left out from then on. */
 static oxl_result train_next_photo(struct train *t, int *view)
 {
@@ -177,7 +187,7 @@ static oxl_result train_next_photo(struct train *t, int *view)
         oxl_result rc;
         if (slot == 0) train_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
-        if (!renderer_has_photo(t->renderer, *view)) scene_read_ahead(t->ctx, t->scene, t->view + slot, t->views - slot);
+        train_read_ahead(t, slot);
         rc = train_photo(t, *view);
         if (rc != OXL_ERR_INPUT) return rc;
         faults_of_photo(t->ctx, &t->faults);

@@ -135,7 +135,7 @@ TEST(budget_counts_the_photographs_that_are_on_their_way)
     o.scene.image_cache_bytes = (size_t)1 << 30;
     load.pixels               = 1e7;
     before                    = survey_cost(test_ctx, &o, &load).memory;
-    load.largest_file         = 2e7; /* 60 MB: four are less than a quarter of the cache */
+    load.largest_file         = 2e7; /* 120 MB each, with what decoding takes: two are a quarter of the cache */
     after                     = survey_cost(test_ctx, &o, &load).memory;
     CHECK_CLOSE(after - before, 240e6, 1);
     load.largest_file = 2e8; /* not two of them are read at once */
