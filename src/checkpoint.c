@@ -169,6 +169,24 @@ static oxl_result checkpoint_paths(oxl_context *ctx, const char *folder, char *p
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
 }
 
+/* Work of another run, found in this one's way, is kept under another name; the next such replaces it. */
+static oxl_result checkpoint_put_aside(oxl_context *ctx, const char *path)
+{
+    const size_t size  = strlen(path) + sizeof ".other";
+    char        *aside = oxl_alloc(ctx, size, 1);
+    oxl_result   rc    = OXL_OK;
+    if (!aside) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
+    snprintf(aside, size, "%s.other", path);
+    if (os_rename(path, aside) != 0)
+        rc = oxl_fail(ctx, OXL_ERR_IO,
+                      "%s is of a run with other options or of another version, and cannot be moved out of the way (%s)\n"
+                      "fix: move it, or name another folder by -o",
+                      path, strerror(errno));
+    else oxl_log(ctx, OXL_LOG_WARNING, "%s is of a run with other options or of another version; it is kept as %s", path, aside);
+    oxl_free(ctx, aside);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                          void *user)
 {
@@ -238,6 +256,7 @@ static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const 
 {
     struct archive a     = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
     uint64_t       magic = 0, version = 0;
+    int            other = 0;
     if (!a.file) return OXL_OK;
     if (!checkpoint_is_whole(a.file, &a.left)) {
         oxl_log(ctx, OXL_LOG_WARNING, "%s is not whole: its checksum is wrong; the one before it is tried", path);
@@ -246,15 +265,13 @@ static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const 
     rewind(a.file);
     archive_u64(&a, &magic);
     archive_u64(&a, &version);
-    if (magic != CHECKPOINT_MAGIC || version != CHECKPOINT_VERSION || !checkpoint_has_key(&a, key)) {
-        oxl_log(ctx, OXL_LOG_WARNING, "%s is of a run with other options or of another version, and is left aside", path);
-        goto done;
-    }
+    other = magic != CHECKPOINT_MAGIC || version != CHECKPOINT_VERSION || !checkpoint_has_key(&a, key);
+    if (other) goto done;
     state(&a, user);
     *found = a.rc == OXL_OK;
 done:
     fclose(a.file);
-    return a.rc;
+    return other ? checkpoint_put_aside(ctx, path) : a.rc;
 }
 
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,

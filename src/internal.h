@@ -371,20 +371,22 @@ OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *sce
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
 OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
 OXL_INTERNAL int        scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* (all views at most) -> how many */
-/* Borrowed from the cache until the next call for another view, or NULL with the error set. */
+/* Borrowed from the cache until the next call for another view or for photographs ahead; NULL: with the error set. */
 OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
 /* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
  * quarter of the cache may be on its way, and is made free before. Nothing is said of one that cannot be read, until it is asked for. */
-OXL_INTERNAL double              scene_file_pixels(const oxl_scene *scene, int view); /* as it lies on disk; 0: from arrays */
-OXL_INTERNAL double     scene_ahead_bytes(const oxl_context *ctx, double cache, double file_pixels); /* at most on their way */
-OXL_INTERNAL void       scene_read_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
-OXL_INTERNAL void       scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs */
+OXL_INTERNAL void                scene_read_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
+/* As the file has it: of the first photograph of its camera. 0: from arrays. */
+OXL_INTERNAL double              scene_file_pixels(const oxl_scene *scene, int view);
+/* Photographs of so many pixels in all take at most so much, with what decoding files of file_pixels takes, on however many threads. */
+OXL_INTERNAL double              scene_photos_bytes(double cache, double pixels, double file_pixels);
+OXL_INTERNAL void                scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs */
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
-OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile);
+OXL_INTERNAL double              scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
-OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
+OXL_INTERNAL double              scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
-OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
+OXL_INTERNAL oxl_result          scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
 /* ---------------------------------------------------------------- bands.c: near, mid or far, pixel by pixel, by the survey's points */
 
@@ -565,7 +567,7 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
 struct renderer_pace {
     float  rate[OXL_PLANES]; /* of each plane at this step */
     double beta[2];          /* what is left after a step of the mean gradient, and of its mean square */
-    int    step;             /* from 1: both means begin at 0, which is made up for */
+    int    step;             /* of the run, not of the row; from 1: both means begin at 0, which is made up for */
 };
 #define RENDERER_BETAS \
     {                  \
@@ -940,7 +942,7 @@ struct survey_load {
     size_t points, observations; /* to start from; of a point in a view */
     int    views;
     double pixels, train_pixels, largest; /* of all views; of the training views; of one */
-    double largest_file;                  /* pixels of a photograph as it lies on disk */
+    double largest_file;                  /* pixels of a photograph as the file has it */
 };
 struct survey_cost {
     double gaussians, memory, seconds; /* at the end; peak in bytes; on ctx's threads */

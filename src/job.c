@@ -194,6 +194,24 @@ static int job_has_blocks(struct job *job)
     return blocks > 0;
 }
 
+static void job_drop_checkpoint(void *user, const char *name)
+{
+    struct job *job    = user;
+    char       *blocks = oxl_path_join(job->ctx, job->out, "blocks");
+    char       *folder = blocks && name[0] != '.' ? oxl_path_join(job->ctx, blocks, name) : NULL;
+    if (folder) checkpoint_remove(job->ctx, folder);
+    oxl_free(job->ctx, folder);
+    oxl_free(job->ctx, blocks);
+}
+
+/* --restart of a whole run gives up what was under way. */
+static void job_drop_checkpoints(struct job *job)
+{
+    char *blocks = oxl_path_join(job->ctx, job->out, "blocks");
+    if (blocks && os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_checkpoint, job);
+    oxl_free(job->ctx, blocks);
+}
+
 /* Of another folder and with other contents: a survey that moved, or has grown, is no other. */
 static int job_is_of_another_survey(const struct job *job, const struct oxl_run *run)
 {
@@ -213,7 +231,8 @@ static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
                         "%s holds the unfinished work of a run with other options or of another survey:\n"
                         "there: %.250s\nhere:  %.250s\n"
                         "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
-                        job->out, run->line, job->line.data);
+                        job->out, run->line[0] ? run->line : "run.json ends before it says", job->line.data);
+    if (!run->finished && job->options.block < 0) job_drop_checkpoints(job);
     job_remove(job, "run.json");
     job_remove(job, "metrics.json");
     job_remove(job, "partition.txt");

@@ -137,13 +137,15 @@ done:
 oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
                             const char *folder, int *count)
 {
-    oxl_result rc = os_make_folder(ctx, folder);
-    *count        = 0;
-    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
-        const int is_test = oxl_scene_view(scene, i)->is_test;
-        if (what->split != OXL_SPLIT_ALL && is_test != (what->split == OXL_SPLIT_TEST)) continue;
-        rc = pictures_draw_view(ctx, model, scene, i, what, folder);
+    oxl_result rc    = os_make_folder(ctx, folder);
+    int       *view  = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    const int  asked = view ? scene_views_of(scene, what->split, view) : 0;
+    *count           = 0;
+    if (rc == OXL_OK && !view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    while (rc == OXL_OK && *count < asked) {
+        rc = pictures_draw_view(ctx, model, scene, view[*count], what, folder);
         *count += rc == OXL_OK;
     }
+    oxl_free(ctx, view);
     return rc;
 }

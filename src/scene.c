@@ -21,9 +21,9 @@ enum {
 #define SCENE_NEAR_POINTLESS 0.01 /* x the extent, when there are no points */
 
 enum {
-    SCENE_AHEAD       = 16,
-    SCENE_AHEAD_BYTES = 6
-}; /* photographs read at once, at most; bytes a pixel: decoded, and what decoding takes */
+    SCENE_AHEAD        = 16, /* photographs read at once, at most */
+    SCENE_DECODE_BYTES = 6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
+};
 
 struct scene_source { /* indices in colmap.image, colmap.camera */
     size_t image, camera;
@@ -48,6 +48,7 @@ struct oxl_scene {
     int                  from_files;
     struct colmap        colmap;         /* from files: kept for the partition; the views' names lie in it */
     struct scene_source *source;         /* from files: (view_count) */
+    double              *on_disk;        /* from files: (cameras) px of a photograph's side for one in cameras.txt */
     char                *images, *masks; /* from files: folders; masks NULL: none */
 };
 
@@ -70,6 +71,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     oxl_free(ctx, scene->photo);
     oxl_free(ctx, scene->used);
     oxl_free(ctx, scene->source);
+    oxl_free(ctx, scene->on_disk);
     oxl_free(ctx, scene->images);
     oxl_free(ctx, scene->masks);
     colmap_free(ctx, &scene->colmap);
@@ -141,12 +143,12 @@ static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_
     return c;
 }
 
-/* Photograph's px per px of its camera in cameras.txt, at most 1. A photograph that cannot be read is found out later. */
+/* Photograph's px per px of its camera in cameras.txt. A photograph that cannot be read is found out later. */
 static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera)
 {
     int w, h;
     if (image_size(ctx, path, &w, &h) != OXL_OK) return 1;
-    return OXL_MIN(1.0, OXL_MAX((double)w / camera->width, (double)h / camera->height));
+    return OXL_MAX((double)w / camera->width, (double)h / camera->height);
 }
 
 struct scene_order { /* images by name; equal names by their place in the file */
@@ -172,14 +174,13 @@ struct scene_build { /* what building the views needs beside the scene */
 static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b, size_t camera,
                                      const char *path)
 {
-    const struct colmap_camera *from    = &scene->colmap.camera[camera];
-    double                      on_disk = 1;
+    const struct colmap_camera *from = &scene->colmap.camera[camera];
     oxl_result                  rc;
     if (b->ideal[camera].width) return OXL_OK;
     rc = camera_undistorted(ctx, from, &b->ideal[camera]);
     if (rc != OXL_OK) return rc;
-    if (b->options->read_images && b->headers++ < SCENE_HEADERS) on_disk = scene_size_on_disk(ctx, path, from);
-    b->ideal[camera] = scene_reduce(&b->ideal[camera], b->options->max_side, on_disk);
+    scene->on_disk[camera] = b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
+    b->ideal[camera]       = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
 }
 
@@ -267,11 +268,12 @@ static oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const ox
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "images.txt holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse",
                         c->image_count);
-    b.order  = oxl_alloc(ctx, c->image_count, sizeof *b.order);
-    b.camera = oxl_alloc(ctx, c->camera_count + 1, sizeof *b.camera);
-    b.ideal  = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);
-    rc       = scene_alloc_views(ctx, scene, c->image_count);
-    if (rc == OXL_OK && !(b.order && b.camera && b.ideal))
+    b.order        = oxl_alloc(ctx, c->image_count, sizeof *b.order);
+    b.camera       = oxl_alloc(ctx, c->camera_count + 1, sizeof *b.camera);
+    b.ideal        = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);
+    rc             = scene_alloc_views(ctx, scene, c->image_count);
+    scene->on_disk = oxl_calloc(ctx, c->camera_count + 1, sizeof *scene->on_disk);
+    if (rc == OXL_OK && !(b.order && b.camera && b.ideal && scene->on_disk))
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", c->image_count);
     if (rc == OXL_OK) rc = scene_add_views(ctx, scene, &b);
     for (size_t i = 0; rc == OXL_OK && i < c->camera_count; i++)
@@ -609,15 +611,15 @@ OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene,
 
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
 {
-    const struct colmap_camera *file = scene->from_files ? scene_source_camera(scene, view) : NULL;
-    return file ? (double)file->width * file->height : 0;
+    const struct colmap_camera *camera = scene->from_files ? scene_source_camera(scene, view) : NULL;
+    const double                side   = camera ? scene->on_disk[scene->source[view].camera] : 0;
+    return camera ? side * camera->width * side * camera->height : 0;
 }
 
-OXL_INTERNAL double scene_ahead_bytes(const oxl_context *ctx, double cache, double file_pixels)
+OXL_INTERNAL double scene_photos_bytes(double cache, double pixels, double file_pixels)
 {
-    const double each    = SCENE_AHEAD_BYTES * file_pixels;
-    const double at_once = OXL_MIN(floor(cache / 4 / OXL_MAX(1, each)), OXL_MIN(ctx->threads, SCENE_AHEAD));
-    return at_once >= 2 ? at_once * each : 0;
+    const double one = SCENE_DECODE_BYTES * file_pixels, ahead = OXL_MIN(cache / 4, SCENE_AHEAD * one);
+    return OXL_MIN(3 * pixels + ahead, cache) + one;
 }
 
 /* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
@@ -628,10 +630,10 @@ static int scene_choose_ahead(const oxl_context *ctx, const oxl_scene *scene, co
     int n  = 0;
     *bytes = 0;
     for (int i = 0; i < count && n < OXL_MIN(ctx->threads, SCENE_AHEAD); i++) {
-        const size_t more = SCENE_AHEAD_BYTES * (size_t)scene_file_pixels(scene, view[i]);
+        const double more = SCENE_DECODE_BYTES * scene_file_pixels(scene, view[i]);
         if (scene->photo[view[i]].rgb) continue;
-        if (*bytes + more > scene->cache_limit / 4) break;
-        *bytes += more;
+        if ((double)*bytes + more > (double)(scene->cache_limit / 4)) break;
+        *bytes += (size_t)more;
         chosen[n++] = view[i];
     }
     return n;
@@ -654,12 +656,12 @@ OXL_INTERNAL void scene_read_ahead(oxl_context *ctx, oxl_scene *scene, const int
     struct photo read[SCENE_AHEAD] = {{0}};
     int          chosen[SCENE_AHEAD], n;
     size_t       bytes;
-    oxl_context  alone = *ctx; /* each thread's own errors, which nobody hears: who asks for the photograph will */
+    oxl_context  alone = *ctx; /* each thread's own, whose errors nobody hears: who asks for the photograph will */
     if (!scene->from_files || count < 1 || scene->photo[view[0]].rgb) return;
     n = scene_choose_ahead(ctx, scene, view, count, chosen, &bytes);
     if (n < 2) return;
-    alone.threads            = 1;
-    alone.options.reallocate = scene_reallocate_in_turn, alone.options.user = &ctx->options;
+    alone.threads = 1, alone.notes = NULL, alone.vulkan = NULL;
+    alone.options = (oxl_context_options){.reallocate = scene_reallocate_in_turn, .user = &ctx->options};
     scene_make_room(ctx, scene, -1, scene->cache_limit - bytes);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(alone)
     for (int i = 0; i < n; i++) scene_load_photo(&alone, scene, chosen[i], &read[i]);

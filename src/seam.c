@@ -96,12 +96,12 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
                                      oxl_split split, struct seam *out)
 {
     struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
-    oxl_result         rc     = OXL_OK;
+    int               *view   = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    const int          asked  = view ? scene_views_of(scene, split, view) : 0;
+    oxl_result         rc     = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     *out                      = (struct seam){0};
-    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
-        const int is_test = oxl_scene_view(scene, i)->is_test != 0;
-        if (split == OXL_SPLIT_ALL || is_test == (split == OXL_SPLIT_TEST)) rc = seam_draw_view(ctx, p, model, scene, i, sum);
-    }
+    for (int i = 0; i < asked && rc == OXL_OK; i++) rc = seam_draw_view(ctx, p, model, scene, view[i], sum);
+    oxl_free(ctx, view);
     if (rc != OXL_OK) return rc;
     *out = (struct seam){.near_pixels      = sum[1].pixels,
                          .elsewhere_pixels = sum[0].pixels,

@@ -9,19 +9,20 @@
 #define TRAIN_RESET_LEAST \
     3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
 #define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
-#define TRAIN_RANDOM_POINTS 10000   /* to start from when the scene has none */
-#define TRAIN_COARSE_SIDE   640     /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
-#define TRAIN_COARSE_AUTO   0.25    /* of the run, for larger ones */
-#define TRAIN_HASTE_WIDTH   0.3     /* powers of haste: what the first Gaussians' widths are divided by */
-#define TRAIN_HASTE_OPACITY 0.7     /* and their opacities multiplied, */
-#define TRAIN_OPACITY_MOST  0.3     /* up to this */
-#define TRAIN_CALM          7000    /* iterations from which on Kerbl's momentum is the better one */
-#define TRAIN_BETA_LEAST    0.5     /* of the mean gradient */
-#define TRAIN_BETA_MOST     0.99999 /* of the mean of its square: nearer to 1 a float is 1 */
+#define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
+#define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
+#define TRAIN_COARSE_AUTO   0.25  /* of the run, for larger ones */
+#define TRAIN_HASTE_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
+#define TRAIN_HASTE_OPACITY 0.7   /* and their opacities multiplied, */
+#define TRAIN_OPACITY_MOST  0.3   /* up to this */
+#define TRAIN_CALM          7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
+#define TRAIN_BETA_LEAST    0.5  /* of the mean gradient */
+#define TRAIN_BETA_MOST     0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define TRAIN_UNHURRIED     30000   /* iterations that the rates were chosen for [Kerbl 2023] */
-#define TRAIN_SAVE_STEPS    500     /* a checkpoint after so many iterations, */
-#define TRAIN_SAVE_SECONDS  60.0    /* or so long, whichever comes first */
-#define TRAIN_SMOOTHING     0.02    /* of loss and PSNR in progress reports: about the last 50 views */
+#define TRAIN_AHEAD         64   /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
+#define TRAIN_SAVE_STEPS    500  /* a checkpoint after so many iterations, */
+#define TRAIN_SAVE_SECONDS  60.0 /* or so long, whichever comes first */
+#define TRAIN_SMOOTHING     0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
 {
@@ -173,8 +174,8 @@ OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
 /* From a place in the epoch on, those that a device does not hold. */
 static void train_read_ahead(struct train *t, int slot)
 {
-    int view[64], count = 0;
-    for (int i = slot; i < t->views && count < (int)OXL_COUNT(view); i++)
+    int view[TRAIN_AHEAD], count = 0;
+    for (int i = slot; i < t->views && count < TRAIN_AHEAD; i++)
         if (!renderer_has_photo(t->renderer, t->view[i])) view[count++] = t->view[i];
     if (count > 0 && view[0] == t->view[slot]) scene_read_ahead(t->ctx, t->scene, view, count);
 }

@@ -351,6 +351,27 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     CHECK(job_test_has(test_path("out/run.json"), "\"iterations_done\": 13"));
 }
 
+TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
+{
+    oxl_job_options       options  = job_test_options();
+    struct job_test_watch watch    = {0, 5};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_survey();
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    CHECK(remove(test_path("out/run.json")) == 0);
+    options.train.iterations++;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL)); /* nobody can tell whose work that was */
+    CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl.other")));
+    CHECK(job_test_has(test_path("out/blocks/000/block.json"), "is kept as"));
+    CHECK(rename(test_path("out/blocks/000/checkpoint.oxl.other"), test_path("out/blocks/000/checkpoint.oxl")) == 0);
+    CHECK(remove(test_path("out/run.json")) == 0);
+    options.train.iterations--;
+    watch = (struct job_test_watch){0, -1};
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    printf("calls %d\n", watch.calls);
+    CHECK(watch.calls == options.train.iterations - 5); /* its owner can go on with it */
+}
+
 TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
 {
     oxl_job_options options = job_test_options();

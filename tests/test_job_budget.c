@@ -127,23 +127,37 @@ TEST(budget_too_small_for_all_blocks_together_leaves_them_as_they_are_and_says_s
 
 TEST(budget_counts_the_photographs_that_are_on_their_way)
 {
-    struct survey_load load    = budget_test_load();
-    oxl_job_options    o       = oxl_job_options_default(OXL_PRESET_STANDARD);
-    const int          threads = test_ctx->threads;
-    double             before, after;
-    test_ctx->threads         = 4;
-    o.scene.image_cache_bytes = (size_t)1 << 30;
+    struct survey_load load = budget_test_load();
+    oxl_job_options    o    = oxl_job_options_default(OXL_PRESET_STANDARD);
+    double             before;
+    o.scene.image_cache_bytes = (size_t)4e8;
     load.pixels               = 1e7;
     before                    = survey_cost(test_ctx, &o, &load).memory;
-    load.largest_file         = 2e7; /* 120 MB each, with what decoding takes: two are a quarter of the cache */
-    after                     = survey_cost(test_ctx, &o, &load).memory;
-    CHECK_CLOSE(after - before, 240e6, 1);
-    load.largest_file = 2e8; /* not two of them are read at once */
-    CHECK(survey_cost(test_ctx, &o, &load).memory == before);
+    load.largest_file         = 1e6; /* 6 MB each, with what decoding takes: 16 at once, and one beside a cache that is full */
+    CHECK_CLOSE(survey_cost(test_ctx, &o, &load).memory - before, 17 * 6e6, 1);
+    load.largest_file = 2e7; /* a quarter of the cache, and 120 MB */
+    CHECK_CLOSE(survey_cost(test_ctx, &o, &load).memory - before, 220e6, 1);
     load.pixels       = 1e9; /* the cache is full of them anyway */
     load.largest_file = 0;
     before            = survey_cost(test_ctx, &o, &load).memory;
     load.largest_file = 2e7;
-    CHECK(survey_cost(test_ctx, &o, &load).memory == before);
+    CHECK_CLOSE(survey_cost(test_ctx, &o, &load).memory - before, 120e6, 1);
+}
+
+TEST(budget_decides_the_same_on_any_number_of_threads)
+{
+    struct survey_load load    = budget_test_load();
+    const int          threads = test_ctx->threads;
+    oxl_job_options    decided[3];
+    load.largest_file = 1.2e7;
+    load.pixels       = 2e8;
+    for (int i = 0; i < 3; i++) {
+        test_ctx->threads = i == 0 ? 1 : i == 1 ? 2 : 16;
+        decided[i]        = budget_test_options(1.8e9);
+        CHECK(budget_fit(test_ctx, &load, &decided[i]));
+        CHECK(decided[i].train.max_gaussians == decided[0].train.max_gaussians);
+        CHECK(decided[i].train.sh_degree == decided[0].train.sh_degree && decided[i].train.dog == decided[0].train.dog);
+        CHECK(decided[i].scene.image_cache_bytes == decided[0].scene.image_cache_bytes);
+    }
     test_ctx->threads = threads;
 }
