@@ -44,6 +44,9 @@ static void catch_signals(void)
 {
     signal(SIGINT, on_signal);
     signal(SIGTERM, on_signal);
+#ifdef SIGPIPE
+    signal(SIGPIPE, SIG_IGN); /* whoever listened has gone; the work goes on */
+#endif
 }
 
 static void console_clear(struct console *c)

@@ -81,7 +81,8 @@ typedef enum oxl_backend {
 typedef struct oxl_context_options {
     int      threads; /* 0: as many as OpenMP offers */
     uint64_t seed;    /* of every random choice: view order, split samples (default 1) */
-    /* realloc-like: size 0 frees and returns NULL; old may be NULL. Must return 16-byte aligned memory. */
+    /* realloc-like: size 0 frees and returns NULL; old may be NULL. Must return 16-byte aligned memory. Called by one
+     * thread at a time, not always by the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
     void (*log)(void *user, oxl_log_level level, const char *text); /* one line without the newline; NULL: silent */
     void       *user;                                               /* handed to both */
@@ -189,7 +190,8 @@ OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double    *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
 OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robust radius of the training cameras [3DGS] */
 
-/* The ray along which a pixel of the photograph as it is on disk was seen, distortion undone: where it starts and a unit vector, local coordinates. */
+/* The ray along which a pixel of the photograph as it is on disk was seen, distortion undone: where it starts and a unit vector, local
+ * coordinates. OXL_ERR_INPUT: a pixel outside of the photograph, or one that the lens model does not reach. */
 OXL_API oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
                                    double way[3]);
 

@@ -120,7 +120,8 @@ enum {
     CAMERA_STEPS    = 32,  /* along a ray, to find the first direction that was not seen */
     CAMERA_SHRINK   = 64   /* px by which a side may be corrected in the end */
 };
-#define CAMERA_GROWTH 2.0 /* a side is at most so many times farther out than the photograph's: COLMAP's limit too */
+#define CAMERA_FOCAL_MIN 0.002 /* x the longer side: 179.5 degrees */
+#define CAMERA_GROWTH    2.0   /* a side is at most so many times farther out than the photograph's: COLMAP's limit too */
 
 enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
 
@@ -236,17 +237,18 @@ static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c
 
 static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *camera, const double k[4])
 {
-    const char *name = camera_models[camera->model].name;
+    const char  *name  = camera_models[camera->model].name;
+    const double least = CAMERA_FOCAL_MIN * OXL_MAX(camera->width, camera->height);
     if (camera->width < 1 || camera->height < 1 || camera->width > CAMERA_SIDE_MAX || camera->height > CAMERA_SIDE_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "cameras.txt:%d: camera %lld is %d x %d px, wanted 1 to %d a side\nfix: export the model again",
                         camera->line, (long long)camera->id, camera->width, camera->height, CAMERA_SIDE_MAX);
-    if (!(k[0] > 0 && k[0] <= 1e9 && k[1] > 0 && k[1] <= 1e9))
+    if (!(k[0] >= least && k[0] <= 1e9 && k[1] >= least && k[1] <= 1e9))
         return oxl_fail(
             ctx, OXL_ERR_INPUT,
-            "cameras.txt:%d: camera %lld (%s) has the focal length %g, %g px, wanted a positive number\nfix: check the order of "
-            "the parameters",
-            camera->line, (long long)camera->id, name, k[0], k[1]);
+            "cameras.txt:%d: camera %lld (%s) has the focal length %g, %g px, wanted %g (half a turn of view) to 1e9\n"
+            "fix: check the order of the parameters",
+            camera->line, (long long)camera->id, name, k[0], k[1], least);
     if (!(fabs(k[2]) <= 1e9 && fabs(k[3]) <= 1e9))
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "cameras.txt:%d: camera %lld (%s) has its principal point at %g, %g\nfix: export the model again",

@@ -130,16 +130,54 @@ static uint8_t *image_narrow(uint16_t *wide, size_t count)
     return narrow;
 }
 
+static size_t image_be32(const unsigned char *p)
+{
+    return (size_t)p[0] << 24 | (size_t)p[1] << 16 | (size_t)p[2] << 8 | p[3];
+}
+
+/* The chunk that holds the palette of a PNG, from its length on; NULL: there is none before its pixels. */
+static const unsigned char *image_find_palette(const struct os_file_map *file)
+{
+    const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
+    while (image_is_png(file) && end - p >= 12 && image_be32(p) <= (size_t)(end - p) - 12 && memcmp(p + 4, "IDAT", 4) != 0) {
+        if (memcmp(p + 4, "PLTE", 4) == 0) return p;
+        p += 12 + image_be32(p);
+    }
+    return NULL;
+}
+
+/* stb 2.27 looks up colours past the end of a short palette, in what happens to lie there. So it is given a file with all 256; those
+ * that were missing are black. */
+static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct os_file_map *file)
+{
+    enum { FULL = 3 * 256 };
+    const unsigned char *chunk = image_find_palette(file);
+    const size_t         used = chunk ? image_be32(chunk) : FULL, before = chunk ? (size_t)((const char *)chunk - file->data) : 0;
+    struct os_file_map   full;
+    char                *data;
+    if (used >= FULL) return OXL_OK;
+    full.size = file->size + FULL - used;
+    full.data = data = oxl_calloc(ctx, full.size + 1, 1);
+    if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode it", path);
+    memcpy(data, file->data, before + 8 + used);
+    data[before + 2] = FULL >> 8, data[before + 3] = FULL & 255;
+    memcpy(data + before + 8 + FULL, file->data + before + 8 + used, file->size - before - 8 - used);
+    os_release_file(ctx, file);
+    *file = full;
+    return OXL_OK;
+}
+
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out)
 {
     struct os_file_map file = {0};
     oxl_result         rc   = os_read_file(ctx, path, &file);
-    const stbi_uc     *data = (const stbi_uc *)file.data;
+    const stbi_uc     *data;
     int                w, h, in_file;
     *out = (struct pixels){0};
+    if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, &w, &h);
+    if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
     if (rc != OXL_OK) goto done;
-    rc = image_check_header(ctx, path, &file, &w, &h);
-    if (rc != OXL_OK) goto done;
+    data = (const stbi_uc *)file.data;
     *out = (struct pixels){.width = w, .height = h, .channels = channels};
     if (stbi_is_16_bit_from_memory(data, (int)file.size))
         out->data =
@@ -373,17 +411,32 @@ static void image_drop_empty_mask(oxl_context *ctx, struct photo *p)
     p->mask = NULL;
 }
 
+OXL_INTERNAL oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct pixels *mask, double *counts)
+{
+    const size_t count = (size_t)mask->width * (size_t)mask->height;
+    size_t       white = 0;
+    for (size_t i = 0; i < count; i++) white += mask->data[i] != 0;
+    *counts = (double)white / (double)count;
+    if (white > 0) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: all of it is black, so nothing of the photograph counts\n"
+                    "fix: white (255) in a mask means that the pixel counts",
+                    path);
+}
+
 OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, const char *mask_path,
                                          const struct colmap_camera *from, const oxl_camera *to, struct photo *out)
 {
     const int         distorted = camera_is_distorted(from);
     struct pixels     photo = {0}, mask = {0};
     struct image_warp warp;
+    double            counts;
     oxl_result        rc;
     *out = (struct photo){0};
     rc   = image_decode(ctx, path, 3, &photo);
     if (rc == OXL_OK) rc = image_check_shape(ctx, path, photo.width, photo.height, from);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
+    if (rc == OXL_OK && mask_path) rc = image_check_mask(ctx, mask_path, &mask, &counts);
     if (rc == OXL_OK) rc = image_photo_alloc(ctx, to, distorted || mask.data, out);
     if (rc != OXL_OK) goto done;
     if (!distorted) rc = image_reduce(ctx, &photo, out);

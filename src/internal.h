@@ -141,6 +141,8 @@ struct os_file_map { /* a whole file in memory, read-only; one zero byte follows
     size_t      size;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
+/* Of a file that does not begin so, a few bytes alone. */
+OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
 
 /* A file piece by piece. `path` is borrowed. */
@@ -300,6 +302,8 @@ struct pixels { /* 8 bits, interleaved as stb gives them */
     uint8_t *data;
 };
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
+/* *counts: the share that is not black. OXL_ERR_INPUT: none is. */
+OXL_INTERNAL oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct pixels *mask, double *counts);
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height); /* header alone */
 /* Fails unless a file of so many pixels may be the camera's, reduced or enlarged: not cropped or turned. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,

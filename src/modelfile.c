@@ -8,6 +8,8 @@
  * them, since they are the trainer's fault, to be mended there.
  */
 #include "internal.h"
+
+#define MODELFILE_ORIGIN_MOST 1e12 /* of a coordinate: a float's step there is 65 km */
 #include "vecmath.h"
 
 enum {
@@ -223,10 +225,12 @@ static void modelfile_read_origin(oxl_context *ctx, const struct ply *ply, doubl
         c += 7;
         for (; n < 3; n++) {
             while (*c == ' ') c++;
-            if (!parse_double(&c, end, &value[n]) || !(fabs(value[n]) <= DBL_MAX)) break;
+            if (!parse_double(&c, end, &value[n]) || !(fabs(value[n]) <= MODELFILE_ORIGIN_MOST)) break;
         }
         if (n == 3) memcpy(origin, value, sizeof value);
-        else oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted origin X Y Z", ply->path, ply->comment[i]);
+        else
+            oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted origin X Y Z, each within %g", ply->path,
+                    ply->comment[i], MODELFILE_ORIGIN_MOST);
     }
 }
 
@@ -496,6 +500,7 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     *out = (oxl_model){0};
     rc   = modelfile_ends_in(path, ".splat") ? modelfile_read_splat(ctx, path, out) : modelfile_read_ply(ctx, path, out);
     if (rc == OXL_OK) rc = modelfile_drop_rows(ctx, path, out);
+    if (rc == OXL_OK && out->count == 0) oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }

@@ -9,6 +9,8 @@
 
 #include <errno.h>
 
+enum { OS_START = 64 }; /* bytes that tell what a file is */
+
 enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
 
 #ifndef _WIN32 /* ---------------------------------------------------------------- POSIX */
@@ -402,6 +404,11 @@ OXL_INTERNAL int os_link(oxl_context *ctx, const char *target, const char *path)
 
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out)
 {
+    return os_read_file_like(ctx, path, "", out);
+}
+
+OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out)
+{
     oxl_result rc       = OXL_OK;
     char      *data     = NULL;
     size_t     capacity = 0, size = 0, got = 0;
@@ -422,8 +429,9 @@ OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct 
     }
     setvbuf(file, NULL, _IONBF, 0);
     errno = 0;
-    while ((got = fread(data + size, 1, capacity - 1 - size, file)) > 0) {
+    while ((got = fread(data + size, 1, OXL_MIN(capacity - 1 - size, size < OS_START ? OS_START - size : SIZE_MAX), file)) > 0) {
         size += got;
+        if (size >= strlen(start) && memcmp(data, start, strlen(start)) != 0) break;
         rc = oxl_reserve(ctx, (void **)&data, &capacity, size + 2, 1);
         if (rc != OXL_OK) goto done;
     }

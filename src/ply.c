@@ -393,7 +393,7 @@ OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply 
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to open %s", path);
         goto done;
     }
-    rc = os_read_file(ctx, path, &out->file);
+    rc = os_read_file_like(ctx, path, "ply", &out->file);
     if (rc == OXL_OK) rc = ply_read_header(ctx, out);
     if (rc == OXL_OK) rc = ply_check_size(ctx, out);
 done:

@@ -171,6 +171,14 @@ struct scene_build { /* what building the views needs beside the scene */
     int                      headers;
 };
 
+/* What is wrong with a line of the survey's files begins with the file's name; the folder is put before it. */
+static oxl_result scene_say_where(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
+{
+    char said[sizeof ctx->error];
+    memcpy(said, ctx->error, sizeof said);
+    return oxl_fail(ctx, rc, "%s/%s", scene->colmap.folder, said);
+}
+
 static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b, size_t camera,
                                      const char *path)
 {
@@ -178,7 +186,7 @@ static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, s
     oxl_result                  rc;
     if (b->ideal[camera].width) return OXL_OK;
     rc = camera_undistorted(ctx, from, &b->ideal[camera]);
-    if (rc != OXL_OK) return rc;
+    if (rc != OXL_OK) return scene_say_where(ctx, scene, rc);
     scene->on_disk[camera] = b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
     b->ideal[camera]       = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
@@ -203,14 +211,15 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
     if (!path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     else if (!key)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "images.txt:%d: camera id %lld is not in cameras.txt\nfix: export both from the same model", image->line,
-                      (long long)image->camera_id);
+                      "%s/images.txt:%d: camera id %lld is not in cameras.txt\nfix: export both from the same model",
+                      scene->colmap.folder, image->line, (long long)image->camera_id);
     else if (b->options->read_images && !os_is_file(path)) {
         if (++*missing <= SCENE_NAMED_MISSING) oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
     } else if (!scene_is_finite_pose(image)) {
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "images.txt:%d: the pose of %s is not finite\nfix: remove the image, or export the model again",
-                      image->line, o->name);
+                      "%s/images.txt:%d: the pose of %s is not finite, or beyond 1e15\n"
+                      "fix: remove the image, or export the model again",
+                      scene->colmap.folder, image->line, o->name);
     } else if ((rc = scene_ideal_camera(ctx, scene, b, key->index, path)) == OXL_OK) {
         *view = (oxl_view){.name = o->name, .camera = b->ideal[key->index]};
         camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
@@ -769,6 +778,10 @@ oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, d
     const struct colmap_camera *camera = scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
     const oxl_camera           *c      = &scene->view[view].camera;
     double                      k[4]   = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
+    const double                width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;
+    if (!(x >= 0 && x <= width && y >= 0 && y <= height))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: pixel %g, %g lies outside of its %g x %g px\nfix: look the pixel up once more",
+                        scene->view[view].name, x, y, width, height);
     if (camera) camera_intrinsics(camera, k);
     d[0] = (x - k[2]) / k[0], d[1] = (y - k[3]) / k[1];
     for (int i = 0; i < 1000 && camera; i++) {

@@ -57,6 +57,8 @@ promise missing_scene_is_a_usage_error 2 "wants SCENE -o OUT" "$program" train
 promise missing_value_is_named 2 "option --max-time takes a value: TIME" "$program" train s -o o --max-time
 promise wrong_value_is_shown 2 "'-3' seen" "$program" train s -o o --iterations=-3
 promise sparse_that_is_not_there_is_told_as_such 3 "--sparse names the folder" on_stderr "$program" check . --sparse nowhere
+promise endless_numbers_are_refused 2 "'1e999' seen" "$program" render m.ply s -o o --scale 1e999
+promise endless_places_are_refused 2 "'0,1e999,0' seen" "$program" synth -o o --origin 0,1e999,0
 promise wrong_unit_is_refused 2 "'20q' seen" "$program" train s -o o --max-time 20q
 promise one_word_too_many_is_refused 2 "one word too many" "$program" eval a b c
 promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
@@ -104,6 +106,8 @@ promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s orth
 promise render_flies_a_path 0 "3 pictures in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
 promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_0000[012].png"
 promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
+promise render_draws_one_kind_of_pictures 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho
+promise measure_wants_pixels_of_the_photograph 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
 promise measure_knows_a_distance 0 "scale     0.5 metres a unit" "$program" measure survey --scale-bar 0,0,0:2,0,0 --length 1
 promise measure_wants_a_bar 2 "--scale-bar" "$program" measure survey
 promise no_vulkan_is_told 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend vulkan

@@ -186,6 +186,14 @@ TEST(colmap_a_name_is_the_rest_of_the_line)
     colmap_free(test_ctx, &c);
 }
 
+TEST(colmap_a_name_that_begins_in_this_folder_is_the_name_alone)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 ././a.png\n\n", "", &c));
+    CHECK(c.image_count == 1 && strcmp(c.names + c.image[0].name, "a.png") == 0);
+    colmap_free(test_ctx, &c);
+}
+
 TEST(colmap_points_are_read_as_written_with_their_tracks)
 {
     struct colmap c;

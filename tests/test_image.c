@@ -70,6 +70,37 @@ TEST(image_png_comes_back_as_it_was_written)
     oxl_image_free(test_ctx, &b);
 }
 
+static void image_chunk(struct text *png, const char *type, const void *data, size_t size)
+{
+    const char length[4] = {0, 0, (char)(size >> 8), (char)size};
+    image_append(png, (void *)(uintptr_t)length, 4);
+    image_append(png, (void *)(uintptr_t)type, 4);
+    image_append(png, (void *)(uintptr_t)data, (int)size);
+    image_append(png, (void *)(uintptr_t)length, 4); /* no checksum: stb does not ask */
+}
+
+/* stb leaves them as they lay on the stack. */
+TEST(image_colours_that_a_palette_has_not_are_black)
+{
+    static unsigned char row[5] = {0, 0, 1, 2, 255}; /* no filter; four pixels */
+    static const char    head[] = {0, 0, 0, 4, 0, 0, 0, 1, 8, 3, 0, 0, 0}, two[] = {10, 20, 30, 40, 50, 60};
+    static const uint8_t wanted[12] = {10, 20, 30, 40, 50, 60};
+    struct text          png        = {.ctx = test_ctx};
+    struct pixels        pixels;
+    int                  size;
+    unsigned char       *packed = stbi_zlib_compress(row, 5, &size, 8);
+    image_append(&png, (void *)(uintptr_t) "\x89PNG\r\n\x1a\n", 8);
+    image_chunk(&png, "IHDR", head, 13);
+    image_chunk(&png, "PLTE", two, 6);
+    image_chunk(&png, "IDAT", packed, (size_t)size);
+    image_chunk(&png, "IEND", "", 0);
+    CHECK_OK(image_decode(test_ctx, image_bytes("palette.png", png.data, png.size), 3, &pixels));
+    CHECK(pixels.width == 4 && memcmp(pixels.data, wanted, 12) == 0);
+    image_pixels_free(test_ctx, &pixels);
+    stbi_image_free(packed);
+    text_free(&png);
+}
+
 TEST(image_write_clamps_and_paints_not_a_number_black)
 {
     const float in[4] = {-3, NAN, 7, INFINITY}, out[4] = {0, 0, 1, 1};

@@ -2,13 +2,14 @@
 
 /* ---------------------------------------------------------------- helpers */
 
-static char model_test_warning[1024]; /* the last line logged */
+static char model_test_warning[1024]; /* what was logged, line behind line */
 
 static void model_test_log(void *user, oxl_log_level level, const char *text)
 {
     (void)user;
     (void)level;
-    snprintf(model_test_warning, sizeof model_test_warning, "%s", text);
+    snprintf(model_test_warning + strlen(model_test_warning), sizeof model_test_warning - strlen(model_test_warning), "%s\n",
+             text);
 }
 
 static void model_test_listen(void)
@@ -617,6 +618,15 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
                             &m));
     CHECK(m.count == 0 && m.origin[0] == 0 && m.origin[1] == 0 && m.origin[2] == 0);
     CHECK_TEXT(model_test_warning, "origin of species");
+    CHECK_TEXT(model_test_warning, "holds no Gaussians");
+    oxl_model_free(test_ctx, &m);
+    CHECK_OK(oxl_model_read(test_ctx,
+                            test_write("m.ply",
+                                       "ply\nformat ascii 1.0\ncomment origin 1 2e300 3\nelement vertex 0\n" MODEL_TEST_REQUIRED
+                                       "property float opacity\nend_header\n"),
+                            &m));
+    CHECK(m.origin[0] == 0 && m.origin[1] == 0);
+    CHECK_TEXT(model_test_warning, "wanted origin X Y Z, each within 1e+12");
     oxl_model_free(test_ctx, &m);
 }
 

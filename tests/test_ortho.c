@@ -182,7 +182,7 @@ static void ortho_test_pixels(const oxl_scene *scene, const double place[3], cha
 TEST(scale_bar_is_as_long_as_it_is)
 {
     oxl_scene          *scene     = ortho_test_scene();
-    const double        end[2][3] = {{4, 2, 0}, {4.3, 2.4, 0}}; /* half a unit apart */
+    const double        end[2][3] = {{5, 2, 0}, {5, 2.5, 0}}; /* half a unit apart, at the rims of both */
     char                pixels[2][200], bar[420], error[600] = "";
     FILE               *to = fopen(test_path("said"), "wb+");
     const struct report r  = {.out = test_folder()};
@@ -190,10 +190,10 @@ TEST(scale_bar_is_as_long_as_it_is)
     for (int i = 0; i < 2; i++) ortho_test_pixels(scene, end[i], pixels[i]);
     snprintf(bar, sizeof bar, "%s:%s", pixels[0], pixels[1]);
     CHECK_OK(scale_measure(test_ctx, scene, bar, 0.25, to, error, sizeof error));
-    CHECK_OK(scale_measure(test_ctx, scene, "4,2,0:4.3,2.4,0", 1.5, to, error, sizeof error));
+    CHECK_OK(scale_measure(test_ctx, scene, "5,2,0:5,2.5,0", 1.5, to, error, sizeof error));
     fclose(to);
     text = report_read(&r, "said", NULL);
-    CHECK_TEXT(text ? text : "", "end 2     4.300000 2.400000");
+    CHECK_TEXT(text ? text : "", "end 2     5.000000 2.500000");
     CHECK_TEXT(text ? text : "", "scale     0.5");
     CHECK_TEXT(text ? text : "", "scale     3 metres");
     free(text);

@@ -5,6 +5,7 @@
 #include "tools.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
@@ -341,6 +342,9 @@ void arguments_manual(FILE *to)
 
 /* ---------------------------------------------------------------- values */
 
+#define PARSE_MOST  1e15 /* bytes, seconds, metres: what is beyond was not meant */
+#define PARSE_LEAST 1e-9 /* of what is not 0 */
+
 /* A plain number and its unit: 1 when there is a number and nothing but a unit of the list follows. */
 static int parse_number(const char *text, const char *units, const double *factors, double *out)
 {
@@ -348,11 +352,11 @@ static int parse_number(const char *text, const char *units, const double *facto
     const char *unit;
     if (!isdigit((unsigned char)text[0]) && text[0] != '.') return 0;
     *out = strtod(text, &end);
-    if (*end == 0) return 1;
+    if (*end == 0) return *out <= PARSE_MOST;
     unit = strchr(units, tolower((unsigned char)*end));
     if (!unit || end[1] != 0) return 0;
     *out *= factors[unit - units];
-    return 1;
+    return *out <= PARSE_MOST;
 }
 
 static int parse_word(const char *text, const char *const *words, int count, int *out)
@@ -392,7 +396,7 @@ static int parse_place(const char *text, double *out)
     for (int k = 0; k < 3; k++) {
         char *end;
         out[k] = strtod(text, &end);
-        if (end == text || *end != (k < 2 ? ',' : 0)) return 0;
+        if (end == text || *end != (k < 2 ? ',' : 0) || !(fabs(out[k]) <= PARSE_MOST)) return 0;
         text = end + 1;
     }
     return 1;
@@ -402,8 +406,9 @@ static int parse_place(const char *text, double *out)
 static int parse_limit(const char *text, double *out)
 {
     char *end;
+    if (!isdigit((unsigned char)text[0]) && text[0] != '.') return 0;
     *out = strtod(text, &end);
-    if (end == text || *out < 0) return 0;
+    if (end == text || *out > PARSE_MOST) return 0;
     if (*end == '%' && end[1] == 0 && *out <= 100) {
         *out = -*out / 100;
         return 1;
@@ -441,7 +446,8 @@ static int parse_value(const struct option *o, const char *text, struct argument
         return parse_number(text, "", NULL, field) && *(double *)field <= 1;
     case PIXELS: return parse_pixels(text, field);
     case PLACE: return parse_place(text, field);
-    case REAL: return parse_number(text, "", NULL, field);
+    case REAL:
+        return parse_number(text, "", NULL, &number) && (number == 0 || number >= PARSE_LEAST) && (*(double *)field = number, 1);
     case LARGE:
         if (!parse_count(text, 2147483647, &number)) return 0;
         *(long *)field = (long)number;
@@ -564,6 +570,10 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a, cha
 
 static int check_complete(const struct arguments *a, char *error, size_t size)
 {
+    if (a->ortho && a->flight) {
+        snprintf(error, size, "--ortho draws one picture, --path many\nfix: leave one of the two out");
+        return 1;
+    }
     for (size_t i = 0; i < COUNT(commands); i++) {
         if (commands[i].command != a->command || a->devices) continue;
         if (a->path_count != commands[i].paths || (strstr(commands[i].usage, "-o ") && !a->out)) {
