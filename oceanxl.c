@@ -19,6 +19,7 @@
 #include "src/image.c"         /* photographs: decode, reduce, undistort, mask */
 #include "src/find.c"          /* where a survey's files are */
 #include "src/measure.c"       /* robust measures: bounds, the cameras' radius, depths */
+#include "src/photos.c"        /* which photographs are in memory */
 #include "src/scene.c"         /* from the files to views, points and photographs */
 #include "src/bands.c"         /* near, mid or far: what each pixel shows, as the points tell */
 

@@ -10,6 +10,8 @@
  */
 #include "internal.h"
 
+#include <errno.h>
+
 #define CHECKPOINT_MAGIC   UINT64_C(0x45544154534C584F) /* "OXLSTATE" */
 #define CHECKPOINT_VERSION 6
 #define CHECKPOINT_SEED    UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */

@@ -166,8 +166,8 @@ static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struc
     oxl_result rc = OXL_OK;
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
         const struct photo *photo;
-        scene_read_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
-        photo = scene_photo(ctx, scene, w->chosen[k]);
+        photos_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
+        photo = photos_get(ctx, scene, w->chosen[k]);
         if (!photo && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
         if (photo) rc = contrast_integrate(ctx, photo, w);
         if (rc == OXL_OK) contrast_look_at(ctx, photo, w->chosen[k], w);

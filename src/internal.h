@@ -375,22 +375,36 @@ OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *sce
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
 OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
 OXL_INTERNAL int        scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* (all views at most) -> how many */
-/* Borrowed from the cache until the next call for another view or for photographs ahead; NULL: with the error set. */
-OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene, int view);
+OXL_INTERNAL struct photos *scene_photos(oxl_scene *scene);
+OXL_INTERNAL void   scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs; from arrays: nothing is dropped */
+OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first photograph; 0: from arrays */
+/* From the files, undistorted, reduced and masked as the view is; free it with image_photo_free. */
+OXL_INTERNAL oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int view, struct photo *out);
+/* Depth (camera z) of the scene's points over the training views: the given quantile. */
+OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile);
+/* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
+OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
+/* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
+OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
+
+/* ---------------------------------------------------------------- photos.c: which photographs are in memory */
+
+struct photos {
+    struct photo *photo; /* (count) rgb NULL: not in memory */
+    uint64_t     *used;  /* (count) when it was last asked for */
+    uint64_t      clock;
+    int           count;
+    size_t        held, limit; /* bytes in memory; of the cache */
+};
+OXL_INTERNAL oxl_result          photos_begin(oxl_context *ctx, size_t count, struct photos *out); /* none in memory, no limit */
+OXL_INTERNAL void                photos_free(oxl_context *ctx, struct photos *photos);
+/* Borrowed until the next call for another view or for photographs ahead; NULL: with the error set. */
+OXL_INTERNAL const struct photo *photos_get(oxl_context *ctx, oxl_scene *scene, int view);
 /* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
  * quarter of the cache may be on its way, and is made free before. Nothing is said of one that cannot be read, until it is asked for. */
-OXL_INTERNAL void                scene_read_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
-/* As the file has it: of the first photograph of its camera. 0: from arrays. */
-OXL_INTERNAL double              scene_file_pixels(const oxl_scene *scene, int view);
+OXL_INTERNAL void                photos_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 /* Photographs of so many pixels in all take at most so much, with what decoding files of file_pixels takes, on however many threads. */
-OXL_INTERNAL double              scene_photos_bytes(double cache, double pixels, double file_pixels);
-OXL_INTERNAL void                scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs */
-/* Depth (camera z) of the scene's points over the training views: the given quantile. */
-OXL_INTERNAL double              scene_depth_quantile(const oxl_scene *scene, double quantile);
-/* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
-OXL_INTERNAL double              scene_near_plane(const oxl_scene *scene);
-/* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
-OXL_INTERNAL oxl_result          scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
+OXL_INTERNAL double              photos_bytes(double cache, double pixels, double file_pixels);
 
 /* ---------------------------------------------------------------- bands.c: near, mid or far, pixel by pixel, by the survey's points */
 

@@ -420,7 +420,7 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
-        scene_read_ahead(ctx, scene, view + i, count - i);
+        photos_ahead(ctx, scene, view + i, count - i);
         rc = metrics_add_view(ctx, model, scene, view[i], out, &bands);
     }
     metrics_sum_up(out, &bands);

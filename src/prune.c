@@ -249,7 +249,7 @@ static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view,
     oxl_result          rc     = oxl_reserve(ctx, (void **)&pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
     memset(pass->drgb, 0, pixels * sizeof *pass->drgb);
-    if (detail > 0 && !(photo = scene_photo(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+    if (detail > 0 && !(photo = photos_get(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
     if (photo) rc = prune_detail(ctx, photo, pass->drgb); /* a photograph that cannot be read was named when it was trained on */
     for (size_t i = 0; i < pixels; i++) {
         const int counts = !photo || !photo->mask || photo->mask[i] >= 128;

@@ -4,8 +4,7 @@
  * UTM coordinates (4 200 000 m) trains as one near 0 does:  x_local = x_world - origin,  t_local = t + R origin.
  * The test split and the extent are those of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
  *
- * Invariants: views are sorted by name, bytewise, and so is the test split, whatever the order in images.txt. Photographs in
- * memory take at most image_cache_bytes, the one last asked for aside; which are there never changes a result.
+ * Invariant: views are sorted by name, bytewise, and so is the test split, whatever the order in images.txt.
  */
 #include "internal.h"
 
@@ -39,10 +38,7 @@ struct oxl_scene {
     double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
     size_t     depth_count;
 
-    struct photo *photo; /* (view_count) the cache; rgb NULL: not in memory */
-    uint64_t     *used;  /* (view_count) when it was last asked for */
-    uint64_t      clock;
-    size_t        cached, cache_limit; /* bytes */
+    struct photos photos; /* (view_count) */
 
     struct scene_stats   stats;
     int                  from_files;
@@ -61,15 +57,11 @@ oxl_scene_options oxl_scene_options_default(void)
 void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 {
     if (!scene) return;
-    for (int i = 0; i < scene->view_count; i++) {
-        if (scene->photo) image_photo_free(ctx, &scene->photo[i]);
-        if (!scene->from_files) oxl_free(ctx, (char *)scene->view[i].name);
-    }
+    for (int i = 0; i < scene->view_count && !scene->from_files; i++) oxl_free(ctx, (char *)scene->view[i].name);
+    photos_free(ctx, &scene->photos);
     oxl_free(ctx, scene->view);
     oxl_free(ctx, scene->point);
     oxl_free(ctx, scene->depth);
-    oxl_free(ctx, scene->photo);
-    oxl_free(ctx, scene->used);
     oxl_free(ctx, scene->source);
     oxl_free(ctx, scene->on_disk);
     oxl_free(ctx, scene->images);
@@ -81,10 +73,8 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 static oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count)
 {
     scene->view   = oxl_calloc(ctx, count + 1, sizeof *scene->view);
-    scene->photo  = oxl_calloc(ctx, count + 1, sizeof *scene->photo);
-    scene->used   = oxl_calloc(ctx, count + 1, sizeof *scene->used);
     scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
-    if (scene->view && scene->photo && scene->used && scene->source) return OXL_OK;
+    if (scene->view && scene->source) return photos_begin(ctx, count, &scene->photos);
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
 }
 
@@ -472,11 +462,10 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
 
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
-    oxl_result rc      = find_model(ctx, path, o->sparse, &scene->colmap);
-    scene->from_files  = 1;
-    scene->cache_limit = o->image_cache_bytes;
-    scene->images      = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, path, "images");
-    scene->masks       = o->masks ? oxl_strdup(ctx, o->masks) : oxl_path_join(ctx, path, "masks");
+    oxl_result rc     = find_model(ctx, path, o->sparse, &scene->colmap);
+    scene->from_files = 1;
+    scene->images     = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, path, "images");
+    scene->masks      = o->masks ? oxl_strdup(ctx, o->masks) : oxl_path_join(ctx, path, "masks");
     if (rc != OXL_OK) return rc;
     if (!scene->images || !scene->masks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     scene->stats.images_listed = (int)scene->colmap.image_count;
@@ -497,6 +486,7 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     if (!scene) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
     rc = scene_open(ctx, path, &o, scene);
     if (rc == OXL_OK) rc = scene_build_views(ctx, scene, &o);
+    scene_set_cache(scene, o.image_cache_bytes);
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_take_points(ctx, scene);
     if (rc != OXL_OK) goto done;
@@ -514,7 +504,7 @@ done:
 static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_view *view, const oxl_image *image)
 {
     const size_t  pixels = (size_t)image->width * image->height;
-    struct photo *photo  = &scene->photo[scene->view_count];
+    struct photo *photo  = &scene->photos.photo[scene->view_count];
     char         *name   = oxl_strdup(ctx, view->name ? view->name : "");
     if (!name) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a name");
     scene->view[scene->view_count]      = *view;
@@ -546,8 +536,7 @@ oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const 
     else if (view_count < 1) rc = oxl_fail(ctx, OXL_ERR_USAGE, "a scene of %d views, wanted one or more", view_count);
     if (rc == OXL_OK) rc = scene_alloc_views(ctx, scene, (size_t)view_count);
     if (rc != OXL_OK) goto done;
-    scene->cache_limit = SIZE_MAX;
-    scene->point       = oxl_alloc(ctx, point_count + 1, sizeof *scene->point);
+    scene->point = oxl_alloc(ctx, point_count + 1, sizeof *scene->point);
     if (!scene->point) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", point_count);
         goto done;
@@ -568,32 +557,17 @@ done:
 
 /* ---------------------------------------------------------------- photographs */
 
-static size_t scene_photo_bytes(const struct photo *p)
+OXL_INTERNAL struct photos *scene_photos(oxl_scene *scene)
 {
-    return (size_t)p->width * p->height * (p->mask ? 4 : 3);
-}
-
-/* Drops the photographs asked for last, until the rest and `keep` fit. Every epoch asks for all of them in a new order, so the one just
- * used is the one that will not be wanted for longest: with room for half of them this finds 50 % in memory, where dropping the oldest
- * finds 15 %. */
-static void scene_make_room(oxl_context *ctx, oxl_scene *scene, int keep, size_t limit)
-{
-    while (scene->cached > limit) {
-        int latest = -1;
-        for (int i = 0; i < scene->view_count; i++)
-            if (i != keep && scene->photo[i].rgb && (latest < 0 || scene->used[i] > scene->used[latest])) latest = i;
-        if (latest < 0) return;
-        scene->cached -= scene_photo_bytes(&scene->photo[latest]);
-        image_photo_free(ctx, &scene->photo[latest]);
-    }
+    return &scene->photos;
 }
 
 OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
 {
-    if (scene->from_files) scene->cache_limit = bytes;
+    if (scene->from_files) scene->photos.limit = bytes;
 }
 
-static oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int view, struct photo *out)
+OXL_INTERNAL oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int view, struct photo *out)
 {
     char      *path = oxl_path_join(ctx, scene->images, scene->view[view].name);
     char      *mask = NULL;
@@ -606,81 +580,11 @@ static oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int
     return rc;
 }
 
-OXL_INTERNAL const struct photo *scene_photo(oxl_context *ctx, oxl_scene *scene, int view)
-{
-    struct photo *photo = &scene->photo[view];
-    scene->used[view]   = ++scene->clock;
-    if (!photo->rgb) {
-        if (scene_load_photo(ctx, scene, view, photo) != OXL_OK) return NULL;
-        scene->cached += scene_photo_bytes(photo);
-        scene_make_room(ctx, scene, view, scene->cache_limit);
-    }
-    return photo;
-}
-
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
 {
     const struct colmap_camera *camera = scene->from_files ? scene_source_camera(scene, view) : NULL;
     const double                side   = camera ? scene->on_disk[scene->source[view].camera] : 0;
     return camera ? side * camera->width * side * camera->height : 0;
-}
-
-OXL_INTERNAL double scene_photos_bytes(double cache, double pixels, double file_pixels)
-{
-    const double one = SCENE_DECODE_BYTES * file_pixels, ahead = OXL_MIN(cache / 4, SCENE_AHEAD * one);
-    return OXL_MIN(3 * pixels + ahead, cache) + one;
-}
-
-/* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
- * cache as they come from the file, which is *bytes. */
-static int scene_choose_ahead(const oxl_context *ctx, const oxl_scene *scene, const int *view, int count, int *chosen,
-                              size_t *bytes)
-{
-    int n  = 0;
-    *bytes = 0;
-    for (int i = 0; i < count && n < OXL_MIN(ctx->threads, SCENE_AHEAD); i++) {
-        const double more = SCENE_DECODE_BYTES * scene_file_pixels(scene, view[i]);
-        if (scene->photo[view[i]].rgb) continue;
-        if ((double)*bytes + more > (double)(scene->cache_limit / 4)) break;
-        *bytes += (size_t)more;
-        chosen[n++] = view[i];
-    }
-    return n;
-}
-
-/* The caller's allocator, one thread at a time. */
-static void *scene_reallocate_in_turn(void *user, void *old, size_t size)
-{
-    const oxl_context_options *caller = user;
-    void                      *memory;
-#ifdef _OPENMP
-#pragma omp critical(scene_memory)
-#endif
-    memory = caller->reallocate(caller->user, old, size);
-    return memory;
-}
-
-OXL_INTERNAL void scene_read_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
-{
-    struct photo read[SCENE_AHEAD] = {{0}};
-    int          chosen[SCENE_AHEAD], n;
-    size_t       bytes;
-    oxl_context  alone = *ctx; /* each thread's own, whose errors nobody hears: who asks for the photograph will */
-    if (!scene->from_files || count < 1 || scene->photo[view[0]].rgb) return;
-    n = scene_choose_ahead(ctx, scene, view, count, chosen, &bytes);
-    if (n < 2) return;
-    alone.threads = 1, alone.notes = NULL, alone.vulkan = NULL;
-    alone.options = (oxl_context_options){.reallocate = scene_reallocate_in_turn, .user = &ctx->options};
-    scene_make_room(ctx, scene, -1, scene->cache_limit - bytes);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(alone)
-    for (int i = 0; i < n; i++) scene_load_photo(&alone, scene, chosen[i], &read[i]);
-    for (int i = 0; i < n; i++) {
-        if (!read[i].rgb) continue;
-        scene->photo[chosen[i]] = read[i];
-        scene->used[chosen[i]]  = 0; /* wanted soon: the last to be dropped */
-        scene->cached += scene_photo_bytes(&read[i]);
-    }
-    scene_make_room(ctx, scene, -1, scene->cache_limit);
 }
 
 oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out)
@@ -690,7 +594,7 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
     *out = (oxl_image){0};
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
-    photo = scene_photo(ctx, scene, view);
+    photo = photos_get(ctx, scene, view);
     if (!photo) return ctx->failed;
     rc = oxl_image_create(ctx, photo->width, photo->height, out);
     if (rc == OXL_OK && photo->mask) {

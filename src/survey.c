@@ -52,7 +52,7 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
     const int          degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double       planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double       a_view = load->pixels / OXL_MAX(1, load->views);
-    const double       photos = scene_photos_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
+    const double       photos = photos_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
     const int          sets   = train_may_try(&o->train) ? 10 : 4;
     struct survey_cost cost;

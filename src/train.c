@@ -148,7 +148,7 @@ static int train_is_coarse(const struct train *t, const oxl_camera *camera)
 /* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
 static oxl_result train_photo_at_hand(struct train *t, int view)
 {
-    const struct photo *photo = scene_photo(t->ctx, t->scene, view);
+    const struct photo *photo = photos_get(t->ctx, t->scene, view);
     oxl_result          rc;
     size_t              pixels;
     if (!photo) return t->ctx->failed;
@@ -167,7 +167,7 @@ OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
     const struct photo *photo = NULL;
     t->halved                 = train_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
     if (t->robust.points > 0) return train_photo_at_hand(t, view);
-    if (!renderer_has_photo(t->renderer, view) && !(photo = scene_photo(t->ctx, t->scene, view))) return t->ctx->failed;
+    if (!renderer_has_photo(t->renderer, view) && !(photo = photos_get(t->ctx, t->scene, view))) return t->ctx->failed;
     return renderer_take_photo(t->ctx, t->renderer, view, photo, t->halved);
 }
 
@@ -177,7 +177,7 @@ static void train_read_ahead(struct train *t, int slot)
     int view[TRAIN_AHEAD], count = 0;
     for (int i = slot; i < t->views && count < TRAIN_AHEAD; i++)
         if (!renderer_has_photo(t->renderer, t->view[i])) view[count++] = t->view[i];
-    if (count > 0 && view[0] == t->view[slot]) scene_read_ahead(t->ctx, t->scene, view, count);
+    if (count > 0 && view[0] == t->view[slot]) photos_ahead(t->ctx, t->scene, view, count);
 }
 
 /* The next view whose photograph can be read; one that cannot is named and left out from then on. */

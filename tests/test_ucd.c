@@ -80,7 +80,7 @@ TEST(contrast_asks_for_a_photograph_once_even_when_it_cannot_be_read)
     struct contrast c;
     test_write("survey/images/v03.png", "no photograph");
     CHECK_OK(contrast_measure(test_ctx, scene, &c));
-    CHECK(c.measured && scene->clock == WALL_VIEWS - 2); /* two are held out */
+    CHECK(c.measured && scene->photos.clock == WALL_VIEWS - 2); /* two are held out */
     oxl_scene_free(test_ctx, scene);
 }
 
