@@ -335,13 +335,20 @@ TEST(job_in_blocks_that_is_stopped_goes_on_in_the_block_where_it_was)
     CHECK(job_test_same(test_path("whole/scene.ply"), test_path("out/scene.ply")));
 }
 
-TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
+/* A survey, and in `out` a run with these options that was stopped after five steps. */
+static const char *job_test_stopped(const oxl_job_options *options)
 {
-    oxl_job_options       options  = job_test_options();
     struct job_test_watch watch    = {0, 5};
     const oxl_callback    callback = {job_test_progress, &watch};
     const char           *survey   = job_test_survey();
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), options, &callback) == OXL_ERR_INTERRUPTED);
+    return survey;
+}
+
+TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
+{
+    oxl_job_options options = job_test_options();
+    const char     *survey  = job_test_stopped(&options);
     options.train.iterations++;
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
@@ -354,10 +361,9 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
 TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
 {
     oxl_job_options       options  = job_test_options();
-    struct job_test_watch watch    = {0, 5};
+    struct job_test_watch watch    = {0, -1};
     const oxl_callback    callback = {job_test_progress, &watch};
-    const char           *survey   = job_test_survey();
-    CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    const char           *survey   = job_test_stopped(&options);
     CHECK(remove(test_path("out/run.json")) == 0);
     options.train.iterations++;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL)); /* nobody can tell whose work that was */
@@ -366,7 +372,6 @@ TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
     CHECK(rename(test_path("out/blocks/000/checkpoint.oxl.other"), test_path("out/blocks/000/checkpoint.oxl")) == 0);
     CHECK(remove(test_path("out/run.json")) == 0);
     options.train.iterations--;
-    watch = (struct job_test_watch){0, -1};
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
     CHECK(watch.calls < options.train.iterations); /* its owner can go on with it */
 }
