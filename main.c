@@ -542,7 +542,7 @@ int main(int argc, char **argv)
         print_error(text[0] ? text : "no memory");
     }
     oxl_context_free(ctx);
-    if (fflush(stdout) != 0 && rc == OXL_OK) {
+    if ((fflush(stdout) != 0 || ferror(stdout)) && rc == OXL_OK) {
         print_error("standard output could not be written");
         rc = OXL_ERR_IO;
     }

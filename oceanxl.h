@@ -136,6 +136,7 @@ OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl
 OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size);
 
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
+OXL_API int        oxl_is_folder(const char *path);
 
 /* ---------------------------------------------------------------- cameras and scenes */
 
@@ -190,7 +191,7 @@ OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double    *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
 OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robust radius of the training cameras [3DGS] */
 
-/* The ray along which a pixel of the photograph as it is on disk was seen, distortion undone: where it starts and a unit vector, local
+/* The ray along which a pixel of the photograph, of the size in cameras.txt, was seen, distortion undone: where it starts and a unit vector, local
  * coordinates. OXL_ERR_INPUT: a pixel outside of the photograph, or one that the lens model does not reach. */
 OXL_API oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
                                    double way[3]);
@@ -481,7 +482,8 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
  * While a block is trained, its folder holds checkpoints. A run that was stopped, by whatever, goes on from there when it is
  * called again, to the same bytes as if nothing had been; a finished one is left as it is. When the callback stops the run, or
  * train.max_seconds is over, model.ply is the model so far (scene.ply too, of one block); OXL_ERR_INTERRUPTED or OXL_OK is returned.
- * An unfinished run of other options is not overwritten (OXL_ERR_USAGE) unless options->restart says so.
+ * An unfinished run of other options is not overwritten (OXL_ERR_USAGE) unless options->restart says so; when nobody can tell
+ * whose work it is (run.json is lost), its checkpoints are kept as NAME.other.
  * options may be NULL: the draft preset. */
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
                                const oxl_callback *callback);

@@ -70,6 +70,11 @@ const char *oxl_error_text(const oxl_context *ctx)
     return ctx ? ctx->error : "";
 }
 
+int oxl_is_folder(const char *path)
+{
+    return os_is_folder(path);
+}
+
 oxl_result oxl_make_folder(oxl_context *ctx, const char *path)
 {
     return os_make_folder(ctx, path);

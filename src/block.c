@@ -211,6 +211,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
     written = block_write(b, "log.csv", &b->log);
     if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
     if (written == OXL_OK) written = block_write_record(b, record);
+    if (written == OXL_OK && record->iterations == task->train.iterations) checkpoint_remove(b->ctx, task->folder, 0); /* spent */
     return written == OXL_OK ? rc : written;
 }
 
@@ -308,7 +309,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
     if (rc != OXL_OK || !done) return rc;
     record->finished = 1;
     rc               = block_write_record(b, record);
-    if (rc == OXL_OK) checkpoint_remove(b->ctx, b->task->folder);
+    if (rc == OXL_OK) checkpoint_remove(b->ctx, b->task->folder, 0);
     return rc;
 }
 

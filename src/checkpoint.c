@@ -171,7 +171,7 @@ static oxl_result checkpoint_paths(oxl_context *ctx, const char *folder, char *p
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
 }
 
-/* Work of another run, found in this one's way, is kept under another name; the next such replaces it. */
+/* Work of another run, found in this one's way, is kept as NAME.other; the next such replaces it. */
 static oxl_result checkpoint_put_aside(oxl_context *ctx, const char *path)
 {
     const size_t size  = strlen(path) + sizeof ".other";
@@ -184,7 +184,11 @@ static oxl_result checkpoint_put_aside(oxl_context *ctx, const char *path)
                       "%s is of a run with other options or of another version, and cannot be moved out of the way (%s)\n"
                       "fix: move it, or name another folder by -o",
                       path, strerror(errno));
-    else oxl_log(ctx, OXL_LOG_WARNING, "%s is of a run with other options or of another version; it is kept as %s", path, aside);
+    else
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s is of a run with other options or of another version; it is kept as %s\n"
+                "fix: rename it back, and remove run.json, to go on with that run; or delete it",
+                path, aside);
     oxl_free(ctx, aside);
     return rc;
 }
@@ -288,11 +292,13 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
     return rc;
 }
 
-OXL_INTERNAL void checkpoint_remove(oxl_context *ctx, const char *folder)
+OXL_INTERNAL void checkpoint_remove(oxl_context *ctx, const char *folder, int others)
 {
-    char *path[2] = {NULL, NULL};
-    if (checkpoint_paths(ctx, folder, path) == OXL_OK)
-        for (int i = 0; i < 2; i++) remove(path[i]);
-    oxl_free(ctx, path[0]);
-    oxl_free(ctx, path[1]);
+    static const char *const names[] = {"checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
+                                        "checkpoint.prev.oxl.other"};
+    for (int i = 0; i < (others ? 4 : 2); i++) {
+        char *path = oxl_path_join(ctx, folder, names[i]);
+        if (path) os_remove(path);
+        oxl_free(ctx, path);
+    }
 }

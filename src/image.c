@@ -139,7 +139,8 @@ static size_t image_be32(const unsigned char *p)
 static const unsigned char *image_find_palette(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
-    while (image_is_png(file) && end - p >= 12 && image_be32(p) <= (size_t)(end - p) - 12 && memcmp(p + 4, "IDAT", 4) != 0) {
+    if (!image_is_png(file) || file->size < 26 || file->data[25] != 3) return NULL; /* IHDR: colours by a palette */
+    while (end - p >= 12 && image_be32(p) <= (size_t)(end - p) - 12 && memcmp(p + 4, "IDAT", 4) != 0) {
         if (memcmp(p + 4, "PLTE", 4) == 0) return p;
         p += 12 + image_be32(p);
     }
@@ -155,7 +156,7 @@ static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct 
     const size_t         used = chunk ? image_be32(chunk) : FULL, before = chunk ? (size_t)((const char *)chunk - file->data) : 0;
     struct os_file_map   full;
     char                *data;
-    if (used >= FULL) return OXL_OK;
+    if (used >= FULL || file->size > INT_MAX - FULL) return OXL_OK;
     full.size = file->size + FULL - used;
     full.data = data = oxl_calloc(ctx, full.size + 1, 1);
     if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode it", path);
@@ -411,17 +412,14 @@ static void image_drop_empty_mask(oxl_context *ctx, struct photo *p)
     p->mask = NULL;
 }
 
-OXL_INTERNAL oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct pixels *mask, double *counts)
+/* Reduced and undistorted, a mask may be black all over that was not. */
+static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct photo *p)
 {
-    const size_t count = (size_t)mask->width * (size_t)mask->height;
-    size_t       white = 0;
-    for (size_t i = 0; i < count; i++) white += mask->data[i] != 0;
-    *counts = (double)white / (double)count;
-    if (white > 0) return OXL_OK;
+    if (!p->mask || memchr(p->mask, 255, (size_t)p->width * p->height)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: all of it is black, so nothing of the photograph counts\n"
+                    "%s: all of it is black at %d x %d px, so nothing of the photograph counts\n"
                     "fix: white (255) in a mask means that the pixel counts",
-                    path);
+                    path, p->width, p->height);
 }
 
 OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, const char *mask_path,
@@ -430,13 +428,11 @@ OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, con
     const int         distorted = camera_is_distorted(from);
     struct pixels     photo = {0}, mask = {0};
     struct image_warp warp;
-    double            counts;
     oxl_result        rc;
     *out = (struct photo){0};
     rc   = image_decode(ctx, path, 3, &photo);
     if (rc == OXL_OK) rc = image_check_shape(ctx, path, photo.width, photo.height, from);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
-    if (rc == OXL_OK && mask_path) rc = image_check_mask(ctx, mask_path, &mask, &counts);
     if (rc == OXL_OK) rc = image_photo_alloc(ctx, to, distorted || mask.data, out);
     if (rc != OXL_OK) goto done;
     if (!distorted) rc = image_reduce(ctx, &photo, out);
@@ -448,6 +444,7 @@ OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, con
         else if (mask.data) image_reduce_mask_row(&mask, out, y);
     }
     image_drop_empty_mask(ctx, out);
+    if (mask_path) rc = image_check_mask(ctx, mask_path, out);
 done:
     image_pixels_free(ctx, &photo);
     image_pixels_free(ctx, &mask);

@@ -302,8 +302,6 @@ struct pixels { /* 8 bits, interleaved as stb gives them */
     uint8_t *data;
 };
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
-/* *counts: the share that is not black. OXL_ERR_INPUT: none is. */
-OXL_INTERNAL oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct pixels *mask, double *counts);
 OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height); /* header alone */
 /* Fails unless a file of so many pixels may be the camera's, reduced or enlarged: not cropped or turned. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
@@ -732,7 +730,7 @@ OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, c
 /* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                         void *user, int *found);
-OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder);
+OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, int others); /* others: those put aside, too */
 
 /* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
 

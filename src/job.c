@@ -199,7 +199,7 @@ static void job_drop_checkpoint(void *user, const char *name)
     struct job *job    = user;
     char       *blocks = oxl_path_join(job->ctx, job->out, "blocks");
     char       *folder = blocks && name[0] != '.' ? oxl_path_join(job->ctx, blocks, name) : NULL;
-    if (folder) checkpoint_remove(job->ctx, folder);
+    if (folder) checkpoint_remove(job->ctx, folder, 1);
     oxl_free(job->ctx, folder);
     oxl_free(job->ctx, blocks);
 }
@@ -218,6 +218,11 @@ static int job_is_of_another_survey(const struct job *job, const struct oxl_run 
     return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 && strcmp(run->found, job->found.data) != 0;
 }
 
+static int job_is_of_another_run(const struct job *job, const struct oxl_run *run)
+{
+    return strcmp(run->line, job->line.data) || !run->found || strcmp(run->found, job->found.data);
+}
+
 /* The work of another run is not thrown away by a slip of the hand; a finished one of this survey has given what it had to give. */
 static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
 {
@@ -232,7 +237,7 @@ static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
                         "there: %.250s\nhere:  %.250s\n"
                         "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
                         job->out, run->line[0] ? run->line : "run.json ends before it says", job->line.data);
-    if (!run->finished && job->options.block < 0) job_drop_checkpoints(job);
+    if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run)) job_drop_checkpoints(job);
     job_remove(job, "run.json");
     job_remove(job, "metrics.json");
     job_remove(job, "partition.txt");
@@ -246,8 +251,7 @@ static oxl_result job_look(struct job *job, int *done)
     oxl_result     rc  = run_read(job->ctx, job->out, &run);
     *done              = 0;
     if (rc != OXL_OK || !run.line) goto leave;
-    if (strcmp(run.line, job->line.data) || !run.found || strcmp(run.found, job->found.data) || job->options.restart)
-        rc = job_make_way(job, &run);
+    if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_make_way(job, &run);
     else *done = run.finished && run.refine == job->options.refine && job_has(job, "scene.ply");
 leave:
     run_free(job->ctx, &run);

@@ -126,15 +126,23 @@ static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, 
     struct pixels               pixels = {0};
     char                       *path;
     oxl_result                  rc = scene_mask_path(ctx, scene, oxl_scene_view(scene, view)->name, &path);
-    *counts                        = 1;
+    size_t                      count, white = 0;
+    *counts = 1;
     if (rc != OXL_OK || !path) return rc;
-    rc = image_decode(ctx, path, 1, &pixels);
-    if (rc == OXL_OK && image_check_shape(ctx, path, pixels.width, pixels.height, from) != OXL_OK && ++*stretched <= LINT_NAMED)
+    rc    = image_decode(ctx, path, 1, &pixels);
+    count = rc == OXL_OK ? (size_t)pixels.width * (size_t)pixels.height : 0;
+    for (size_t i = 0; i < count; i++) white += pixels.data[i] != 0;
+    if (count) *counts = (double)white / (double)count;
+    if (count && image_check_shape(ctx, path, pixels.width, pixels.height, from) != OXL_OK && ++*stretched <= LINT_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s: %d x %d px for a photograph of another shape, so it is stretched\n"
                 "fix: make it of the photograph's shape",
                 path, pixels.width, pixels.height);
-    if (rc == OXL_OK) rc = image_check_mask(ctx, path, &pixels, counts);
+    if (count && white == 0)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: all of it is black, so nothing of the photograph counts\n"
+                      "fix: white (255) in a mask means that the pixel counts",
+                      path);
     image_pixels_free(ctx, &pixels);
     oxl_free(ctx, path);
     return rc;

@@ -9,8 +9,9 @@
  */
 #include "internal.h"
 
-#define MODELFILE_ORIGIN_MOST 1e12 /* of a coordinate: a float's step there is 65 km */
 #include "vecmath.h"
+
+#define MODELFILE_ORIGIN_MOST 1e15 /* as far as a survey may lie */
 
 enum {
     MODELFILE_COLUMNS     = 62,  /* of the standard layout */

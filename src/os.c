@@ -421,8 +421,9 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: too large for this machine's addresses", path);
         goto done;
     }
-    capacity = (size_t)expected + 2; /* the zero byte, and one more so that the end is met without growing */
-    data     = oxl_alloc(ctx, capacity, 1);
+    capacity =
+        (start[0] ? OS_START : (size_t)expected) + 2; /* the zero byte, and one more so that the end is met without growing */
+    data = oxl_alloc(ctx, capacity, 1);
     if (!data) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for %zu bytes", path, capacity);
         goto done;
@@ -432,7 +433,7 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
     while ((got = fread(data + size, 1, OXL_MIN(capacity - 1 - size, size < OS_START ? OS_START - size : SIZE_MAX), file)) > 0) {
         size += got;
         if (size >= strlen(start) && memcmp(data, start, strlen(start)) != 0) break;
-        rc = oxl_reserve(ctx, (void **)&data, &capacity, size + 2, 1);
+        rc = oxl_reserve(ctx, (void **)&data, &capacity, OXL_MAX(size, (size_t)expected) + 2, 1);
         if (rc != OXL_OK) goto done;
     }
     if (ferror(file)) {

@@ -417,7 +417,7 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
         rc = oxl_fail(ctx, OXL_ERR_USAGE, "a partition read from partition.txt holds no survey\nfix: make it from the scene");
     if (rc != OXL_OK) goto done;
     e.colmap = scene_colmap(p->plan->scene);
-    remove(record);
+    os_remove(record);
     rc = exporter_blocks(&e);
     if (rc == OXL_OK) rc = partition_draw(ctx, p, picture);
     if (rc == OXL_OK) rc = partition_write(ctx, record, p);

@@ -19,11 +19,6 @@ enum {
 #define SCENE_NEAR           0.2  /* x the depth before which 1 % of the points lie */
 #define SCENE_NEAR_POINTLESS 0.01 /* x the extent, when there are no points */
 
-enum {
-    SCENE_AHEAD        = 16, /* photographs read at once, at most */
-    SCENE_DECODE_BYTES = 6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
-};
-
 struct scene_source { /* indices in colmap.image, colmap.camera */
     size_t image, camera;
 };

@@ -189,7 +189,7 @@ TEST(colmap_a_name_is_the_rest_of_the_line)
 TEST(colmap_a_name_that_begins_in_this_folder_is_the_name_alone)
 {
     struct colmap c;
-    CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 ././a.png\n\n", "", &c));
+    CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 ././/a.png\n\n", "", &c));
     CHECK(c.image_count == 1 && strcmp(c.names + c.image[0].name, "a.png") == 0);
     colmap_free(test_ctx, &c);
 }

@@ -358,6 +358,30 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     CHECK(job_test_has(test_path("out/run.json"), "\"iterations_done\": 13"));
 }
 
+/* Its own is spent when the model is trained: the standard model that follows does not take it for another run's. */
+TEST(job_with_lobes_leaves_no_checkpoint_behind)
+{
+    oxl_job_options options = job_test_options();
+    const char     *survey;
+    options.train.dog = OXL_DOG_ALL;
+    survey            = job_test_stopped(&options);
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(os_is_file(test_path("out/scene_standard.ply")));
+    CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")) &&
+          !os_is_file(test_path("out/blocks/000/checkpoint.oxl.other")));
+}
+
+TEST(job_restarted_with_the_same_options_goes_on)
+{
+    oxl_job_options       options  = job_test_options();
+    struct job_test_watch watch    = {0, -1};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey   = job_test_stopped(&options);
+    options.restart                = 1;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
+    CHECK(watch.calls < options.train.iterations);
+}
+
 TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
 {
     oxl_job_options       options  = job_test_options();

@@ -626,7 +626,7 @@ TEST(model_read_ignores_an_origin_that_is_no_origin)
                                        "property float opacity\nend_header\n"),
                             &m));
     CHECK(m.origin[0] == 0 && m.origin[1] == 0);
-    CHECK_TEXT(model_test_warning, "wanted origin X Y Z, each within 1e+12");
+    CHECK_TEXT(model_test_warning, "wanted origin X Y Z, each within 1e+15");
     oxl_model_free(test_ctx, &m);
 }
 

@@ -436,12 +436,10 @@ TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
     test_write("dive/sparse/0/images.txt", "somebody's own");
     o = synth_test_options("dive");
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "images.txt is not of synth");
-    CHECK(remove(test_path("dive/sparse/0/images.txt")) == 0);
-    CHECK_OK(os_make_folder(test_ctx, test_path("dive/images")));
-    test_write("dive/images/IMG_00000.png", "a photograph");
+    CHECK_TEXT(error, "dive: a survey without truth/ is there");
+    CHECK_OK(os_make_folder(test_ctx, test_path("photographs/images")));
+    o = synth_test_options("photographs");
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "IMG_00000.png is not of synth");
     test_write("in the way", "a file where a folder should be");
     o = synth_test_options("in the way");
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_IO);
@@ -461,7 +459,6 @@ TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
     o.user          = "photographs";
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);
     test_write("survey/sparse/0/images.txt", "of an earlier run");
-    test_write("survey/truth/model.txt", "which told the truth");
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);
     CHECK(os_is_file(test_path("survey/images/IMG_00001.png")));
     CHECK(!os_is_file(test_path("survey/images/IMG_00002.png")));

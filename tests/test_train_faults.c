@@ -175,7 +175,7 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
               (fault ? OXL_ERR_INPUT : OXL_OK));
         CHECK(found == (fault == 0));
         if (fault) CHECK_TEXT(oxl_error_text(test_ctx), "holds numbers that no run writes");
-        checkpoint_remove(test_ctx, place.folder);
+        checkpoint_remove(test_ctx, place.folder, 0);
         faults_free(&c);
         faults_free(&again);
         text_free(&log);

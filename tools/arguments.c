@@ -413,7 +413,7 @@ static int parse_limit(const char *text, double *out)
         *out = -*out / 100;
         return 1;
     }
-    return *end == 0 && *out > 0;
+    return *end == 0 && *out >= PARSE_LEAST;
 }
 
 static int parse_value(const struct option *o, const char *text, struct arguments *a)

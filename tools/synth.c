@@ -283,8 +283,8 @@ static oxl_result synth_view(struct synth_run *s, int view)
     for (int y = 0; y < c->height; y++) synth_expose_row(s, c, view, y);
     synth_points_collect(&s->points, view, &s->photograph);
     if (s->options->fish > 0) rc = synth_swim(s, c, view);
-    if (rc == OXL_OK) rc = synth_write_image(s, "truth/clean", view, &s->clean);
     if (rc == OXL_OK) rc = synth_write_image(s, "images", view, &s->photograph);
+    if (rc == OXL_OK) rc = synth_write_image(s, "truth/clean", view, &s->clean);
     return rc == OXL_OK ? synth_write_depth(s, view) : rc;
 }
 
@@ -408,32 +408,25 @@ static oxl_result synth_write_truth(struct synth_run *s)
 
 /* ---------------------------------------------------------------- the run */
 
-static int synth_has(const struct synth_run *s, const char *name)
+static int synth_has(const struct synth_run *s, const char *folder)
 {
-    char  path[1024];
-    FILE *file;
-    snprintf(path, sizeof path, "%s/%s", s->options->out, name);
-    file = fopen(path, "rb");
-    if (file) fclose(file);
-    return file != NULL;
+    char path[1024];
+    snprintf(path, sizeof path, "%s/%s", s->options->out, folder);
+    return oxl_is_folder(path);
 }
 
-/* Poses and photographs that have no truth beside them are somebody's own: what is made here writes the truth first. */
+/* Poses and photographs that have no truth beside them are somebody's own. */
 static oxl_result synth_spare_survey(struct synth_run *s)
 {
-    if (synth_has(s, "sparse/0/images.txt") && !synth_has(s, "truth/model.txt"))
-        return synth_fail(s, OXL_ERR_USAGE, s->options->out,
-                          "/sparse/0/images.txt is not of synth\nfix: name another folder by -o");
-    if (synth_has(s, "images/IMG_00000.png") && !synth_has(s, "truth/clean/IMG_00000.png"))
-        return synth_fail(s, OXL_ERR_USAGE, s->options->out,
-                          "/images/IMG_00000.png is not of synth\nfix: name another folder by -o");
-    return OXL_OK;
+    if (synth_has(s, "truth") || !(synth_has(s, "images") || synth_has(s, "sparse"))) return OXL_OK;
+    return synth_fail(s, OXL_ERR_USAGE, s->options->out,
+                      ": a survey without truth/ is there, so it is not of synth\nfix: name another folder by -o");
 }
 
 static oxl_result synth_make_folders(struct synth_run *s)
 {
-    static const char *const folders[] = {"sparse/0",    "truth",       "images",     "truth/clean",
-                                          "truth/depth", "truth/still", "truth/masks"};
+    static const char *const folders[] = {"truth",       "sparse/0",    "images",     "truth/clean",
+                                          "truth/depth", "truth/still", "truth/masks"}; /* the truth first: synth_spare_survey */
     const int                count     = !s->options->write_images ? 2 : s->options->fish > 0 ? 7 : 5;
     char                     path[1024];
     oxl_result               rc = OXL_OK;
