@@ -163,10 +163,12 @@ static void checkpoint_add_key(struct archive *a, const char *key)
     archive_write(a, (const unsigned char *)key, length, 1);
 }
 
+static const char *const checkpoint_names[] = {"checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
+                                               "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_put_aside */
+
 static oxl_result checkpoint_paths(oxl_context *ctx, const char *folder, char *path[2])
 {
-    path[0] = oxl_path_join(ctx, folder, "checkpoint.oxl");
-    path[1] = oxl_path_join(ctx, folder, "checkpoint.prev.oxl");
+    for (int i = 0; i < 2; i++) path[i] = oxl_path_join(ctx, folder, checkpoint_names[i]);
     if (path[0] && path[1]) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
 }
@@ -294,10 +296,8 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
 
 OXL_INTERNAL void checkpoint_remove(oxl_context *ctx, const char *folder, int others)
 {
-    static const char *const names[] = {"checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
-                                        "checkpoint.prev.oxl.other"};
     for (int i = 0; i < (others ? 4 : 2); i++) {
-        char *path = oxl_path_join(ctx, folder, names[i]);
+        char *path = oxl_path_join(ctx, folder, checkpoint_names[i]);
         if (path) os_remove(path);
         oxl_free(ctx, path);
     }

@@ -401,7 +401,7 @@ OXL_INTERNAL const struct photo *photos_get(oxl_context *ctx, oxl_scene *scene, 
 /* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
  * quarter of the cache may be on its way, and is made free before. Nothing is said of one that cannot be read, until it is asked for. */
 OXL_INTERNAL void                photos_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
-/* Photographs of so many pixels in all take at most so much, with what decoding files of file_pixels takes, on however many threads. */
+/* Photographs of so many pixels in all, without masks, take at most so much, with what decoding files of file_pixels takes, on however many threads. */
 OXL_INTERNAL double              photos_bytes(double cache, double pixels, double file_pixels);
 
 /* ---------------------------------------------------------------- bands.c: near, mid or far, pixel by pixel, by the survey's points */
