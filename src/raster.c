@@ -12,7 +12,8 @@
  * A splat with a second lobe has alpha = min(.99, o G) - min(.99, o' G') [OceanXL eq. 3], which may be negative: then T grows. The same
  * formulas hold. A tile of a scene without such splats runs code that knows of none.
  *
- * A pixel that has ended keeps its T as a negative number: any further splat then fails the test T (1 - alpha) >= 1e-4 by itself.
+ * A pixel ends at the first splat that fails the test T (1 - alpha) >= 1e-4. T goes on falling there, so all that follow fail by themselves;
+ * with second lobes, under which T may grow, it falls to 0. What was left when the pixel ended is kept beside it.
  *
  * Invariants: every sum has a written order, so the vector width does not show in the result. A splat's sums over a tile go to the pair's own
  * slot: no atomics, and no dependence on which thread took the tile.
@@ -21,6 +22,7 @@
 
 struct raster_pixels { /* of a tile, block by block, 16 pixels a block */
     real t[TILE_PIXELS];
+    real left[TILE_PIXELS]; /* T after the last splat drawn */
     real rgb[3][TILE_PIXELS];
 };
 
@@ -89,13 +91,13 @@ SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_
         for (int column = 0; column < tile->columns; column++) out[column] = blocks[raster_at(row, column)];
 }
 
-/* Every pixel starts with all of the light to come; those past the image's edge have ended. */
+/* Every pixel starts with all of the light to come; those past the image's edge have ended, with T = 0. */
 SIMD_INLINE void raster_open(const struct raster_tile *tile, real *t)
 {
     for (int i = 0; i < TILE_PIXELS; i++) t[i] = 1;
     if (raster_whole(tile)) return;
     for (int row = 0; row < TILE; row++)
-        for (int column = row < tile->rows ? tile->columns : 0; column < TILE; column++) t[raster_at(row, column)] = -1;
+        for (int column = row < tile->rows ? tile->columns : 0; column < TILE; column++) t[raster_at(row, column)] = 0;
 }
 
 /* Blocks with a pixel that has not ended. */
@@ -105,7 +107,7 @@ SIMD_INLINE uint32_t raster_alive(const real *t)
     for (int block = 0; block < TILE_BLOCKS; block++) {
         int32_t any = 0;
 #pragma omp simd reduction(| : any)
-        for (int l = 0; l < PACK; l++) any |= t[block * PACK + l] > 0;
+        for (int l = 0; l < PACK; l++) any |= t[block * PACK + l] >= TRANSMITTANCE_MIN;
         alive |= (uint32_t)(any != 0) << block;
     }
     return alive;
@@ -123,6 +125,7 @@ struct raster_splat {   /* what the passes need, next to each other */
     real u, v;          /* centre from the tile's first pixel centre, px */
     real a, k, e, peak; /* -a, k, -e and peak of the splat or of its second lobe */
     real colour[3];
+    real spare[7]; /* to a power of two: the n-th is found with a shift */
 };
 
 struct raster_batch {
@@ -148,13 +151,13 @@ SIMD_INLINE void raster_collect(const int lobed, const struct raster_job *job, c
     for (int n = 0; n < batch->count; n++) {
         const struct splat *s      = &job->bins->splat[pair[n].splat];
         const uint32_t      blocks = pair[n].blocks & alive;
-        batch->splat[n]            = (struct raster_splat){s->u - (tile->x + (real)0.5),
-                                                           s->v - (tile->y + (real)0.5),
-                                                           -s->a,
-                                                           s->k,
-                                                           -s->e,
-                                                           s->peak,
-                                                           {s->colour[0], s->colour[1], s->colour[2]}};
+        batch->splat[n]            = (struct raster_splat){.u      = s->u - (tile->x + (real)0.5),
+                                                           .v      = s->v - (tile->y + (real)0.5),
+                                                           .a      = -s->a,
+                                                           .k      = s->k,
+                                                           .e      = -s->e,
+                                                           .peak   = s->peak,
+                                                           .colour = {s->colour[0], s->colour[1], s->colour[2]}};
         batch->blocks[n]           = blocks;
 #pragma omp simd
         for (int block = 0; block < TILE_BLOCKS; block++) batch->splats[block] |= (blocks >> block & 1) << n;
@@ -192,7 +195,7 @@ SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, rea
 {
     const real dy = y - s->v, w = muladd(fused, s->k, dy, x - s->u);
     const real exponent = muladd(fused, s->a * w, w, muladd(fused, s->e * dy, dy, s->peak)), g = real_exp2(fused, exponent);
-    const real value = g < ALPHA_MAX ? g : ALPHA_MAX;
+    const real value = real_least(g, ALPHA_MAX);
     return exponent >= least ? value : 0;
 }
 
@@ -200,17 +203,18 @@ SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, rea
  * pixel and what is left sum to 1. With a second lobe alpha and weight may be negative. */
 struct raster_share {
     real value, lobe; /* of the two lobes, see raster_value */
-    real alpha;       /* what was composited, if anything was */
-    real weight;      /* alpha T, 0 when nothing was */
-    real t;           /* T afterwards */
+    real alpha;
+    real t;      /* T afterwards */
+    int  drawn;  /* 0: the pixel had ended, or ends here */
+    real weight; /* alpha T, 0 unless drawn */
 };
 
-SIMD_INLINE struct raster_share raster_share(const int fused, const int lobed, const struct raster_batch *batch, int n, real x,
-                                             real y, real t)
+/* lobed: the splat has a second lobe. mixed: a splat of the tile may have one. Both 0 or 1, constants. */
+SIMD_INLINE struct raster_share raster_share(const int fused, const int mixed, const int lobed, const struct raster_batch *batch,
+                                             int n, real x, real y, real t)
 {
     struct raster_share p;
-    real                next, end;
-    int                 drawn;
+    real                next;
     p.value = raster_value(fused, &batch->splat[n], lobed ? RASTER_FAR : -LOG2_255, x, y);
     p.lobe  = lobed ? raster_value(fused, &batch->second[n], RASTER_FAR, x, y) : 0;
     p.alpha = p.value;
@@ -218,28 +222,34 @@ SIMD_INLINE struct raster_share raster_share(const int fused, const int lobed, c
         const real alpha = p.value - p.lobe, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
         p.alpha = room >= ALPHA_MIN ? alpha : 0;
     }
-    next     = muladd(fused, -p.alpha, t, t);
-    end      = -real_abs(t);
-    drawn    = next >= TRANSMITTANCE_MIN;
-    p.weight = t - (drawn ? next : t);
-    p.t      = drawn ? next : end;
+    next     = muladd(fused, p.alpha, -t, t);
+    p.drawn  = next >= TRANSMITTANCE_MIN;
+    p.weight = p.drawn ? t - next : 0;
+    p.t      = mixed && !p.drawn ? 0 : next;
     return p;
+}
+
+/* The T of an ended pixel would fall below the smallest normal number at last: a batch takes at most a factor of 100^RASTER_BATCH. */
+SIMD_INLINE real raster_go_on(real t)
+{
+    return t >= TRANSMITTANCE_MIN ? t : 0;
 }
 
 /* ---------------------------------------------------------------- forward */
 
 struct raster_lit { /* a block's pixels */
-    real t[PACK], r[PACK], g[PACK], b[PACK];
+    real t[PACK], left[PACK], r[PACK], g[PACK], b[PACK];
 };
 
-SIMD_INLINE void raster_composite(const int fused, const int lobed, const struct raster_batch *batch, int n,
+SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed, const struct raster_batch *batch, int n,
                                   const real *restrict x, const real *restrict y, struct raster_lit *out)
 {
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const struct raster_share p = raster_share(fused, lobed, batch, n, x[l], y[l], out->t[l]);
+        const struct raster_share p = raster_share(fused, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
+        out->left[l]                = p.drawn ? p.t : out->left[l];
         out->r[l]                   = muladd(fused, p.weight, red, out->r[l]);
         out->g[l]                   = muladd(fused, p.weight, green, out->g[l]);
         out->b[l]                   = muladd(fused, p.weight, blue, out->b[l]);
@@ -255,19 +265,21 @@ SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const 
     struct raster_lit lit;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        lit.t[l] = pixels->t[at + l];
-        lit.r[l] = pixels->rgb[0][at + l];
-        lit.g[l] = pixels->rgb[1][at + l];
-        lit.b[l] = pixels->rgb[2][at + l];
+        lit.t[l]    = raster_go_on(pixels->t[at + l]);
+        lit.left[l] = pixels->left[at + l];
+        lit.r[l]    = pixels->rgb[0][at + l];
+        lit.g[l]    = pixels->rgb[1][at + l];
+        lit.b[l]    = pixels->rgb[2][at + l];
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, batch, n, x, y, &lit);
-        else raster_composite(fused, 0, batch, n, x, y, &lit);
+        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, x, y, &lit);
+        else raster_composite(fused, lobed, 0, batch, n, x, y, &lit);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         pixels->t[at + l]      = lit.t[l];
+        pixels->left[at + l]   = lit.left[l];
         pixels->rgb[0][at + l] = lit.r[l];
         pixels->rgb[1][at + l] = lit.g[l];
         pixels->rgb[2][at + l] = lit.b[l];
@@ -277,12 +289,11 @@ SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const 
 SIMD_INLINE void raster_close(const struct raster_job *job, const struct raster_tile *tile, struct raster_pixels *p)
 {
     const size_t plane = (size_t)job->width * (size_t)job->height;
-    for (int i = 0; i < TILE_PIXELS; i++) p->t[i] = real_abs(p->t[i]);
     for (int ch = 0; ch < 3; ch++) {
-        for (int i = 0; i < TILE_PIXELS; i++) p->rgb[ch][i] += p->t[i] * job->background[ch];
+        for (int i = 0; i < TILE_PIXELS; i++) p->rgb[ch][i] += p->left[i] * job->background[ch];
         raster_store(job, tile, p->rgb[ch], job->rgb + (size_t)ch * plane);
     }
-    raster_store(job, tile, p->t, job->transmittance);
+    raster_store(job, tile, p->left, job->transmittance);
 }
 
 SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const struct raster_job *job)
@@ -293,6 +304,7 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const str
     struct raster_batch      batch;
     memset(p.rgb, 0, sizeof p.rgb);
     raster_open(&tile, p.t);
+    for (int i = 0; i < TILE_PIXELS; i++) p.left[i] = 1;
     for (const struct pair *pair = tile.pair; pair < tile.end && alive; pair += RASTER_BATCH) {
         raster_collect(lobed, job, &tile, pair, alive, &batch);
         for (int block = 0; block < TILE_BLOCKS; block++)
@@ -313,8 +325,9 @@ struct raster_slopes { /* a block's pixels */
 
 /* value: alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), for the score dS/dalpha; with a second lobe value and lobe are
  * o dL/do and o' dL/do'. Each is 0 where its own clamp at ALPHA_MAX holds, all where nothing was drawn. */
-SIMD_INLINE void raster_differentiate(const int fused, const int lobed, const int score, struct raster_batch *batch, int n,
-                                      int block, const real *restrict x, const real *restrict y, struct raster_slopes *d)
+SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
+                                      struct raster_batch *batch, int n, int block, const real *restrict x,
+                                      const real *restrict y, struct raster_slopes *d)
 {
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
@@ -322,7 +335,7 @@ SIMD_INLINE void raster_differentiate(const int fused, const int lobed, const in
     real *restrict weight = batch->weight[n][block];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const struct raster_share p     = raster_share(fused, lobed, batch, n, x[l], y[l], d->t[l]);
+        const struct raster_share p     = raster_share(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
         const real                light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
         const real                rest  = muladd(fused, -p.weight, light, d->behind[l]);
         if (lobed || score) {
@@ -332,9 +345,9 @@ SIMD_INLINE void raster_differentiate(const int fused, const int lobed, const in
             value[l] = p.value < ALPHA_MAX ? plus : 0;
             if (lobed) lobe[l] = p.lobe < ALPHA_MAX ? minus : 0;
         } else {
-            const real odds = p.alpha / (1 - p.alpha), slope = p.weight > 0 ? odds : 0;
-            const real whole = muladd(fused, p.weight, light, -slope * rest);
-            value[l]         = p.value < ALPHA_MAX ? whole : 0;
+            const real whole = muladd(fused, p.weight, light, -(p.alpha / (1 - p.alpha) * rest));
+            const real free  = p.value < ALPHA_MAX ? whole : 0;
+            value[l]         = p.drawn ? free : 0;
         }
         if (!score) weight[l] = p.weight;
         d->behind[l] = rest;
@@ -350,7 +363,7 @@ SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, co
     struct raster_slopes d;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        d.t[l]      = tile->t[at + l];
+        d.t[l]      = raster_go_on(tile->t[at + l]);
         d.r[l]      = tile->g[0][at + l];
         d.g[l]      = tile->g[1][at + l];
         d.b[l]      = tile->g[2][at + l];
@@ -358,8 +371,8 @@ SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, co
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, score, batch, n, block, x, y, &d);
-        else raster_differentiate(fused, 0, score, batch, n, block, x, y, &d);
+        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, 1, score, batch, n, block, x, y, &d);
+        else raster_differentiate(fused, lobed, 0, score, batch, n, block, x, y, &d);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {

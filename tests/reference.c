@@ -11,6 +11,7 @@
 
 #define real_sqrt             real_sqrt_f64
 #define real_abs              real_abs_f64
+#define real_least            real_least_f64
 #define muladd                muladd_f64
 #define real_exp2             real_exp2_f64
 #define real_exp              real_exp_f64
@@ -133,6 +134,7 @@
 #define raster_forward_tile          raster_forward_tile_f64
 #define raster_give                  raster_give_f64
 #define raster_give_nothing          raster_give_nothing_f64
+#define raster_go_on                 raster_go_on_f64
 #define raster_gradients             raster_gradients_f64
 #define raster_lit                   raster_lit_f64
 #define raster_load                  raster_load_f64
@@ -381,6 +383,7 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #define real float
 #undef real_sqrt
 #undef real_abs
+#undef real_least
 #undef muladd
 #undef real_exp2
 #undef real_exp
@@ -500,6 +503,7 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef raster_forward_tile
 #undef raster_give
 #undef raster_give_nothing
+#undef raster_go_on
 #undef raster_gradients
 #undef raster_lit
 #undef raster_load

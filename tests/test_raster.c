@@ -112,6 +112,25 @@ TEST(negative_alpha_lets_no_pixel_grow_past_32)
     reference_free(test_ctx, &r);
 }
 
+/* Four plain splats end the pixels in the middle; in the same batch alpha is negative behind them. */
+TEST(pixel_that_has_ended_does_not_come_back_where_alpha_is_negative)
+{
+    struct reference r;
+    raster_lobed_scene(&r, 16, 12, 40, 40);
+    for (int i = 0; i < 16; i++) {
+        const int lobed         = i < 12;
+        r.in.plane[OXL_MEAN][i] = r.in.plane[OXL_MEAN + 1][i] = 0, r.in.plane[OXL_MEAN + 2][i] = lobed ? 1 : -1;
+        r.in.plane[OXL_OPACITY][i] = (float)(lobed ? 8 : 3 + 0.01 * i); /* no T falls on 1e-4 itself */
+        if (lobed) r.in.plane[OXL_LOBE][i] = 8;
+        for (int a = 0; a < 3; a++) r.in.plane[OXL_LOG_SCALE + a][i] = lobed ? -2 : -1;
+        for (int a = 0; lobed && a < 3; a++) r.in.plane[OXL_LOBE + 1 + a][i] = 1.5;
+    }
+    reference_forward(test_ctx, &r);
+    CHECK(r.transmittance[20 * 40 + 20] < 0.01);
+    for (int i = 0; i < 1600; i++) CHECK_CLOSE(r.rgb[i], raster_plain(&r, 0, i % 40 + 0.5, i / 40 + 0.5), 1e-10);
+    reference_free(test_ctx, &r);
+}
+
 TEST(binning_lists_each_tile_in_depth_order_with_ties_by_row)
 {
     struct reference r;
