@@ -14,7 +14,9 @@ ifneq ($(findstring clang,$(shell $(CC) --version 2>/dev/null)),)
 WARN   += -Wno-error=pass-failed # a loop that this optimizer left scalar: worth a line, not a stop
 endif
 SYSTEM := libstb-dev gcc make libc6-dev
-export OMP_WAIT_POLICY ?= passive # as the program asks for itself (oxl_wait_asleep)
+# As the program asks for itself (oxl_wait_asleep).
+export OMP_WAIT_POLICY ?= passive
+export GOMP_SPINCOUNT ?= 500
 
 # OPENMP=0 builds the serial program; without a word, OpenMP is used when the compiler has it.
 OPENMP ?= $(shell mkdir -p $(BUILD); echo 'int main(void) { return omp_get_max_threads() < 1; }' | \

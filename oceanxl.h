@@ -102,10 +102,10 @@ OXL_API const char *oxl_error_text(const oxl_context *ctx);
 /* 1 when standard output (1) or standard error (2) is a terminal: a progress line can be rewritten there. */
 OXL_API int oxl_is_terminal(int stream);
 
-/* For the first lines of main(): threads that wait for others are to sleep. OpenMP's own way, trying again and again, is a few per cent faster
- * on a machine that does nothing else, and makes a run take three times as long on one that does (docs/SPEED.md). The OpenMP runtime
- * reads its settings before main(): so the program is started again in its own place, with OMP_WAIT_POLICY=passive. With that variable
- * set, without OpenMP or off Linux it just returns. */
+/* For the first lines of main(): threads that wait for others are to sleep, after a short look (GNU's runtime). OpenMP's own way, trying
+ * again and again, makes a run take three times as long on a machine that does something else; to sleep at once costs a tenth or more
+ * on one that does not (docs/SPEED.md). The OpenMP runtime reads its settings before main(): so the program is started again in its own
+ * place, with OMP_WAIT_POLICY=passive and GOMP_SPINCOUNT. With the first of them set, without OpenMP or off Linux it just returns. */
 OXL_API void oxl_wait_asleep(char **argv);
 
 /* The instruction set that the kernels run on: "avx512", "avx2" or "base". OXL_ISA=... in the environment forces one. */

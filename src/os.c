@@ -105,6 +105,8 @@ int oxl_is_terminal(int stream)
     return isatty(stream) != 0;
 }
 
+#define OS_SPINS "500" /* looks before a thread sleeps: 5 to 30 us; to be woken takes as long */
+
 void oxl_wait_asleep(char **argv)
 {
 #ifdef _OPENMP
@@ -112,7 +114,8 @@ void oxl_wait_asleep(char **argv)
     const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
     if (length <= 0 || getenv("OMP_WAIT_POLICY")) return;
     self[length] = 0;
-    if (setenv("OMP_WAIT_POLICY", "passive", 1) == 0) execv(self, argv); /* returns only where it could not */
+    if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", OS_SPINS, 0) != 0) return;
+    execv(self, argv); /* returns only where it could not */
 #else
     (void)argv;
 #endif
