@@ -118,6 +118,7 @@ static uint32_t bin_box_tiles(const struct splat *s)
 /* The contour a (x + k y)^2 + e y^2 = r around a splat. */
 struct bin_contour {
     real r;       /* log2(255 o), a little widened: the alpha test at each pixel decides, this only must not lose any */
+    real inverse; /* 1 / a */
     real extreme; /* y of its leftmost point; the rightmost one is at -extreme */
     real slack;   /* px */
 };
@@ -130,6 +131,7 @@ SIMD_INLINE struct bin_contour bin_contour(const struct splat *s)
 {
     struct bin_contour c;
     c.r       = (s->peak + LOG2_255) * (real)1.0001 + (real)0.001;
+    c.inverse = 1 / s->a;
     c.extreme = s->k * c.r / (s->e * s->half_x);
     c.slack   = (real)0.001 + (real)1e-5 * s->half_x;
     return c;
@@ -140,8 +142,8 @@ SIMD_INLINE struct bin_contour bin_contour(const struct splat *s)
 SIMD_INLINE void bin_block_rows(const struct splat *s, const struct bin_contour *c, int block_row, int width,
                                 struct bin_spans *out)
 {
-    const real u = s->u, v = s->v, a = s->a, k = s->k, e = s->e, half_y = s->half_y;
-    const real r = c->r, extreme = c->extreme, slack = c->slack;
+    const real u = s->u, v = s->v, k = s->k, e = s->e, half_y = s->half_y;
+    const real r = c->r, inverse = c->inverse, extreme = c->extreme, slack = c->slack;
     const real leftmost = (real)0.5, rightmost = width - (real)0.5; /* pixel centres */
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -149,8 +151,8 @@ SIMD_INLINE void bin_block_rows(const struct splat *s, const struct bin_contour 
         const real y0 = top > -half_y ? top : -half_y, y1 = bottom < half_y ? bottom : half_y;
         const real yl = OXL_CLAMP(extreme, y0, y1), yr = OXL_CLAMP(-extreme, y0, y1);
         const real cl = r - e * yl * yl, cr = r - e * yr * yr;
-        const real left  = u - k * yl - real_sqrt((cl > 0 ? cl : 0) / a) - slack;
-        const real right = u - k * yr + real_sqrt((cr > 0 ? cr : 0) / a) + slack;
+        const real left  = u - k * yl - real_sqrt((cl > 0 ? cl : 0) * inverse) - slack;
+        const real right = u - k * yr + real_sqrt((cr > 0 ? cr : 0) * inverse) + slack;
         const int  meets = (y0 <= y1) & (right >= leftmost) & (left <= rightmost);
         const real from = left + (real)0.4999, to = right - (real)0.5; /* from: the first pixel whose centre is not left of it */
         const int32_t first = (int32_t)((meets & (from > 0)) ? from : 0),
@@ -180,14 +182,25 @@ SIMD_INLINE struct splat bin_reshaped(const struct splat *s, const struct lobe *
     return other;
 }
 
-/* The splat's pairs, tile by tile; returns how many were written to `out`. lobe: its second, or the constant NULL. */
+/* Which blocks of column tx of tiles lie in the spans; the bits of a tile are those of its four rows together. */
+SIMD_INLINE void bin_column(const struct bin_spans *spans, int tx, uint32_t *restrict blocks)
+{
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        const int32_t from = OXL_CLAMP(spans->first[l] - 4 * tx, 0, 4), past = OXL_CLAMP(spans->last[l] + 1 - 4 * tx, from, 4);
+        blocks[l] = ((1u << past) - (1u << from)) << (l % 4 * 4);
+    }
+}
+
+/* The splat's pairs, four rows of tiles after four, in them column by column; returns how many were written to `out`. lobe: its second, or
+ * the constant NULL. Rounding may differ from the box's by a tile: the box bounds the room. */
 SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, uint32_t row, int tiles_x, int width,
                                    struct bin_staged *out)
 {
     struct splat       main, second;
     struct bin_contour contour, other;
     struct bin_spans   spans, more;
-    uint32_t           count = 0;
+    uint32_t           count = 0, blocks[PACK];
     if (lobe) {
         second      = bin_reshaped(s, lobe);
         other       = bin_contour(&second);
@@ -196,27 +209,17 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
         s = &main;
     }
     contour = bin_contour(s);
-    for (int ty = s->tile_y0; ty <= s->tile_y1; ty++) {
-        const int r0    = (ty - s->tile_y0) * 4 % PACK; /* the tile row's first block row among the spans */
-        int       first = INT_MAX, last = -1;
-        if (r0 == 0) {
-            bin_block_rows(s, &contour, 4 * ty, width, &spans);
-            if (lobe) bin_block_rows(&second, &other, 4 * ty, width, &more);
-            if (lobe) bin_join(&spans, &more);
-        }
-        for (int r = r0; r < r0 + 4; r++) {
-            first = OXL_MIN(first, spans.first[r]);
-            last  = OXL_MAX(last, spans.last[r]);
-        }
-        first = OXL_MAX(first / 4, s->tile_x0); /* rounding may differ from the box's by a tile: the box bounds the room */
-        last  = last < 0 ? -1 : OXL_MIN(last / 4, s->tile_x1);
-        for (int tx = first; tx <= last; tx++) {
-            uint32_t blocks = 0;
-            for (int r = 0; r < 4; r++) {
-                const int a = OXL_MAX(spans.first[r0 + r] - 4 * tx, 0), b = OXL_MIN(spans.last[r0 + r] - 4 * tx, 3);
-                if (a <= b) blocks |= ((2u << (b - a)) - 1) << a << (4 * r);
+    for (int ty = s->tile_y0; ty <= s->tile_y1; ty += PACK / 4) {
+        const int rows = OXL_MIN(PACK / 4, s->tile_y1 - ty + 1);
+        bin_block_rows(s, &contour, 4 * ty, width, &spans);
+        if (lobe) bin_block_rows(&second, &other, 4 * ty, width, &more);
+        if (lobe) bin_join(&spans, &more);
+        for (int tx = s->tile_x0; tx <= s->tile_x1; tx++) {
+            bin_column(&spans, tx, blocks);
+            for (int r = 0; r < rows; r++) {
+                const uint32_t *b = &blocks[4 * r], all = b[0] | b[1] | b[2] | b[3];
+                if (all) out[count++] = (struct bin_staged){(uint32_t)((ty + r) * tiles_x + tx), row, all};
             }
-            if (blocks) out[count++] = (struct bin_staged){(uint32_t)(ty * tiles_x + tx), row, blocks};
         }
     }
     return count;
