@@ -11,6 +11,7 @@
 
 #define BIN_PARTS      64  /* of the depth order, at most; each is counted and scattered on its own */
 #define BIN_PART_LEAST 128 /* splats of a part, about, if there are more than one: each part has a counter for each tile */
+#define BIN_NARROW     6   /* tiles */
 #define BIN_RADIX_BITS 11
 #define BIN_RADIX      (1 << BIN_RADIX_BITS)
 
@@ -192,6 +193,22 @@ SIMD_INLINE void bin_column(const struct bin_spans *spans, int tx, uint32_t *res
     }
 }
 
+struct bin_columns { /* of tiles, inclusive */
+    int first, last;
+};
+
+/* Those of the splat's box that its spans reach. Of a narrow box all are taken: to look would cost more than it saves. */
+SIMD_INLINE struct bin_columns bin_columns(const struct splat *s, const struct bin_spans *spans)
+{
+    struct bin_columns c     = {s->tile_x0, s->tile_x1};
+    int32_t            first = INT_MAX, last = -1;
+    if (c.last - c.first < BIN_NARROW) return c;
+    for (int l = 0; l < PACK; l++) first = OXL_MIN(first, spans->first[l]), last = OXL_MAX(last, spans->last[l]);
+    c.first = OXL_MAX(first / 4, c.first);
+    c.last  = last < 0 ? -1 : OXL_MIN(last / 4, c.last);
+    return c;
+}
+
 /* The splat's pairs, four rows of tiles after four, in them column by column; returns how many were written to `out`. lobe: its second, or
  * the constant NULL. Rounding may differ from the box's by a tile: the box bounds the room. */
 SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, uint32_t row, int tiles_x, int width,
@@ -210,11 +227,13 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
     }
     contour = bin_contour(s);
     for (int ty = s->tile_y0; ty <= s->tile_y1; ty += PACK / 4) {
-        const int rows = OXL_MIN(PACK / 4, s->tile_y1 - ty + 1);
+        const int          rows = OXL_MIN(PACK / 4, s->tile_y1 - ty + 1);
+        struct bin_columns columns;
         bin_block_rows(s, &contour, 4 * ty, width, &spans);
         if (lobe) bin_block_rows(&second, &other, 4 * ty, width, &more);
         if (lobe) bin_join(&spans, &more);
-        for (int tx = s->tile_x0; tx <= s->tile_x1; tx++) {
+        columns = bin_columns(s, &spans);
+        for (int tx = columns.first; tx <= columns.last; tx++) {
             bin_column(&spans, tx, blocks);
             for (int r = 0; r < rows; r++) {
                 const uint32_t *b = &blocks[4 * r], all = b[0] | b[1] | b[2] | b[3];

@@ -92,6 +92,7 @@
 #define bin_popcount16    bin_popcount16_f64
 #define bin_collect       bin_collect_f64
 #define bin_column        bin_column_f64
+#define bin_columns       bin_columns_f64
 #define bin_sort          bin_sort_f64
 #define bin_box_tiles     bin_box_tiles_f64
 #define bin_contour       bin_contour_f64
@@ -463,6 +464,7 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef bin_popcount16
 #undef bin_collect
 #undef bin_column
+#undef bin_columns
 #undef bin_sort
 #undef bin_box_tiles
 #undef bin_contour
