@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.." || exit 1
 wanted=${1:-36} first=${2:-0}
 work=build/mutate
 tests="tests/test_adam.c tests/test_extremes.c tests/test_gradient.c tests/test_loss.c tests/test_oracle.c tests/test_raster.c tests/test_train.c"
-names='adam_ extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ double_kernels density_ a_step'
+names='adam_ pixel_that extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ double_kernels density_ a_step'
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
 
 # FILE LINE COLUMN OLD NEW: one for each place where code, not a comment or a declaration, has such an operator.
