@@ -74,6 +74,33 @@ TEST(binning_loses_no_pixel_of_any_splat)
     reference_free(test_ctx, &r);
 }
 
+/* Pixel centres of a row of blocks may lie to both sides of the contour's tip: then a block holds no pixel that is lit. Few do. */
+TEST(binning_lists_few_blocks_that_no_pixel_needs)
+{
+    struct reference r;
+    int              listed = 0, lit = 0;
+    raster_scene(&r, 600, 160, 128);
+    reference_forward(test_ctx, &r);
+    for (int tile = 0; tile < r.bins_f64.tiles_x * r.bins_f64.tiles_y; tile++)
+        for (uint32_t i = r.bins_f64.tile_start[tile]; i < r.bins_f64.tile_start[tile + 1]; i++) {
+            const struct splat_f64 *s = &r.splat_f64[r.bins_f64.pair_f64[i].splat_f64];
+            for (int block = 0; block < TILE_BLOCKS; block++) {
+                int any = 0;
+                if (!(r.bins_f64.pair_f64[i].blocks >> block & 1)) continue;
+                for (int l = 0; l < PACK; l++) {
+                    const double x  = tile % r.bins_f64.tiles_x * TILE + block % 4 * 4 + l % 4 + 0.5;
+                    const double y  = tile / r.bins_f64.tiles_x * TILE + block / 4 * 4 + l / 4 + 0.5;
+                    const double dy = y - s->v, w = x - s->u + s->k * dy;
+                    any |= s->peak - s->a * w * w - s->e * dy * dy >= -log2(255);
+                }
+                listed++, lit += any;
+            }
+        }
+    CHECK(lit > 10000);
+    CHECK(listed < 1.01 * lit);
+    reference_free(test_ctx, &r);
+}
+
 TEST(binning_loses_no_pixel_of_either_lobe)
 {
     struct reference r;
