@@ -11,7 +11,7 @@
 
 #define BIN_PARTS      64  /* of the depth order, at most; each is counted and scattered on its own */
 #define BIN_PART_LEAST 128 /* splats of a part, about, if there are more than one: each part has a counter for each tile */
-#define BIN_NARROW     6   /* tiles */
+#define BIN_NARROW     6   /* columns of tiles: of a wider box it pays to ask which of them a splat reaches */
 #define BIN_RADIX_BITS 11
 #define BIN_RADIX      (1 << BIN_RADIX_BITS)
 

@@ -105,7 +105,7 @@ int oxl_is_terminal(int stream)
     return isatty(stream) != 0;
 }
 
-#define OS_SPINS "500" /* looks before a thread sleeps: 5 to 30 us; to be woken takes as long */
+#define OS_SPINS "500" /* looks before a thread sleeps (docs/SPEED.md) */
 
 void oxl_wait_asleep(char **argv)
 {
