@@ -82,29 +82,17 @@ enum vulkan_pass {
     PASS_COUNT
 };
 
-#define VULKAN_CODE(words) words, sizeof(words)
+#define VULKAN_PASS(name) [PASS_##name] = {SPIRV_##name, sizeof SPIRV_##name, SPIRV_##name##_BINDINGS, SPIRV_##name##_PUSH}
 static const struct {
     const uint32_t *words;
     size_t          bytes;
-    uint32_t        bindings, push; /* storage buffers, in the shader's order; bytes of push constants */
+    uint32_t        bindings, push; /* storage buffers, in the shader's order; bytes of push constants: as the shader has them */
 } VULKAN_PASSES[PASS_COUNT] = {
-    [PASS_PROJECT]          = {VULKAN_CODE(SPIRV_PROJECT), 8, 24},
-    [PASS_SCAN]             = {VULKAN_CODE(SPIRV_SCAN), 4, 8},
-    [PASS_COMPACT]          = {VULKAN_CODE(SPIRV_COMPACT), 5, 4},
-    [PASS_SORT_COUNT]       = {VULKAN_CODE(SPIRV_SORT_COUNT), 3, 12},
-    [PASS_SORT_SCATTER]     = {VULKAN_CODE(SPIRV_SORT_SCATTER), 6, 12},
-    [PASS_FOOTPRINT]        = {VULKAN_CODE(SPIRV_FOOTPRINT), 12, 12},
-    [PASS_RANGES]           = {VULKAN_CODE(SPIRV_RANGES), 2, 8},
-    [PASS_RASTER]           = {VULKAN_CODE(SPIRV_RASTER), 9, 8},
-    [PASS_RASTER_BACKWARD]  = {VULKAN_CODE(SPIRV_RASTER_BACKWARD), 15, 4},
-    [PASS_LOSS_FORWARD]     = {VULKAN_CODE(SPIRV_LOSS_FORWARD), 5, 24},
-    [PASS_LOSS_TOTAL]       = {VULKAN_CODE(SPIRV_LOSS_TOTAL), 2, 4},
-    [PASS_LOSS_BACKWARD]    = {VULKAN_CODE(SPIRV_LOSS_BACKWARD), 6, 24},
-    [PASS_PROJECT_BACKWARD] = {VULKAN_CODE(SPIRV_PROJECT_BACKWARD), 11, 24},
-    [PASS_ADAM]             = {VULKAN_CODE(SPIRV_ADAM), 7, 40},
-    [PASS_OBSERVE]          = {VULKAN_CODE(SPIRV_OBSERVE), 4, 12},
-    [PASS_SCORE]            = {VULKAN_CODE(SPIRV_SCORE), 4, 4},
-    [PASS_UNPACK]           = {VULKAN_CODE(SPIRV_UNPACK), 3, 20},
+    VULKAN_PASS(PROJECT),          VULKAN_PASS(SCAN),         VULKAN_PASS(COMPACT),    VULKAN_PASS(SORT_COUNT),
+    VULKAN_PASS(SORT_SCATTER),     VULKAN_PASS(FOOTPRINT),    VULKAN_PASS(RANGES),     VULKAN_PASS(RASTER),
+    VULKAN_PASS(RASTER_BACKWARD),  VULKAN_PASS(LOSS_FORWARD), VULKAN_PASS(LOSS_TOTAL), VULKAN_PASS(LOSS_BACKWARD),
+    VULKAN_PASS(PROJECT_BACKWARD), VULKAN_PASS(ADAM),         VULKAN_PASS(OBSERVE),    VULKAN_PASS(SCORE),
+    VULKAN_PASS(UNPACK),
 };
 
 struct vulkan_pipeline {
@@ -708,7 +696,7 @@ static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass, cons
     return set;
 }
 
-/* Records a pass of so many workgroups. buffer: as many as the table says, NULL where the variant uses none. */
+/* Records a pass of so many workgroups, see VULKAN_RUN. buffer: NULL where the variant uses none. */
 static void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
                        const struct vulkan_buffer *const *buffer)
 {
@@ -738,6 +726,12 @@ static void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant
 
 #define VULKAN_BUFFERS(...) ((const struct vulkan_buffer *const[]){__VA_ARGS__})
 #define VULKAN_PUSH(...)    ((const uint32_t[]){__VA_ARGS__})
+
+/* Records pass PASS_name. It does not compile where what is pushed or bound is not as long as the shader has it. */
+#define VULKAN_SAME(a, b) ((void)sizeof(char[(a) == (b) ? 1 : -1]))
+#define VULKAN_RUN(v, name, variant, groups, push, buffers)                                                                      \
+    (VULKAN_SAME(sizeof(push), SPIRV_##name##_PUSH), VULKAN_SAME(sizeof(buffers) / sizeof(buffers)[0], SPIRV_##name##_BINDINGS), \
+     vulkan_run(v, PASS_##name, variant, groups, push, buffers))
 
 static size_t vulkan_groups(size_t items)
 {
@@ -1047,12 +1041,12 @@ static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *i
 {
     const uint32_t push[2] = {(uint32_t)n, slot}, sums[2] = {(uint32_t)vulkan_blocks(n), slot};
     if (n <= VULKAN_SCAN_WHOLE) {
-        vulkan_run(r->v, PASS_SCAN, 1, 1, push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
+        VULKAN_RUN(r->v, SCAN, 1, 1, push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
         return;
     }
-    vulkan_run(r->v, PASS_SCAN, 0, vulkan_blocks(n), push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
-    vulkan_run(r->v, PASS_SCAN, 1, 1, sums, VULKAN_BUFFERS(&r->scan_sums, &r->scan_sums, &r->counts, NULL));
-    vulkan_run(r->v, PASS_SCAN, 2, vulkan_blocks(n), push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
+    VULKAN_RUN(r->v, SCAN, 0, vulkan_blocks(n), push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
+    VULKAN_RUN(r->v, SCAN, 1, 1, sums, VULKAN_BUFFERS(&r->scan_sums, &r->scan_sums, &r->counts, NULL));
+    VULKAN_RUN(r->v, SCAN, 2, vulkan_blocks(n), push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
 }
 
 /* counts[slot] keys, `most` at most, by their lowest `bits`; returns which of the two holds them sorted. */
@@ -1063,9 +1057,9 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
     int          at     = 0;
     for (uint32_t shift = 0; shift < bits; shift += 4, at ^= 1) {
         const uint32_t push[3] = {slot, shift, (uint32_t)blocks};
-        vulkan_run(r->v, PASS_SORT_COUNT, 0, blocks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
+        VULKAN_RUN(r->v, SORT_COUNT, 0, blocks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
         vulkan_scan(r, &r->histogram, &r->histogram, 16 * blocks, COUNT_SCRATCH);
-        vulkan_run(r->v, PASS_SORT_SCATTER, 0, blocks, push,
+        VULKAN_RUN(r->v, SORT_SCATTER, 0, blocks, push,
                    VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &key[at ^ 1], &value[at], &value[at ^ 1]));
     }
     return at;
@@ -1113,7 +1107,7 @@ static void vulkan_project(struct vulkan_renderer *r)
     uint32_t push[6];
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
-        vulkan_run(r->v, PASS_PROJECT, 0, vulkan_groups(push[1]), push,
+        VULKAN_RUN(r->v, PROJECT, 0, vulkan_groups(push[1]), push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b, &r->splat_c, &r->seen,
                                   &r->lobe_a, &r->lobe_b));
     }
@@ -1121,7 +1115,7 @@ static void vulkan_project(struct vulkan_renderer *r)
 
 static void vulkan_footprint(struct vulkan_renderer *r, uint32_t variant)
 {
-    vulkan_run(r->v, PASS_FOOTPRINT, variant, vulkan_groups(r->count),
+    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count),
                VULKAN_PUSH(COUNT_VISIBLE, (uint32_t)r->lobes, (uint32_t)r->count),
                VULKAN_BUFFERS(&r->view_buffer, &r->counts, &r->row_value[0], &r->splat_a, &r->splat_b, &r->lobe_a, &r->lobe_b,
                               &r->row_pairs, &r->pair_key[0], &r->pair_value[0], &r->staged, &r->row_slots));
@@ -1134,7 +1128,7 @@ static void vulkan_order_rows(struct vulkan_renderer *r)
     uint32_t       pairs = 0;
     vulkan_project(r);
     vulkan_scan(r, &r->seen, &r->rank, r->count, COUNT_VISIBLE);
-    vulkan_run(v, PASS_COMPACT, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
+    VULKAN_RUN(v, COMPACT, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
                VULKAN_BUFFERS(&r->seen, &r->rank, &r->splat_c, &r->row_key[0], &r->row_value[0]));
     vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32); /* 8 passes: they end where they began */
     vulkan_footprint(r, 0);
@@ -1160,13 +1154,13 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
     vulkan_reserve(v, &r->scan_sums, vulkan_blocks(16 * vulkan_blocks(r->pairs)), 4, "(tile, splat) pairs");
     vulkan_footprint(r, 1);
     r->sort_end = vulkan_sort(r, r->pair_key, r->pair_value, COUNT_PAIRS, r->pairs, bits);
-    vulkan_run(v, PASS_RANGES, 0, vulkan_groups(r->tiles + 1), VULKAN_PUSH((uint32_t)r->pairs, (uint32_t)r->tiles),
+    VULKAN_RUN(v, RANGES, 0, vulkan_groups(r->tiles + 1), VULKAN_PUSH((uint32_t)r->pairs, (uint32_t)r->tiles),
                VULKAN_BUFFERS(&r->pair_key[r->sort_end], &r->start));
 }
 
 static void vulkan_draw(struct vulkan_renderer *r, int depths)
 {
-    vulkan_run(r->v, PASS_RASTER, r->lobes ? 1 : 0, r->tiles, VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)depths),
+    VULKAN_RUN(r->v, RASTER, r->lobes ? 1 : 0, r->tiles, VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)depths),
                VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
                               &r->splat_c, &r->lobe_a, &r->rgb));
 }
@@ -1205,11 +1199,11 @@ static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int mas
     struct vulkan *v       = r->v;
     uint32_t       push[6] = {r->view.width, r->view.height, 0, (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)masked};
     for (push[2] = 0; push[2] < 3; push[2]++)
-        vulkan_run(v, PASS_LOSS_FORWARD, 0, r->tiles, push,
+        VULKAN_RUN(v, LOSS_FORWARD, 0, r->tiles, push,
                    VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[push[2]], &r->partial));
-    vulkan_run(v, PASS_LOSS_TOTAL, 0, 1, VULKAN_PUSH(3 * (uint32_t)r->tiles), VULKAN_BUFFERS(&r->partial, &r->totals));
+    VULKAN_RUN(v, LOSS_TOTAL, 0, 1, VULKAN_PUSH(3 * (uint32_t)r->tiles), VULKAN_BUFFERS(&r->partial, &r->totals));
     for (push[2] = 0; push[2] < 3; push[2]++)
-        vulkan_run(v, PASS_LOSS_BACKWARD, 0, r->tiles, push,
+        VULKAN_RUN(v, LOSS_BACKWARD, 0, r->tiles, push,
                    VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[push[2]], &r->totals, &r->drgb));
 }
 
@@ -1264,7 +1258,7 @@ static oxl_result vulkan_take_photo(void *device, int view, const struct photo *
     r->masked = p->mask_at > 0;
     vulkan_reserve(v, &r->target, pixels, 12, "pixels");
     if (r->masked) vulkan_reserve(v, &r->weight, pixels, 4, "pixels");
-    vulkan_run(v, PASS_UNPACK, 0, vulkan_groups(pixels),
+    VULKAN_RUN(v, UNPACK, 0, vulkan_groups(pixels),
                VULKAN_PUSH(p->width, p->height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
                VULKAN_BUFFERS(&p->bytes, &r->target, &r->weight));
     return v->rc;
@@ -1304,7 +1298,7 @@ static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
     if (!score) vulkan_reserve(v, &r->sums_c, r->pairs, 4, "(tile, splat) pairs");
     if (!score && r->lobes) vulkan_reserve(v, &r->sums_d, r->pairs, 16, "(tile, splat) pairs");
     if (!score && r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
-    vulkan_run(v, PASS_RASTER_BACKWARD, (r->lobes ? 1 : 0) + 2 * score, r->tiles, VULKAN_PUSH((uint32_t)r->lobes),
+    VULKAN_RUN(v, RASTER_BACKWARD, (r->lobes ? 1 : 0) + 2 * score, r->tiles, VULKAN_PUSH((uint32_t)r->lobes),
                VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
                               &r->splat_c, &r->lobe_a, &r->rgb, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c, &r->sums_d,
                               &r->sums_e));
@@ -1328,7 +1322,7 @@ static oxl_result vulkan_backward(void *device, const float *drgb)
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
         vulkan_row_push(r, s, push);
-        vulkan_run(r->v, PASS_PROJECT_BACKWARD, 0, vulkan_groups(push[1]), push,
+        VULKAN_RUN(r->v, PROJECT_BACKWARD, 0, vulkan_groups(push[1]), push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
                                   &r->sums_c, &r->sums_d, &r->sums_e, &r->slab[s].gradient, &r->mean2d));
     }
@@ -1369,7 +1363,7 @@ static oxl_result vulkan_score(void *device, const float *drgb, float *score)
     vulkan_take_drgb(r, drgb);
     vulkan_draw_backward(r, 1);
     vulkan_reserve(v, &r->score, r->count, 4, "Gaussians");
-    vulkan_run(v, PASS_SCORE, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
+    VULKAN_RUN(v, SCORE, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
                VULKAN_BUFFERS(&r->seen, &r->row_slots, &r->sums_a, &r->score));
     vulkan_download(v, &r->score, 0, one, r->count * sizeof *one);
     for (size_t i = 0; v->rc == OXL_OK && i < r->count; i++) score[i] += one[i];
@@ -1398,7 +1392,7 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     vulkan_update(v, &r->counts, COUNT_ASIDE * sizeof *aside, aside, sizeof aside);
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
-        vulkan_run(v, PASS_ADAM, 0, vulkan_groups(push[1]),
+        VULKAN_RUN(v, ADAM, 0, vulkan_groups(push[1]),
                    VULKAN_PUSH(push[0], push[1], push[2], planes, push[4], push[5], COUNT_ASIDE,
                                vulkan_bits((float)pace->beta[0]), vulkan_bits((float)pace->beta[1]), vulkan_bits(inverse)),
                    VULKAN_BUFFERS(&r->slab[s].parameter, &r->slab[s].gradient, &r->slab[s].first, &r->slab[s].second, &r->seen,
@@ -1420,8 +1414,7 @@ static oxl_result vulkan_observe(void *device, const struct renderer_sums *sums)
     vulkan_reserve(v, &r->statistics, r->count, 16, "Gaussians");
     if (!r->observed) vulkan_copy_sums(r, 1);
     r->observed = v->rc == OXL_OK;
-    vulkan_run(v, PASS_OBSERVE, 0, vulkan_groups(r->count),
-               VULKAN_PUSH((uint32_t)r->count, vulkan_bits(z_near), vulkan_bits(z_far)),
+    VULKAN_RUN(v, OBSERVE, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count, vulkan_bits(z_near), vulkan_bits(z_far)),
                VULKAN_BUFFERS(&r->seen, &r->mean2d, &r->splat_c, &r->statistics));
     return v->rc;
 }
