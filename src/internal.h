@@ -557,6 +557,10 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options);
 OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out); /* (3,H,W) */
 
+/* oxl_render for many views of a model that nobody changes meanwhile: a device takes it once. options: not NULL. */
+OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                      const oxl_render_options *options, oxl_image *out, float *depth);
+
 /* The photograph of a view, at half its sides if `halved`: what renderer_loss compares with where it is given none. A device keeps
  * photographs, as far as a share of its memory goes: `photo` may be NULL where renderer_has_photo says so. */
 OXL_INTERNAL int        renderer_has_photo(const struct renderer *r, int view);

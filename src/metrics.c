@@ -365,15 +365,15 @@ static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, in
     return rc;
 }
 
-static oxl_result metrics_of_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_image *photograph,
-                                  oxl_view_metrics *row, struct metrics_bands *bands)
+static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene,
+                                  const oxl_image *photograph, oxl_view_metrics *row, struct metrics_bands *bands)
 {
     const oxl_camera  *camera  = &oxl_scene_view(scene, row->view)->camera;
     oxl_render_options options = oxl_render_options_default();
     oxl_image          drawn   = {0};
     oxl_result         rc;
     options.near_plane = (float)scene_near_plane(scene);
-    rc                 = oxl_render(ctx, model, camera, &options, &drawn, NULL);
+    rc                 = renderer_draw(ctx, r, model, camera, &options, &drawn, NULL);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, photograph, &row->ssim);
     if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &drawn, photograph, &row->ms_ssim);
@@ -383,13 +383,13 @@ static oxl_result metrics_of_view(oxl_context *ctx, const oxl_model *model, oxl_
 }
 
 /* A photograph that cannot be read or is masked all over is said and left out, as in training. */
-static oxl_result metrics_add_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int view, oxl_metrics *out,
-                                   struct metrics_bands *bands)
+static oxl_result metrics_add_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
+                                   oxl_metrics *out, struct metrics_bands *bands)
 {
     oxl_image        photograph = {0};
     oxl_view_metrics row        = {.view = view};
     oxl_result       rc         = oxl_scene_image(ctx, scene, view, &photograph);
-    if (rc == OXL_OK) rc = metrics_of_view(ctx, model, scene, &photograph, &row, bands);
+    if (rc == OXL_OK) rc = metrics_of_view(ctx, r, model, scene, &photograph, &row, bands);
     oxl_image_free(ctx, &photograph);
     if (rc == OXL_OK) out->views[out->count++] = row;
     if (rc != OXL_ERR_INPUT) return rc;
@@ -413,17 +413,20 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
 {
     const size_t         room  = (size_t)oxl_scene_view_count(scene) + 1;
     struct metrics_bands bands = {.sum = {{0}}};
+    struct renderer     *r     = NULL;
     oxl_result           rc    = bands_begin(ctx, scene, &bands.of);
     int                 *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
     if (rc == OXL_OK && (!view || !out->views))
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         photos_ahead(ctx, scene, view + i, count - i);
-        rc = metrics_add_view(ctx, model, scene, view[i], out, &bands);
+        rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);
     }
     metrics_sum_up(out, &bands);
+    renderer_free(ctx, r);
     bands_free(ctx, &bands.of);
     oxl_free(ctx, view);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);

@@ -105,7 +105,7 @@ static oxl_result pictures_copy_photograph(oxl_context *ctx, oxl_scene *scene, i
     return rc;
 }
 
-static oxl_result pictures_draw_view(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int index,
+static oxl_result pictures_draw_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int index,
                                      const oxl_pictures *what, const char *folder)
 {
     const oxl_view *view  = oxl_scene_view(scene, index);
@@ -123,7 +123,7 @@ static oxl_result pictures_draw_view(oxl_context *ctx, const oxl_model *model, o
             goto done;
         }
     }
-    rc = oxl_render(ctx, model, &view->camera, &options, &drawn, depth);
+    rc = renderer_draw(ctx, r, model, &view->camera, &options, &drawn, depth);
     for (size_t i = 0; rc == OXL_OK && depth && what->unit > 0 && i < (size_t)width * height; i++) depth[i] *= (float)what->unit;
     if (rc == OXL_OK) rc = pictures_write_image(ctx, folder, view->name, ".png", &drawn);
     if (rc == OXL_OK && depth) rc = pictures_write_depth(ctx, folder, view->name, depth, width, height);
@@ -137,15 +137,18 @@ done:
 oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
                             const char *folder, int *count)
 {
-    oxl_result rc    = os_make_folder(ctx, folder);
-    int       *view  = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    const int  asked = view ? scene_views_of(scene, what->split, view) : 0;
-    *count           = 0;
+    struct renderer *r     = NULL;
+    oxl_result       rc    = os_make_folder(ctx, folder);
+    int             *view  = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    const int        asked = view ? scene_views_of(scene, what->split, view) : 0;
+    *count                 = 0;
     if (rc == OXL_OK && !view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     while (rc == OXL_OK && *count < asked) {
-        rc = pictures_draw_view(ctx, model, scene, view[*count], what, folder);
+        rc = pictures_draw_view(ctx, r, model, scene, view[*count], what, folder);
         *count += rc == OXL_OK;
     }
+    renderer_free(ctx, r);
     oxl_free(ctx, view);
     return rc;
 }

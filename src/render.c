@@ -540,19 +540,16 @@ static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *dept
     return rc;
 }
 
-oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
-                      oxl_image *out, float *depth)
+OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                      const oxl_render_options *options, oxl_image *out, float *depth)
 {
-    const oxl_render_options o   = options ? *options : oxl_render_options_default();
-    struct renderer         *r   = NULL;
-    const float             *rgb = NULL;
-    oxl_result               rc;
+    const float *rgb = NULL;
+    oxl_result   rc;
     *out = (oxl_image){0};
     if (camera->width < 1 || camera->height < 1) {
         return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
     }
-    rc = renderer_create(ctx, &r);
-    if (rc == OXL_OK) rc = renderer_forward(ctx, r, model, camera, &o);
+    rc = renderer_forward(ctx, r, model, camera, options);
     if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);
     if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
     if (rc == OXL_OK) {
@@ -560,6 +557,17 @@ oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera
         if (depth) rc = render_depth(ctx, r, depth);
     }
     if (rc != OXL_OK) oxl_image_free(ctx, out);
+    return rc;
+}
+
+oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
+                      oxl_image *out, float *depth)
+{
+    const oxl_render_options o  = options ? *options : oxl_render_options_default();
+    struct renderer         *r  = NULL;
+    oxl_result               rc = renderer_create(ctx, &r);
+    *out                        = (oxl_image){0};
+    if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, camera, &o, out, depth);
     renderer_free(ctx, r);
     return rc;
 }

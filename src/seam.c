@@ -66,8 +66,8 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 }
 
 /* A photograph that cannot be read is left out, as in the evaluation, which has said so. */
-static oxl_result seam_draw_view(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene, int view,
-                                 struct metrics_sum sum[2])
+static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p, const oxl_model *model,
+                                 oxl_scene *scene, int view, struct metrics_sum sum[2])
 {
     const oxl_camera  *camera  = &oxl_scene_view(scene, view)->camera;
     oxl_render_options options = oxl_render_options_default();
@@ -82,7 +82,7 @@ static oxl_result seam_draw_view(oxl_context *ctx, const struct partition *p, co
         goto done;
     }
     options.near_plane = (float)scene_near_plane(scene);
-    rc                 = oxl_render(ctx, model, camera, &options, &drawn, depth);
+    rc                 = renderer_draw(ctx, r, model, camera, &options, &drawn, depth);
     if (rc != OXL_OK) goto done;
     seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &drawn, &photograph, depth}, sum);
 done:
@@ -96,12 +96,15 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
                                      oxl_split split, struct seam *out)
 {
     struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
+    struct renderer   *r      = NULL;
     int               *view   = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
     const int          asked  = view ? scene_views_of(scene, split, view) : 0;
     oxl_result         rc     = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     *out                      = (struct seam){0};
-    for (int i = 0; i < asked && rc == OXL_OK; i++) rc = seam_draw_view(ctx, p, model, scene, view[i], sum);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    for (int i = 0; i < asked && rc == OXL_OK; i++) rc = seam_draw_view(ctx, r, p, model, scene, view[i], sum);
     oxl_free(ctx, view);
+    renderer_free(ctx, r);
     if (rc != OXL_OK) return rc;
     *out = (struct seam){.near_pixels      = sum[1].pixels,
                          .elsewhere_pixels = sum[0].pixels,

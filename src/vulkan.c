@@ -135,6 +135,7 @@ struct vulkan {
     struct vulkan_buffer             staging, nothing; /* nothing: for bindings that a pass does not use */
     char                            *mapped;           /* staging, as the host sees it */
     size_t                           staged;           /* bytes of it in use */
+    size_t                           sent;             /* bytes that vulkan_upload took there so far: for tests */
     struct vulkan_asked              ask[VULKAN_ASKED];
     int                              asked;
     int                              recording, sets;
@@ -572,6 +573,7 @@ static size_t vulkan_stage(struct vulkan *v, size_t size)
 
 static void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
 {
+    v->sent += size;
     for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
         VkBufferCopy copy;
         size_t       at;

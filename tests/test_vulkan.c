@@ -636,7 +636,7 @@ static void vulkan_check_aside(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
-/* ---------------------------------------------------------------- the run */
+/* ---------------------------------------------------------------- a survey */
 
 static oxl_scene *vulkan_survey(oxl_context *ctx)
 {
@@ -662,6 +662,94 @@ static oxl_scene *vulkan_survey(oxl_context *ctx)
     oxl_model_free(test_ctx, &truth);
     return scene;
 }
+
+/* ---------------------------------------------------------------- which model */
+
+static size_t vulkan_bytes_of(const oxl_model *m)
+{
+    return sizeof(float) * (m->count * (size_t)oxl_model_planes(m) + m->lobes * MODEL_LOBE_PLANES);
+}
+
+/* In evaluations and pictures nothing but the model is sent, so every byte tells. */
+static void vulkan_check_one_upload(oxl_context *device)
+{
+    oxl_scene         *scene = vulkan_survey(device);
+    const oxl_pictures what  = {.split = OXL_SPLIT_ALL, .depth = 1};
+    struct vulkan     *v     = device->vulkan;
+    oxl_metrics        metrics;
+    oxl_model          m;
+    size_t             before = v->sent;
+    int                count;
+    vulkan_scene(600, 1, 100, &m);
+    v->slab_rows = 256; /* several slabs */
+    CHECK_OK(oxl_evaluate(device, &m, scene, OXL_SPLIT_ALL, &metrics));
+    CHECK(metrics.count == 6 && v->sent - before == vulkan_bytes_of(&m));
+    before = v->sent;
+    CHECK_OK(oxl_render_views(device, &m, scene, &what, test_path("drawn"), &count));
+    CHECK(count == 6 && v->sent - before == vulkan_bytes_of(&m));
+    oxl_metrics_free(device, &metrics);
+    oxl_model_free(test_ctx, &m);
+    oxl_scene_free(device, scene);
+}
+
+static void vulkan_repaint(oxl_model *m)
+{
+    for (size_t i = 0; i < m->count; i++) m->plane[OXL_SH][i] += (float)(1 + vulkan_random(i, 90));
+}
+
+/* Behind the doors: a model that was changed after renderer_fetch, and another in the shape of the first. */
+static void vulkan_check_models_of_a_renderer(oxl_context *device)
+{
+    struct vulkan_twins t = vulkan_twins(device, 64, 48);
+    oxl_model           m, other;
+    vulkan_scene(300, 1, 100, &m);
+    vulkan_scene(300, 1, 100, &other);
+    vulkan_repaint(&other);
+    vulkan_forward_both(&t, &m);
+    vulkan_compare_images(&t);
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_fetch(t.ctx[k], t.r[k]));
+    vulkan_repaint(&m);
+    vulkan_repaint(&m);
+    vulkan_forward_both(&t, &m);
+    vulkan_compare_images(&t);
+    vulkan_forward_both(&t, &other);
+    vulkan_compare_images(&t);
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &other);
+    vulkan_twins_free(&t);
+}
+
+/* From outside a model is the caller's, who may change it at any time. */
+static void vulkan_check_model_now(oxl_context *device)
+{
+    oxl_context *ctx[2]       = {test_ctx, device};
+    oxl_scene   *scene        = vulkan_survey(device);
+    double       psnr[2][2]   = {{0}};
+    float        rgb[2][2][4] = {{{0}}};
+    oxl_model    m;
+    vulkan_scene(300, 1, 0, &m);
+    for (int round = 0; round < 2; round++, vulkan_repaint(&m))
+        for (int k = 0; k < 2; k++) {
+            oxl_metrics metrics;
+            oxl_image   image;
+            CHECK_OK(oxl_evaluate(ctx[k], &m, scene, OXL_SPLIT_ALL, &metrics));
+            CHECK_OK(oxl_render(ctx[k], &m, &oxl_scene_view(scene, 0)->camera, NULL, &image, NULL));
+            psnr[round][k] = metrics.psnr;
+            memcpy(rgb[round][k], image.rgb + 18 * 48 + 24, sizeof rgb[round][k]);
+            oxl_metrics_free(ctx[k], &metrics);
+            oxl_image_free(ctx[k], &image);
+        }
+    for (int round = 0; round < 2; round++) {
+        CHECK_CLOSE(psnr[round][1], psnr[round][0], 0.01);
+        for (int i = 0; i < 4; i++) CHECK_CLOSE(rgb[round][1][i], rgb[round][0][i], 2.0 / 255);
+    }
+    CHECK(fabs(psnr[1][0] - psnr[0][0]) > 1 && fabsf(rgb[1][0][0] - rgb[0][0][0]) > 0.1f);
+    oxl_model_free(test_ctx, &m);
+    oxl_scene_free(device, scene);
+    vulkan_check_models_of_a_renderer(device);
+}
+
+/* ---------------------------------------------------------------- a run */
 
 /* Everything that a run does between steps: densification, bands, pruning, second lobes. */
 static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, double *psnr)
@@ -783,6 +871,16 @@ TEST(vulkan_steps_do_not_depend_on_when_the_host_looks)
 TEST(vulkan_puts_aside_what_is_not_finite)
 {
     ON_DEVICE(vulkan_check_aside);
+}
+
+TEST(vulkan_takes_a_model_once_for_all_the_views_of_an_evaluation)
+{
+    ON_DEVICE(vulkan_check_one_upload);
+}
+
+TEST(vulkan_draws_a_model_as_it_is_now)
+{
+    ON_DEVICE(vulkan_check_model_now);
 }
 
 TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
