@@ -786,6 +786,47 @@ static void vulkan_check_training(oxl_context *device)
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
 }
 
+static char vulkan_told[200]; /* what the run said of --robust */
+
+static void vulkan_listen(void *user, oxl_log_level level, const char *text)
+{
+    if (strstr(text, "robust: ")) snprintf(vulkan_told, sizeof vulkan_told, "%s", text);
+    vulkan_test_log(user, level, text);
+}
+
+/* A blot in one of nine photographs. Returns how many of the photographs' pixels were put aside of late, per cent. */
+static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *metrics)
+{
+    oxl_scene        *scene                          = robust_test_scene(9);
+    oxl_train_options options                        = train_options(160);
+    void (*log)(void *, oxl_log_level, const char *) = ctx->options.log;
+    double    aside                                  = 0;
+    oxl_model model;
+    options.robust   = robust;
+    ctx->options.log = vulkan_listen;
+    vulkan_told[0]   = 0;
+    CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
+    CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
+    if (robust) CHECK(sscanf(vulkan_told, "robust: of the photographs' pixels, %lf %%", &aside) == 1);
+    ctx->options.log = log;
+    oxl_model_free(ctx, &model);
+    oxl_scene_free(ctx, scene);
+    return aside;
+}
+
+static void vulkan_check_robust(oxl_context *device)
+{
+    oxl_context *ctx[3] = {test_ctx, device, device};
+    oxl_metrics  metrics[3];
+    double       aside[3];
+    for (int k = 0; k < 3; k++) aside[k] = vulkan_train_robust(ctx[k], k < 2, &metrics[k]);
+    CHECK(aside[0] > 0.5);
+    CHECK_CLOSE(aside[1], aside[0], 0.2);
+    for (int i = 0; i < metrics[0].count; i++) CHECK_CLOSE(metrics[1].views[i].psnr, metrics[0].views[i].psnr, 0.2);
+    CHECK(metrics[2].psnr != metrics[1].psnr);
+    for (int k = 0; k < 3; k++) oxl_metrics_free(ctx[k], &metrics[k]);
+}
+
 #endif
 
 TEST(vulkan_sorts_stably_whatever_the_number_of_keys)
@@ -886,6 +927,11 @@ TEST(vulkan_draws_a_model_as_it_is_now)
 TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
 {
     ON_DEVICE(vulkan_check_training);
+}
+
+TEST(vulkan_leaves_out_what_swims_through_one_photograph_as_the_cpu_does)
+{
+    ON_DEVICE(vulkan_check_robust);
 }
 
 /* In any build. */
