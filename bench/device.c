@@ -4,7 +4,8 @@
  *
  * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the device's own (timestamps);
  * those of the step are the host's and hold the waiting. The photograph is on the device, as in training.
- * Bandwidth is read against a copy between two of the device's buffers, taken in the same run.
+ * Bandwidth is read against a copy between two of the device's buffers, arithmetic against multiply-adds in registers, both taken in
+ * the same run. Evaluations are those of bench.c: the pixels of the blocks that the footprints ask for, pixel by pixel and splat by splat.
  */
 #include "../oceanxl.c"
 
@@ -17,6 +18,14 @@ int main(void)
 #else
 
 enum { DEVICE_ROUNDS = 11 };
+
+/* Operations an evaluation, counted in the shaders; each takes the place of a multiply-add: additions, comparisons, selections, a
+ * division. What else the passes do (looking which blocks a splat reaches, barriers, adding up what the invocations have) is not work. */
+enum {
+    DEVICE_SHARE    = 7 + 13 + 4 + 5, /* raster.glsl: the exponent; 2 to that; its bounds; T and the weight */
+    DEVICE_FORWARD  = DEVICE_SHARE + 3,
+    DEVICE_BACKWARD = DEVICE_SHARE + 12 + 14 /* raster_backward.comp: the first room, the second */
+};
 
 static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]          = "project",
                                                       [PASS_SCAN]             = "scan",
@@ -34,7 +43,13 @@ static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]          = 
                                                       [PASS_ADAM]             = "Adam",
                                                       [PASS_OBSERVE]          = "observe",
                                                       [PASS_SCORE]            = "score",
-                                                      [PASS_UNPACK]           = "unpack"};
+                                                      [PASS_UNPACK]           = "unpack",
+                                                      [PASS_PEAK]             = "peak"};
+
+struct device_most {    /* what the passes are held against */
+    double copy, peak;  /* GB/s; G multiply-adds a second */
+    size_t evaluations; /* of a drawing */
+};
 
 static void device_check(oxl_context *ctx, oxl_result rc)
 {
@@ -129,36 +144,68 @@ static double device_copy(oxl_context *ctx)
     return 8 * 2 * (double)(64u << 20) / best * 1e-9;
 }
 
+/* G multiply-adds a second. As many workgroups as take a while: devices are more than a thousand times apart. */
+static double device_peak(oxl_context *ctx)
+{
+    enum { ROUNDS = 512, EACH = 64 };
+    const uint32_t       push[3] = {ROUNDS, vulkan_bits(0.999f), vulkan_bits(0.001f)};
+    struct vulkan       *v       = ctx->vulkan;
+    struct vulkan_buffer out     = {0};
+    double               best = 0, seconds = 0;
+    vulkan_reserve(v, &out, 256, sizeof(float), "numbers");
+    for (size_t groups = 16, long_enough = 0; long_enough < 5; groups *= seconds < 0.05 ? 2 : 1) {
+        double begun;
+        VULKAN_RUN(v, PEAK, 0, groups, push, VULKAN_BUFFERS(&out));
+        begun = os_seconds();
+        device_check(ctx, vulkan_finish(v));
+        seconds = os_seconds() - begun;
+        long_enough += seconds >= 0.05;
+        best = OXL_MAX(best, 1e-9 * ROUNDS * EACH * VULKAN_GROUP * (double)groups / seconds);
+    }
+    vulkan_release(v, &out);
+    return best;
+}
+
 static int device_ascending(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
 }
 
-static void device_table(const struct vulkan *v, const struct device_run *r, const double seconds[DEVICE_ROUNDS], double copy)
+/* Evaluations a second, and the share of the peak that their operations are. */
+static void device_arithmetic(const struct device_most *most, int operations, double seconds)
+{
+    const double rate = 1e-9 * (double)most->evaluations / seconds;
+    printf("   %.3f G evaluations a second, x %d operations: %.1f %% of the peak", rate, operations,
+           100 * rate * operations / most->peak);
+}
+
+static void device_table(const struct vulkan *v, const struct device_run *r, const double seconds[DEVICE_ROUNDS],
+                         const struct device_most *most)
 {
     const struct vulkan_renderer *d      = r->renderer->device;
     const double                  rounds = DEVICE_ROUNDS, pixels = (double)r->camera.width * r->camera.height;
     const double                  touched = 4.0 * (double)r->model.count * oxl_model_planes(&r->model);
     double                        all     = 0;
     for (int p = 0; p < PASS_COUNT; p++) all += v->pass_seconds[p];
-    printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f tiles' splats a pixel\n", r->model.count,
-           r->camera.width, r->camera.height, d->pairs, 256.0 * (double)d->pairs / pixels);
+    printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel\n", r->model.count,
+           r->camera.width, r->camera.height, d->pairs, (double)most->evaluations / pixels);
     for (int p = 0; p < PASS_COUNT; p++) {
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;
         printf("  %-18s %9.3f ms %5.1f %%", DEVICE_PASSES[p], 1e3 * each, 100 * v->pass_seconds[p] / all);
-        if (p == PASS_ADAM) printf("   %.1f GB/s, %.0f %% of a copy", 7e-9 * touched / each, 7e-7 * touched / each / copy);
-        if (p == PASS_PROJECT) printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each, 1e-7 * touched / each / copy);
-        if (p == PASS_RASTER || p == PASS_RASTER_BACKWARD)
-            printf("   %.2f G pixels of pairs a second", 256e-9 * (double)d->pairs / each);
+        if (p == PASS_ADAM) printf("   %.1f GB/s, %.0f %% of a copy", 7e-9 * touched / each, 7e-7 * touched / each / most->copy);
+        if (p == PASS_PROJECT)
+            printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each, 1e-7 * touched / each / most->copy);
+        if (p == PASS_RASTER) device_arithmetic(most, DEVICE_FORWARD, each);
+        if (p == PASS_RASTER_BACKWARD) device_arithmetic(most, DEVICE_BACKWARD, each);
         printf("\n");
     }
     printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes", 1e3 * all / rounds, "step",
            1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
 }
 
-static void device_bench(oxl_context *ctx, size_t count, int width, int height, double copy)
+static void device_bench(oxl_context *ctx, size_t count, int width, int height, const struct device_most *most)
 {
     struct device_run r;
     double            seconds[DEVICE_ROUNDS];
@@ -174,16 +221,16 @@ static void device_bench(oxl_context *ctx, size_t count, int width, int height, 
         seconds[k] = os_seconds() - begun;
     }
     qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
-    device_table(ctx->vulkan, &r, seconds, copy);
+    device_table(ctx->vulkan, &r, seconds, most);
     device_end(ctx, &r);
 }
 
-/* The same steps by the CPU's own kernels. */
-static void device_cpu(size_t count, int width, int height)
+/* The same steps by the CPU's own kernels, which count the evaluations, too. */
+static struct renderer_counts device_cpu(size_t count, int width, int height, double seconds[DEVICE_ROUNDS])
 {
-    struct device_run r;
-    double            seconds[DEVICE_ROUNDS];
-    oxl_context      *ctx;
+    struct device_run      r;
+    struct renderer_counts counts;
+    oxl_context           *ctx;
     if (oxl_context_create(NULL, &ctx) != OXL_OK) exit(1);
     device_begin(ctx, count, width, height, &r);
     device_step(ctx, &r);
@@ -193,10 +240,10 @@ static void device_cpu(size_t count, int width, int height)
         seconds[k] = os_seconds() - begun;
     }
     qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
-    printf("  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step", 1e3 * seconds[DEVICE_ROUNDS / 2],
-           1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
+    counts = renderer_counts(r.renderer);
     device_end(ctx, &r);
     oxl_context_free(ctx);
+    return counts;
 }
 
 int main(int argc, char **argv)
@@ -205,16 +252,21 @@ int main(int argc, char **argv)
     const size_t        count   = argc > 3 ? (size_t)atol(argv[1]) : 30000;
     const int           width = argc > 3 ? atoi(argv[2]) : 640, height = argc > 3 ? atoi(argv[3]) : 360;
     oxl_context        *ctx;
-    double              copy;
+    struct device_most  most;
+    double              cpu[DEVICE_ROUNDS];
     options.backend = OXL_BACKEND_VULKAN;
     if (argc > 4) options.device = atoi(argv[4]);
     if (oxl_context_create(&options, &ctx) != OXL_OK) return 1;
     device_check(ctx, oxl_backend_begin(ctx));
-    copy = device_copy(ctx);
-    printf("%s: copies %.1f GB/s between its buffers\n", oxl_backend_name(ctx), copy);
-    device_bench(ctx, count, width, height, copy);
+    most.evaluations = device_cpu(count, width, height, cpu).pixels;
+    most.copy        = device_copy(ctx);
+    most.peak        = device_peak(ctx);
+    printf("%s: copies %.1f GB/s between its buffers; %.1f G multiply-adds a second in registers\n", oxl_backend_name(ctx),
+           most.copy, most.peak);
+    device_bench(ctx, count, width, height, &most);
     oxl_context_free(ctx);
-    device_cpu(count, width, height);
+    printf("  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step", 1e3 * cpu[DEVICE_ROUNDS / 2],
+           1e3 * cpu[0], 1 / cpu[DEVICE_ROUNDS / 2]);
     return 0;
 }
 #endif
