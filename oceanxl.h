@@ -250,6 +250,7 @@ typedef struct oxl_render_options {
     float background[3]; /* (0,0,0) */
     int   sh_degree;     /* bands evaluated; -1: all that the model carries */
     float near_plane; /* in the scene's unit; Gaussians at or before it are culled (0.2 of 3DGS, made relative: see PAPER.md) */
+    int exp_degree; /* of the polynomial that the CPU takes for 2^x: 5, exact to a float; 3 is quicker and 7.5e-5 of 2^x off (5) */
 } oxl_render_options;
 
 OXL_API oxl_render_options oxl_render_options_default(void);
@@ -353,6 +354,7 @@ typedef struct oxl_train_options {
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
     int      ssim_every; /* SSIM counts in every n-th step, the others have L1 alone (1) */
     float    coarse; /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more (0, draft -1) */
+    int      exp_degree;  /* 3: of the polynomial that the CPU takes for 2^x, as in oxl_render_options (3, paper 5) */
     float    bands_every; /* share of the run after which there is one more band of spherical harmonics (1/30) */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;

@@ -23,6 +23,7 @@ struct renderer {
 
     struct lens      lens;
     float            background[3];
+    int              quick_exp;
     struct gaussians in;
     struct splat    *splat;   /* (count) */
     struct lobe     *lobe;    /* (lobes) */
@@ -42,7 +43,7 @@ struct renderer {
 
 oxl_render_options oxl_render_options_default(void)
 {
-    return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f};
+    return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .exp_degree = 5};
 }
 
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
@@ -173,6 +174,7 @@ static struct raster_job render_raster_job(struct renderer *r, int tile, const f
                                .height        = r->lens.height,
                                .tile          = tile,
                                .background    = {r->background[0], r->background[1], r->background[2]},
+                               .quick_exp     = r->quick_exp,
                                .rgb           = r->rgb,
                                .transmittance = r->transmittance,
                                .drgb          = drgb,
@@ -226,6 +228,7 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     r->lens = render_lens(camera, options->near_plane);
     r->in   = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
+    r->quick_exp    = options->exp_degree == 3;
     r->bins.packs   = render_packs(model->count);
     r->bins.splat   = r->splat;
     r->bins.lobe    = r->lobe;

@@ -30,6 +30,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .sh_degree           = -1,
                            .ssim_weight         = 0.2f,
                            .ssim_every          = 1,
+                           .exp_degree          = 3,
                            .bands_every         = 1.0f / 30,
                            .rate_mean_first     = 1.6e-4f,
                            .rate_mean_last      = 1.6e-6f,
@@ -52,7 +53,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
     if (preset == OXL_PRESET_DRAFT)
         o.iterations = 2000, o.densify_gradient = 4e-4f, /* half the growth: 2000 iterations cannot train more */
             o.coarse = -1;
-    if (preset == OXL_PRESET_PAPER) o.iterations = 40000, o.sh_degree = 3, o.haste = 0;
+    if (preset == OXL_PRESET_PAPER) o.iterations = 40000, o.sh_degree = 3, o.haste = 0, o.exp_degree = 5;
     return o;
 }
 
@@ -478,6 +479,7 @@ static oxl_result train_begin(struct train *t)
     memcpy(t->model->origin, oxl_scene_origin(t->scene), sizeof t->model->origin);
     t->render            = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
+    t->render.exp_degree = t->options->exp_degree;
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
     rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->first);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->second);
@@ -637,6 +639,8 @@ static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
                         "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
                         "0 to 1, more than 0",
                         o->ssim_every, o->coarse, o->bands_every);
+    if (o->exp_degree != 3 && o->exp_degree != 5)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "2^x by a polynomial of degree %d: wanted 3 or 5", o->exp_degree);
     if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);
     if (o->iterations >= 1 && o->sh_degree >= -1 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE,

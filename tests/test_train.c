@@ -437,12 +437,12 @@ TEST(train_refuses_options_that_make_no_sense)
 TEST(train_options_that_save_work_change_the_run_and_still_learn)
 {
     oxl_scene        *scene = train_scene(7);
-    oxl_train_options o[5];
-    oxl_model         model[5], again;
+    oxl_train_options o[6];
+    oxl_model         model[6], again;
     const int         threads = test_ctx->threads;
-    for (int i = 0; i < 5; i++) o[i] = train_options(60), o[i].coarse = 0;
-    o[1].ssim_every = 2, o[2].coarse = 0.5f, o[3].bands_every = 0.5f, o[4].haste = 0;
-    for (int i = 0; i < 5; i++) {
+    for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0;
+    o[1].ssim_every = 2, o[2].coarse = 0.5f, o[3].bands_every = 0.5f, o[4].haste = 0, o[5].exp_degree = 5;
+    for (int i = 0; i < 6; i++) {
         test_ctx->threads = 1;
         CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
         test_ctx->threads = 3;
@@ -453,7 +453,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
         oxl_model_free(test_ctx, &again);
     }
     test_ctx->threads = threads;
-    for (int i = 0; i < 5; i++) oxl_model_free(test_ctx, &model[i]);
+    for (int i = 0; i < 6; i++) oxl_model_free(test_ctx, &model[i]);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -502,6 +502,8 @@ TEST(train_refuses_shares_of_a_run_that_are_none)
     o.ssim_every = 1, o.bands_every = 0;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.bands_every = 0.1f, o.haste = 1.5f;
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    o.haste = 0, o.exp_degree = 4;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }

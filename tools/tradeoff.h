@@ -22,7 +22,7 @@ enum tradeoff_measure {
     TRADEOFF_MEASURES
 };
 
-enum { TRADEOFF_ROWS = 16, TRADEOFF_PICTURES = 8 };
+enum { TRADEOFF_ROWS = 17, TRADEOFF_PICTURES = 8 };
 
 struct tradeoff_row {
     const char *name, *label; /* in --rows and the folders' names; for people */
@@ -30,6 +30,7 @@ struct tradeoff_row {
     int         preset;       /* enum oxl_preset; -1: the base's options */
     float       coarse;       /* -2: the base's */
     int         ssim_every;   /* 0: the base's, here and below */
+    int         exp_degree;
     float       bands_every;
     int         sh_degree; /* -1: the base's */
     double      keep;

@@ -13,8 +13,9 @@ enum { TRADEOFF_VIEWS = 6, TRADEOFF_ROUNDS = 5 };
 
 struct tradeoff_drawing {
     const oxl_model *model;
-    int              sh_degree; /* -1: the model's */
-    int              half;      /* drawn at half the sides, then enlarged */
+    int              sh_degree;  /* -1: the model's */
+    int              exp_degree; /* of oxl_render_options */
+    int              half;       /* drawn at half the sides, then enlarged */
 };
 
 struct tradeoff_eye {
@@ -51,7 +52,8 @@ static oxl_result tradeoff_draw(oxl_context *ctx, const struct tradeoff_drawing 
     oxl_camera         half    = *camera;
     oxl_image          small   = {0};
     oxl_result         rc;
-    options.sh_degree = d->sh_degree;
+    options.sh_degree  = d->sh_degree;
+    options.exp_degree = d->exp_degree;
     if (!d->half) return oxl_render(ctx, d->model, camera, &options, out, NULL);
     half.width /= 2, half.height /= 2, half.fx /= 2, half.fy /= 2, half.cx /= 2, half.cy /= 2;
     rc = oxl_render(ctx, d->model, &half, &options, &small, NULL);
@@ -117,15 +119,19 @@ static oxl_result tradeoff_pictures(struct tradeoff_eye *eye, const char *folder
     snprintf(path, sizeof path, "%s/scene.ply", folder);
     size          = tradeoff_file_size(path);
     t->picture[0] = (struct tradeoff_picture){"exact", "exact", 0, 0, size};
-    rc            = tradeoff_measure(eye, &(struct tradeoff_drawing){model, -1, 0}, &t->picture[0]);
+    rc            = tradeoff_measure(eye, &(struct tradeoff_drawing){model, -1, 5, 0}, &t->picture[0]);
     t->pictures   = 1;
+    if (rc == OXL_OK) {
+        t->picture[t->pictures] = (struct tradeoff_picture){"exp-3", "2^x of degree 3", 0, 0, size};
+        rc                      = tradeoff_measure(eye, &(struct tradeoff_drawing){model, -1, 3, 0}, &t->picture[t->pictures++]);
+    }
     for (int degree = model->sh_degree - 1; degree >= 0 && rc == OXL_OK; degree--, t->pictures++) {
         t->picture[t->pictures] = (struct tradeoff_picture){names[2 - degree], labels[2 - degree], 0, 0, size};
-        rc                      = tradeoff_measure(eye, &(struct tradeoff_drawing){model, degree, 0}, &t->picture[t->pictures]);
+        rc = tradeoff_measure(eye, &(struct tradeoff_drawing){model, degree, 5, 0}, &t->picture[t->pictures]);
     }
     if (rc == OXL_OK) {
         t->picture[t->pictures] = (struct tradeoff_picture){"half-side", "half the sides, enlarged", 0, 0, size};
-        rc                      = tradeoff_measure(eye, &(struct tradeoff_drawing){model, -1, 1}, &t->picture[t->pictures++]);
+        rc                      = tradeoff_measure(eye, &(struct tradeoff_drawing){model, -1, 5, 1}, &t->picture[t->pictures++]);
     }
     snprintf(path, sizeof path, "%s/scene.splat", folder);
     if (rc == OXL_OK) rc = oxl_model_write(eye->ctx, path, model);
@@ -133,7 +139,7 @@ static oxl_result tradeoff_pictures(struct tradeoff_eye *eye, const char *folder
     if (rc == OXL_OK) {
         for (int k = 0; k < 3; k++) bytes.origin[k] = model->origin[k]; /* .splat has no place for it */
         t->picture[t->pictures] = (struct tradeoff_picture){"splat", "from .splat, 8 bits", 0, 0, tradeoff_file_size(path)};
-        rc                      = tradeoff_measure(eye, &(struct tradeoff_drawing){&bytes, -1, 0}, &t->picture[t->pictures++]);
+        rc                      = tradeoff_measure(eye, &(struct tradeoff_drawing){&bytes, -1, 5, 0}, &t->picture[t->pictures++]);
     }
     oxl_model_free(eye->ctx, &bytes);
     return rc;
