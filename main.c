@@ -348,14 +348,16 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
 
 static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
 {
-    printf("%8s %8s %8s  view\n", "PSNR dB", "SSIM", "MS-SSIM");
+    printf("%8s %8s %8s %8s  view\n", "PSNR dB", "cc-PSNR", "SSIM", "MS-SSIM");
     for (int i = 0; i < m->count; i++)
-        printf("%8.3f %8.5f %8.5f  %s\n", m->views[i].psnr, m->views[i].ssim, m->views[i].ms_ssim,
+        printf("%8.3f %8.3f %8.5f %8.5f  %s\n", m->views[i].psnr, m->views[i].cc_psnr, m->views[i].ssim, m->views[i].ms_ssim,
                oxl_scene_view(scene, m->views[i].view)->name);
-    printf("%8.3f %8.5f %8.5f  mean of %d\n", m->psnr, m->ssim, m->ms_ssim, m->count);
+    printf("%8.3f %8.3f %8.5f %8.5f  mean of %d\n", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->count);
     if (m->depth[1] > 0)
         printf("%8.3f %8.3f %8.3f  PSNR of what lies nearer than %.3g, in between, beyond %.3g\n", m->by_depth[0], m->by_depth[1],
                m->by_depth[2], m->depth[0], m->depth[1]);
+    puts(
+        "cc-PSNR: after one factor for each channel of each view: without what photographs differ in exposure and white balance.");
     puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
          "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }

@@ -268,11 +268,14 @@ OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model,
 /* ---------------------------------------------------------------- metrics */
 
 /* All over the pixels that count (weight of b) after clamping to 0..1. PSNR in dB, peak 1; identical images give 100.
+ * cc_psnr (colour-corrected): PSNR after each channel of a was multiplied by the one factor that brings it nearest to b: what is left when
+ * the photograph's own exposure and white balance count as no error.
  * SSIM: 11 x 11 Gaussian window of sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over the channels (Wang 2004).
  * MS-SSIM: a perceptual measure that needs no trained weights; 5 scales with the exponents of Wang 2003, whole windows alone, channel
  * by channel. Images too small for 5 (176 px on the shorter side) have as many scales as hold a window, and the exponents of those,
  * divided by their sum; below 11 px it is SSIM. Neither is LPIPS, which needs the weights of a network. */
 OXL_API oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
+OXL_API oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 OXL_API oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 OXL_API oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out);
 
@@ -280,11 +283,11 @@ typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } ox
 
 typedef struct oxl_view_metrics {
     int    view; /* index in the scene */
-    double psnr, ssim, ms_ssim;
+    double psnr, cc_psnr, ssim, ms_ssim;
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
-    double            psnr, ssim, ms_ssim; /* means over the views; 0 when there are none */
+    double            psnr, cc_psnr, ssim, ms_ssim; /* means over the views; 0 when there are none */
     int               count;
     oxl_view_metrics *views;       /* (count) */
     double            depth[2];    /* a third of the times that a point is seen, it lies nearer, and a third beyond */

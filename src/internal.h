@@ -933,7 +933,7 @@ struct metrics_sum {
 };
 /* The i-th pixel of both, three channels, by the photograph's weight. */
 OXL_INTERNAL void       metrics_add_pixel(const oxl_image *drawn, const oxl_image *photograph, size_t i, struct metrics_sum *sum);
-/* Adds the members "psnr", "ssim", "ms_ssim", "count" and "views" (name and the three each) of a JSON object, without its braces. */
+/* Adds the members "psnr", "cc_psnr", "ssim", "ms_ssim", "count" and "views" (name and the four each) of a JSON object, without its braces. */
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
 /* ---------------------------------------------------------------- seam.c: do the borders between blocks show? */

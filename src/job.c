@@ -6,6 +6,8 @@
  */
 #include "internal.h"
 
+#define JOB_EXPOSURE 0.5 /* dB that are told when PSNR gains them where exposure counts as no error */
+
 struct job {
     oxl_context        *ctx;
     const char         *scene_path, *out;
@@ -686,6 +688,9 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
         oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
                 job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
                 (double)bytes[0] / 1e6);
+    if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
+        oxl_log(job->ctx, OXL_LOG_INFO, "photographs differ in exposure: PSNR is %.2f dB where that counts as no error (cc_psnr)",
+                m.cc_psnr);
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], m.psnr);
     if (rc == OXL_OK && job->partition.block_count > 1)

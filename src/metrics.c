@@ -1,4 +1,4 @@
-/* metrics.c - PSNR, SSIM, MS-SSIM, evaluation.
+/* metrics.c - PSNR, with and without the photograph's exposure, SSIM, MS-SSIM, evaluation.
  *
  * Sources: SSIM of Wang et al. 2004 with the window of 3DGS (11 x 11 Gaussian of sigma 1.5, zero padding); multi-scale SSIM of
  * Wang et al. 2003, with whole windows alone, as there. Both are written here plainly and in double, apart from the training loss
@@ -55,7 +55,8 @@ static oxl_result metrics_fail_masked(oxl_context *ctx, const char *what)
 
 /* ---------------------------------------------------------------- PSNR */
 
-static void metrics_square_row(const oxl_image *a, const oxl_image *b, int y, double *error, double *weight)
+/* a times gain, channel by channel, against b. */
+static void metrics_square_row(const oxl_image *a, const oxl_image *b, const double gain[3], int y, double *error, double *weight)
 {
     const size_t plane = (size_t)a->width * a->height;
     *error = *weight = 0;
@@ -63,27 +64,54 @@ static void metrics_square_row(const oxl_image *a, const oxl_image *b, int y, do
         const size_t i = (size_t)y * a->width + x;
         const double w = b->weight ? b->weight[i] : 1;
         for (int c = 0; c < 3; c++) {
-            const double d = metrics_shown(a->rgb[c * plane + i]) - metrics_shown(b->rgb[c * plane + i]);
+            const double d = OXL_MIN(1, gain[c] * metrics_shown(a->rgb[c * plane + i])) - metrics_shown(b->rgb[c * plane + i]);
             *error += w * d * d;
         }
         *weight += 3 * w;
     }
 }
 
-oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+static oxl_result metrics_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, const double gain[3], double *out)
 {
-    double     error = 0, weight = 0, row_error, row_weight;
-    oxl_result rc = metrics_check(ctx, a, b);
-    *out          = 0;
-    if (rc != OXL_OK) return rc;
+    double error = 0, weight = 0, row_error, row_weight;
     for (int y = 0; y < a->height; y++) { /* serial: it takes a hundredth of the rendering */
-        metrics_square_row(a, b, y, &row_error, &row_weight);
+        metrics_square_row(a, b, gain, y, &row_error, &row_weight);
         error += row_error;
         weight += row_weight;
     }
     if (!(weight > 0)) return metrics_fail_masked(ctx, "every pixel is masked, so there is no PSNR");
     *out = metrics_decibel(error, weight);
     return OXL_OK;
+}
+
+oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    const double     as_it_is[3] = {1, 1, 1};
+    const oxl_result rc          = metrics_check(ctx, a, b);
+    *out                         = 0;
+    return rc == OXL_OK ? metrics_psnr(ctx, a, b, as_it_is, out) : rc;
+}
+
+/* What a channel of a is to be multiplied by: least squares. */
+static double metrics_gain(const oxl_image *a, const oxl_image *b, int channel)
+{
+    const size_t plane = (size_t)a->width * a->height;
+    double       aa = 0, ab = 0;
+    for (size_t i = 0; i < plane; i++) {
+        const double w = b->weight ? b->weight[i] : 1, v = metrics_shown(a->rgb[channel * plane + i]);
+        aa += w * v * v;
+        ab += w * v * metrics_shown(b->rgb[channel * plane + i]);
+    }
+    return aa > 0 ? ab / aa : 1;
+}
+
+oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    const oxl_result rc = metrics_check(ctx, a, b);
+    double           gain[3];
+    *out = 0;
+    for (int c = 0; c < 3 && rc == OXL_OK; c++) gain[c] = metrics_gain(a, b, c);
+    return rc == OXL_OK ? metrics_psnr(ctx, a, b, gain, out) : rc;
 }
 
 /* ---------------------------------------------------------------- windows */
@@ -375,6 +403,7 @@ static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const ox
     options.near_plane = (float)scene_near_plane(scene);
     rc                 = renderer_draw(ctx, r, model, camera, &options, &drawn, NULL);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->psnr);
+    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, &drawn, photograph, &row->cc_psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, photograph, &row->ssim);
     if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &drawn, photograph, &row->ms_ssim);
     if (rc == OXL_OK) rc = metrics_add_bands(ctx, scene, row->view, &drawn, photograph, bands);
@@ -402,6 +431,7 @@ static void metrics_sum_up(oxl_metrics *m, const struct metrics_bands *bands)
 {
     for (int i = 0; i < m->count; i++) {
         m->psnr += m->views[i].psnr / m->count;
+        m->cc_psnr += m->views[i].cc_psnr / m->count;
         m->ssim += m->views[i].ssim / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
     }
@@ -452,25 +482,29 @@ static void metrics_add_by_depth(struct text *t, const oxl_metrics *m)
     text_add(t, "},\n");
 }
 
+/* Members of a JSON object; `between` them. */
+static void metrics_add_four(struct text *t, const char *between, double psnr, double cc_psnr, double ssim, double ms_ssim)
+{
+    static const char *const names[]  = {"psnr", "cc_psnr", "ssim", "ms_ssim"};
+    const double             values[] = {psnr, cc_psnr, ssim, ms_ssim};
+    for (int i = 0; i < 4; i++) {
+        text_add(t, "%s\"%s\": ", i ? between : "", names[i]);
+        text_add_number(t, values[i]);
+    }
+}
+
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m)
 {
-    text_add(t, "  \"psnr\": ");
-    text_add_number(t, m->psnr);
-    text_add(t, ",\n  \"ssim\": ");
-    text_add_number(t, m->ssim);
-    text_add(t, ",\n  \"ms_ssim\": ");
-    text_add_number(t, m->ms_ssim);
+    text_add(t, "  ");
+    metrics_add_four(t, ",\n  ", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim);
     metrics_add_by_depth(t, m);
     text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
     for (int i = 0; i < m->count; i++) {
+        const oxl_view_metrics *v = &m->views[i];
         text_add(t, "%s\n    {\"name\": ", i ? "," : "");
-        text_add_json_string(t, oxl_scene_view(scene, m->views[i].view)->name);
-        text_add(t, ", \"psnr\": ");
-        text_add_number(t, m->views[i].psnr);
-        text_add(t, ", \"ssim\": ");
-        text_add_number(t, m->views[i].ssim);
-        text_add(t, ", \"ms_ssim\": ");
-        text_add_number(t, m->views[i].ms_ssim);
+        text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
+        text_add(t, ", ");
+        metrics_add_four(t, ", ", v->psnr, v->cc_psnr, v->ssim, v->ms_ssim);
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");

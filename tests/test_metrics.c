@@ -27,6 +27,31 @@ static void metrics_mask_corner(oxl_image *image)
         image->weight[i] = i % METRICS_TEST_W < 9 && i / METRICS_TEST_W < 4 ? 0.0f : 1.0f;
 }
 
+/* A photograph that was exposed otherwise, and in other channels otherwise; one pixel is wrong on top of it. */
+TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
+{
+    const size_t plane = METRICS_TEST_W * METRICS_TEST_H;
+    oxl_image    a, b;
+    double       psnr, cc;
+    metrics_pair(&a, &b);
+    for (size_t i = 0; i < 3 * plane; i++) {
+        a.rgb[i] = OXL_CLAMP(a.rgb[i], 0.0f, 0.8f);
+        b.rgb[i] = a.rgb[i] * (i < plane ? 0.7f : i < 2 * plane ? 0.9f : 1.2f);
+    }
+    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
+    CHECK_OK(oxl_cc_psnr(test_ctx, &a, &b, &cc));
+    CHECK(psnr < 30 && cc == 100);
+    b.rgb[7] = 1;
+    CHECK_OK(oxl_cc_psnr(test_ctx, &a, &b, &cc));
+    CHECK(cc < 100 && cc > -10 * log10(1.0 / (3.0 * METRICS_TEST_W * METRICS_TEST_H)));
+    memset(a.rgb, 0, 3 * plane * sizeof *a.rgb); /* black has no exposure */
+    CHECK_OK(oxl_psnr(test_ctx, &a, &b, &psnr));
+    CHECK_OK(oxl_cc_psnr(test_ctx, &a, &b, &cc));
+    CHECK(cc == psnr);
+    oxl_image_free(test_ctx, &a);
+    oxl_image_free(test_ctx, &b);
+}
+
 TEST(metrics_agree_with_an_independent_implementation)
 {
     oxl_image a, b;
@@ -211,6 +236,8 @@ TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
     CHECK(m.depth[0] >= 1 && m.depth[0] <= 2 && m.depth[1] >= 2 && m.depth[1] <= 2.5);
     CHECK(m.by_depth[2] < m.psnr); /* around the third point, where the Gaussian is, and not in the corners, which are right */
     CHECK_OK(metrics_write_json(test_ctx, &json, scene, &m));
+    CHECK_CLOSE(m.cc_psnr, (m.views[0].cc_psnr + m.views[1].cc_psnr) / 2, 1e-12);
+    CHECK_TEXT(json.data, ",\n  \"cc_psnr\": ");
     CHECK_TEXT(json.data, "\"ms_ssim\": ");
     CHECK_TEXT(json.data, "\"near_psnr\": ");
     CHECK_TEXT(json.data, "\"count\": 2,\n  \"views\": [\n    {\"name\": \"a \\\"quoted\\\"\", \"psnr\": ");
