@@ -156,6 +156,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->block >= 0) o->block = a->block;
     if (a->seed >= 0) o->seed = (uint64_t)a->seed;
     if (a->robust) o->train.robust = 1;
+    if (a->stop_early) o->train.stop_early = 1;
     o->restart = a->restart;
     if (a->ucd) rc = oxl_ucd_parse(ctx, a->ucd, &o->train.ucd);
     if (a->keep && rc == OXL_OK) rc = oxl_keep_parse(ctx, a->keep, &o->train.keep);

@@ -356,6 +356,7 @@ typedef struct oxl_train_options {
     float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
     int      ssim_every; /* SSIM counts in every n-th step, the others have L1 alone (1) */
+    int      stop_early; /* 1: ends when training views that stand aside for it have not gained for 3/20 of the run (0) */
     float    coarse; /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more (0, draft -1) */
     int      exp_degree;  /* 3: of the polynomial that the CPU takes for 2^x, as in oxl_render_options (3, paper 5) */
     float    bands_every; /* share of the run after which there is one more band of spherical harmonics (1/30) */

@@ -61,6 +61,7 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     if (rc == OXL_OK && os_is_file(path) && os_is_file(model)) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && map.data && strstr(map.data, key)) {
         out->there             = 1;
+        out->trained           = strstr(map.data, "\"trained\": true") != NULL;
         out->finished          = strstr(map.data, "\"finished\": true") != NULL;
         out->iterations        = (int)OXL_CLAMP(run_number(map.data, "iterations_done"), 0, INT_MAX);
         out->gaussians         = (size_t)OXL_CLAMP(run_number(map.data, "gaussians"), 0, 1e9);
@@ -113,7 +114,7 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
 {
     struct text t = {.ctx = b->ctx};
     oxl_result  rc;
-    text_add(&t, "{\n  \"finished\": %s,\n", r->finished ? "true" : "false");
+    text_add(&t, "{\n  \"trained\": %s,\n  \"finished\": %s,\n", r->trained ? "true" : "false", r->finished ? "true" : "false");
     block_add(&t, "iterations_done", r->iterations);
     block_add(&t, "gaussians", (double)r->gaussians);
     block_add(&t, "seconds", r->seconds);
@@ -194,24 +195,27 @@ static struct block_record block_record_of(const struct block *b, const oxl_mode
 /* Trains the block, or goes on with it. */
 static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct block_record *record, oxl_model *model)
 {
-    const struct block_task *task  = b->task;
-    const struct train_place place = {.folder    = task->folder,
-                                      .key       = task->key,
-                                      .log       = &b->log,
-                                      .notes     = &b->notes,
-                                      .decisions = &b->decisions,
-                                      .start     = task->start,
-                                      .faults    = &b->faults};
+    int                      trained = 0;
+    const struct block_task *task    = b->task;
+    const struct train_place place   = {.folder    = task->folder,
+                                        .key       = task->key,
+                                        .log       = &b->log,
+                                        .notes     = &b->notes,
+                                        .decisions = &b->decisions,
+                                        .start     = task->start,
+                                        .faults    = &b->faults,
+                                        .trained   = &trained};
     oxl_result               rc, written;
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
     rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &place, model);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
-    *record = block_record_of(b, model);
+    *record         = block_record_of(b, model);
+    record->trained = trained;
     block_remove(b, "model_standard.ply"); /* it is of another model.ply */
     written = block_write(b, "log.csv", &b->log);
     if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
     if (written == OXL_OK) written = block_write_record(b, record);
-    if (written == OXL_OK && record->iterations == task->train.iterations) checkpoint_remove(b->ctx, task->folder, 0); /* spent */
+    if (written == OXL_OK && trained) checkpoint_remove(b->ctx, task->folder, 0); /* spent */
     return written == OXL_OK ? rc : written;
 }
 
@@ -253,6 +257,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     o.ucd.mode              = OXL_UCD_OFF;
     o.keep.kind             = OXL_KEEP_ALL;
     o.dog                   = OXL_DOG_OFF;
+    o.stop_early            = 0;
     return o;
 }
 
@@ -324,9 +329,8 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
     if (rc != OXL_OK) return rc;
     ctx->notes = &b.notes;
-    rc         = record.there && record.iterations == task->train.iterations ? block_reopen(&b, &model)
-                                                                             : block_train_model(&b, scene, &record, &model);
-    if (rc == OXL_OK && record.iterations == task->train.iterations) rc = block_finish(&b, scene, &record, &model);
+    rc         = record.trained ? block_reopen(&b, &model) : block_train_model(&b, scene, &record, &model);
+    if (rc == OXL_OK && record.trained) rc = block_finish(&b, scene, &record, &model);
     ctx->notes = outer;
     oxl_model_free(ctx, &model);
     text_free(&b.log);

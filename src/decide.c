@@ -6,6 +6,8 @@
  * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
  * decision is noted with its evidence (run.json).
  *
+ * With stop_early they judge when the run ends, too, and never train.
+ *
  * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the photographs
  * that they are trained on.
  *
@@ -17,10 +19,12 @@
 #define DECIDE_BANDS_EARN 0.1        /* dB that bands must bring together over fewer of them */
 #define DECIDE_LOBES_EARN 0.05       /* dB that second lobes must bring */
 #define DECIDE_WATCH      (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
+#define DECIDE_LOOK       (1.0 / 20) /* of the run: between looks whether it should end early */
 #define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long each way of a trial is trained */
 enum {
     DECIDE_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
     DECIDE_VIEWS_MOST  = 8,  /* that stand aside */
+    DECIDE_PATIENCE    = 3,  /* looks that have not gained, before it does */
     DECIDE_RECOVERY    = 500 /* steps after an opacity reset whose losses tell of the reset alone */
 };
 
@@ -59,6 +63,7 @@ static int decide_last(const struct train *t)
 {
     const int lobes = t->options->dog == OXL_DOG_AUTO ? decide_lobes_at(t) : 0;
     const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
+    if (t->options->stop_early) return t->options->iterations;
     return OXL_MAX(keep, OXL_MAX(lobes, decide_bands_at(t)));
 }
 
@@ -413,6 +418,41 @@ OXL_INTERNAL oxl_result decide_trial(struct train *t)
     return rc;
 }
 
+/* ---------------------------------------------------------------- an end before the last step */
+
+/* The last step that changes how many Gaussians or lobes there are. */
+static int decide_settled(const struct train *t)
+{
+    const int grown = (int)(t->options->densify_until * t->options->iterations);
+    const int keep  = t->options->keep.kind == OXL_KEEP_ALL ? 0 : t->prune.end;
+    return OXL_MAX(grown, OXL_MAX(keep, decide_lobes_at(t)));
+}
+
+static void decide_note_stop(struct train *t)
+{
+    char why[160], chosen[16];
+    snprintf(chosen, sizeof chosen, "%d", t->step);
+    snprintf(why, sizeof why, "the loss of %d training views that stood aside has not fallen since step %d, of %d", t->held_views,
+             t->held_since, t->options->iterations);
+    decide_note(t, "iterations", chosen, why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: the run ends: %s", t->step, why);
+}
+
+OXL_INTERNAL oxl_result decide_stop(struct train *t)
+{
+    const int  every = decide_steps(t, DECIDE_LOOK);
+    double     loss, psnr;
+    oxl_result rc;
+    if (!t->options->stop_early || t->held_views == 0 || t->trial_is_next) return OXL_OK;
+    if (t->step % every != 0 || t->step <= decide_settled(t) || t->step == t->options->iterations) return OXL_OK;
+    rc = decide_judge(t, &loss, &psnr);
+    if (rc != OXL_OK) return rc;
+    if (t->held_since == 0 || loss < t->held_least) t->held_least = loss, t->held_since = t->step;
+    t->ended = t->step - t->held_since >= DECIDE_PATIENCE * every;
+    if (t->ended) decide_note_stop(t);
+    return OXL_OK;
+}
+
 /* ---------------------------------------------------------------- at the end, and in between */
 
 OXL_INTERNAL void decide_end(struct train *t)
@@ -429,6 +469,12 @@ OXL_INTERNAL void decide_end(struct train *t)
     if (!decide_has_noted(t, "\"sh_degree\""))
         decide_note(t, "sh_degree", chosen,
                     o->sh_degree < 0 ? "too few training views to spare one to judge by" : "as asked for");
+    if (o->stop_early && !t->ended) {
+        snprintf(chosen, sizeof chosen, "%d", t->step);
+        decide_note(t, "iterations", chosen,
+                    t->held_since > 0 ? "the training views that stood aside went on to gain"
+                                      : "too few training views to spare one to judge by");
+    }
     snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
     if (!decide_has_noted(t, "\"dog\""))
         decide_note(t, "dog", chosen,
@@ -445,5 +491,8 @@ OXL_INTERNAL void decide_archive(struct archive *a, struct train *t)
     if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
     for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)
         archive_expect(a, t->held[i] >= 0 && t->held[i] < oxl_scene_view_count(t->scene));
+    archive_doubles(a, &t->held_least, 1);
+    archive_int(a, &t->held_since);
+    archive_expect(a, t->held_since >= 0 && t->held_since <= t->step);
     archive_text(a, &t->decisions);
 }

@@ -863,6 +863,7 @@ struct train_place {
     const oxl_model *start;     /* what training starts from; NULL: the scene's points */
     struct text     *decisions; /* gets members of a JSON object: what was decided, and on what evidence; or NULL */
     oxl_faults      *faults;    /* out: of the whole run; or NULL */
+    int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */
 };
 /* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
@@ -899,8 +900,8 @@ OXL_INTERNAL double     run_number(const char *text, const char *name);         
 
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 
-struct block_record { /* block.json */
-    int        there, finished, iterations;
+struct block_record {                                /* block.json */
+    int        there, trained, finished, iterations; /* trained: to its end, but for a standard model */
     size_t     gaussians;
     double     seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
     oxl_faults faults;

@@ -629,7 +629,7 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
     if (rc == OXL_OK) rc = train_prune(t);
     if (rc == OXL_OK) rc = decide_lobes(t);
     if (rc == OXL_OK) decide_bands(t);
-    return rc;
+    return rc == OXL_OK ? decide_stop(t) : rc;
 }
 
 static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
@@ -661,7 +661,7 @@ static oxl_result train_loop(struct train *t)
     oxl_result               rc = OXL_OK;
     t->first_step               = t->step;
     if (t->step > 0 && train_report(t, 0)) return OXL_ERR_INTERRUPTED;
-    while (rc == OXL_OK && t->step < o->iterations) {
+    while (rc == OXL_OK && t->step < o->iterations && !t->ended) {
         if (t->trial_is_next) {
             rc = decide_trial(t);
             if (rc == OXL_ERR_INTERRUPTED || (rc == OXL_OK && train_report(t, 0))) return train_stop(t);
@@ -714,6 +714,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = faults_end(ctx, &t.faults, out);
     if (ended != OXL_OK) rc = ended;
     if (place && place->faults) *place->faults = t.faults;
+    if (place && place->trained) *place->trained = rc == OXL_OK && (t.ended || t.step == options->iterations);
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     else if (rc != OXL_OK) oxl_model_free(ctx, out);
     train_hand_over(&t);

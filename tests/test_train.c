@@ -285,6 +285,18 @@ static oxl_train_options train_options(int iterations)
     return o;
 }
 
+/* What moves nothing gains nothing: looks after every tenth step from the 30th on, the first of which stays the best. */
+static oxl_train_options train_idle_options(void)
+{
+    oxl_train_options o = train_options(200);
+    o.stop_early        = 1;
+    o.densify_until     = 0.1f;
+    o.rate_mean_first = o.rate_mean_last = 1e-30f;
+    o.rate_log_scale = o.rate_rotation = o.rate_opacity = o.rate_sh0 = o.rate_sh = 0;
+    o.reset_opacity_every                                                        = 0;
+    return o;
+}
+
 static double train_psnr(oxl_scene *scene, const oxl_model *model)
 {
     oxl_metrics metrics;

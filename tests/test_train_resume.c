@@ -50,12 +50,26 @@ static void checkpoint_case_free(struct checkpoint_case *c)
 /* Runs from where the folder's state is to step `until`. */
 static oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out)
 {
-    const struct train_place place = {test_folder(), key, &c->log, &c->notes, NULL, &c->decisions, NULL};
+    const struct train_place place = {test_folder(), key, &c->log, &c->notes, NULL, &c->decisions, NULL, NULL};
     struct checkpoint_watch  watch = {until, 0};
     const oxl_callback       stop  = {checkpoint_stop, &watch};
     const oxl_result         rc    = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);
     c->first                       = watch.first;
     return rc;
+}
+
+/* At the 60th of 200 steps (test_train_trial.c), wherever it was stopped before. */
+TEST(checkpoint_a_run_that_ends_early_ends_there_after_a_stop_too)
+{
+    struct checkpoint_case c = checkpoint_of(train_scene(14), train_idle_options());
+    oxl_model              model;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    CHECK(checkpoint_run(&c, "key", 41, &model) == OXL_ERR_INTERRUPTED);
+    oxl_model_free(test_ctx, &model);
+    CHECK_OK(checkpoint_run(&c, "key", 61, &model));
+    CHECK(c.first == 41 && train_same(&model, &c.whole));
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
 }
 
 TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)

@@ -173,6 +173,8 @@ static const struct option {
      "degree of the polynomial that the CPU takes for 2^x in training: 5, exact to a float; 3 is quicker, 0.0075 % off (3, paper: 5)"},
     {"Speed for accuracy", "--coarse", "auto|SHARE", SHARE, FIELD(coarse), RUNS,
      "of the run, its first, at half the photographs' sides, as 0.25; auto: 0.25 of 640 px and more (0, draft: auto)"},
+    {"Speed for accuracy", "--stop-early", NULL, FLAG, FIELD(stop_early), RUNS,
+     "end when training views that stand aside for it have not gained for 3/20 of the run; an eighth of them, 8 at most"},
     {"Speed for accuracy", "--sh-every", "SHARE", REAL, FIELD(bands_every), RUNS,
      "of the run, after which there is one more band of spherical harmonics, as 0.2 (0.0333)"},
     {"Speed for accuracy", "--haste", "POWER", REAL, FIELD(haste), RUNS,

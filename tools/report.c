@@ -303,16 +303,17 @@ static void report_decisions(struct report *r)
     static const char *const partition[] = {"partition in ", "stay one block", " blocks of ",
                                             "joined",        "see too little", "--ram "};
     static const char *const ucd[] = {"depth weights"}, *const keep[] = {"are dropped"}, *const dog[] = {"second lobe"},
-                             *const bands[] = {"SH degree"};
-    struct study_text              *t       = &r->page;
-    char                           *preset  = json_string(json_member(r->run, "preset"));
-    char                            words[80];
+                             *const bands[] = {"SH degree"}, *const end[] = {"the run ends"};
+    struct study_text *t      = &r->page;
+    char              *preset = json_string(json_member(r->run, "preset"));
+    char               words[80];
     page_section(t, "What was decided, and why");
     study_add(t, "<dl>\n");
     report_term(t, "Preset");
     page_text(t, preset ? preset : "");
     study_add(t, "<small>%s iterations, seed %s</small></dd>\n", PAGE_COUNT(json_number(r->job, "iterations")),
               STUDY_FIXED(json_number(r->job, "seed"), 0));
+    if (json_number(r->job, "stop_early") > 0) report_decision(r, "Early end (--stop-early)", "on", end, 1);
     snprintf(words, sizeof words, "%s",
              json_number(r->job, "sh_degree") < 0 ? "auto" : STUDY_FIXED(json_number(r->job, "sh_degree"), 0));
     report_decision(r, "Colour bands (--sh-degree)", words, bands, 1);
@@ -481,6 +482,7 @@ static void report_command(struct report *r)
     if (json_number(r->job, "sh_degree") >= 0) report_number_option(r, "--sh-degree", "sh_degree", fresh.train.sh_degree);
     else if (fresh.train.sh_degree >= 0) study_add(&r->page, " --sh-degree auto");
     if (json_number(r->job, "robust") > 0) study_add(&r->page, " --robust");
+    if (json_number(r->job, "stop_early") > 0) study_add(&r->page, " --stop-early");
     report_number_option(r, "--ssim-every", "ssim_every", fresh.train.ssim_every);
     report_number_option(r, "--exp", "exp_degree", fresh.train.exp_degree);
     report_share_option(r, "--coarse", "coarse", fresh.train.coarse);

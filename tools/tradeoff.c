@@ -13,27 +13,28 @@
 
 #define TRADEOFF_LEAST_SIDE 240 /* px: photographs are not reduced below this to fit the time allowed */
 
-#define TRADEOFF_ITERATIONS(name, label, times)       \
-    {                                                 \
-        name, label, times, -1, -2, 0, 0, 0, -1, 0, 0 \
+#define TRADEOFF_ITERATIONS(name, label, times)          \
+    {                                                    \
+        name, label, times, -1, -2, 0, 0, 0, -1, 0, 0, 0 \
     }
-#define TRADEOFF_PRESET(name, label, preset)          \
-    {                                                 \
-        name, label, 0, preset, -2, 0, 0, 0, -1, 0, 0 \
+#define TRADEOFF_PRESET(name, label, preset)             \
+    {                                                    \
+        name, label, 0, preset, -2, 0, 0, 0, -1, 0, 0, 0 \
     }
 static const struct tradeoff_row TRADEOFF_VARIANTS[] = {
     TRADEOFF_ITERATIONS("base", "the options given", 1),
     TRADEOFF_ITERATIONS("iterations-half", "half the iterations", 0.5),
-    {"coarse-0", "--coarse 0", 1, -1, 0, 0, 0, 0, -1, 0, 0},
-    {"coarse-0.25", "--coarse 0.25", 1, -1, 0.25f, 0, 0, 0, -1, 0, 0},
-    {"coarse-0.5", "--coarse 0.5", 1, -1, 0.5f, 0, 0, 0, -1, 0, 0},
-    {"ssim-every-2", "--ssim-every 2", 1, -1, -2, 2, 0, 0, -1, 0, 0},
-    {"exp-5", "--exp 5", 1, -1, -2, 0, 5, 0, -1, 0, 0},
-    {"sh-every-0.2", "--sh-every 0.2", 1, -1, -2, 0, 0, 0.2f, -1, 0, 0},
-    {"sh-degree-1", "--sh-degree 1", 1, -1, -2, 0, 0, 0, 1, 0, 0},
-    {"sh-degree-0", "--sh-degree 0", 1, -1, -2, 0, 0, 0, 0, 0, 0},
-    {"haste-0", "--haste 0", 1, -1, -2, 0, 0, 0, -1, 0, 1},
-    {"keep-0.5", "--keep 0.5", 1, -1, -2, 0, 0, 0, -1, 0.5, 0},
+    {"coarse-0", "--coarse 0", 1, -1, 0, 0, 0, 0, -1, 0, 0, 0},
+    {"coarse-0.25", "--coarse 0.25", 1, -1, 0.25f, 0, 0, 0, -1, 0, 0, 0},
+    {"coarse-0.5", "--coarse 0.5", 1, -1, 0.5f, 0, 0, 0, -1, 0, 0, 0},
+    {"ssim-every-2", "--ssim-every 2", 1, -1, -2, 2, 0, 0, -1, 0, 0, 0},
+    {"exp-5", "--exp 5", 1, -1, -2, 0, 5, 0, -1, 0, 0, 0},
+    {"sh-every-0.2", "--sh-every 0.2", 1, -1, -2, 0, 0, 0.2f, -1, 0, 0, 0},
+    {"sh-degree-1", "--sh-degree 1", 1, -1, -2, 0, 0, 0, 1, 0, 0, 0},
+    {"sh-degree-0", "--sh-degree 0", 1, -1, -2, 0, 0, 0, 0, 0, 0, 0},
+    {"haste-0", "--haste 0", 1, -1, -2, 0, 0, 0, -1, 0, 1, 0},
+    {"stop-early", "--stop-early", 1, -1, -2, 0, 0, 0, -1, 0, 0, 1},
+    {"keep-0.5", "--keep 0.5", 1, -1, -2, 0, 0, 0, -1, 0.5, 0, 0},
     TRADEOFF_ITERATIONS("iterations-quarter", "a quarter of the iterations", 0.25),
     TRADEOFF_PRESET("draft", "--preset draft", OXL_PRESET_DRAFT),
     TRADEOFF_ITERATIONS("iterations-double", "twice the iterations", 2),
@@ -68,6 +69,7 @@ static oxl_job_options tradeoff_job(const oxl_job_options *base, const struct tr
     if (row->bands_every > 0) job.train.bands_every = row->bands_every;
     if (row->sh_degree >= 0) job.train.sh_degree = row->sh_degree;
     if (row->unhurried) job.train.haste = 0;
+    if (row->stop_early) job.train.stop_early = 1;
     if (row->keep > 0) job.train.keep = (oxl_keep){OXL_KEEP_FRACTION, row->keep};
     return job;
 }

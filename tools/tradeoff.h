@@ -22,7 +22,7 @@ enum tradeoff_measure {
     TRADEOFF_MEASURES
 };
 
-enum { TRADEOFF_ROWS = 17, TRADEOFF_PICTURES = 8 };
+enum { TRADEOFF_ROWS = 18, TRADEOFF_PICTURES = 8 };
 
 struct tradeoff_row {
     const char *name, *label; /* in --rows and the folders' names; for people */
@@ -35,6 +35,7 @@ struct tradeoff_row {
     int         sh_degree; /* -1: the base's */
     double      keep;
     int         unhurried; /* 1: --haste 0 */
+    int         stop_early;
 };
 
 struct tradeoff_picture { /* one way of drawing */
