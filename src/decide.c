@@ -201,6 +201,14 @@ static oxl_result decide_try(struct train *t, double *psnr)
     return rc == OXL_OK ? decide_judge(t, &loss, psnr) : rc;
 }
 
+/* In a trial of bands all but one of four ways are trained beside the run, in one of lobes one of two. */
+OXL_INTERNAL int decide_steps_beside(const oxl_train_options *o, int views)
+{
+    const int each = OXL_MAX(1, (int)(DECIDE_TRIAL * o->iterations));
+    if (views < DECIDE_VIEWS_LEAST) return 0;
+    return each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO ? 1 : 0));
+}
+
 /* ---------------------------------------------------------------- SH bands */
 
 static oxl_result decide_set_degree(struct train *t, int degree)

@@ -880,6 +880,9 @@ OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training vie
 OXL_INTERNAL double train_coarse_share(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int    train_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int    train_may_try(const oxl_train_options *options);        /* whether trials, which copy the model, may come */
+OXL_INTERNAL int    train_training_views(const oxl_scene *scene);
+/* Steps of a whole run's trials that are none of its iterations, at most; views: that train. */
+OXL_INTERNAL int    decide_steps_beside(const oxl_train_options *options, int views);
 
 /* ---------------------------------------------------------------- run.c: run.json, what a result depends on */
 

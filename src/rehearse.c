@@ -159,5 +159,5 @@ OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl
             count);
     step = REHEARSE_TRAINED * ((1 - REHEARSE_GROWN) * t.early + REHEARSE_GROWN * t.late);
     if (t.early > 0) step *= 1 - rehearse_coarse(scene, o) * (1 - t.halved / t.early);
-    return o->iterations * step;
+    return o->iterations * step + REHEARSE_TRAINED * t.late * decide_steps_beside(o, train_training_views(scene));
 }

@@ -9,6 +9,17 @@ TEST(decide_lets_an_eighth_of_the_views_stand_aside_and_eight_at_most)
     CHECK(held == 2);
 }
 
+/* Three ways of four with bands, one of two with lobes, each a fortieth of the run. */
+TEST(decide_tells_how_many_steps_its_trials_take_beside_the_run)
+{
+    oxl_train_options o = train_options(2000);
+    CHECK(decide_steps_beside(&o, 50) == 0);
+    o.sh_degree = -1;
+    CHECK(decide_steps_beside(&o, 50) == 150 && decide_steps_beside(&o, 7) == 0);
+    o.dog = OXL_DOG_AUTO;
+    CHECK(decide_steps_beside(&o, 50) == 200);
+}
+
 struct decide_case {
     oxl_scene        *scene;
     oxl_train_options options;
