@@ -111,8 +111,9 @@ void oxl_wait_asleep(char **argv)
 {
 #ifdef _OPENMP
     char          self[4096];
+    const char   *wanted = getenv("OMP_WAIT_POLICY"); /* empty: as if it were not there */
     const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
-    if (length <= 0 || getenv("OMP_WAIT_POLICY")) return;
+    if (length <= 0 || (wanted && *wanted)) return;
     self[length] = 0;
     if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", OS_SPINS, 0) != 0) return;
     execv(self, argv); /* returns only where it could not */
