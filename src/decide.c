@@ -501,6 +501,7 @@ OXL_INTERNAL void decide_archive(struct archive *a, struct train *t)
         archive_expect(a, t->held[i] >= 0 && t->held[i] < oxl_scene_view_count(t->scene));
     archive_doubles(a, &t->held_least, 1);
     archive_int(a, &t->held_since);
-    archive_expect(a, t->held_since >= 0 && t->held_since <= t->step);
+    archive_int(a, &t->ended);
+    archive_expect(a, t->held_since >= 0 && t->held_since <= t->step && (t->ended == 0 || t->ended == 1));
     archive_text(a, &t->decisions);
 }
