@@ -97,26 +97,34 @@ static void decide_release_views(struct train *t)
     while (t->held_views > 0) t->view[t->views++] = t->held[--t->held_views];
 }
 
+/* One that cannot be read is named and cannot judge, from then on: every mean is over the same views. */
+static void decide_drop_view(struct train *t, int slot)
+{
+    faults_of_photo(t->ctx, &t->faults);
+    t->held_views--;
+    memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
+}
+
+/* Not a number where no view is left to judge by. */
 OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;
-    oxl_result           rc    = OXL_OK;
-    int                  count = 0;
+    oxl_result           rc = OXL_OK;
     *loss = *psnr = 0;
-    for (int i = 0; i < t->held_views && rc == OXL_OK; i++) {
+    for (int i = 0; i < t->held_views && rc == OXL_OK;) {
         rc = train_photo(t, t->held[i]);
-        if (rc == OXL_ERR_INPUT) { /* it cannot be read, and so cannot judge */
+        if (rc == OXL_ERR_INPUT) {
+            decide_drop_view(t, i);
             rc = OXL_OK;
             continue;
         }
-        if (rc == OXL_OK) rc = train_compare_view(t, t->held[i], &one);
+        if (rc == OXL_OK) rc = train_compare_view(t, t->held[i++], &one);
         if (rc != OXL_OK) break;
         *loss += one.total;
         *psnr -= 4.342944819032518 * vecmath_log(one.mse > 1e-10 ? one.mse : 1e-10);
-        count++;
     }
-    *loss /= OXL_MAX(1, count);
-    *psnr /= OXL_MAX(1, count);
+    *loss = t->held_views > 0 ? *loss / t->held_views : NAN;
+    *psnr = t->held_views > 0 ? *psnr / t->held_views : NAN;
     return rc;
 }
 
@@ -428,12 +436,14 @@ OXL_INTERNAL oxl_result decide_trial(struct train *t)
 
 /* ---------------------------------------------------------------- an end before the last step */
 
-/* The last step that changes how many Gaussians or lobes there are. */
+/* The last step that changes how many Gaussians, lobes or bands there are, or the photographs' size. */
 static int decide_settled(const struct train *t)
 {
-    const int grown = (int)(t->options->densify_until * t->options->iterations);
-    const int keep  = t->options->keep.kind == OXL_KEEP_ALL ? 0 : t->prune.end;
-    return OXL_MAX(grown, OXL_MAX(keep, decide_lobes_at(t)));
+    const oxl_train_options *o      = t->options;
+    const double             coarse = train_coarse_share(o, INT_MAX, INT_MAX), bands = t->sh_degree * (double)o->bands_every;
+    const int                share = (int)(OXL_MIN(1, OXL_MAX(o->densify_until, OXL_MAX(coarse, bands))) * o->iterations);
+    const int                keep  = o->keep.kind == OXL_KEEP_ALL ? 0 : t->prune.end;
+    return OXL_MAX(share, OXL_MAX(keep, decide_lobes_at(t)));
 }
 
 static void decide_note_stop(struct train *t)
@@ -454,7 +464,7 @@ OXL_INTERNAL oxl_result decide_stop(struct train *t)
     if (!t->options->stop_early || t->held_views == 0 || t->trial_is_next) return OXL_OK;
     if (t->step % every != 0 || t->step <= decide_settled(t) || t->step == t->options->iterations) return OXL_OK;
     rc = decide_judge(t, &loss, &psnr);
-    if (rc != OXL_OK) return rc;
+    if (rc != OXL_OK || t->held_views == 0) return rc;
     if (t->held_since == 0 || loss < t->held_least) t->held_least = loss, t->held_since = t->step;
     t->ended = t->step - t->held_since >= DECIDE_PATIENCE * every;
     if (t->ended) decide_note_stop(t);
@@ -480,8 +490,9 @@ OXL_INTERNAL void decide_end(struct train *t)
     if (o->stop_early && !t->ended) {
         snprintf(chosen, sizeof chosen, "%d", t->step);
         decide_note(t, "iterations", chosen,
-                    t->held_since > 0 ? "the training views that stood aside went on to gain"
-                                      : "too few training views to spare one to judge by");
+                    t->held_since > 0                                     ? "no three looks in a row without a gain"
+                    : train_training_views(t->scene) < DECIDE_VIEWS_LEAST ? "too few training views to spare one to judge by"
+                                                                          : "no look was taken");
     }
     snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
     if (!decide_has_noted(t, "\"dog\""))

@@ -6,7 +6,7 @@
  */
 #include "internal.h"
 
-#define JOB_EXPOSURE 0.5 /* dB that are told when PSNR gains them where exposure counts as no error */
+#define JOB_EXPOSURE 0.5 /* dB: cc_psnr is told when it is so much above PSNR */
 
 struct job {
     oxl_context        *ctx;
@@ -689,7 +689,8 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
                 job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
                 (double)bytes[0] / 1e6);
     if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
-        oxl_log(job->ctx, OXL_LOG_INFO, "photographs differ in exposure: PSNR is %.2f dB where that counts as no error (cc_psnr)",
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "PSNR is %.2f dB with one factor for each channel of each view (cc_psnr): exposure may differ from view to view",
                 m.cc_psnr);
     job_add_figures(job, &t, bytes[0]);
     rc = job_add_standard(job, &t, standard, bytes[1], m.psnr);

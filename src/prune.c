@@ -108,7 +108,7 @@ OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
 /* One eighth more, as long as views that are not trained on do not suffer and there is time left to refine. */
 static size_t prune_due_auto(struct prune *p, int step, size_t count, double held)
 {
-    if (step == p->start) p->held = held;
+    if (p->held == 0) p->held = held; /* not always at the start of the window: a trial may be under way there */
     if (step > p->end - p->patience || !(held <= (1 + PRUNE_EPSILON) * p->held)) return 0;
     p->drops++;
     return count / PRUNE_AUTO_SHARE;

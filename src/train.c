@@ -671,7 +671,7 @@ static oxl_result train_loop(struct train *t)
         rc = train_step(t);
         if (rc != OXL_OK) break;
         if (train_report(t, 0)) return train_stop(t);
-        if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations) {
+        if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations && !t->ended) {
             oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t->step, o->iterations);
             return train_save(t);
         }

@@ -63,7 +63,7 @@ OXL_INTERNAL int        train_report(const struct train *t, int trial); /* nonze
 /* Whether the index-th of so many training views stands aside: an eighth of them, 8 at most, evenly spread. */
 OXL_INTERNAL int        decide_holds(int index, int views);
 OXL_INTERNAL oxl_result decide_begin(struct train *t); /* which views train, and which stand aside */
-/* Mean loss and PSNR over the views that stand aside. */
+/* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
 OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL void       decide_bands(struct train *t); /* after each step: SH bands */
 /* After each step, with stop_early: whether the run has come to its end is looked at now and then, by the views that stand aside. */

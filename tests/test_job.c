@@ -147,6 +147,7 @@ TEST(job_that_ends_early_is_finished_and_says_after_how_many_iterations)
     options.train.iterations      = 200;
     options.train.densify_until   = 0.1f;
     options.train.stop_early      = 1;
+    options.train.coarse          = 0;
     options.train.sh_degree       = 0;
     options.train.rate_mean_first = options.train.rate_mean_last = 1e-30f;
     options.train.rate_log_scale = options.train.rate_rotation = options.train.rate_opacity = options.train.rate_sh0 = 0;
@@ -155,6 +156,10 @@ TEST(job_that_ends_early_is_finished_and_says_after_how_many_iterations)
     CHECK(job_test_has(test_path("out/run.json"), "\"iterations_done\": 60"));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"iterations\": 60"));
     CHECK(!os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
+    test_write("survey/images/4.png", "the one that stands aside"); /* the middle of nine */
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("other"), &options, NULL));
+    CHECK(job_test_has(test_path("other/run.json"), "\"iterations_done\": 200"));
+    CHECK(job_test_has(test_path("other/metrics.json"), "\"photographs_left_out\": 1"));
 }
 
 TEST(job_that_is_stopped_keeps_its_model_and_does_not_count_as_finished)

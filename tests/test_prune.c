@@ -122,6 +122,9 @@ TEST(prune_auto_goes_on_while_views_it_does_not_train_on_stay_as_good)
     CHECK(count < 4000 && count >= 3500 && at_limit == 0 && last < 30200);
     prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
     for (int step = 1; step <= 40000; step++) CHECK(prune_due(&p, step, 8000, NAN) == 0); /* nothing to judge by */
+    prune_begin(&p, (oxl_keep){OXL_KEEP_AUTO, 0}, 40000, 20000, 300, 248);
+    for (int step = p.start + 1; step <= 40000; step++) prune_due(&p, step, 8000, 0.1); /* its first steps were a trial's */
+    CHECK(p.drops > 0);
 }
 
 static void prune_state(struct archive *a, void *user)

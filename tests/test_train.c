@@ -290,6 +290,7 @@ static oxl_train_options train_idle_options(void)
 {
     oxl_train_options o = train_options(200);
     o.stop_early        = 1;
+    o.coarse            = 0;
     o.densify_until     = 0.1f;
     o.rate_mean_first = o.rate_mean_last = 1e-30f;
     o.rate_log_scale = o.rate_rotation = o.rate_opacity = o.rate_sh0 = o.rate_sh = 0;

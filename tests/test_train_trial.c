@@ -87,6 +87,20 @@ static int decide_last_step(void *user, const oxl_progress *p)
     return p->iteration == 44 && p->seconds_left < 0; /* never */
 }
 
+TEST(decide_looks_for_an_end_only_when_nothing_of_the_run_is_still_to_come)
+{
+    oxl_train_options o = train_options(1000);
+    struct train      t = {.options = &o, .sh_degree = 3};
+    o.densify_until = 0.5f, o.bands_every = 0.1f, o.coarse = 0;
+    CHECK(decide_settled(&t) == 500);
+    o.coarse = 0.75f;
+    CHECK(decide_settled(&t) == 750);
+    o.coarse = 0, o.bands_every = 0.25f;
+    CHECK(decide_settled(&t) == 750);
+    o.bands_every = 0.1f, o.dog = OXL_DOG_SELECTIVE, o.dog_from = 0.875f;
+    CHECK(decide_settled(&t) == 875);
+}
+
 TEST(decide_ends_a_run_that_no_longer_gains_and_lets_others_go_on)
 {
     oxl_scene         *scene = train_scene(14);
@@ -109,7 +123,7 @@ TEST(decide_ends_a_run_that_no_longer_gains_and_lets_others_go_on)
     place.key    = "gains";
     CHECK_OK(train_run(test_ctx, scene, &o, &watch, &place, &model));
     CHECK(last == 60 && trained);
-    CHECK_TEXT(decisions.data, "\"evidence\": \"the training views that stood aside went on to gain\"");
+    CHECK_TEXT(decisions.data, "\"evidence\": \"no three looks in a row without a gain\"");
     oxl_model_free(test_ctx, &model);
     text_free(&log);
     text_free(&decisions);

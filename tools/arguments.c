@@ -46,7 +46,7 @@ static const struct {
      "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
      "Pixels are those of the photographs as they are, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
     {"eval", COMMAND_EVAL, 2, "MODEL SCENE",
-     "Compares a model with photographs: PSNR, SSIM and MS-SSIM, for each view and in the mean.",
+     "Compares a model with photographs: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
      "oceanxl eval out/scene.ply survey",
      "The photographs compared with are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
      "not available: compare OUT/renders/NAME.png with NAME.photo.png by a program that has one."},
@@ -174,7 +174,7 @@ static const struct option {
     {"Speed for accuracy", "--coarse", "auto|SHARE", SHARE, FIELD(coarse), RUNS,
      "of the run, its first, at half the photographs' sides, as 0.25; auto: 0.25 of 640 px and more (0, draft: auto)"},
     {"Speed for accuracy", "--stop-early", NULL, FLAG, FIELD(stop_early), RUNS,
-     "end when training views that stand aside for it have not gained for 3/20 of the run; an eighth of them, 8 at most"},
+     "an eighth of the training views, 8 at most, stand aside for the whole run; it ends, in its second half, when they have not gained for 3/20 of it"},
     {"Speed for accuracy", "--sh-every", "SHARE", REAL, FIELD(bands_every), RUNS,
      "of the run, after which there is one more band of spherical harmonics, as 0.2 (0.0333)"},
     {"Speed for accuracy", "--haste", "POWER", REAL, FIELD(haste), RUNS,
