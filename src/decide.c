@@ -269,12 +269,6 @@ OXL_INTERNAL void decide_bands(struct train *t)
 
 /* ---------------------------------------------------------------- which Gaussians get a second lobe */
 
-static int decide_by_size(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* A threshold at or below 0 is a quantile: -0.9 lets the upper tenth have lobes. */
 static oxl_result decide_threshold(const struct train *t, double *out)
 {
@@ -287,8 +281,7 @@ static oxl_result decide_threshold(const struct train *t, double *out)
     gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
     if (!gradient) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
     for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
-    qsort(gradient, count, sizeof *gradient, decide_by_size);
-    *out = measure_quantile(gradient, count, -threshold);
+    *out = measure_pick(gradient, count, -threshold);
     oxl_free(t->ctx, gradient);
     return OXL_OK;
 }

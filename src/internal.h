@@ -344,6 +344,7 @@ struct measure_view {            /* a training view */
     const oxl_camera *camera;
 };
 OXL_INTERNAL double     measure_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 of none */
+OXL_INTERNAL double     measure_pick(double *value, size_t count, double quantile); /* the same; they lie in another order then */
 /* 1st, 50th and 99th percentile of each coordinate of n positions that lie `stride` bytes apart. */
 OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                        double middle[3], double high[3]);

@@ -23,9 +23,35 @@ static int measure_compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+static size_t measure_rank(size_t count, double quantile)
+{
+    return (size_t)(OXL_CLAMP(quantile, 0.0, 1.0) * (double)(count - 1) + 0.5);
+}
+
 OXL_INTERNAL double measure_quantile(const double *ascending, size_t count, double quantile)
 {
-    return count ? ascending[(size_t)(OXL_CLAMP(quantile, 0.0, 1.0) * (double)(count - 1) + 0.5)] : 0;
+    return count ? ascending[measure_rank(count, quantile)] : 0;
+}
+
+/* Hoare 1961. Equal values stop both scans, so that many of them cost no more than others. */
+OXL_INTERNAL double measure_pick(double *value, size_t count, double quantile)
+{
+    const size_t nth   = count ? measure_rank(count, quantile) : 0;
+    size_t       first = 0, end = count;
+    while (end - first > 1) {
+        const double pivot = value[first + (end - first - 1) / 2]; /* never the last: so both parts are smaller */
+        size_t       i = first, j = end - 1;
+        for (;;) {
+            while (value[i] < pivot) i++;
+            while (value[j] > pivot) j--;
+            if (i >= j) break;
+            OXL_SWAP(double, value[i], value[j]);
+            i++, j--;
+        }
+        if (nth <= j) end = j + 1;
+        else first = j + 1;
+    }
+    return count ? value[nth] : 0;
 }
 
 OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
@@ -40,10 +66,9 @@ OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position,
             const double value = ((const double *)((const char *)position + i * stride))[axis];
             if (fabs(value) <= DBL_MAX) values[count++] = value;
         }
-        qsort(values, count, sizeof *values, measure_compare);
-        low[axis]    = measure_quantile(values, count, 0.01);
-        middle[axis] = measure_quantile(values, count, 0.5);
-        high[axis]   = measure_quantile(values, count, 0.99);
+        low[axis]    = measure_pick(values, count, 0.01);
+        middle[axis] = measure_pick(values, count, 0.5);
+        high[axis]   = measure_pick(values, count, 0.99);
     }
     oxl_free(ctx, values);
     return OXL_OK;
@@ -89,8 +114,7 @@ OXL_INTERNAL oxl_result measure_camera_radius(oxl_context *ctx, const struct mea
     rc = measure_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < count; i++) distance[i] = measure_distance(centre + 3 * i, middle);
-    qsort(distance, count, sizeof *distance, measure_compare);
-    kept    = measure_drop_outliers(centre, count, middle, MEASURE_OUTLIER * measure_quantile(distance, count, 0.5));
+    kept    = measure_drop_outliers(centre, count, middle, MEASURE_OUTLIER * measure_pick(distance, count, 0.5));
     *radius = measure_radius(centre, kept);
     if (kept < count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras stand far from all others and do not count for the extent", count - kept);

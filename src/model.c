@@ -393,24 +393,17 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
 
 #define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
 
-static int model_by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
 /* From mean squared distances to log widths. Coincident points would have none: 3DGS floors the square at 1e-7 of its unit; our
  * unit is the survey's own, so the floor is 1 % of the median width (of those above 0). All alone or all in one place: 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
-    double *sorted = oxl_alloc(ctx, count, sizeof *sorted), least = 1;
+    double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
     size_t  n = 0;
-    if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
+    if (!apart) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
     for (size_t i = 0; i < count; i++)
-        if (square[i] > 0) sorted[n++] = square[i];
-    qsort(sorted, n, sizeof *sorted, model_by_value);
-    if (n) least = OXL_MAX(MODEL_LEAST_SQUARE * sorted[n / 2], DBL_MIN);
-    oxl_free(ctx, sorted);
+        if (square[i] > 0) apart[n++] = square[i];
+    if (n) least = OXL_MAX(MODEL_LEAST_SQUARE * measure_pick(apart, n, 0.5), DBL_MIN);
+    oxl_free(ctx, apart);
     for (size_t i = 0; i < count; i++) square[i] = 0.5 * vecmath_log(OXL_MAX(square[i], least));
     return OXL_OK;
 }

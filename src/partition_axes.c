@@ -16,12 +16,6 @@ enum { AXES_SAMPLE = 1 << 18, AXES_SWEEPS = 30 };
 
 /* ---------------------------------------------------------------- the sample */
 
-static int axes_compare(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Positions relative to the scene's origin, which is the points' median; those at an absurd distance, which the scene leaves out too,
  * are not taken. */
 static size_t axes_sample(const struct colmap *c, const double origin[3], double *sample)
@@ -47,8 +41,7 @@ static size_t axes_trim(double *sample, size_t n, double *scratch)
         const double *p = sample + 3 * i;
         scratch[i]      = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
     }
-    if (n) qsort(scratch, n, sizeof *scratch, axes_compare);
-    limit = AXES_REACH * AXES_REACH * measure_quantile(scratch, n, AXES_QUANTILE);
+    limit = AXES_REACH * AXES_REACH * measure_pick(scratch, n, AXES_QUANTILE);
     for (size_t i = 0; i < n; i++) {
         const double *p = sample + 3 * i;
         if (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] <= limit) memmove(sample + 3 * kept++, p, 3 * sizeof *p);
@@ -115,9 +108,8 @@ static struct axes_reach axes_measure(const double axis[3], const double *p, siz
 {
     struct axes_reach r = {.axis = {axis[0], axis[1], axis[2]}};
     for (size_t i = 0; i < n; i++) scratch[i] = axes_dot(axis, p + 3 * i);
-    if (n) qsort(scratch, n, sizeof *scratch, axes_compare);
-    r.low  = measure_quantile(scratch, n, 0.01);
-    r.high = measure_quantile(scratch, n, 0.99);
+    r.low  = measure_pick(scratch, n, 0.01);
+    r.high = measure_pick(scratch, n, 0.99);
     return r;
 }
 

@@ -93,6 +93,20 @@ TEST(scene_far_from_zero_loses_nothing)
     oxl_scene_free(test_ctx, b);
 }
 
+/* The same quantile from a list in any order as from the sorted one: all different, many alike, all alike. */
+TEST(measure_picks_without_sorting_what_sorting_would_find)
+{
+    enum { MOST = 500 };
+    double value[MOST], sorted[MOST];
+    for (int kinds = 1; kinds <= MOST; kinds *= 7)
+        for (size_t n = 0; n <= MOST; n = 3 * n + 1)
+            for (double quantile = 0; quantile <= 1; quantile += 1.0 / 16) {
+                for (size_t i = 0; i < n; i++) value[i] = sorted[i] = (double)(random_bits(3, i, n) % (uint64_t)kinds);
+                if (n > 0) qsort(sorted, n, sizeof *sorted, measure_compare);
+                CHECK(measure_pick(value, n, quantile) == measure_quantile(sorted, n, quantile));
+            }
+}
+
 TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
 {
     struct measure_view view[10];
