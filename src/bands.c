@@ -27,6 +27,7 @@ static void bands_see(struct bands *b, const oxl_scene *scene, int view, const d
     b->sight[b->count++] = (struct bands_sight){view, (int)v * c->width + (int)u, (float)x[2]};
 }
 
+/* view: of an image of the survey; -1: not asked for, or none. */
 static void bands_by_tracks(struct bands *b, const oxl_scene *scene, const struct colmap *c, const int *view)
 {
     const size_t step = c->track_count / BANDS_MOST + 1;
@@ -38,13 +39,13 @@ static void bands_by_tracks(struct bands *b, const oxl_scene *scene, const struc
         }
 }
 
-static void bands_by_sight(struct bands *b, const oxl_scene *scene)
+static void bands_by_sight(struct bands *b, const oxl_scene *scene, const int *asked, int count)
 {
     const size_t views = (size_t)oxl_scene_view_count(scene), step = oxl_scene_point_count(scene) * views / BANDS_MOST + 1;
     for (size_t i = 0; i < oxl_scene_point_count(scene); i += step)
-        for (size_t v = 0; v < views; v++) {
+        for (int k = 0; k < count; k++) {
             const double *p = oxl_scene_points(scene)[i].position, *origin = oxl_scene_origin(scene);
-            bands_see(b, scene, (int)v, (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
+            bands_see(b, scene, asked[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
         }
 }
 
@@ -56,23 +57,23 @@ static int bands_compare(const void *a, const void *b)
     return x->pixel != y->pixel ? (x->pixel > y->pixel) - (x->pixel < y->pixel) : (x->z > y->z) - (x->z < y->z);
 }
 
-OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, struct bands *out)
+OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count, struct bands *out)
 {
-    const struct colmap *c     = scene_colmap(scene);
-    const int            views = oxl_scene_view_count(scene), tracked = c && c->track_count > 0;
-    const size_t         most = tracked ? c->track_count : oxl_scene_point_count(scene) * (size_t)views;
-    int                 *view = oxl_alloc(ctx, (tracked ? c->image_count : 0) + 1, sizeof *view);
+    const struct colmap *c       = scene_colmap(scene);
+    const int            tracked = c && c->track_count > 0;
+    const size_t         most    = tracked ? c->track_count : oxl_scene_point_count(scene) * (size_t)count;
+    int                 *view    = oxl_alloc(ctx, (tracked ? c->image_count : 0) + 1, sizeof *view);
     *out       = (struct bands){.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
     out->sight = oxl_alloc(ctx, OXL_MIN(most, BANDS_MOST) + 1, sizeof *out->sight);
     if (!view || !out->sight) {
         oxl_free(ctx, view);
         bands_free(ctx, out);
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of what %d views saw", views);
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of what %d views saw", count);
     }
     for (size_t i = 0; tracked && i < c->image_count; i++) view[i] = -1;
-    for (int i = 0; tracked && i < views; i++) view[scene_source_image(scene, i) - c->image] = i;
+    for (int k = 0; tracked && k < count; k++) view[scene_source_image(scene, asked[k]) - c->image] = asked[k];
     if (tracked) bands_by_tracks(out, scene, c, view);
-    else bands_by_sight(out, scene);
+    else bands_by_sight(out, scene, asked, count);
     qsort(out->sight, out->count, sizeof *out->sight, bands_compare);
     oxl_free(ctx, view);
     return OXL_OK;

@@ -416,7 +416,8 @@ struct bands {
     struct bands_sight *sight;    /* (count) by view and pixel, the nearer first */
     size_t              count;
 };
-OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, struct bands *out);
+/* Of `count` views asked for. */
+OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count, struct bands *out);
 OXL_INTERNAL void       bands_free(oxl_context *ctx, struct bands *b);
 /* band: (H,W) 1 near, 2 mid, 3 far; 0: no point tells. */
 OXL_INTERNAL oxl_result bands_of_view(oxl_context *ctx, const struct bands *b, const oxl_scene *scene, int view, uint8_t *band);

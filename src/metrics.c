@@ -444,13 +444,13 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
     const size_t         room  = (size_t)oxl_scene_view_count(scene) + 1;
     struct metrics_bands bands = {.sum = {{0}}};
     struct renderer     *r     = NULL;
-    oxl_result           rc    = bands_begin(ctx, scene, &bands.of);
+    oxl_result           rc    = OXL_OK;
     int                 *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
-    if (rc == OXL_OK && (!view || !out->views))
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
-    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    if (!view || !out->views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
+    if (rc == OXL_OK) rc = bands_begin(ctx, scene, view, count, &bands.of);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         photos_ahead(ctx, scene, view + i, count - i);
         rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);

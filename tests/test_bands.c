@@ -27,7 +27,7 @@ TEST(bands_of_pixels_are_those_of_the_nearest_point_and_none_far_from_all)
     oxl_scene     *scene = bands_scene();
     struct bands   b;
     size_t         counted = 0;
-    CHECK_OK(bands_begin(test_ctx, scene, &b));
+    CHECK_OK(bands_begin(test_ctx, scene, (int[]){0}, 1, &b));
     CHECK(b.count == 3 && b.depth[0] > 1 && b.depth[0] <= 2 && b.depth[1] >= 2 && b.depth[1] < 3);
     b.depth[0] = 1.5, b.depth[1] = 2.5;
     CHECK_OK(bands_of_view(test_ctx, &b, scene, 0, band));
@@ -55,9 +55,12 @@ TEST(bands_go_by_tracks_where_there_are_some)
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/a.png"), &image));
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/b.png"), &image));
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_OK(bands_begin(test_ctx, scene, &b));
+    CHECK_OK(bands_begin(test_ctx, scene, (int[]){0, 1}, 2, &b));
     CHECK(b.count == 2 && b.sight[0].view == 0 && b.sight[1].view == 1);
     CHECK(b.sight[0].z == 4 && b.sight[0].pixel == 24 * BANDS_W + 32 && b.sight[1].z == 1);
+    bands_free(test_ctx, &b);
+    CHECK_OK(bands_begin(test_ctx, scene, (int[]){1}, 1, &b)); /* of the second alone, the same */
+    CHECK(b.count == 1 && b.sight[0].view == 1 && b.sight[0].z == 1);
     bands_free(test_ctx, &b);
     oxl_image_free(test_ctx, &image);
     oxl_scene_free(test_ctx, scene);
