@@ -85,6 +85,24 @@ const char *oxl_isa_name(const oxl_context *ctx)
     return simd_name(ctx->isa);
 }
 
+/* The caller's allocator, one thread at a time. */
+static void *base_reallocate_in_turn(void *user, void *old, size_t size)
+{
+    const oxl_context_options *caller = user;
+    void                      *memory;
+#ifdef _OPENMP
+#pragma omp critical(base_memory)
+#endif
+    memory = caller->reallocate(caller->user, old, size);
+    return memory;
+}
+
+OXL_INTERNAL oxl_context base_apart(oxl_context *ctx)
+{
+    return (oxl_context){
+        .options = {.reallocate = base_reallocate_in_turn, .user = &ctx->options}, .threads = 1, .isa = ctx->isa};
+}
+
 /* ---------------------------------------------------------------- errors and the log */
 
 OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)

@@ -82,33 +82,19 @@ static int photos_choose_ahead(const oxl_context *ctx, oxl_scene *scene, const i
     return n;
 }
 
-/* The caller's allocator, one thread at a time. */
-static void *photos_reallocate_in_turn(void *user, void *old, size_t size)
-{
-    const oxl_context_options *caller = user;
-    void                      *memory;
-#ifdef _OPENMP
-#pragma omp critical(photos_memory)
-#endif
-    memory = caller->reallocate(caller->user, old, size);
-    return memory;
-}
-
 OXL_INTERNAL void photos_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
 {
     struct photos *p                  = scene_photos(scene);
     struct photo   read[PHOTOS_AHEAD] = {{0}};
     int            chosen[PHOTOS_AHEAD], n;
     size_t         bytes;
-    oxl_context    alone = *ctx; /* each thread's own, whose errors nobody hears: who asks for the photograph will */
+    oxl_context    own = base_apart(ctx); /* its errors nobody hears: who asks for the photograph will */
     if (!scene_colmap(scene) || count < 1 || p->photo[view[0]].rgb) return;
     n = photos_choose_ahead(ctx, scene, view, count, chosen, &bytes);
     if (n < 2) return;
-    alone.threads = 1, alone.notes = NULL, alone.vulkan = NULL;
-    alone.options = (oxl_context_options){.reallocate = photos_reallocate_in_turn, .user = &ctx->options};
     photos_make_room(ctx, p, -1, p->limit - bytes);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(alone)
-    for (int i = 0; i < n; i++) scene_load_photo(&alone, scene, chosen[i], &read[i]);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(own)
+    for (int i = 0; i < n; i++) scene_load_photo(&own, scene, chosen[i], &read[i]);
     for (int i = 0; i < n; i++) {
         if (!read[i].rgb) continue;
         p->photo[chosen[i]] = read[i];

@@ -94,61 +94,121 @@ static oxl_result pictures_write_depth(oxl_context *ctx, const char *folder, con
     return rc;
 }
 
-/* One that cannot be read is not drawn: the evaluation has said so. */
-static oxl_result pictures_copy_photograph(oxl_context *ctx, oxl_scene *scene, int index, const char *folder)
+/* ---------------------------------------------------------------- drawn one after the other, written side by side */
+
+enum {
+    PICTURES_AT_ONCE = 16,
+    PICTURES_BYTES   = 40 /* a pixel, until it is on disk: two images, depth, a PNG on its way */
+};
+
+/* What is written of a view. */
+struct picture {
+    const char *name;
+    int         width, height;
+    oxl_image   drawn, photograph; /* photograph: empty when not asked for, or not to be had */
+    float      *depth;             /* (H,W) or NULL */
+    oxl_context own;               /* of the thread that writes it */
+};
+
+static void picture_free(oxl_context *ctx, struct picture *p)
 {
-    oxl_image  photograph = {0};
-    oxl_result rc         = oxl_scene_image(ctx, scene, index, &photograph);
-    if (rc == OXL_ERR_INPUT) return OXL_OK;
-    if (rc == OXL_OK) rc = pictures_write_image(ctx, folder, oxl_scene_view(scene, index)->name, ".photo.png", &photograph);
-    oxl_image_free(ctx, &photograph);
+    oxl_image_free(ctx, &p->drawn);
+    oxl_image_free(ctx, &p->photograph);
+    oxl_free(ctx, p->depth);
+}
+
+static oxl_result picture_reserve_depth(oxl_context *ctx, struct picture *p)
+{
+    p->depth = oxl_alloc(ctx, (size_t)p->width * (size_t)p->height, sizeof *p->depth);
+    return p->depth ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", p->width, p->height);
+}
+
+/* One that cannot be read is not drawn: the evaluation has said so. */
+static oxl_result picture_take_photograph(oxl_context *ctx, oxl_scene *scene, int view, struct picture *p)
+{
+    const oxl_result rc = oxl_scene_image(ctx, scene, view, &p->photograph);
+    return rc == OXL_ERR_INPUT ? OXL_OK : rc;
+}
+
+static oxl_result picture_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
+                               const oxl_pictures *what, struct picture *out)
+{
+    const oxl_view    *of      = oxl_scene_view(scene, view);
+    oxl_render_options options = oxl_render_options_default();
+    oxl_result         rc      = OXL_OK;
+    options.near_plane         = (float)scene_near_plane(scene);
+    *out = (struct picture){.name = of->name, .width = of->camera.width, .height = of->camera.height, .own = base_apart(ctx)};
+    if (what->depth) rc = picture_reserve_depth(ctx, out);
+    if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, &of->camera, &options, &out->drawn, out->depth);
+    for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
+        out->depth[i] *= (float)what->unit;
+    if (rc == OXL_OK && what->photographs) rc = picture_take_photograph(ctx, scene, view, out);
+    if (rc != OXL_OK) picture_free(ctx, out);
     return rc;
 }
 
-static oxl_result pictures_draw_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int index,
-                                     const oxl_pictures *what, const char *folder)
+static oxl_result picture_write(struct picture *p, const char *folder)
 {
-    const oxl_view *view  = oxl_scene_view(scene, index);
-    const int       width = view->camera.width, height = view->camera.height;
-    oxl_image       drawn = {0};
-    float          *depth = NULL;
-    oxl_result      rc    = OXL_OK;
-
-    oxl_render_options options = oxl_render_options_default();
-    options.near_plane         = (float)scene_near_plane(scene);
-    if (what->depth) {
-        depth = oxl_alloc(ctx, (size_t)width * height, sizeof *depth);
-        if (!depth) {
-            rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
-            goto done;
-        }
-    }
-    rc = renderer_draw(ctx, r, model, &view->camera, &options, &drawn, depth);
-    for (size_t i = 0; rc == OXL_OK && depth && what->unit > 0 && i < (size_t)width * height; i++) depth[i] *= (float)what->unit;
-    if (rc == OXL_OK) rc = pictures_write_image(ctx, folder, view->name, ".png", &drawn);
-    if (rc == OXL_OK && depth) rc = pictures_write_depth(ctx, folder, view->name, depth, width, height);
-    if (rc == OXL_OK && what->photographs) rc = pictures_copy_photograph(ctx, scene, index, folder);
-done:
-    oxl_image_free(ctx, &drawn);
-    oxl_free(ctx, depth);
+    oxl_result rc = pictures_write_image(&p->own, folder, p->name, ".png", &p->drawn);
+    if (rc == OXL_OK && p->depth) rc = pictures_write_depth(&p->own, folder, p->name, p->depth, p->width, p->height);
+    if (rc == OXL_OK && p->photograph.rgb) rc = pictures_write_image(&p->own, folder, p->name, ".photo.png", &p->photograph);
     return rc;
+}
+
+/* As many of the views as may be in memory at once: one for each thread, within a quarter of the cache. *drawn: without the one that
+ * failed. */
+static oxl_result pictures_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, const int *view,
+                                int count, const oxl_pictures *what, struct picture *out, int *drawn)
+{
+    size_t     bytes = 0;
+    oxl_result rc    = OXL_OK;
+    *drawn           = 0;
+    if (what->photographs) photos_ahead(ctx, scene, view, count);
+    while (*drawn < OXL_MIN(count, OXL_MIN(ctx->threads, PICTURES_AT_ONCE))) {
+        const oxl_camera *camera = &oxl_scene_view(scene, view[*drawn])->camera;
+        bytes += (size_t)PICTURES_BYTES * (size_t)camera->width * (size_t)camera->height;
+        if (*drawn > 0 && bytes > scene_photos(scene)->limit / 4) break;
+        rc = picture_draw(ctx, r, model, scene, view[*drawn], what, &out[*drawn]);
+        if (rc != OXL_OK) break;
+        ++*drawn;
+    }
+    return rc;
+}
+
+/* *written: before the first that could not be. */
+static oxl_result pictures_write(oxl_context *ctx, struct picture *picture, int count, const char *folder, int *written)
+{
+    oxl_result rc[PICTURES_AT_ONCE];
+    *written = 0;
+#pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads)
+    for (int i = 0; i < count; i++) rc[i] = picture_write(&picture[i], folder);
+    while (*written < count && rc[*written] == OXL_OK) ++*written;
+    if (*written < count) oxl_fail(ctx, rc[*written], "%s", oxl_error_text(&picture[*written].own));
+    for (int i = 0; i < count; i++) picture_free(ctx, &picture[i]);
+    return *written < count ? ctx->failed : OXL_OK;
 }
 
 oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
                             const char *folder, int *count)
 {
-    struct renderer *r     = NULL;
-    oxl_result       rc    = os_make_folder(ctx, folder);
-    int             *view  = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    const int        asked = view ? scene_views_of(scene, what->split, view) : 0;
-    *count                 = 0;
-    if (rc == OXL_OK && !view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    struct renderer *r       = NULL;
+    struct picture  *picture = oxl_alloc(ctx, PICTURES_AT_ONCE, sizeof *picture);
+    oxl_result       rc      = os_make_folder(ctx, folder);
+    int             *view    = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    const int        asked   = view ? scene_views_of(scene, what->split, view) : 0;
+    *count                   = 0;
+    if (rc == OXL_OK && (!view || !picture)) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     while (rc == OXL_OK && *count < asked) {
-        rc = pictures_draw_view(ctx, r, model, scene, view[*count], what, folder);
-        *count += rc == OXL_OK;
+        int        drawn, written;
+        oxl_result wrote;
+        rc    = pictures_draw(ctx, r, model, scene, view + *count, asked - *count, what, picture, &drawn);
+        wrote = pictures_write(ctx, picture, drawn, folder, &written);
+        *count += written;
+        if (wrote != OXL_OK) rc = wrote;
     }
     renderer_free(ctx, r);
+    oxl_free(ctx, picture);
     oxl_free(ctx, view);
     return rc;
 }

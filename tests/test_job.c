@@ -501,6 +501,29 @@ TEST(job_pictures_stay_inside_their_folder)
     oxl_free(test_ctx, path);
 }
 
+/* With four threads, which write four views' pictures side by side: a folder stands where one of the second view's is to be. */
+TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
+{
+    const oxl_pictures what    = {OXL_SPLIT_ALL, 1, 0, 0};
+    const oxl_point    point   = {.position = {0, 0, 4}};
+    const int          threads = test_ctx->threads;
+    oxl_scene         *scene   = NULL;
+    oxl_model          model;
+    int                count = -1;
+    CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
+    CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
+    test_ctx->threads = 4;
+    CHECK_OK(oxl_render_views(test_ctx, &model, scene, &what, test_path("drawn"), &count));
+    CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) && os_is_file(test_path("drawn/8.png.photo.png")));
+    test_write("again/1.png.png/.keep", "");
+    CHECK(oxl_render_views(test_ctx, &model, scene, &what, test_path("again"), &count) == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), "again/1.png.png");
+    CHECK(count == 1 && os_is_file(test_path("again/0.png.photo.png")) && !os_is_file(test_path("again/8.png.png")));
+    test_ctx->threads = threads;
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* Of six depths: thousandths for the map of 16 bits, rows from the bottom in the float map. */
 TEST(pictures_of_depth_hold_thousandths_and_floats)
 {
