@@ -2,7 +2,8 @@
  *
  * What a step costs depends on how many Gaussians lie over a pixel, which no count in the survey's files tells. So two models stand in
  * for those of the run: the starting one, and one that has as many Gaussians as the run is expected to end with, beside the points
- * that there are. Both have all bands, as a run has after a tenth of it. Steps of both are taken over a few views; the run's are between them.
+ * that there are. Training changes how many lie over a pixel, from few to more and from many to fewer; the second has its widths made
+ * to match. Both have all bands, as a run has after a tenth of it. Steps of both are taken over a few views; the run's are between them.
  *
  * Invariant: nothing of this is left behind. The run that follows ends in the same bytes as without.
  */
@@ -10,23 +11,44 @@
 #include "vecmath.h"
 
 #define REHEARSE_GROWN   0.75 /* share of a run's steps that cost what those of the grown model do, the others as the first */
-#define REHEARSE_TRAINED 1.1  /* steps of trained models over those of fresh ones with as many Gaussians */
 #define REHEARSE_GROWTH  1.25 /* of their number in a densification: 1.1 to 1.35 were seen, until the cap */
-#define REHEARSE_SECONDS 1.0  /* each model is tried for at most about so long */
+#define REHEARSE_OVERLAP 12.0 /* Gaussians over a pixel of a trained model where one was at the start, */
+#define REHEARSE_POWER   0.41 /* and the power of more that it goes with: 10 became 33, 29 46, 42 54, and 108 88 (draft, 320 px) */
+#define REHEARSE_AREA    1.5  /* power of the widths that the overlap goes with: less than 2 for the blur of a pixel */
+#define REHEARSE_SECONDS 1.0  /* each model is tried for at most about so long, */
+#define REHEARSE_WARM    0.01 /* after so many seconds, and a step, that make room and wake threads */
 #define REHEARSE_APART   0.7  /* new Gaussians stand so many standard deviations from those that they grow beside */
 enum {
-    REHEARSE_VIEWS = 12,     /* tried */
-    REHEARSE_MOST  = 1000000 /* points: of more, the blocks will be tried, not the whole */
+    REHEARSE_LEAST  = 4,   /* views tried */
+    REHEARSE_VIEWS  = 12,  /* and at most, */
+    REHEARSE_RARELY = 200, /* one for each so many steps of the run */
+    REHEARSE_LOOKS  = 4,   /* views by which widths are found, in so many */
+    REHEARSE_ROUNDS = 2,
+    REHEARSE_MOST   = 1000000 /* points: of more, the blocks will be tried, not the whole */
 };
 
 struct rehearsal {
     oxl_context       *ctx;
     const oxl_scene   *scene;
     oxl_render_options render;
+    int                iterations;
     struct renderer   *renderer;
     oxl_model          first, second, gradient; /* the shape of the model that is tried */
     float             *target;                  /* (3,H,W) of the largest view: grey */
+    double             evaluations, pixels;     /* of alpha in the steps tried, and of their views */
 };
+
+/* Evaluations of alpha a pixel; 0: not to be had, as a device keeps its splats. */
+static double rehearse_overlap(const struct rehearsal *r)
+{
+    return r->pixels > 0 ? r->evaluations / r->pixels : 0;
+}
+
+static void rehearse_count_evaluations(struct rehearsal *r, const oxl_camera *camera)
+{
+    r->evaluations += (double)renderer_counts(r->renderer).pixels;
+    r->pixels += (double)camera->width * camera->height;
+}
 
 static oxl_result rehearse_target(struct rehearsal *r)
 {
@@ -53,19 +75,31 @@ static oxl_result rehearse_step(struct rehearsal *r, oxl_model *model, const oxl
     return rc;
 }
 
-/* Views from all over the survey. The first step makes room for the others and does not count. */
+/* The k-th of a walk all over the survey, each far from the one before as in a run: what one view saw is not in the cache for the next. */
+static const oxl_camera *rehearse_camera(const struct rehearsal *r, int k)
+{
+    const double along = k * 0.6180339887498949; /* the golden ratio's multiples fill a circle evenly */
+    return &oxl_scene_view(r->scene, (int)((along - floor(along)) * oxl_scene_view_count(r->scene)))->camera;
+}
+
 static oxl_result rehearse_steps(struct rehearsal *r, oxl_model *model, int halved, double *seconds)
 {
-    const int  count = oxl_scene_view_count(r->scene), views = OXL_MIN(count, REHEARSE_VIEWS);
-    double     sum   = 0;
-    int        steps = -1;
+    const int  wanted = OXL_CLAMP(r->iterations / REHEARSE_RARELY, REHEARSE_LEAST, REHEARSE_VIEWS);
+    const int  views  = OXL_MIN(oxl_scene_view_count(r->scene), wanted);
+    double     warm = 0, sum = 0;
+    int        steps = 0;
     oxl_result rc    = OXL_OK;
-    for (int k = 0; k <= views && rc == OXL_OK && (sum < REHEARSE_SECONDS || steps < 1); k++) {
-        const oxl_camera *whole  = &oxl_scene_view(r->scene, k * (count - 1) / OXL_MAX(1, views))->camera;
+    r->evaluations = r->pixels = 0;
+    for (int k = 0; rc == OXL_OK && steps < views && sum < REHEARSE_SECONDS; k++) {
+        const oxl_camera *whole  = rehearse_camera(r, k);
         const oxl_camera  camera = halved ? camera_halve(whole) : *whole;
         const double      begun  = os_seconds();
-        rc                       = rehearse_step(r, model, &camera);
-        if (steps++ >= 0) sum += os_seconds() - begun;
+        double            took;
+        rc   = rehearse_step(r, model, &camera);
+        took = os_seconds() - begun;
+        rehearse_count_evaluations(r, &camera);
+        if (warm < REHEARSE_WARM) warm += took;
+        else sum += took, steps++;
     }
     *seconds = sum / OXL_MAX(1, steps);
     return rc;
@@ -78,14 +112,12 @@ static void rehearse_end_model(struct rehearsal *r)
     oxl_model_free(r->ctx, &r->gradient);
 }
 
-/* halved: may be NULL. */
-static oxl_result rehearse_model(struct rehearsal *r, oxl_model *model, double *seconds, double *halved)
+static oxl_result rehearse_model(struct rehearsal *r, oxl_model *model, int halved, double *seconds)
 {
     oxl_result rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->first);
     if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->second);
     if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->gradient);
-    if (rc == OXL_OK) rc = rehearse_steps(r, model, 0, seconds);
-    if (rc == OXL_OK && halved) rc = rehearse_steps(r, model, 1, halved);
+    if (rc == OXL_OK) rc = rehearse_steps(r, model, halved, seconds);
     if (rc == OXL_OK) rc = renderer_fetch(r->ctx, r->renderer);
     rehearse_end_model(r);
     return rc;
@@ -107,6 +139,33 @@ static oxl_result rehearse_grow(oxl_context *ctx, const oxl_model *model, size_t
     return rc;
 }
 
+static oxl_result rehearse_look(struct rehearsal *r, const oxl_model *model)
+{
+    oxl_result rc  = OXL_OK;
+    r->evaluations = r->pixels = 0;
+    for (int k = 0; k < REHEARSE_LOOKS && rc == OXL_OK; k++) {
+        const oxl_camera *camera = rehearse_camera(r, k);
+        rc                       = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
+        rehearse_count_evaluations(r, camera);
+    }
+    return rc;
+}
+
+/* Makes the widths such that about `overlap` Gaussians lie over a pixel; 0: leaves them. */
+static oxl_result rehearse_train_widths(struct rehearsal *r, oxl_model *model, double overlap)
+{
+    oxl_result rc = OXL_OK;
+    for (int round = 0; round < REHEARSE_ROUNDS && rc == OXL_OK && overlap > 0; round++) {
+        double wider;
+        rc = rehearse_look(r, model);
+        if (rc != OXL_OK || !(r->evaluations > 0)) return rc;
+        wider = vecmath_log(overlap / rehearse_overlap(r)) / REHEARSE_AREA;
+        for (int a = 0; a < 3; a++)
+            for (size_t i = 0; i < model->count; i++) model->plane[OXL_LOG_SCALE + a][i] += (float)wider;
+    }
+    return rc;
+}
+
 /* Seconds of a step: of the starting model, of the same at half the sides, of the grown one. */
 struct rehearsed {
     double early, halved, late;
@@ -121,15 +180,19 @@ static double rehearse_coarse(const oxl_scene *scene, const oxl_train_options *o
 
 static oxl_result rehearse_both(struct rehearsal *r, const oxl_train_options *o, size_t count, struct rehearsed *out)
 {
-    const int  degree = o->sh_degree < 0 ? 3 : o->sh_degree;
+    const int  degree  = o->sh_degree < 0 ? 3 : o->sh_degree;
+    double     overlap = 0; /* of a trained model */
     oxl_model  model = {0}, grown = {0};
     oxl_result rc = rehearse_target(r);
     if (rc == OXL_OK) rc = renderer_create(r->ctx, &r->renderer);
     if (rc == OXL_OK)
         rc = oxl_model_from_points(r->ctx, oxl_scene_points(r->scene), oxl_scene_point_count(r->scene), degree, &model);
-    if (rc == OXL_OK) rc = rehearse_model(r, &model, &out->early, rehearse_coarse(r->scene, o) > 0 ? &out->halved : NULL);
+    if (rc == OXL_OK && rehearse_coarse(r->scene, o) > 0) rc = rehearse_model(r, &model, 1, &out->halved);
+    if (rc == OXL_OK) rc = rehearse_model(r, &model, 0, &out->early);
+    if (rehearse_overlap(r) > 0) overlap = REHEARSE_OVERLAP * vecmath_exp(REHEARSE_POWER * vecmath_log(rehearse_overlap(r)));
     if (rc == OXL_OK) rc = rehearse_grow(r->ctx, &model, count, &grown);
-    if (rc == OXL_OK) rc = rehearse_model(r, &grown, &out->late, NULL);
+    if (rc == OXL_OK) rc = rehearse_train_widths(r, &grown, overlap);
+    if (rc == OXL_OK) rc = rehearse_model(r, &grown, 0, &out->late);
     oxl_model_free(r->ctx, &model);
     oxl_model_free(r->ctx, &grown);
     renderer_free(r->ctx, r->renderer);
@@ -147,7 +210,7 @@ static size_t rehearse_count(const oxl_train_options *o, size_t points, double m
 
 OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *o, double gaussians)
 {
-    struct rehearsal r      = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
+    struct rehearsal r      = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default(), .iterations = o->iterations};
     struct rehearsed t      = {0};
     const size_t     points = oxl_scene_point_count(scene), count = rehearse_count(o, points, gaussians);
     double           step;
@@ -157,7 +220,7 @@ OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl
     if (rehearse_both(&r, o, count, &t) != OXL_OK) return 0;
     oxl_log(ctx, OXL_LOG_DEBUG, "tried: %.3f ms a step at the start, %.3f ms with %zu Gaussians", 1e3 * t.early, 1e3 * t.late,
             count);
-    step = REHEARSE_TRAINED * ((1 - REHEARSE_GROWN) * t.early + REHEARSE_GROWN * t.late);
+    step = (1 - REHEARSE_GROWN) * t.early + REHEARSE_GROWN * t.late;
     if (t.early > 0) step *= 1 - rehearse_coarse(scene, o) * (1 - t.halved / t.early);
-    return o->iterations * step + REHEARSE_TRAINED * t.late * decide_steps_beside(o, train_training_views(scene));
+    return o->iterations * step + t.late * decide_steps_beside(o, train_training_views(scene));
 }

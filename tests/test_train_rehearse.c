@@ -42,6 +42,24 @@ TEST(rehearse_grows_a_model_beside_its_own_centres)
     oxl_model_free(test_ctx, &grown);
 }
 
+/* Each from the widths that the one before has left. */
+TEST(rehearse_makes_widths_that_as_many_gaussians_lie_over_a_pixel_as_were_asked_for)
+{
+    oxl_scene       *scene = train_scene(5);
+    struct rehearsal r     = {.ctx = test_ctx, .scene = scene, .render = oxl_render_options_default()};
+    oxl_model        model;
+    CHECK_OK(renderer_create(test_ctx, &r.renderer));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    for (double overlap = 3; overlap < 100; overlap *= 4) {
+        CHECK_OK(rehearse_train_widths(&r, &model, overlap));
+        CHECK_OK(rehearse_look(&r, &model));
+        CHECK(rehearse_overlap(&r) > 0.7 * overlap && rehearse_overlap(&r) < 1.4 * overlap);
+    }
+    renderer_free(test_ctx, r.renderer);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(survey_arithmetic_is_in_proportion_to_iterations)
 {
     oxl_job_options          o    = oxl_job_options_default(OXL_PRESET_DRAFT);
