@@ -62,10 +62,11 @@ promise endless_places_are_refused 2 "'0,1e999,0' seen" "$program" synth -o o --
 promise wrong_unit_is_refused 2 "'20q' seen" "$program" train s -o o --max-time 20q
 promise one_word_too_many_is_refused 2 "one word too many" "$program" eval a b c
 promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
+# Without /proc (a folder that chroot was called with) the program does not know what to call again, and they do as OpenMP likes.
 promise waiting_threads_sleep 0 "" \
     sh -c "env -u OMP_WAIT_POLICY OMP_DISPLAY_ENV=true '$program' check nowhere >env.txt 2>&1; ! grep -q WAIT_POLICY env.txt || grep -qi \"WAIT_POLICY *= *'passive\" env.txt"
 promise waiting_threads_look_before_they_sleep 0 "" \
-    sh -c "env -u OMP_WAIT_POLICY -u GOMP_SPINCOUNT OMP_DISPLAY_ENV=verbose '$program' check nowhere >env.txt 2>&1; ! grep -q GOMP_SPINCOUNT env.txt || grep -q \"GOMP_SPINCOUNT *= *'500'\" env.txt"
+    sh -c "env -u OMP_WAIT_POLICY -u GOMP_SPINCOUNT OMP_DISPLAY_ENV=verbose '$program' check nowhere >env.txt 2>&1; [ ! -e /proc/self/exe ] || ! grep -q GOMP_SPINCOUNT env.txt || grep -q \"GOMP_SPINCOUNT *= *'500'\" env.txt"
 promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
 
 # A survey of our own; small, so that a step takes a millisecond.
