@@ -883,6 +883,7 @@ OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_o
 OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training views */
 /* Share of the run in which a photograph of this size is halved. */
 OXL_INTERNAL double train_coarse_share(const oxl_train_options *options, int width, int height);
+OXL_INTERNAL int    train_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int    train_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int    train_may_try(const oxl_train_options *options);        /* whether trials, which copy the model, may come */
 OXL_INTERNAL int    train_training_views(const oxl_scene *scene);

@@ -10,7 +10,7 @@
 #include "internal.h"
 #include "vecmath.h"
 
-#define REHEARSE_GROWN   0.75 /* share of a run's steps that cost what those of the grown model do, the others as the first */
+#define REHEARSE_SOON    0.25 /* of the way from the first model's cost to the grown one's: widths change in some hundred steps */
 #define REHEARSE_GROWTH  1.25 /* of their number in a densification: 1.1 to 1.35 were seen, until the cap */
 #define REHEARSE_OVERLAP 12.0 /* Gaussians over a pixel of a trained model where one was at the start, */
 #define REHEARSE_POWER   0.41 /* and the power of more that it goes with: 10 became 33, 29 46, 42 54, and 108 88 (draft, 320 px) */
@@ -208,11 +208,23 @@ static size_t rehearse_count(const oxl_train_options *o, size_t points, double m
     return OXL_MAX(points, (size_t)OXL_MIN(count, most));
 }
 
+/* How far from the first model's cost to the grown one's that of the run's mean step lies. */
+static double rehearse_share(const oxl_train_options *o, double points, double count)
+{
+    double now = points, way = 0;
+    for (int step = 1; step <= o->iterations; step++) {
+        if (train_densifies_at(o, step)) now = OXL_MIN(REHEARSE_GROWTH * now, count);
+        way += count > points ? (now - points) / (count - points) : 1;
+    }
+    return REHEARSE_SOON + (1 - REHEARSE_SOON) * way / o->iterations;
+}
+
 OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *o, double gaussians)
 {
     struct rehearsal r      = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default(), .iterations = o->iterations};
     struct rehearsed t      = {0};
     const size_t     points = oxl_scene_point_count(scene), count = rehearse_count(o, points, gaussians);
+    const double     share = rehearse_share(o, (double)points, (double)count);
     double           step;
     if (points == 0 || count > REHEARSE_MOST || oxl_scene_view_count(scene) == 0) return 0;
     r.render.near_plane = (float)scene_near_plane(scene);
@@ -220,7 +232,7 @@ OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl
     if (rehearse_both(&r, o, count, &t) != OXL_OK) return 0;
     oxl_log(ctx, OXL_LOG_DEBUG, "tried: %.3f ms a step at the start, %.3f ms with %zu Gaussians", 1e3 * t.early, 1e3 * t.late,
             count);
-    step = (1 - REHEARSE_GROWN) * t.early + REHEARSE_GROWN * t.late;
+    step = t.early + share * (t.late - t.early);
     if (t.early > 0) step *= 1 - rehearse_coarse(scene, o) * (1 - t.halved / t.early);
     return o->iterations * step + t.late * decide_steps_beside(o, train_training_views(scene));
 }

@@ -104,7 +104,7 @@ static struct renderer_pace train_pace(const struct train *t)
 
 /* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
  * photographs must be learned before gradients say where detail is missing, and a reset must be made up for. */
-static int train_densifies_at(const oxl_train_options *o, int step)
+OXL_INTERNAL int train_densifies_at(const oxl_train_options *o, int step)
 {
     const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(TRAIN_WARM_UP, 0.25 * o->iterations));
     return step >= from && step <= o->densify_until * o->iterations && step % o->densify_every == 0;

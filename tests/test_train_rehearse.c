@@ -29,6 +29,16 @@ TEST(rehearse_expects_growth_with_densification_up_to_the_arithmetic)
     CHECK(rehearse_count(&o, 1000, 10) == 1000);
 }
 
+/* Densified from 500 to 1000 of 2000 steps the run grows late; with room for twice as many in 40 000 steps it is full after 1300. */
+TEST(rehearse_weighs_the_grown_model_by_when_the_run_has_grown)
+{
+    oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
+    CHECK_CLOSE(rehearse_share(&o, 1000, 1250), REHEARSE_SOON + (1 - REHEARSE_SOON) * 1501 / 2000, 1e-12);
+    CHECK_CLOSE(rehearse_share(&o, 1000, 1000), 1, 1e-12);
+    o = oxl_train_options_default(OXL_PRESET_PAPER);
+    CHECK(rehearse_share(&o, 1000, 2000) > 0.97 && rehearse_share(&o, 1000, 2000) < 1);
+}
+
 TEST(rehearse_grows_a_model_beside_its_own_centres)
 {
     static const oxl_point at[3] = {{.position = {0, 0, 0}}, {.position = {1, 0, 0}}, {.position = {0, 1, 0}}};
