@@ -15,6 +15,7 @@
 #define REHEARSE_OVERLAP 12.0 /* Gaussians over a pixel of a trained model where one was at the start, */
 #define REHEARSE_POWER   0.41 /* and the power of more that it goes with: 10 became 33, 29 46, 42 54, and 108 88 (draft, 320 px) */
 #define REHEARSE_AREA    1.5  /* power of the widths that the overlap goes with: less than 2 for the blur of a pixel */
+#define REHEARSE_WIDER   0.7  /* log widths: at most twice as wide in a round, or half */
 #define REHEARSE_SECONDS 1.0  /* each model is tried for at most about so long, */
 #define REHEARSE_WARM    0.01 /* after so many seconds, and a step, that make room and wake threads */
 #define REHEARSE_APART   0.7  /* new Gaussians stand so many standard deviations from those that they grow beside */
@@ -98,7 +99,7 @@ static oxl_result rehearse_steps(struct rehearsal *r, oxl_model *model, int halv
         rc   = rehearse_step(r, model, &camera);
         took = os_seconds() - begun;
         rehearse_count_evaluations(r, &camera);
-        if (warm < REHEARSE_WARM) warm += took;
+        if (warm < REHEARSE_WARM && k < 4 * views) warm += took; /* not for ever by a clock that stands still */
         else sum += took, steps++;
     }
     *seconds = sum / OXL_MAX(1, steps);
@@ -160,6 +161,7 @@ static oxl_result rehearse_train_widths(struct rehearsal *r, oxl_model *model, d
         rc = rehearse_look(r, model);
         if (rc != OXL_OK || !(r->evaluations > 0)) return rc;
         wider = vecmath_log(overlap / rehearse_overlap(r)) / REHEARSE_AREA;
+        wider = OXL_CLAMP(wider, -REHEARSE_WIDER, REHEARSE_WIDER); /* of few in sight, many more would come into it at once */
         for (int a = 0; a < 3; a++)
             for (size_t i = 0; i < model->count; i++) model->plane[OXL_LOG_SCALE + a][i] += (float)wider;
     }

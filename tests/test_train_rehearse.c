@@ -58,6 +58,7 @@ TEST(rehearse_makes_widths_that_as_many_gaussians_lie_over_a_pixel_as_were_asked
     oxl_scene       *scene = train_scene(5);
     struct rehearsal r     = {.ctx = test_ctx, .scene = scene, .render = oxl_render_options_default()};
     oxl_model        model;
+    float            before;
     CHECK_OK(renderer_create(test_ctx, &r.renderer));
     CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
     for (double overlap = 3; overlap < 100; overlap *= 4) {
@@ -65,6 +66,9 @@ TEST(rehearse_makes_widths_that_as_many_gaussians_lie_over_a_pixel_as_were_asked
         CHECK_OK(rehearse_look(&r, &model));
         CHECK(rehearse_overlap(&r) > 0.7 * overlap && rehearse_overlap(&r) < 1.4 * overlap);
     }
+    before = model.plane[OXL_LOG_SCALE][0];
+    CHECK_OK(rehearse_train_widths(&r, &model, 1e9));
+    CHECK(model.plane[OXL_LOG_SCALE][0] - before < REHEARSE_ROUNDS * REHEARSE_WIDER + 1e-5);
     renderer_free(test_ctx, r.renderer);
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
