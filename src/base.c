@@ -55,6 +55,7 @@ oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **
     if (!ctx) return OXL_ERR_MEMORY;
     *ctx = (oxl_context){.options = o, .threads = base_threads(o.threads), .isa = simd_detect()};
     *out = ctx;
+    image_begin();
     return OXL_OK;
 }
 

@@ -497,12 +497,22 @@ OXL_INTERNAL void image_to_photo(const oxl_image *image, struct photo *photo)
     for (size_t i = 0; photo->mask && i < count; i++) photo->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
 }
 
-/* One filter for all rows and a short search: to try all five and search longer takes 1.6 times as long and saves nothing (docs/SPEED.md). */
+/* One filter for all rows and a short search: to try all five and search longer takes 1.6 times as long and saves nothing (docs/SPEED.md).
+ * stb has these once for the whole program, so they are set once: threads that write PNGs side by side only read them. */
+OXL_INTERNAL void image_begin(void)
+{
+    enum { AVERAGE = 3, SEARCH = 5 };
+#ifdef _OPENMP
+#pragma omp critical(image_begin)
+#endif
+    if (stbi_write_force_png_filter != AVERAGE || stbi_write_png_compression_level != SEARCH) {
+        stbi_write_force_png_filter      = AVERAGE;
+        stbi_write_png_compression_level = SEARCH;
+    }
+}
+
 static unsigned char *image_encode_png(const uint8_t *bytes, int width, int height, int channels, int *size)
 {
-    enum { AVERAGE = 3 };
-    stbi_write_force_png_filter      = AVERAGE;
-    stbi_write_png_compression_level = 5;
     return stbi_write_png_to_mem(bytes, channels * width, width, height, channels, size);
 }
 

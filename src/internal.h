@@ -328,6 +328,7 @@ OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *we
 /* The other way, into memory that photo has already; weight of 0.5 and less is masked. */
 OXL_INTERNAL void       image_to_photo(const oxl_image *image, struct photo *photo);
 
+OXL_INTERNAL void       image_begin(void); /* with each context: how stb writes PNGs */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
 OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height);
