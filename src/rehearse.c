@@ -98,7 +98,7 @@ static oxl_result rehearse_steps(struct rehearsal *r, oxl_model *model, int halv
         double            took;
         rc   = rehearse_step(r, model, &camera);
         took = os_seconds() - begun;
-        rehearse_count_evaluations(r, &camera);
+        if (rc == OXL_OK) rehearse_count_evaluations(r, &camera);
         if (warm < REHEARSE_WARM && k < 4 * views) warm += took; /* not for ever by a clock that stands still */
         else sum += took, steps++;
     }
@@ -147,7 +147,7 @@ static oxl_result rehearse_look(struct rehearsal *r, const oxl_model *model)
     for (int k = 0; k < REHEARSE_LOOKS && rc == OXL_OK; k++) {
         const oxl_camera *camera = rehearse_camera(r, k);
         rc                       = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
-        rehearse_count_evaluations(r, camera);
+        if (rc == OXL_OK) rehearse_count_evaluations(r, camera);
     }
     return rc;
 }
