@@ -18,7 +18,8 @@
 #define LOSS_HALF        5 /* px: the window reaches this far */
 #define LOSS_BAND        8 /* rows blurred down together: each row that is loaded serves all whose windows hold it */
 #define LOSS_REACH       (LOSS_BAND + 2 * LOSS_HALF) /* rows that the windows of a band reach */
-#define LOSS_GAP         3                           /* zeros that a blur along a half row reaches past its end */
+#define LOSS_PHASES      4                           /* see loss_columns */
+#define LOSS_GAP         2                           /* zeros that a blur along reaches past the end of a phase */
 #define LOSS_MAPS        4                           /* of x and y: */
 #define LOSS_X           0
 #define LOSS_Y           1
@@ -49,17 +50,23 @@ struct loss_strip {
 
 /* ---------------------------------------------------------------- rows in the scratch */
 
-/* A row lies there as its even pixels, then its odd ones. In a blur along the row each shifted load then serves two pixels, and
- * those loads, across cache lines, are what limits it. Each half ends in LOSS_GAP zeros or more, at a whole pack; a pack of zeros
- * stands before the row and one behind it. */
-static size_t loss_half(int width)
+/* A row lies there in LOSS_PHASES phases: pixels 0, 4, 8..., then 1, 5, 9..., and so on. In a blur along the row each shifted load
+ * then serves four pixels, and those loads, across cache lines, would limit it. Each phase ends in LOSS_GAP zeros or more; a pack of
+ * zeros stands before the row and one behind it. */
+static size_t loss_columns(int width) /* of a phase that are computed: whole packs */
 {
-    return ((size_t)(width + 1) / 2 + LOSS_GAP + PACK - 1) / PACK * PACK;
+    return ((size_t)width + LOSS_PHASES * PACK - 1) / (LOSS_PHASES * PACK) * PACK;
+}
+
+static size_t loss_phase(int width) /* from one phase to the next */
+{
+    const size_t used = ((size_t)width + LOSS_PHASES - 1) / LOSS_PHASES;
+    return (used + LOSS_GAP + PACK - 1) / PACK * PACK;
 }
 
 static size_t loss_stride(int width)
 {
-    return 2 * loss_half(width) + 2 * PACK;
+    return LOSS_PHASES * loss_phase(width) + 2 * PACK;
 }
 
 static size_t loss_scratch_size(int width)
@@ -68,7 +75,7 @@ static size_t loss_scratch_size(int width)
 }
 
 struct loss_rows { /* the scratch, cut up */
-    size_t half, stride;
+    size_t columns, phase, stride;
     real  *x, *y;      /* (LOSS_REACH, stride) rings */
     real  *down;       /* (LOSS_MAPS, LOSS_BAND, stride) maps of a band, blurred down; later its derivatives */
     real  *blurred;    /* (LOSS_MAPS, stride) maps of one row, blurred along it too */
@@ -80,7 +87,10 @@ struct loss_rows { /* the scratch, cut up */
 
 SIMD_INLINE struct loss_rows loss_rows(const struct loss_strip *s)
 {
-    struct loss_rows r = {.half = loss_half(s->job->width), .stride = loss_stride(s->job->width), .x = s->scratch + PACK};
+    struct loss_rows r = {.columns = loss_columns(s->job->width),
+                          .phase   = loss_phase(s->job->width),
+                          .stride  = loss_stride(s->job->width),
+                          .x       = s->scratch + PACK};
     r.y                = r.x + r.stride * LOSS_REACH;
     r.down             = r.y + r.stride * LOSS_REACH;
     r.blurred          = r.down + r.stride * LOSS_MAPS * LOSS_BAND;
@@ -103,26 +113,30 @@ SIMD_INLINE void loss_window(const struct loss_rows *r, real *ring, int band, co
     for (int k = 0; k < LOSS_REACH; k++) rows[k] = loss_ring(r, ring, band - LOSS_HALF + k);
 }
 
-SIMD_INLINE void loss_split(const real *restrict in, int width, size_t half, real *restrict out)
+SIMD_INLINE void loss_split(const real *restrict in, int width, size_t phase, real *restrict out)
 {
-    const size_t pairs = (size_t)width / 2;
+    const size_t whole = (size_t)width / LOSS_PHASES;
 #pragma omp simd
-    for (size_t j = 0; j < pairs; j++) {
-        out[j]        = in[2 * j];
-        out[half + j] = in[2 * j + 1];
+    for (size_t j = 0; j < whole; j++) {
+        out[j]             = in[4 * j];
+        out[phase + j]     = in[4 * j + 1];
+        out[2 * phase + j] = in[4 * j + 2];
+        out[3 * phase + j] = in[4 * j + 3];
     }
-    if (width & 1) out[pairs] = in[2 * pairs];
+    for (size_t i = whole * LOSS_PHASES; i < (size_t)width; i++) out[i % LOSS_PHASES * phase + whole] = in[i];
 }
 
-SIMD_INLINE void loss_join(const real *restrict in, int width, size_t half, real *restrict out)
+SIMD_INLINE void loss_join(const real *restrict in, int width, size_t phase, real *restrict out)
 {
-    const size_t pairs = (size_t)width / 2;
+    const size_t whole = (size_t)width / LOSS_PHASES;
 #pragma omp simd
-    for (size_t j = 0; j < pairs; j++) {
-        out[2 * j]     = in[j];
-        out[2 * j + 1] = in[half + j];
+    for (size_t j = 0; j < whole; j++) {
+        out[4 * j]     = in[j];
+        out[4 * j + 1] = in[phase + j];
+        out[4 * j + 2] = in[2 * phase + j];
+        out[4 * j + 3] = in[3 * phase + j];
     }
-    if (width & 1) out[2 * pairs] = in[pairs];
+    for (size_t i = whole * LOSS_PHASES; i < (size_t)width; i++) out[i] = in[i % LOSS_PHASES * phase + whole];
 }
 
 /* A row of an image (3,H,W). */
@@ -134,67 +148,50 @@ SIMD_INLINE size_t loss_at(const struct loss_strip *s, int row)
 /* A row of a weight map; without one the counts stay as loss_open left them. */
 SIMD_INLINE void loss_fill_counts(const struct loss_strip *s, const struct loss_rows *r, const real *map, int row)
 {
-    if (map) loss_split(map + (size_t)row * (size_t)s->job->width, s->job->width, r->half, r->counts);
+    if (map) loss_split(map + (size_t)row * (size_t)s->job->width, s->job->width, r->phase, r->counts);
 }
 
 SIMD_INLINE void loss_open(const struct loss_strip *s, const struct loss_rows *r)
 {
-    memset(s->scratch, 0, loss_scratch_size(s->job->width) * sizeof *s->scratch);
-    for (int j = 0; !s->job->weight && j < s->job->width; j++) r->counts[(size_t)(j & 1) * r->half + (size_t)(j / 2)] = 1;
+    for (int j = 0; !s->job->weight && j < s->job->width; j++)
+        r->counts[(size_t)j % LOSS_PHASES * r->phase + (size_t)j / LOSS_PHASES] = 1;
 }
 
 /* ---------------------------------------------------------------- blurs */
 
-/* Pixel 2 j is even[j], 2 j + 1 is odd[j]. `one` is 1, but the compiler must not know: clang would carry loads from one pixel to
- * the next, and then cannot vectorise. */
-SIMD_INLINE void loss_blur_along(const int fused, const size_t one, const real *row, size_t half, real *restrict out)
+/* A window is symmetric: values at equal distances are added before they are weighted. */
+SIMD_INLINE real loss_fold(const int fused, real r0, real r1, real r2, real r3, real r4, real r5, real r6, real r7, real r8,
+                           real r9, real r10)
 {
-    const real *restrict even0 = row - 2, *restrict even1 = even0 + one, *restrict even2 = even1 + one;
-    const real *restrict even3 = even2 + one, *restrict even4 = even3 + one, *restrict even5 = even4 + one;
-    const real *restrict odd0 = row + half - 3, *restrict odd1 = odd0 + one, *restrict odd2 = odd1 + one;
-    const real *restrict odd3 = odd2 + one, *restrict odd4 = odd3 + one, *restrict odd5 = odd4 + one;
-    for (size_t j0 = 0; j0 < half; j0 += PACK) {
+    real sum = LOSS_WINDOW[0] * (r0 + r10);
+    sum      = muladd(fused, LOSS_WINDOW[1], r1 + r9, sum);
+    sum      = muladd(fused, LOSS_WINDOW[2], r2 + r8, sum);
+    sum      = muladd(fused, LOSS_WINDOW[3], r3 + r7, sum);
+    sum      = muladd(fused, LOSS_WINDOW[4], r4 + r6, sum);
+    return muladd(fused, LOSS_WINDOW[5], r5, sum);
+}
+
+/* Columns of all phases. `one` is 1, but the compiler must not know: clang would carry loads from one column to the next, and then
+ * cannot vectorise. */
+SIMD_INLINE void loss_blur_along(const int fused, const size_t one, const struct loss_rows *r, const real *row,
+                                 real *restrict out)
+{
+    const real *restrict a1 = row - 1, *restrict a2 = a1 + one, *restrict a3 = a2 + one, *restrict a4 = a3 + one;
+    const real *restrict b1 = row + r->phase - 1, *restrict b2 = b1 + one, *restrict b3 = b2 + one;
+    const real *restrict c1 = row + 2 * r->phase - 1, *restrict c2 = c1 + one, *restrict c3 = c2 + one;
+    const real *restrict d0 = row + 3 * r->phase - 2, *restrict d1 = d0 + one, *restrict d2 = d1 + one, *restrict d3 = d2 + one;
+    for (size_t j0 = 0; j0 < r->columns; j0 += PACK) {
 #pragma omp simd
         for (size_t l = 0; l < PACK; l++) {
             const size_t j = j0 + l;
-            real         a = LOSS_WINDOW[0] * odd0[j], b = LOSS_WINDOW[0] * even0[j];
-            a = muladd(fused, LOSS_WINDOW[1], even0[j], a), b = muladd(fused, LOSS_WINDOW[1], odd1[j], b);
-            a = muladd(fused, LOSS_WINDOW[2], odd1[j], a), b = muladd(fused, LOSS_WINDOW[2], even1[j], b);
-            a = muladd(fused, LOSS_WINDOW[3], even1[j], a), b = muladd(fused, LOSS_WINDOW[3], odd2[j], b);
-            a = muladd(fused, LOSS_WINDOW[4], odd2[j], a), b = muladd(fused, LOSS_WINDOW[4], even2[j], b);
-            a = muladd(fused, LOSS_WINDOW[5], even2[j], a), b = muladd(fused, LOSS_WINDOW[5], odd3[j], b);
-            a = muladd(fused, LOSS_WINDOW[6], odd3[j], a), b = muladd(fused, LOSS_WINDOW[6], even3[j], b);
-            a = muladd(fused, LOSS_WINDOW[7], even3[j], a), b = muladd(fused, LOSS_WINDOW[7], odd4[j], b);
-            a = muladd(fused, LOSS_WINDOW[8], odd4[j], a), b = muladd(fused, LOSS_WINDOW[8], even4[j], b);
-            a = muladd(fused, LOSS_WINDOW[9], even4[j], a), b = muladd(fused, LOSS_WINDOW[9], odd5[j], b);
-            a = muladd(fused, LOSS_WINDOW[10], odd5[j], a), b = muladd(fused, LOSS_WINDOW[10], even5[j], b);
-            out[j]        = a;
-            out[half + j] = b;
+            const real p0 = d0[j], p1 = a1[j], p2 = b1[j], p3 = c1[j], p4 = d1[j], p5 = a2[j], p6 = b2[j], p7 = c2[j], p8 = d2[j],
+                       p9 = a3[j], p10 = b3[j], p11 = c3[j], p12 = d3[j], p13 = a4[j];
+            out[j]                = loss_fold(fused, p0, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10);
+            out[r->phase + j]     = loss_fold(fused, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10, p11);
+            out[2 * r->phase + j] = loss_fold(fused, p2, p3, p4, p5, p6, p7, p8, p9, p10, p11, p12);
+            out[3 * r->phase + j] = loss_fold(fused, p3, p4, p5, p6, p7, p8, p9, p10, p11, p12, p13);
         }
     }
-}
-
-struct loss_column { /* of a band, one pixel wide; by value: gcc makes no vector of it in memory */
-    real row[LOSS_BAND];
-};
-
-SIMD_INLINE real loss_tap(const int fused, const int k, real value, real sum)
-{
-    return k >= 0 && k < LOSS_TAPS ? muladd(fused, LOSS_WINDOW[k], value, sum) : sum;
-}
-
-/* Adds the k-th row that the band's windows reach. */
-SIMD_INLINE struct loss_column loss_add_row(const int fused, const int k, real value, struct loss_column sum)
-{
-    sum.row[0] = loss_tap(fused, k, value, sum.row[0]);
-    sum.row[1] = loss_tap(fused, k - 1, value, sum.row[1]);
-    sum.row[2] = loss_tap(fused, k - 2, value, sum.row[2]);
-    sum.row[3] = loss_tap(fused, k - 3, value, sum.row[3]);
-    sum.row[4] = loss_tap(fused, k - 4, value, sum.row[4]);
-    sum.row[5] = loss_tap(fused, k - 5, value, sum.row[5]);
-    sum.row[6] = loss_tap(fused, k - 6, value, sum.row[6]);
-    sum.row[7] = loss_tap(fused, k - 7, value, sum.row[7]);
-    return sum;
 }
 
 SIMD_INLINE real loss_map(const int fused, const int map, real x, real y)
@@ -208,34 +205,24 @@ SIMD_INLINE void loss_blur_down(const int fused, const int map, const real *cons
 {
 #pragma omp simd
     for (size_t l = 0; l < PACK; l++) {
-        const size_t       j   = j0 + l;
-        struct loss_column sum = {{0}};
-        sum                    = loss_add_row(fused, 0, loss_map(fused, map, x[0][j], y[0][j]), sum);
-        sum                    = loss_add_row(fused, 1, loss_map(fused, map, x[1][j], y[1][j]), sum);
-        sum                    = loss_add_row(fused, 2, loss_map(fused, map, x[2][j], y[2][j]), sum);
-        sum                    = loss_add_row(fused, 3, loss_map(fused, map, x[3][j], y[3][j]), sum);
-        sum                    = loss_add_row(fused, 4, loss_map(fused, map, x[4][j], y[4][j]), sum);
-        sum                    = loss_add_row(fused, 5, loss_map(fused, map, x[5][j], y[5][j]), sum);
-        sum                    = loss_add_row(fused, 6, loss_map(fused, map, x[6][j], y[6][j]), sum);
-        sum                    = loss_add_row(fused, 7, loss_map(fused, map, x[7][j], y[7][j]), sum);
-        sum                    = loss_add_row(fused, 8, loss_map(fused, map, x[8][j], y[8][j]), sum);
-        sum                    = loss_add_row(fused, 9, loss_map(fused, map, x[9][j], y[9][j]), sum);
-        sum                    = loss_add_row(fused, 10, loss_map(fused, map, x[10][j], y[10][j]), sum);
-        sum                    = loss_add_row(fused, 11, loss_map(fused, map, x[11][j], y[11][j]), sum);
-        sum                    = loss_add_row(fused, 12, loss_map(fused, map, x[12][j], y[12][j]), sum);
-        sum                    = loss_add_row(fused, 13, loss_map(fused, map, x[13][j], y[13][j]), sum);
-        sum                    = loss_add_row(fused, 14, loss_map(fused, map, x[14][j], y[14][j]), sum);
-        sum                    = loss_add_row(fused, 15, loss_map(fused, map, x[15][j], y[15][j]), sum);
-        sum                    = loss_add_row(fused, 16, loss_map(fused, map, x[16][j], y[16][j]), sum);
-        sum                    = loss_add_row(fused, 17, loss_map(fused, map, x[17][j], y[17][j]), sum);
-        out[j]                 = sum.row[0];
-        out[stride + j]        = sum.row[1];
-        out[2 * stride + j]    = sum.row[2];
-        out[3 * stride + j]    = sum.row[3];
-        out[4 * stride + j]    = sum.row[4];
-        out[5 * stride + j]    = sum.row[5];
-        out[6 * stride + j]    = sum.row[6];
-        out[7 * stride + j]    = sum.row[7];
+        const size_t j  = j0 + l;
+        const real   m0 = loss_map(fused, map, x[0][j], y[0][j]), m1 = loss_map(fused, map, x[1][j], y[1][j]);
+        const real   m2 = loss_map(fused, map, x[2][j], y[2][j]), m3 = loss_map(fused, map, x[3][j], y[3][j]);
+        const real   m4 = loss_map(fused, map, x[4][j], y[4][j]), m5 = loss_map(fused, map, x[5][j], y[5][j]);
+        const real   m6 = loss_map(fused, map, x[6][j], y[6][j]), m7 = loss_map(fused, map, x[7][j], y[7][j]);
+        const real   m8 = loss_map(fused, map, x[8][j], y[8][j]), m9 = loss_map(fused, map, x[9][j], y[9][j]);
+        const real   m10 = loss_map(fused, map, x[10][j], y[10][j]), m11 = loss_map(fused, map, x[11][j], y[11][j]);
+        const real   m12 = loss_map(fused, map, x[12][j], y[12][j]), m13 = loss_map(fused, map, x[13][j], y[13][j]);
+        const real   m14 = loss_map(fused, map, x[14][j], y[14][j]), m15 = loss_map(fused, map, x[15][j], y[15][j]);
+        const real   m16 = loss_map(fused, map, x[16][j], y[16][j]), m17 = loss_map(fused, map, x[17][j], y[17][j]);
+        out[l]              = loss_fold(fused, m0, m1, m2, m3, m4, m5, m6, m7, m8, m9, m10);
+        out[stride + l]     = loss_fold(fused, m1, m2, m3, m4, m5, m6, m7, m8, m9, m10, m11);
+        out[2 * stride + l] = loss_fold(fused, m2, m3, m4, m5, m6, m7, m8, m9, m10, m11, m12);
+        out[3 * stride + l] = loss_fold(fused, m3, m4, m5, m6, m7, m8, m9, m10, m11, m12, m13);
+        out[4 * stride + l] = loss_fold(fused, m4, m5, m6, m7, m8, m9, m10, m11, m12, m13, m14);
+        out[5 * stride + l] = loss_fold(fused, m5, m6, m7, m8, m9, m10, m11, m12, m13, m14, m15);
+        out[6 * stride + l] = loss_fold(fused, m6, m7, m8, m9, m10, m11, m12, m13, m14, m15, m16);
+        out[7 * stride + l] = loss_fold(fused, m7, m8, m9, m10, m11, m12, m13, m14, m15, m16, m17);
     }
 }
 
@@ -255,12 +242,12 @@ SIMD_INLINE void loss_take_row(const struct loss_strip *s, const struct loss_row
 {
     real *x = loss_ring(r, r->x, row), *y = loss_ring(r, r->y, row);
     if (row < 0 || row >= s->job->height) {
-        memset(x, 0, 2 * r->half * sizeof *x);
-        memset(y, 0, 2 * r->half * sizeof *y);
+        memset(x, 0, LOSS_PHASES * r->phase * sizeof *x);
+        memset(y, 0, LOSS_PHASES * r->phase * sizeof *y);
         return;
     }
-    loss_split(s->job->x + loss_at(s, row), s->job->width, r->half, x);
-    loss_split(s->job->y + loss_at(s, row), s->job->width, r->half, y);
+    loss_split(s->job->x + loss_at(s, row), s->job->width, r->phase, x);
+    loss_split(s->job->y + loss_at(s, row), s->job->width, r->phase, y);
 }
 
 /* Stage 2: the four maps, blurred down for the windows centred on the rows of a band. */
@@ -270,12 +257,13 @@ SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int 
     const size_t map = LOSS_BAND * r->stride;
     loss_window(r, r->x, band, x);
     loss_window(r, r->y, band, y);
-    for (size_t j = 0; j < 2 * r->half; j += PACK) {
-        loss_blur_down(fused, LOSS_X, x, y, j, r->stride, r->down);
-        loss_blur_down(fused, LOSS_Y, x, y, j, r->stride, r->down + map);
-        loss_blur_down(fused, LOSS_SQUARES, x, y, j, r->stride, r->down + 2 * map);
-        loss_blur_down(fused, LOSS_PRODUCT, x, y, j, r->stride, r->down + 3 * map);
-    }
+    for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
+        for (size_t j = p; j < p + r->columns; j += PACK) {
+            loss_blur_down(fused, LOSS_X, x, y, j, r->stride, r->down + j);
+            loss_blur_down(fused, LOSS_Y, x, y, j, r->stride, r->down + map + j);
+            loss_blur_down(fused, LOSS_SQUARES, x, y, j, r->stride, r->down + 2 * map + j);
+            loss_blur_down(fused, LOSS_PRODUCT, x, y, j, r->stride, r->down + 3 * map + j);
+        }
 }
 
 /* S and its derivatives (MATH 8, 9), of the blurred maps of a row. Returns the sum of S. */
@@ -287,21 +275,22 @@ SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s,
     real *restrict dx = r->derivative, *restrict dm = dx + r->stride, *restrict dxy = dm + r->stride;
     real       sum[PACK] = {0};
     const real scale     = -2 * s->ssim_scale;
-    for (size_t j0 = 0; j0 < 2 * r->half; j0 += PACK) {
+    for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
+        for (size_t j0 = p; j0 < p + r->columns; j0 += PACK) {
 #pragma omp simd
-        for (size_t l = 0; l < PACK; l++) {
-            const size_t j  = j0 + l;
-            const real   ux = mx[j], uy = my[j], uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
-            const real   a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, LOSS_C2);
-            const real   b1 = uu + LOSS_C1, b2 = mm[j] - uu + LOSS_C2, i = 1 / (b1 * b2);
-            const real   p = a1 * i, q = a2 * i, ssim = a1 * q, t = ssim * i, c = scale * counts[j];
-            /* the variances hold -ux^2 and -ux uy */
-            dx[j]  = c * (uy * (q - p) - ux * t * (b2 - b1));
-            dm[j]  = (real)-0.5 * c * t * b1;
-            dxy[j] = c * p;
-            sum[l] = muladd(fused, counts[j], ssim, sum[l]);
+            for (size_t l = 0; l < PACK; l++) {
+                const size_t j  = j0 + l;
+                const real   ux = mx[j], uy = my[j], uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
+                const real   a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, LOSS_C2);
+                const real   b1 = uu + LOSS_C1, b2 = mm[j] - uu + LOSS_C2, i = 1 / (b1 * b2);
+                const real   p = a1 * i, q = a2 * i, ssim = a1 * q, t = ssim * i, c = scale * counts[j];
+                /* the variances hold -ux^2 and -ux uy */
+                dx[j]  = c * (uy * (q - p) - ux * t * (b2 - b1));
+                dm[j]  = (real)-0.5 * c * t * b1;
+                dxy[j] = c * p;
+                sum[l] = muladd(fused, counts[j], ssim, sum[l]);
+            }
         }
-    }
     return loss_sum_lanes(sum);
 }
 
@@ -310,21 +299,21 @@ SIMD_INLINE void loss_return_row(const int fused, const struct loss_strip *s, co
 {
     real sum;
     for (size_t k = 0; k < LOSS_MAPS; k++)
-        loss_blur_along(fused, s->one, r->down + (k * LOSS_BAND + (size_t)(row - band)) * r->stride, r->half,
+        loss_blur_along(fused, s->one, r, r->down + (k * LOSS_BAND + (size_t)(row - band)) * r->stride,
                         r->blurred + k * r->stride);
     loss_fill_counts(s, r, s->window_ok, row);
     sum = loss_differentiate(fused, s, r);
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
-        loss_blur_along(fused, s->one, r->derivative + k * r->stride, r->half,
+        loss_blur_along(fused, s->one, r, r->derivative + k * r->stride,
                         loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row));
     if (row >= s->first && row < s->end) s->sums[row][1] = sum;
 }
 
-/* The same below the image: nothing returns from there. */
+/* The same outside of the image: nothing returns from there. */
 SIMD_INLINE void loss_return_nothing(const struct loss_rows *r, int row)
 {
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
-        memset(loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row), 0, 2 * r->half * sizeof *r->returned);
+        memset(loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row), 0, LOSS_PHASES * r->phase * sizeof *r->returned);
 }
 
 /* Stage 4: the derivatives, blurred down for the rows of a band. */
@@ -333,8 +322,9 @@ SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++) {
         const real *rows[LOSS_REACH];
         loss_window(r, r->returned + k * LOSS_REACH * r->stride, band, rows);
-        for (size_t j = 0; j < 2 * r->half; j += PACK)
-            loss_blur_down(fused, LOSS_X, rows, rows, j, r->stride, r->down + k * LOSS_BAND * r->stride);
+        for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
+            for (size_t j = p; j < p + r->columns; j += PACK)
+                loss_blur_down(fused, LOSS_X, rows, rows, j, r->stride, r->down + k * LOSS_BAND * r->stride + j);
     }
 }
 
@@ -348,19 +338,20 @@ SIMD_INLINE void loss_give_row(const int fused, const struct loss_strip *s, cons
     real *restrict out          = r->gradient;
     real l1[PACK] = {0}, square[PACK] = {0};
     loss_fill_counts(s, r, s->job->weight, row);
-    for (size_t j0 = 0; j0 < 2 * r->half; j0 += PACK) {
+    for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
+        for (size_t j0 = p; j0 < p + r->columns; j0 += PACK) {
 #pragma omp simd
-        for (size_t l = 0; l < PACK; l++) {
-            const size_t j = j0 + l;
-            const real   a = x[j], b = y[j], difference = a - b;
-            const real   sign    = difference > 0 ? (real)1 : difference < 0 ? (real)-1 : 0;
-            const real   through = muladd(fused, 2 * a, dm[j], b * dxy[j]);
-            out[j]               = dx[j] + through + s->l1_scale * counts[j] * sign;
-            l1[l] += counts[j] * (difference < 0 ? -difference : difference);
-            square[l] += counts[j] * difference * difference;
+            for (size_t l = 0; l < PACK; l++) {
+                const size_t j = j0 + l;
+                const real   a = x[j], b = y[j], difference = a - b;
+                const real   sign    = difference > 0 ? (real)1 : difference < 0 ? (real)-1 : 0;
+                const real   through = muladd(fused, 2 * a, dm[j], b * dxy[j]);
+                out[j]               = dx[j] + through + s->l1_scale * counts[j] * sign;
+                l1[l] += counts[j] * (difference < 0 ? -difference : difference);
+                square[l] += counts[j] * difference * difference;
+            }
         }
-    }
-    loss_join(out, s->job->width, r->half, s->job->dx + loss_at(s, row));
+    loss_join(out, s->job->width, r->phase, s->job->dx + loss_at(s, row));
     s->sums[row][0] = loss_sum_lanes(l1);
     s->sums[row][2] = loss_sum_lanes(square);
 }
@@ -371,6 +362,7 @@ SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
     const int              start = OXL_MAX(s->first - LOSS_HALF, 0), below = OXL_MIN(s->end + LOSS_HALF, s->job->height);
     loss_open(s, &r);
     for (int row = start - LOSS_HALF; row < start + LOSS_HALF; row++) loss_take_row(s, &r, row);
+    for (int row = start - LOSS_HALF; row < start; row++) loss_return_nothing(&r, row);
     for (int band = start; band < s->end + LOSS_HALF; band += LOSS_BAND) {
         const int given = band - LOSS_HALF; /* the band whose windows end with this one */
         for (int row = band + LOSS_HALF; row < band + LOSS_HALF + LOSS_BAND; row++) loss_take_row(s, &r, row);
@@ -481,6 +473,13 @@ static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SU
     out->total = (1 - (double)job->ssim_weight) * out->l1 + (double)job->ssim_weight * (1 - out->ssim);
 }
 
+/* What stands around the rows must be 0; nobody writes there, so that is needed once for a width. */
+static void loss_clear(struct loss_scratch *scratch, int width, size_t count)
+{
+    if (scratch->width != width) memset(scratch->rows, 0, count * sizeof(real));
+    scratch->width = width;
+}
+
 OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch,
                                               struct loss_value *out)
 {
@@ -495,6 +494,7 @@ OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct los
         rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height, LOSS_SUMS * sizeof(double));
     if (rc == OXL_OK && job->weight) rc = loss_whole_windows(ctx, job, scratch, &values, &windows);
     if (rc != OXL_OK) return rc;
+    loss_clear(scratch, job->width, room * 3 * (size_t)pieces);
     strip  = scratch->strip;
     strips = loss_cut(job->height, pieces, strip);
     for (int i = 0; i < strips; i++) {

@@ -229,7 +229,8 @@
 #define loss_l1_strip         loss_l1_strip_f64
 #define loss_stride           loss_stride_f64
 #define loss_scratch_size     loss_scratch_size_f64
-#define loss_half             loss_half_f64
+#define loss_columns          loss_columns_f64
+#define loss_phase            loss_phase_f64
 #define loss_rows             loss_rows_f64
 #define loss_ring             loss_ring_f64
 #define loss_split            loss_split_f64
@@ -238,9 +239,7 @@
 #define loss_open             loss_open_f64
 #define loss_blur_along       loss_blur_along_f64
 #define loss_blur_down        loss_blur_down_f64
-#define loss_column           loss_column_f64
-#define loss_tap              loss_tap_f64
-#define loss_add_row          loss_add_row_f64
+#define loss_fold             loss_fold_f64
 #define loss_map              loss_map_f64
 #define loss_window           loss_window_f64
 #define loss_sum_lanes        loss_sum_lanes_f64
@@ -255,6 +254,7 @@
 #define loss_whole_along      loss_whole_along_f64
 #define loss_whole_down       loss_whole_down_f64
 #define loss_whole_windows    loss_whole_windows_f64
+#define loss_clear            loss_clear_f64
 #define loss_cut              loss_cut_f64
 #define loss_add_up           loss_add_up_f64
 #define loss_forward_backward loss_forward_backward_f64
@@ -629,7 +629,8 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef loss_strip_avx512
 #undef loss_stride
 #undef loss_scratch_size
-#undef loss_half
+#undef loss_columns
+#undef loss_phase
 #undef loss_rows
 #undef loss_ring
 #undef loss_split
@@ -638,9 +639,7 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef loss_open
 #undef loss_blur_along
 #undef loss_blur_down
-#undef loss_column
-#undef loss_tap
-#undef loss_add_row
+#undef loss_fold
 #undef loss_map
 #undef loss_window
 #undef loss_sum_lanes
@@ -655,6 +654,7 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef loss_whole_along
 #undef loss_whole_down
 #undef loss_whole_windows
+#undef loss_clear
 #undef loss_cut
 #undef loss_add_up
 #undef loss_forward_backward
