@@ -152,6 +152,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->bands_every >= 0) o->train.bands_every = (float)a->bands_every;
     if (a->refine >= 0) o->refine = (float)a->refine;
     if (a->haste >= 0) o->train.haste = (float)a->haste;
+    if (a->settle >= 0) o->train.settle = (float)a->settle;
     if (a->ram >= 0) o->ram = (size_t)a->ram;
     if (a->block >= 0) o->block = a->block;
     if (a->seed >= 0) o->seed = (uint64_t)a->seed;

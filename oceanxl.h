@@ -367,6 +367,7 @@ typedef struct oxl_train_options {
      * of n < 7000, with r = (7000 / n)^haste, scales take sqrt(r) times that again, the mean gradient forgets r^2 times as much in a
      * step (up to a half), and the mean of its square r^-1.5 times as much (0.35, paper 0; docs/TRADEOFF.md). */
     float    haste;
+    float    settle; /* last share of the run, over which all steps shrink to a tenth; 0: none (0.2; docs/TRADEOFF.md) */
     /* density control, as fractions of the run and steps */
     float    densify_from, densify_until; /* 0.025, 0.5 */
     int      densify_every;               /* 100 */

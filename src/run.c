@@ -46,6 +46,7 @@ static const struct run_field {
     RUN_FIELD("rate_sh0", RUN_FLOAT, train.rate_sh0),
     RUN_FIELD("rate_sh", RUN_FLOAT, train.rate_sh),
     RUN_FIELD("haste", RUN_FLOAT, train.haste),
+    RUN_FIELD("settle", RUN_FLOAT, train.settle),
     RUN_FIELD("densify_from", RUN_FLOAT, train.densify_from),
     RUN_FIELD("densify_until", RUN_FLOAT, train.densify_until),
     RUN_FIELD("densify_every", RUN_INT, train.densify_every),

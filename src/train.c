@@ -19,6 +19,7 @@
 #define TRAIN_BETA_LEAST    0.5  /* of the mean gradient */
 #define TRAIN_BETA_MOST     0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define TRAIN_UNHURRIED     30000   /* iterations that the rates were chosen for [Kerbl 2023] */
+#define TRAIN_SETTLED       0.1     /* times the usual steps at the end of a run */
 #define TRAIN_AHEAD         64   /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
 #define TRAIN_SAVE_STEPS    500  /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS  60.0 /* or so long, whichever comes first */
@@ -40,6 +41,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .rate_sh0            = 0.0025f,
                            .rate_sh             = 0.0025f / 20,
                            .haste               = 0.35f,
+                           .settle              = 0.2f,
                            .densify_from        = 0.025f,
                            .densify_until       = 0.5f,
                            .densify_every       = 100,
@@ -80,6 +82,13 @@ OXL_INTERNAL float train_scale_rate(const oxl_train_options *o)
     return (float)(train_haste(o) * sqrt(train_rush(o)) * o->rate_log_scale);
 }
 
+/* What all steps are multiplied by at a share of the run. */
+static float train_settling(const oxl_train_options *o, double progress)
+{
+    const double left = 1 - progress;
+    return left < o->settle ? (float)vecmath_exp((1 - left / o->settle) * vecmath_log(TRAIN_SETTLED)) : 1;
+}
+
 static struct renderer_pace train_pace(const struct train *t)
 {
     const oxl_train_options *o     = t->options;
@@ -99,6 +108,7 @@ static struct renderer_pace train_pace(const struct train *t)
                        : k < OXL_LOBE     ? (float)(sqrt(haste) * o->rate_sh)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
+    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] *= train_settling(o, progress);
     return pace;
 }
 
@@ -642,6 +652,7 @@ static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
     if (o->exp_degree != 3 && o->exp_degree != 5)
         return oxl_fail(ctx, OXL_ERR_USAGE, "2^x by a polynomial of degree %d: wanted 3 or 5", o->exp_degree);
     if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);
+    if (!(o->settle >= 0 && o->settle <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "settle %g: wanted 0 to 1", o->settle);
     if (o->iterations >= 1 && o->sh_degree >= -1 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_USAGE,
                     "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3 or -1 (auto), at least 1",

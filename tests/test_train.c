@@ -450,12 +450,13 @@ TEST(train_refuses_options_that_make_no_sense)
 TEST(train_options_that_save_work_change_the_run_and_still_learn)
 {
     oxl_scene        *scene = train_scene(7);
-    oxl_train_options o[6];
-    oxl_model         model[6], again;
+    oxl_train_options o[7];
+    oxl_model         model[7], again;
     const int         threads = test_ctx->threads;
-    for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0;
+    for (int i = 0; i < 7; i++) o[i] = train_options(60), o[i].coarse = 0;
     o[1].ssim_every = 2, o[2].coarse = 0.5f, o[3].bands_every = 0.5f, o[4].haste = 0, o[5].exp_degree = 5;
-    for (int i = 0; i < 6; i++) {
+    o[6].settle = 0;
+    for (int i = 0; i < 7; i++) {
         test_ctx->threads = 1;
         CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
         test_ctx->threads = 3;
@@ -466,7 +467,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
         oxl_model_free(test_ctx, &again);
     }
     test_ctx->threads = threads;
-    for (int i = 0; i < 6; i++) oxl_model_free(test_ctx, &model[i]);
+    for (int i = 0; i < 7; i++) oxl_model_free(test_ctx, &model[i]);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -518,20 +519,42 @@ TEST(train_refuses_shares_of_a_run_that_are_none)
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.haste = 0, o.exp_degree = 4;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    o.exp_degree = 5, o.settle = 1.5f;
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
+}
+
+static struct renderer_pace train_pace_at(int step, int iterations, float haste, float settle)
+{
+    oxl_train_options    o     = oxl_train_options_default(OXL_PRESET_STANDARD);
+    oxl_scene           *scene = train_scene(2);
+    const struct train   t     = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
+    struct renderer_pace pace;
+    o.iterations = iterations;
+    o.haste      = haste;
+    o.settle     = settle;
+    pace         = train_pace(&t);
+    oxl_scene_free(test_ctx, scene);
+    return pace;
 }
 
 static struct renderer_pace train_pace_of(int iterations, float haste)
 {
-    oxl_train_options    o     = oxl_train_options_default(OXL_PRESET_STANDARD);
-    oxl_scene           *scene = train_scene(2);
-    const struct train   t     = {.ctx = test_ctx, .scene = scene, .options = &o, .step = 1};
-    struct renderer_pace pace;
-    o.iterations = iterations;
-    o.haste      = haste;
-    pace         = train_pace(&t);
-    oxl_scene_free(test_ctx, scene);
-    return pace;
+    return train_pace_at(1, iterations, haste, 0.2f);
+}
+
+/* Of 10 001 steps, so that shares of the run are round. */
+TEST(train_settles_to_a_tenth_of_all_steps_in_the_last_share_of_the_run)
+{
+    const struct renderer_pace usual = train_pace_at(10001, 10001, 0, 0), before = train_pace_at(8000, 10001, 0, 0.2f),
+                               within = train_pace_at(9001, 10001, 0, 0.2f), end = train_pace_at(10001, 10001, 0, 0.2f);
+    for (int k = 0; k < OXL_PLANES; k++) {
+        CHECK_CLOSE(end.rate[k] / usual.rate[k], 0.1, 1e-6);
+        if (k < OXL_LOG_SCALE) continue; /* means shrink in the whole run */
+        CHECK(before.rate[k] == usual.rate[k]);
+        CHECK_CLOSE(within.rate[k] / usual.rate[k], sqrt(0.1), 1e-6);
+    }
+    CHECK(end.beta[0] == usual.beta[0] && end.beta[1] == usual.beta[1]);
 }
 
 TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iterations_on)

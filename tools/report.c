@@ -488,6 +488,7 @@ static void report_command(struct report *r)
     report_share_option(r, "--coarse", "coarse", fresh.train.coarse);
     report_share_option(r, "--sh-every", "bands_every", fresh.train.bands_every);
     report_share_option(r, "--haste", "haste", fresh.train.haste);
+    report_share_option(r, "--settle", "settle", fresh.train.settle);
     report_number_option(r, "--max-gaussians", "max_gaussians", fresh.train.max_gaussians);
     report_number_option(r, "--max-side", "max_side", fresh.scene.max_side);
     report_number_option(r, "--test-every", "test_every", fresh.scene.test_every);

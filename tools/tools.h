@@ -169,7 +169,7 @@ struct arguments { /* negative numbers and NULL: not given */
     double       dog_threshold; /* -2: not given */
     int          ssim_every, exp_degree;
     double       coarse, bands_every; /* shares of the run */
-    double       haste, refine;
+    double       haste, settle, refine;
     const char  *ucd, *keep; /* as oxl_ucd_parse and oxl_keep_parse take them */
     int          ortho, frames;
     double       pixel, scale, length; /* of --ortho; metres a unit; metres */

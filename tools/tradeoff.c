@@ -13,33 +13,26 @@
 
 #define TRADEOFF_LEAST_SIDE 240 /* px: photographs are not reduced below this to fit the time allowed */
 
-#define TRADEOFF_ITERATIONS(name, label, times)          \
-    {                                                    \
-        name, label, times, -1, -2, 0, 0, 0, -1, 0, 0, 0 \
-    }
-#define TRADEOFF_PRESET(name, label, preset)             \
-    {                                                    \
-        name, label, 0, preset, -2, 0, 0, 0, -1, 0, 0, 0 \
-    }
 static const struct tradeoff_row TRADEOFF_VARIANTS[] = {
-    TRADEOFF_ITERATIONS("base", "the options given", 1),
-    TRADEOFF_ITERATIONS("iterations-half", "half the iterations", 0.5),
-    {"coarse-0", "--coarse 0", 1, -1, 0, 0, 0, 0, -1, 0, 0, 0},
-    {"coarse-0.25", "--coarse 0.25", 1, -1, 0.25f, 0, 0, 0, -1, 0, 0, 0},
-    {"coarse-0.5", "--coarse 0.5", 1, -1, 0.5f, 0, 0, 0, -1, 0, 0, 0},
-    {"ssim-every-2", "--ssim-every 2", 1, -1, -2, 2, 0, 0, -1, 0, 0, 0},
-    {"exp-5", "--exp 5", 1, -1, -2, 0, 5, 0, -1, 0, 0, 0},
-    {"sh-every-0.2", "--sh-every 0.2", 1, -1, -2, 0, 0, 0.2f, -1, 0, 0, 0},
-    {"sh-degree-1", "--sh-degree 1", 1, -1, -2, 0, 0, 0, 1, 0, 0, 0},
-    {"sh-degree-0", "--sh-degree 0", 1, -1, -2, 0, 0, 0, 0, 0, 0, 0},
-    {"haste-0", "--haste 0", 1, -1, -2, 0, 0, 0, -1, 0, 1, 0},
-    {"stop-early", "--stop-early", 1, -1, -2, 0, 0, 0, -1, 0, 0, 1},
-    {"keep-0.5", "--keep 0.5", 1, -1, -2, 0, 0, 0, -1, 0.5, 0, 0},
-    TRADEOFF_ITERATIONS("iterations-quarter", "a quarter of the iterations", 0.25),
-    TRADEOFF_PRESET("draft", "--preset draft", OXL_PRESET_DRAFT),
-    TRADEOFF_ITERATIONS("iterations-double", "twice the iterations", 2),
-    TRADEOFF_PRESET("standard", "--preset standard", OXL_PRESET_STANDARD),
-    TRADEOFF_PRESET("paper", "--preset paper", OXL_PRESET_PAPER),
+    {"base", "the options given", TRADEOFF_ITERATIONS, 1},
+    {"iterations-half", "half the iterations", TRADEOFF_ITERATIONS, 0.5},
+    {"coarse-0", "--coarse 0", TRADEOFF_COARSE, 0},
+    {"coarse-0.25", "--coarse 0.25", TRADEOFF_COARSE, 0.25},
+    {"coarse-0.5", "--coarse 0.5", TRADEOFF_COARSE, 0.5},
+    {"ssim-every-2", "--ssim-every 2", TRADEOFF_SSIM_EVERY, 2},
+    {"exp-5", "--exp 5", TRADEOFF_EXP, 5},
+    {"sh-every-0.2", "--sh-every 0.2", TRADEOFF_BANDS_EVERY, 0.2},
+    {"sh-degree-1", "--sh-degree 1", TRADEOFF_SH_DEGREE, 1},
+    {"sh-degree-0", "--sh-degree 0", TRADEOFF_SH_DEGREE, 0},
+    {"haste-0", "--haste 0", TRADEOFF_HASTE, 0},
+    {"settle-0", "--settle 0", TRADEOFF_SETTLE, 0},
+    {"stop-early", "--stop-early", TRADEOFF_STOP_EARLY, 1},
+    {"keep-0.5", "--keep 0.5", TRADEOFF_KEEP, 0.5},
+    {"iterations-quarter", "a quarter of the iterations", TRADEOFF_ITERATIONS, 0.25},
+    {"draft", "--preset draft", TRADEOFF_PRESET, OXL_PRESET_DRAFT},
+    {"iterations-double", "twice the iterations", TRADEOFF_ITERATIONS, 2},
+    {"standard", "--preset standard", TRADEOFF_PRESET, OXL_PRESET_STANDARD},
+    {"paper", "--preset paper", TRADEOFF_PRESET, OXL_PRESET_PAPER},
 };
 enum { TRADEOFF_KNOWN = sizeof TRADEOFF_VARIANTS / sizeof *TRADEOFF_VARIANTS };
 
@@ -59,18 +52,22 @@ static oxl_job_options tradeoff_job(const oxl_job_options *base, const struct tr
     job.seed            = (uint64_t)seed;
     job.block           = -1;
     job.renders         = 0;
-    if (row->preset >= 0) {
-        job.train               = oxl_train_options_default((oxl_preset)row->preset);
+    switch (row->option) {
+    case TRADEOFF_ITERATIONS: job.train.iterations = (int)(row->value * base->train.iterations + 0.5); break;
+    case TRADEOFF_PRESET:
+        job.train               = oxl_train_options_default((oxl_preset)row->value);
         job.train.max_gaussians = base->train.max_gaussians;
-    } else job.train.iterations = (int)(row->iterations * base->train.iterations + 0.5);
-    if (row->coarse >= -1) job.train.coarse = row->coarse;
-    if (row->ssim_every > 0) job.train.ssim_every = row->ssim_every;
-    if (row->exp_degree > 0) job.train.exp_degree = row->exp_degree;
-    if (row->bands_every > 0) job.train.bands_every = row->bands_every;
-    if (row->sh_degree >= 0) job.train.sh_degree = row->sh_degree;
-    if (row->unhurried) job.train.haste = 0;
-    if (row->stop_early) job.train.stop_early = 1;
-    if (row->keep > 0) job.train.keep = (oxl_keep){OXL_KEEP_FRACTION, row->keep};
+        break;
+    case TRADEOFF_COARSE: job.train.coarse = (float)row->value; break;
+    case TRADEOFF_SSIM_EVERY: job.train.ssim_every = (int)row->value; break;
+    case TRADEOFF_EXP: job.train.exp_degree = (int)row->value; break;
+    case TRADEOFF_BANDS_EVERY: job.train.bands_every = (float)row->value; break;
+    case TRADEOFF_SH_DEGREE: job.train.sh_degree = (int)row->value; break;
+    case TRADEOFF_HASTE: job.train.haste = (float)row->value; break;
+    case TRADEOFF_SETTLE: job.train.settle = (float)row->value; break;
+    case TRADEOFF_STOP_EARLY: job.train.stop_early = (int)row->value; break;
+    case TRADEOFF_KEEP: job.train.keep = (oxl_keep){OXL_KEEP_FRACTION, row->value}; break;
+    }
     return job;
 }
 

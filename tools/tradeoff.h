@@ -22,20 +22,26 @@ enum tradeoff_measure {
     TRADEOFF_MEASURES
 };
 
-enum { TRADEOFF_ROWS = 18, TRADEOFF_PICTURES = 8 };
+enum { TRADEOFF_ROWS = 19, TRADEOFF_PICTURES = 8 };
+
+enum tradeoff_option {                      /* what a row changes of the base's options, to its value */
+                       TRADEOFF_ITERATIONS, /* times the base's */
+                       TRADEOFF_PRESET,     /* enum oxl_preset: all of them */
+                       TRADEOFF_COARSE,
+                       TRADEOFF_SSIM_EVERY,
+                       TRADEOFF_EXP,
+                       TRADEOFF_BANDS_EVERY,
+                       TRADEOFF_SH_DEGREE,
+                       TRADEOFF_HASTE,
+                       TRADEOFF_SETTLE,
+                       TRADEOFF_STOP_EARLY,
+                       TRADEOFF_KEEP
+};
 
 struct tradeoff_row {
-    const char *name, *label; /* in --rows and the folders' names; for people */
-    double      iterations;   /* times the base's; 0: the preset's own */
-    int         preset;       /* enum oxl_preset; -1: the base's options */
-    float       coarse;       /* -2: the base's */
-    int         ssim_every;   /* 0: the base's, here and below */
-    int         exp_degree;
-    float       bands_every;
-    int         sh_degree; /* -1: the base's */
-    double      keep;
-    int         unhurried; /* 1: --haste 0 */
-    int         stop_early;
+    const char          *name, *label; /* in --rows and the folders' names; for people */
+    enum tradeoff_option option;
+    double               value;
 };
 
 struct tradeoff_picture { /* one way of drawing */

@@ -65,8 +65,7 @@ int tradeoff_picture_on_front(const struct tradeoff *t, int picture)
 
 static int tradeoff_is_of_iterations(const struct tradeoff_row *r)
 {
-    return r->preset < 0 && r->coarse < -1 && r->ssim_every <= 0 && r->exp_degree <= 0 && r->bands_every <= 0 &&
-           r->sh_degree < 0 && r->keep <= 0 && !r->unhurried && !r->stop_early;
+    return r->option == TRADEOFF_ITERATIONS;
 }
 
 /* The two neighbours in time among the rows of the base's options; PSNR is taken as linear in the logarithm of time. */
