@@ -459,11 +459,12 @@ OXL_INTERNAL void image_photo_free(oxl_context *ctx, struct photo *photo)
     *photo = (struct photo){0};
 }
 
-OXL_INTERNAL void image_from_photo(const struct photo *photo, float *rgb, float *weight)
+OXL_INTERNAL void image_from_photo(const oxl_context *ctx, const struct photo *photo, float *rgb, float *weight)
 {
-    const size_t count = (size_t)photo->width * photo->height;
-    for (size_t i = 0; i < 3 * count; i++) rgb[i] = (float)photo->rgb[i] / 255.0f;
-    for (size_t i = 0; weight && i < count; i++) weight[i] = !photo->mask || photo->mask[i] ? 1.0f : 0.0f;
+    const int64_t count = (int64_t)photo->width * photo->height;
+#pragma omp parallel for simd schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < 3 * count; i++) rgb[i] = (float)photo->rgb[i] / 255.0f;
+    for (int64_t i = 0; weight && i < count; i++) weight[i] = !photo->mask || photo->mask[i] ? 1.0f : 0.0f;
 }
 
 /* In place, towards the front: a pixel is written when the four that it is the mean of have been read. */

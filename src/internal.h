@@ -321,7 +321,8 @@ struct photo {
 OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, const char *mask_path,
                                          const struct colmap_camera *from, const oxl_camera *to, struct photo *out);
 OXL_INTERNAL void       image_photo_free(oxl_context *ctx, struct photo *photo);
-OXL_INTERNAL void       image_from_photo(const struct photo *photo, float *rgb, float *weight); /* weight may be NULL */
+OXL_INTERNAL void       image_from_photo(const oxl_context *ctx, const struct photo *photo, float *rgb,
+                                         float *weight); /* weight may be NULL */
 /* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, that count when all four do; an odd last row or column
  * is dropped. */
 OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);

@@ -286,7 +286,7 @@ OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r
     r->masked = photo->mask != NULL;
     if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc != OXL_OK) return rc;
-    image_from_photo(photo, r->target, r->masked ? r->weight : NULL);
+    image_from_photo(ctx, photo, r->target, r->masked ? r->weight : NULL);
     if (halved) image_halve(photo->width, photo->height, r->target, r->masked ? r->weight : NULL);
     return OXL_OK;
 }

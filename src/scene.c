@@ -596,7 +596,7 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
         out->weight = oxl_alloc(ctx, (size_t)photo->width * photo->height, sizeof *out->weight);
         if (!out->weight) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the mask of %s", scene->view[view].name);
     }
-    if (rc == OXL_OK) image_from_photo(photo, out->rgb, out->weight);
+    if (rc == OXL_OK) image_from_photo(ctx, photo, out->rgb, out->weight);
     else oxl_image_free(ctx, out);
     return rc;
 }

@@ -168,7 +168,7 @@ static oxl_result train_photo_at_hand(struct train *t, int view)
     t->masked = photo->mask != NULL;
     if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc != OXL_OK) return rc;
-    image_from_photo(photo, t->target, t->masked ? t->weight : NULL);
+    image_from_photo(t->ctx, photo, t->target, t->masked ? t->weight : NULL);
     if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
     return OXL_OK;
 }
