@@ -128,10 +128,10 @@ struct bin_spans { /* blocks of each of PACK rows, inclusive; none: first is INT
     int32_t first[PACK], last[PACK];
 };
 
-SIMD_INLINE struct bin_contour bin_contour(const struct splat *s)
+SIMD_INLINE struct bin_contour bin_contour(const struct splat *s, real cut)
 {
     struct bin_contour c;
-    c.r       = (s->peak + LOG2_255) * (real)1.0001 + (real)0.001;
+    c.r       = (s->peak + cut) * (real)1.0001 + (real)0.001;
     c.inverse = 1 / s->a;
     c.extreme = s->k * c.r / (s->e * s->half_x);
     c.slack   = (real)0.001 + (real)1e-5 * s->half_x;
@@ -211,7 +211,7 @@ SIMD_INLINE struct bin_columns bin_columns(const struct splat *s, const struct b
 
 /* The splat's pairs, four rows of tiles after four, in them column by column; returns how many were written to `out`. lobe: its second, or
  * the constant NULL. Rounding may differ from the box's by a tile: the box bounds the room. */
-SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, uint32_t row, int tiles_x, int width,
+SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, uint32_t row, const struct bins *b, int width,
                                    struct bin_staged *out)
 {
     struct splat       main, second;
@@ -220,12 +220,12 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
     uint32_t           count = 0, blocks[PACK];
     if (lobe) {
         second      = bin_reshaped(s, lobe);
-        other       = bin_contour(&second);
+        other       = bin_contour(&second, b->cut);
         main        = *s;
         main.half_x = lobe->main_x, main.half_y = lobe->main_y;
         s = &main;
     }
-    contour = bin_contour(s);
+    contour = bin_contour(s, b->cut);
     for (int ty = s->tile_y0; ty <= s->tile_y1; ty += PACK / 4) {
         const int          rows = OXL_MIN(PACK / 4, s->tile_y1 - ty + 1);
         struct bin_columns columns;
@@ -236,8 +236,8 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
         for (int tx = columns.first; tx <= columns.last; tx++) {
             bin_column(&spans, tx, blocks);
             for (int r = 0; r < rows; r++) {
-                const uint32_t *b = &blocks[4 * r], all = b[0] | b[1] | b[2] | b[3];
-                if (all) out[count++] = (struct bin_staged){(uint32_t)((ty + r) * tiles_x + tx), row, all};
+                const uint32_t *four = &blocks[4 * r], all = four[0] | four[1] | four[2] | four[3];
+                if (all) out[count++] = (struct bin_staged){(uint32_t)((ty + r) * b->tiles_x + tx), row, all};
             }
         }
     }
@@ -293,8 +293,8 @@ SIMD_BODY void bin_stage_body(const int fused, const struct bin_part *job)
         const uint32_t     row   = b->order[i];
         struct splat      *splat = &b->splat[row];
         struct bin_staged *out   = s->staged + splat->first_slot;
-        if (row < b->lobes) splat->slots = bin_footprint(splat, &b->lobe[row], row, b->tiles_x, job->width, out);
-        else splat->slots = bin_footprint(splat, NULL, row, b->tiles_x, job->width, out);
+        if (row < b->lobes) splat->slots = bin_footprint(splat, &b->lobe[row], row, b, job->width, out);
+        else splat->slots = bin_footprint(splat, NULL, row, b, job->width, out);
         for (uint32_t k = 0; k < splat->slots; k++) count[out[k].tile]++;
     }
 }

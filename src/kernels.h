@@ -241,6 +241,7 @@ struct lens { /* an oxl_camera in the kernels' numbers */
     struct vec3 translation, eye;
     real        limit_x, limit_y; /* |x/z|, |y/z| at which the Jacobian is clamped */
     real        near_plane;
+    real        alpha_min, cut; /* contributions below alpha_min, ALPHA_MIN or more, are skipped; cut = -log2(alpha_min) */
 };
 
 /* ---------------------------------------------------------------- project.c: Gaussians onto the image plane, and back */
@@ -303,6 +304,7 @@ struct pair {
 
 struct bins {
     int                 tiles_x, tiles_y;
+    real                alpha_min, cut; /* of the lens */
     size_t              packs;
     struct splat       *splat;   /* (count) in: written by project_forward; first_slot and slots are filled in */
     const uint16_t     *visible; /* (packs) in */

@@ -322,10 +322,10 @@ struct project_shape {
 };
 
 /* MATH 4, 5. Half the contour's box is widened a little: the alpha test at each pixel decides, this only must not lose any. */
-SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak)
+SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak, real cut)
 {
     struct project_shape s;
-    s.reach         = (peak + LOG2_255) * 2 * LN_2; /* 2 ln(255 o) */
+    s.reach         = (peak + cut) * 2 * LN_2; /* 2 ln(o / alpha_min) */
     const real safe = s.reach > 0 ? s.reach : 0;
     s.half_x        = real_sqrt(safe * g->xx / g->shrink2) * (real)1.0001 + (real)0.001;
     s.half_y        = real_sqrt(safe * g->yy / g->shrink2) * (real)1.0001 + (real)0.001;
@@ -348,7 +348,7 @@ SIMD_INLINE void project_lane(const int fused, const struct project_job *job, si
     const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
     const real                    peak = real_log2(fused, opacity), inverse = 1 / g.p.z;
-    const struct project_shape    s = project_shape(&g, peak);
+    const struct project_shape    s = project_shape(&g, peak, lens->cut);
     const real                    u = lens->fx * g.p.x * inverse + lens->cx, v = lens->fy * g.p.y * inverse + lens->cy;
     out->u[l] = u, out->v[l] = v;
     out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e;
@@ -371,9 +371,9 @@ SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *jo
     const real                    factor = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
     const real                    main_x = lanes->half_x[l], main_y = lanes->half_y[l], main_peak = lanes->peak[l];
     const real                    peak   = (1 - job->in.lobe_free) * main_peak + real_log2(fused, factor);
-    const struct project_shape    s      = project_shape(&g, peak);
+    const struct project_shape    s      = project_shape(&g, peak, job->lens->cut);
     const real                    half_x = s.half_x > main_x ? s.half_x : main_x, half_y = s.half_y > main_y ? s.half_y : main_y;
-    const int                     shown = (s.reach >= 0) | (main_peak + LOG2_255 >= 0);
+    const int                     shown = (s.reach >= 0) | (main_peak + job->lens->cut >= 0);
     const int                     seen = in_front & project_in_view(job->lens, lanes->u[l], lanes->v[l], half_x, half_y) & shown &
                      (s.a < (real)1e30) & (lanes->a[l] < (real)1e30);
     out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e, out->peak[l] = peak;

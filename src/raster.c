@@ -131,6 +131,7 @@ struct raster_splat {   /* what the passes need, next to each other */
 struct raster_batch {
     const struct pair  *pair;
     int                 count;
+    real                alpha_min, least;                          /* the faintest contribution, and its log2 */
     struct raster_splat splat[RASTER_BATCH], second[RASTER_BATCH]; /* second: of those that have a second lobe */
     uint32_t            lobed;                                     /* bit n: splat n has one */
     uint32_t            blocks[RASTER_BATCH];                      /* of each splat: the blocks under it that are alive */
@@ -144,9 +145,11 @@ struct raster_batch {
 SIMD_INLINE void raster_collect(const int lobed, const struct raster_job *job, const struct raster_tile *tile,
                                 const struct pair *pair, uint32_t alive, struct raster_batch *batch)
 {
-    batch->pair  = pair;
-    batch->count = (int)OXL_MIN(RASTER_BATCH, tile->end - pair);
-    batch->lobed = 0;
+    batch->pair      = pair;
+    batch->count     = (int)OXL_MIN(RASTER_BATCH, tile->end - pair);
+    batch->alpha_min = job->bins->alpha_min;
+    batch->least     = -job->bins->cut;
+    batch->lobed     = 0;
     memset(batch->splats, 0, sizeof batch->splats);
     for (int n = 0; n < batch->count; n++) {
         const struct splat *s      = &job->bins->splat[pair[n].splat];
@@ -216,12 +219,12 @@ SIMD_INLINE struct raster_share raster_share(const int fused, const int quick, c
 {
     struct raster_share p;
     real                next;
-    p.value = raster_value(fused, quick, &batch->splat[n], lobed ? RASTER_FAR : -LOG2_255, x, y);
+    p.value = raster_value(fused, quick, &batch->splat[n], lobed ? RASTER_FAR : batch->least, x, y);
     p.lobe  = lobed ? raster_value(fused, quick, &batch->second[n], RASTER_FAR, x, y) : 0;
     p.alpha = p.value;
     if (lobed) {
         const real alpha = p.value - p.lobe, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
-        p.alpha = room >= ALPHA_MIN ? alpha : 0;
+        p.alpha = room >= batch->alpha_min ? alpha : 0;
     }
     next     = muladd(fused, p.alpha, -t, t);
     p.drawn  = next >= TRANSMITTANCE_MIN;

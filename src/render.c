@@ -43,7 +43,7 @@ struct renderer {
 
 oxl_render_options oxl_render_options_default(void)
 {
-    return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .exp_degree = 5};
+    return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .exp_degree = 5, .alpha_min = ALPHA_MIN};
 }
 
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
@@ -98,7 +98,9 @@ OXL_INTERNAL struct lens render_lens(const oxl_camera *c, float near_plane)
                      .cy         = (float)c->cy,
                      .limit_x    = (float)(FRUSTUM_CLAMP * c->width / (2 * c->fx)),
                      .limit_y    = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
-                     .near_plane = near_plane};
+                     .near_plane = near_plane,
+                     .alpha_min  = ALPHA_MIN,
+                     .cut        = LOG2_255};
     double      eye[3];
     camera_position(c, eye);
     l.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
@@ -228,12 +230,18 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     r->lens = render_lens(camera, options->near_plane);
     r->in   = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
-    r->quick_exp    = options->exp_degree == 3;
-    r->bins.packs   = render_packs(model->count);
-    r->bins.splat   = r->splat;
-    r->bins.lobe    = r->lobe;
-    r->bins.lobes   = model->lobes;
-    r->bins.visible = r->visible;
+    if (options->alpha_min > ALPHA_MIN) {
+        r->lens.alpha_min = OXL_MIN(options->alpha_min, ALPHA_MAX);
+        r->lens.cut       = (float)(-vecmath_log(r->lens.alpha_min) * LOG2_E);
+    }
+    r->quick_exp      = options->exp_degree == 3;
+    r->bins.alpha_min = r->lens.alpha_min;
+    r->bins.cut       = r->lens.cut;
+    r->bins.packs     = render_packs(model->count);
+    r->bins.splat     = r->splat;
+    r->bins.lobe      = r->lobe;
+    r->bins.lobes     = model->lobes;
+    r->bins.visible   = r->visible;
     return OXL_OK;
 }
 

@@ -32,6 +32,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .ssim_weight         = 0.2f,
                            .ssim_every          = 1,
                            .exp_degree          = 3,
+                           .alpha_min           = 1.0f / 255,
                            .bands_every         = 1.0f / 30,
                            .rate_mean_first     = 1.6e-4f,
                            .rate_mean_last      = 1.6e-6f,
@@ -82,11 +83,11 @@ OXL_INTERNAL float train_scale_rate(const oxl_train_options *o)
     return (float)(train_haste(o) * sqrt(train_rush(o)) * o->rate_log_scale);
 }
 
-/* What all steps are multiplied by at a share of the run. */
-static float train_settling(const oxl_train_options *o, double progress)
+/* 0 until the run settles, 1 at its end. */
+static double train_settled(const struct train *t)
 {
-    const double left = 1 - progress;
-    return left < o->settle ? (float)vecmath_exp((1 - left / o->settle) * vecmath_log(TRAIN_SETTLED)) : 1;
+    const double left = 1 - (double)(t->step - 1) / OXL_MAX(1, t->options->iterations - 1);
+    return left < t->options->settle ? 1 - left / t->options->settle : 0;
 }
 
 static struct renderer_pace train_pace(const struct train *t)
@@ -108,7 +109,7 @@ static struct renderer_pace train_pace(const struct train *t)
                        : k < OXL_LOBE     ? (float)(sqrt(haste) * o->rate_sh)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
-    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] *= train_settling(o, progress);
+    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] *= (float)vecmath_exp(train_settled(t) * vecmath_log(TRAIN_SETTLED));
     return pace;
 }
 
@@ -250,8 +251,9 @@ static oxl_result train_on_view(struct train *t, int view)
     struct renderer_loss  loss;
     struct renderer_aside aside;
     oxl_result            rc;
-    t->last_loss = NAN;
-    rc           = train_compare(t, view, 1, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
+    t->last_loss        = NAN;
+    t->render.alpha_min = train_settled(t) > 0 ? 0 : t->options->alpha_min;
+    rc                  = train_compare(t, view, 1, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
         rc = renderer_fetch(t->ctx, t->renderer);
@@ -649,6 +651,8 @@ static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
                         "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
                         "0 to 1, more than 0",
                         o->ssim_every, o->coarse, o->bands_every);
+    if (!(o->alpha_min >= 0 && o->alpha_min < 0.5f))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "contributions below %g left out: wanted less than 0.5", o->alpha_min);
     if (o->exp_degree != 3 && o->exp_degree != 5)
         return oxl_fail(ctx, OXL_ERR_USAGE, "2^x by a polynomial of degree %d: wanted 3 or 5", o->exp_degree);
     if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);

@@ -306,12 +306,14 @@ static void reference_create(struct reference *r, size_t count, int sh_degree)
         r->gradient.plane[k] = reference_array(rows);
     }
     for (size_t i = count; i < rows; i++) r->in.plane[OXL_ROTATION][i] = 1;
-    r->splat        = calloc(rows + 1, sizeof *r->splat);
-    r->visible      = calloc(packs + 1, sizeof *r->visible);
-    r->dmean2d      = reference_array(rows);
-    r->bins.packs   = packs;
-    r->bins.splat   = r->splat;
-    r->bins.visible = r->visible;
+    r->splat          = calloc(rows + 1, sizeof *r->splat);
+    r->visible        = calloc(packs + 1, sizeof *r->visible);
+    r->dmean2d        = reference_array(rows);
+    r->bins.alpha_min = ALPHA_MIN;
+    r->bins.cut       = LOG2_255;
+    r->bins.packs     = packs;
+    r->bins.splat     = r->splat;
+    r->bins.visible   = r->visible;
 }
 
 /* Rows 0..lobes-1 get a second lobe, of factors 1/2 and 1. */
@@ -352,7 +354,9 @@ static struct lens reference_lens(const oxl_camera *c, double near_plane)
                      .cy         = c->cy,
                      .limit_x    = FRUSTUM_CLAMP * c->width / (2 * c->fx),
                      .limit_y    = FRUSTUM_CLAMP * c->height / (2 * c->fy),
-                     .near_plane = near_plane};
+                     .near_plane = near_plane,
+                     .alpha_min  = ALPHA_MIN,
+                     .cut        = LOG2_255};
     double      eye[3];
     camera_position(c, eye);
     l.rotation.x  = vec3(c->rotation[0], c->rotation[1], c->rotation[2]);

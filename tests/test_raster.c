@@ -55,7 +55,7 @@ static double raster_plain(const struct reference *r, int channel, double x, dou
         const struct splat_f64 *s   = &r->splat_f64[row];
         const double            dy = y - s->v, w = x - s->u + s->k * dy, exponent = s->peak - s->a * w * w - s->e * dy * dy;
         const double            alpha = OXL_MIN(0.99, exp2(exponent)) - raster_second(r, row, x, y);
-        if (fabs(alpha) < 1.0 / 255 || (alpha < 0 && t >= 16)) continue;
+        if (fabs(alpha) < r->bins_f64.alpha_min || (alpha < 0 && t >= 16)) continue;
         if (t * (1 - alpha) < 1e-4) break;
         colour += s->colour[channel] * alpha * t;
         t *= 1 - alpha;
@@ -120,6 +120,34 @@ TEST(binning_loses_no_pixel_of_either_lobe)
             for (int c = 0; c < 3; c++)
                 CHECK_CLOSE(r.rgb[c * 61 * 47 + y * 61 + x], raster_plain(&r, c, x + 0.5, y + 0.5), 1e-11);
     reference_free(test_ctx, &r);
+}
+
+static void raster_ask_for(struct reference *r, double alpha_min)
+{
+    r->lens_f64.alpha_min = r->bins_f64.alpha_min = alpha_min;
+    r->lens_f64.cut = r->bins_f64.cut = -log2(alpha_min);
+}
+
+TEST(binning_and_raster_leave_out_exactly_what_is_fainter_than_asked)
+{
+    for (int lobes = 0; lobes <= 350; lobes += 350) {
+        struct reference r, usual;
+        double           difference = 0;
+        raster_lobed_scene(&r, 600, lobes, 61, 47);
+        raster_lobed_scene(&usual, 600, lobes, 61, 47);
+        raster_ask_for(&r, 0.05);
+        reference_forward(test_ctx, &r);
+        reference_forward(test_ctx, &usual);
+        CHECK(r.bins_f64.pair_count < 0.9 * usual.bins_f64.pair_count);
+        for (int y = 0; y < 47; y++)
+            for (int x = 0; x < 61; x++) {
+                CHECK_CLOSE(r.rgb[y * 61 + x], raster_plain(&r, 0, x + 0.5, y + 0.5), 1e-11);
+                difference += fabs(r.rgb[y * 61 + x] - usual.rgb[y * 61 + x]) / (61 * 47);
+            }
+        CHECK(difference > 1e-3);
+        reference_free(test_ctx, &r);
+        reference_free(test_ctx, &usual);
+    }
 }
 
 TEST(negative_alpha_lets_no_pixel_grow_past_32)
@@ -358,6 +386,40 @@ static struct raster_result raster_run(int threads, int isa, int lobes, int exp_
     oxl_model_free(test_ctx, &m);
     reference_free(test_ctx, &r);
     return out;
+}
+
+/* The image of 113 x 71 px of raster_run's scene. */
+static double raster_mean_difference(const oxl_image *a, const double *b)
+{
+    double sum = 0;
+    for (int i = 0; i < 3 * 113 * 71; i++) sum += fabs(a->rgb[i] - b[i]) / (3 * 113 * 71);
+    return sum;
+}
+
+TEST(render_option_alpha_min_is_what_the_kernels_get_and_at_least_1_of_255)
+{
+    oxl_render_options options = oxl_render_options_default();
+    const oxl_camera   camera  = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    struct reference   r;
+    oxl_model          m;
+    oxl_image          image[3]; /* asked for 1/255, 0, 0.05 */
+    raster_scene(&r, 1000, 113, 71);
+    r.lens_f64 = reference_lens(&camera, options.near_plane);
+    CHECK_OK(oxl_model_create(test_ctx, r.in.count, 0, &m));
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        for (size_t i = 0; i < m.count; i++) r.in.plane[k][i] = m.plane[k][i] = (float)r.in.plane[k][i];
+    for (int i = 0; i < 3; i++) {
+        options.alpha_min = i == 0 ? options.alpha_min : i == 1 ? 0 : 0.05f;
+        CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &image[i], NULL));
+    }
+    raster_ask_for(&r, 0.05);
+    reference_forward(test_ctx, &r);
+    CHECK(memcmp(image[0].rgb, image[1].rgb, sizeof(float) * 3 * 113 * 71) == 0);
+    CHECK(raster_mean_difference(&image[2], r.rgb) < 2e-5);
+    CHECK(raster_mean_difference(&image[0], r.rgb) > 1e-3);
+    for (int i = 0; i < 3; i++) oxl_image_free(test_ctx, &image[i]);
+    oxl_model_free(test_ctx, &m);
+    reference_free(test_ctx, &r);
 }
 
 static void raster_result_free(struct raster_result *a)

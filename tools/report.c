@@ -485,6 +485,7 @@ static void report_command(struct report *r)
     if (json_number(r->job, "stop_early") > 0) study_add(&r->page, " --stop-early");
     report_number_option(r, "--ssim-every", "ssim_every", fresh.train.ssim_every);
     report_number_option(r, "--exp", "exp_degree", fresh.train.exp_degree);
+    report_share_option(r, "--alpha-min", "alpha_min", fresh.train.alpha_min);
     report_share_option(r, "--coarse", "coarse", fresh.train.coarse);
     report_share_option(r, "--sh-every", "bands_every", fresh.train.bands_every);
     report_share_option(r, "--haste", "haste", fresh.train.haste);
