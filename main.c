@@ -149,6 +149,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->ssim_every >= 0) o->train.ssim_every = a->ssim_every;
     if (a->exp_degree >= 0) o->train.exp_degree = a->exp_degree;
     if (a->alpha_min >= 0) o->train.alpha_min = (float)a->alpha_min;
+    if (a->tile_share >= 0) o->train.tile_share = (float)a->tile_share;
     if (a->coarse >= -1) o->train.coarse = (float)a->coarse;
     if (a->bands_every >= 0) o->train.bands_every = (float)a->bands_every;
     if (a->refine >= 0) o->refine = (float)a->refine;

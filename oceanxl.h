@@ -362,6 +362,7 @@ typedef struct oxl_train_options {
     float    coarse; /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more (0, draft -1) */
     int      exp_degree;  /* 3: of the polynomial that the CPU takes for 2^x, as in oxl_render_options (3, paper 5) */
     float    alpha_min;   /* until the run settles, as in oxl_render_options (1/255) */
+    float    tile_share;  /* of the tiles of 16 x 16 px, by chance: those whose gradient the CPU takes in a step (1) */
     float    bands_every; /* share of the run after which there is one more band of spherical harmonics (1/30) */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;

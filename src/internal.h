@@ -582,6 +582,9 @@ struct renderer_loss {
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out);
 
+/* Of the next gradient, on the CPU: the tiles that count, by chance; the others are taken as like them. */
+OXL_INTERNAL void renderer_choose_tiles(struct renderer *r, float share, uint64_t choice);
+
 /* The gradient of the model that was drawn last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
  * rows of packs out of sight are left alone. A device keeps it to itself until renderer_gradient. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);

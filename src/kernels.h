@@ -333,7 +333,9 @@ struct raster_job {
     /* backward and score: */
     const real        *drgb; /* (3,H,W) dL/d(rgb) */
     /* backward alone: */
-    real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
+    int                left_out; /* 1: the tile's gradient is taken as 0 */
+    real               make_up;  /* what the others get on top of theirs for that, as a share of it */
+    real (*sums)[SPLAT_SUMS];    /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
     /* score alone, with drgb = dS/d(rgb): */
     real *score; /* (slots) sum of (o dS/dalpha)^2, written for each of the tile's pairs */
 };

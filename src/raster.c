@@ -474,7 +474,10 @@ SIMD_INLINE void raster_open_backward(const struct raster_job *job, const struct
     for (int ch = 0; ch < 3; ch++) {
         raster_load(job, tile, job->drgb + (size_t)ch * plane, d->g[ch]);
         raster_load(job, tile, job->rgb + (size_t)ch * plane, rgb);
-        for (int i = 0; i < TILE_PIXELS; i++) d->behind[i] += d->g[ch][i] * rgb[i];
+        for (int i = 0; i < TILE_PIXELS; i++) {
+            d->g[ch][i] *= 1 + job->make_up;
+            d->behind[i] += d->g[ch][i] * rgb[i];
+        }
     }
 }
 
@@ -504,10 +507,10 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int quick, const in
 {
     const struct raster_tile tile  = raster_tile(job);
     const struct pair       *pair  = tile.pair;
-    uint32_t                 alive = 0xFFFF;
+    uint32_t                 alive = job->left_out ? 0 : 0xFFFF;
     struct raster_gradients  d;
     struct raster_batch      batch;
-    raster_open_backward(job, &tile, &d);
+    if (alive) raster_open_backward(job, &tile, &d);
     for (; pair < tile.end && alive; pair += RASTER_BATCH) {
         raster_collect(lobed, job, &tile, pair, alive, &batch);
         for (int block = 0; block < TILE_BLOCKS; block++)

@@ -24,6 +24,8 @@ struct renderer {
     struct lens      lens;
     float            background[3];
     int              quick_exp;
+    float            tile_share; /* of renderer_choose_tiles; 0: all */
+    uint64_t         tile_choice;
     struct gaussians in;
     struct splat    *splat;   /* (count) */
     struct lobe     *lobe;    /* (lobes) */
@@ -169,6 +171,11 @@ static void render_project(oxl_context *ctx, struct renderer *r)
 
 typedef void render_tile_fn(int isa, const struct raster_job *job);
 
+static int render_leaves_out(const struct renderer *r, int tile)
+{
+    return r->tile_share > 0 && random_unit(random_bits(r->tile_choice, (uint64_t)tile, 0)) >= r->tile_share;
+}
+
 static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
 {
     return (struct raster_job){.bins          = &r->bins,
@@ -180,6 +187,8 @@ static struct raster_job render_raster_job(struct renderer *r, int tile, const f
                                .rgb           = r->rgb,
                                .transmittance = r->transmittance,
                                .drgb          = drgb,
+                               .left_out      = render_leaves_out(r, tile),
+                               .make_up       = r->tile_share > 0 ? 1 / r->tile_share - 1 : 0,
                                .sums          = r->sums,
                                .score         = r->score};
 }
@@ -334,6 +343,12 @@ static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
     return rc;
 }
 
+OXL_INTERNAL void renderer_choose_tiles(struct renderer *r, float share, uint64_t choice)
+{
+    r->tile_share  = share < 1 ? share : 0;
+    r->tile_choice = choice;
+}
+
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
 {
     struct gaussians out;
@@ -343,6 +358,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     if (rc != OXL_OK) return rc;
     out = render_gaussians(gradient, r->in.sh_degree);
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
+    r->tile_share = 0;
     render_project_backward(ctx, r, &out);
     return OXL_OK;
 }

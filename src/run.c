@@ -38,6 +38,7 @@ static const struct run_field {
     RUN_FIELD("stop_early", RUN_INT, train.stop_early),
     RUN_FIELD("coarse", RUN_FLOAT, train.coarse),
     RUN_FIELD("alpha_min", RUN_FLOAT, train.alpha_min),
+    RUN_FIELD("tile_share", RUN_FLOAT, train.tile_share),
     RUN_FIELD("bands_every", RUN_FLOAT, train.bands_every),
     RUN_FIELD("rate_mean_first", RUN_FLOAT, train.rate_mean_first),
     RUN_FIELD("rate_mean_last", RUN_FLOAT, train.rate_mean_last),

@@ -17,9 +17,10 @@
 #define TRAIN_OPACITY_MOST  0.3   /* up to this */
 #define TRAIN_CALM          7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
 #define TRAIN_BETA_LEAST    0.5  /* of the mean gradient */
-#define TRAIN_BETA_MOST     0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
-#define TRAIN_UNHURRIED     30000   /* iterations that the rates were chosen for [Kerbl 2023] */
-#define TRAIN_SETTLED       0.1     /* times the usual steps at the end of a run */
+#define TRAIN_BETA_MOST     0.99999                      /* of the mean of its square: 1 less it, as floats, keeps three digits */
+#define TRAIN_UNHURRIED     30000                        /* iterations that the rates were chosen for [Kerbl 2023] */
+#define TRAIN_TILES         (UINT64_C(0x54494c45) << 32) /* random numbers apart from those of steps and epochs */
+#define TRAIN_SETTLED       0.1                          /* times the usual steps at the end of a run */
 #define TRAIN_AHEAD         64   /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
 #define TRAIN_SAVE_STEPS    500  /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS  60.0 /* or so long, whichever comes first */
@@ -33,6 +34,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .ssim_every          = 1,
                            .exp_degree          = 3,
                            .alpha_min           = 1.0f / 255,
+                           .tile_share          = 1,
                            .bands_every         = 1.0f / 30,
                            .rate_mean_first     = 1.6e-4f,
                            .rate_mean_last      = 1.6e-6f,
@@ -262,6 +264,7 @@ static oxl_result train_on_view(struct train *t, int view)
         faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
         return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
     }
+    renderer_choose_tiles(t->renderer, t->options->tile_share, random_bits(t->ctx->options.seed, TRAIN_TILES, (uint64_t)t->step));
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     pace = train_pace(t);
@@ -653,6 +656,8 @@ static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
                         o->ssim_every, o->coarse, o->bands_every);
     if (!(o->alpha_min >= 0 && o->alpha_min < 0.5f))
         return oxl_fail(ctx, OXL_ERR_USAGE, "contributions below %g left out: wanted less than 0.5", o->alpha_min);
+    if (!(o->tile_share > 0 && o->tile_share <= 1))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "gradients of %g of the tiles: wanted more than 0, at most 1", o->tile_share);
     if (o->exp_degree != 3 && o->exp_degree != 5)
         return oxl_fail(ctx, OXL_ERR_USAGE, "2^x by a polynomial of degree %d: wanted 3 or 5", o->exp_degree);
     if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);

@@ -150,8 +150,8 @@ TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
 TEST(tradeoff_options_are_off_in_the_papers_preset)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.coarse == 0 && o.ssim_every == 1 && o.exp_degree == 5 && o.alpha_min == 1.0f / 255 && o.stop_early == 0 &&
-          o.bands_every == 1.0f / 30 && o.sh_degree == 3 && o.iterations == 40000 && o.haste == 0);
+    CHECK(o.coarse == 0 && o.ssim_every == 1 && o.exp_degree == 5 && o.alpha_min == 1.0f / 255 && o.tile_share == 1 &&
+          o.stop_early == 0 && o.bands_every == 1.0f / 30 && o.sh_degree == 3 && o.iterations == 40000 && o.haste == 0);
 }
 
 TEST(tradeoff_pictures_enlarged_keep_a_slope_and_reach_odd_edges)

@@ -450,13 +450,13 @@ TEST(train_refuses_options_that_make_no_sense)
 TEST(train_options_that_save_work_change_the_run_and_still_learn)
 {
     oxl_scene        *scene = train_scene(7);
-    oxl_train_options o[8];
-    oxl_model         model[8], again;
+    oxl_train_options o[9];
+    oxl_model         model[9], again;
     const int         threads = test_ctx->threads;
-    for (int i = 0; i < 8; i++) o[i] = train_options(60), o[i].coarse = 0;
+    for (int i = 0; i < 9; i++) o[i] = train_options(60), o[i].coarse = 0;
     o[1].ssim_every = 2, o[2].coarse = 0.5f, o[3].bands_every = 0.5f, o[4].haste = 0, o[5].exp_degree = 5;
-    o[6].settle = 0, o[7].alpha_min = 0.05f;
-    for (int i = 0; i < 8; i++) {
+    o[6].settle = 0, o[7].alpha_min = 0.05f, o[8].tile_share = 0.5f;
+    for (int i = 0; i < 9; i++) {
         test_ctx->threads = 1;
         CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
         test_ctx->threads = 3;
@@ -467,7 +467,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
         oxl_model_free(test_ctx, &again);
     }
     test_ctx->threads = threads;
-    for (int i = 0; i < 8; i++) oxl_model_free(test_ctx, &model[i]);
+    for (int i = 0; i < 9; i++) oxl_model_free(test_ctx, &model[i]);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -522,6 +522,8 @@ TEST(train_refuses_shares_of_a_run_that_are_none)
     o.exp_degree = 5, o.settle = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.settle = 0, o.alpha_min = 0.5f;
+    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
+    o.alpha_min = 0, o.tile_share = 0;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }

@@ -486,6 +486,7 @@ static void report_command(struct report *r)
     report_number_option(r, "--ssim-every", "ssim_every", fresh.train.ssim_every);
     report_number_option(r, "--exp", "exp_degree", fresh.train.exp_degree);
     report_share_option(r, "--alpha-min", "alpha_min", fresh.train.alpha_min);
+    report_share_option(r, "--tile-share", "tile_share", fresh.train.tile_share);
     report_share_option(r, "--coarse", "coarse", fresh.train.coarse);
     report_share_option(r, "--sh-every", "bands_every", fresh.train.bands_every);
     report_share_option(r, "--haste", "haste", fresh.train.haste);

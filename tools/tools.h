@@ -168,7 +168,7 @@ struct arguments { /* negative numbers and NULL: not given */
     int          dog;           /* enum oxl_dog */
     double       dog_threshold; /* -2: not given */
     int          ssim_every, exp_degree;
-    double       alpha_min;
+    double       alpha_min, tile_share;
     double       coarse, bands_every; /* shares of the run */
     double       haste, settle, refine;
     const char  *ucd, *keep; /* as oxl_ucd_parse and oxl_keep_parse take them */

@@ -22,6 +22,7 @@ static const struct tradeoff_row TRADEOFF_VARIANTS[] = {
     {"ssim-every-2", "--ssim-every 2", TRADEOFF_SSIM_EVERY, 2},
     {"exp-5", "--exp 5", TRADEOFF_EXP, 5},
     {"alpha-min-0.03", "--alpha-min 0.03", TRADEOFF_ALPHA_MIN, 0.03},
+    {"tile-share-0.5", "--tile-share 0.5", TRADEOFF_TILE_SHARE, 0.5},
     {"sh-every-0.2", "--sh-every 0.2", TRADEOFF_BANDS_EVERY, 0.2},
     {"sh-degree-1", "--sh-degree 1", TRADEOFF_SH_DEGREE, 1},
     {"sh-degree-0", "--sh-degree 0", TRADEOFF_SH_DEGREE, 0},
@@ -63,6 +64,7 @@ static oxl_job_options tradeoff_job(const oxl_job_options *base, const struct tr
     case TRADEOFF_SSIM_EVERY: job.train.ssim_every = (int)row->value; break;
     case TRADEOFF_EXP: job.train.exp_degree = (int)row->value; break;
     case TRADEOFF_ALPHA_MIN: job.train.alpha_min = (float)row->value; break;
+    case TRADEOFF_TILE_SHARE: job.train.tile_share = (float)row->value; break;
     case TRADEOFF_BANDS_EVERY: job.train.bands_every = (float)row->value; break;
     case TRADEOFF_SH_DEGREE: job.train.sh_degree = (int)row->value; break;
     case TRADEOFF_HASTE: job.train.haste = (float)row->value; break;

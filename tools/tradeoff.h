@@ -22,7 +22,7 @@ enum tradeoff_measure {
     TRADEOFF_MEASURES
 };
 
-enum { TRADEOFF_ROWS = 20, TRADEOFF_PICTURES = 8 };
+enum { TRADEOFF_ROWS = 21, TRADEOFF_PICTURES = 8 };
 
 enum tradeoff_option {                      /* what a row changes of the base's options, to its value */
                        TRADEOFF_ITERATIONS, /* times the base's */
@@ -31,6 +31,7 @@ enum tradeoff_option {                      /* what a row changes of the base's 
                        TRADEOFF_SSIM_EVERY,
                        TRADEOFF_EXP,
                        TRADEOFF_ALPHA_MIN,
+                       TRADEOFF_TILE_SHARE,
                        TRADEOFF_BANDS_EVERY,
                        TRADEOFF_SH_DEGREE,
                        TRADEOFF_HASTE,
