@@ -361,7 +361,7 @@ typedef struct oxl_train_options {
     int      stop_early; /* 1: ends when training views that stand aside for it have not gained for 3/20 of the run (0) */
     float    coarse; /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more (0, draft -1) */
     int      exp_degree;  /* 3: of the polynomial that the CPU takes for 2^x, as in oxl_render_options (3, paper 5) */
-    float    alpha_min;   /* until the run settles, as in oxl_render_options (1/255) */
+    float    alpha_min;   /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 (1/255) */
     float    tile_share;  /* of the tiles of 16 x 16 px, by chance: those whose gradient the CPU takes in a step (1) */
     float    bands_every; /* share of the run after which there is one more band of spherical harmonics (1/30) */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */

@@ -238,7 +238,7 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
     return OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
 }
 
-/* At the rates that the run ended with, those of its haste, not of a run as short as this; with Kerbl's momentum. */
+/* At the rates that the run had before it settled, those of its haste, not of a run as short as this; with Kerbl's momentum. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
     const double      haste = train_haste(run);
@@ -258,6 +258,8 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     o.keep.kind             = OXL_KEEP_ALL;
     o.dog                   = OXL_DOG_OFF;
     o.stop_early            = 0;
+    o.alpha_min             = 0;
+    o.tile_share            = 1;
     return o;
 }
 

@@ -14,7 +14,7 @@
 #include "vecmath.h"
 
 #define DENSITY_OPACITY_MIN   0.005 /* fainter ones are removed [Kerbl 2023] */
-#define DENSITY_OPACITY_RESET 0.01  /* [Kerbl 2023] */
+#define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
 #define DENSITY_SPLIT_SCALE   0.01  /* x extent: smaller ones are cloned, larger ones split [Kerbl 2023] */
 #define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset; removed in [Kerbl 2023] */
 #define DENSITY_SPLIT_SHRINK  1.6   /* [Kerbl 2023] */
@@ -274,9 +274,9 @@ OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl
 
 /* ---------------------------------------------------------------- reset */
 
-OXL_INTERNAL void density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second)
+OXL_INTERNAL void density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min)
 {
-    const float ceiling = (float)vecmath_logit(DENSITY_OPACITY_RESET);
+    const float ceiling = (float)vecmath_logit(DENSITY_OPACITY_RESET * OXL_MAX(alpha_min, 1.0 / 255));
     for (size_t i = 0; i < model->count; i++)
         if (model->plane[OXL_OPACITY][i] > ceiling) model->plane[OXL_OPACITY][i] = ceiling;
     memset(first->plane[OXL_OPACITY], 0, model->count * sizeof(float));

@@ -710,7 +710,7 @@ OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t ro
 /* Judges every row, rebuilds the model and its moments, clears the statistics. */
 OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
                                         oxl_model *second, const struct density_rules *rules, struct density_change *out);
-OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);
 OXL_INTERNAL void       density_archive(struct archive *a, struct density *d, size_t count);
 
 /* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
@@ -880,20 +880,21 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                                   const oxl_callback *callback, const struct train_place *place, oxl_model *out);
 
 /* The most Gaussians that training may make of a scene. */
-OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options);
+OXL_INTERNAL size_t     train_cap(const oxl_scene *scene, const oxl_train_options *options);
 /* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
-OXL_INTERNAL double train_haste(const oxl_train_options *options);
-OXL_INTERNAL float  train_scale_rate(const oxl_train_options *options);
-OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options);
-OXL_INTERNAL double train_pixels(const oxl_scene *scene); /* of all training views */
+OXL_INTERNAL double     train_haste(const oxl_train_options *options);
+OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
+OXL_INTERNAL float      train_scale_rate(const oxl_train_options *options);
+OXL_INTERNAL size_t     train_cap_of(size_t points, double pixels, const oxl_train_options *options);
+OXL_INTERNAL double     train_pixels(const oxl_scene *scene); /* of all training views */
 /* Share of the run in which a photograph of this size is halved. */
-OXL_INTERNAL double train_coarse_share(const oxl_train_options *options, int width, int height);
-OXL_INTERNAL int    train_densifies_at(const oxl_train_options *options, int step);
-OXL_INTERNAL int    train_densifications(const oxl_train_options *options); /* in a whole run */
-OXL_INTERNAL int    train_may_try(const oxl_train_options *options);        /* whether trials, which copy the model, may come */
-OXL_INTERNAL int    train_training_views(const oxl_scene *scene);
+OXL_INTERNAL double     train_coarse_share(const oxl_train_options *options, int width, int height);
+OXL_INTERNAL int        train_densifies_at(const oxl_train_options *options, int step);
+OXL_INTERNAL int        train_densifications(const oxl_train_options *options); /* in a whole run */
+OXL_INTERNAL int        train_may_try(const oxl_train_options *options); /* whether trials, which copy the model, may come */
+OXL_INTERNAL int        train_training_views(const oxl_scene *scene);
 /* Steps of a whole run's trials that are none of its iterations, at most; views: that train. */
-OXL_INTERNAL int    decide_steps_beside(const oxl_train_options *options, int views);
+OXL_INTERNAL int        decide_steps_beside(const oxl_train_options *options, int views);
 
 /* ---------------------------------------------------------------- run.c: run.json, what a result depends on */
 

@@ -772,7 +772,7 @@ static oxl_result job_check(struct job *job)
 {
     const double refine = job->options.refine;
     if (job->line.failed) return job_no_memory(job);
-    if (refine >= 0 && refine <= RUN_REFINE_MOST) return OXL_OK;
+    if (refine >= 0 && refine <= RUN_REFINE_MOST) return train_check(job->ctx, &job->options.train);
     return oxl_fail(job->ctx, OXL_ERR_USAGE, "refine %g: wanted 0 to %g, a share of the blocks' steps", refine, RUN_REFINE_MOST);
 }
 

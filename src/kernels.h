@@ -362,7 +362,8 @@ struct loss_value {
 struct loss_scratch { /* kept between steps, so that the steady state allocates nothing */
     void  *strip, *rows, *sums, *whole;
     size_t strip_capacity, rows_capacity, sums_capacity, whole_capacity;
-    int    width; /* that the rows were cleared for */
+    size_t cleared; /* values of the rows that were cleared, */
+    int    width;   /* for this width */
 };
 OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch,
                                               struct loss_value *out);

@@ -473,11 +473,12 @@ static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SU
     out->total = (1 - (double)job->ssim_weight) * out->l1 + (double)job->ssim_weight * (1 - out->ssim);
 }
 
-/* What stands around the rows must be 0; nobody writes there, so that is needed once for a width. */
+/* What stands around the rows must be 0; nobody writes there, so that is needed once for a width and a number of strips. */
 static void loss_clear(struct loss_scratch *scratch, int width, size_t count)
 {
-    if (scratch->width != width) memset(scratch->rows, 0, count * sizeof(real));
-    scratch->width = width;
+    if (scratch->width != width || scratch->cleared < count) memset(scratch->rows, 0, count * sizeof(real));
+    scratch->cleared = scratch->width == width ? OXL_MAX(scratch->cleared, count) : count;
+    scratch->width   = width;
 }
 
 OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch,

@@ -352,11 +352,14 @@ OXL_INTERNAL void renderer_choose_tiles(struct renderer *r, float share, uint64_
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
 {
     struct gaussians out;
-    oxl_result       rc = model_set_lobes(ctx, gradient, r->in.lobes);
+    const float      share = r->tile_share;
+    oxl_result       rc    = model_set_lobes(ctx, gradient, r->in.lobes);
+    r->tile_share          = 0; /* whatever comes of this one */
     if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
-    out = render_gaussians(gradient, r->in.sh_degree);
+    out           = render_gaussians(gradient, r->in.sh_degree);
+    r->tile_share = share;
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
     r->tile_share = 0;
     render_project_backward(ctx, r, &out);

@@ -20,6 +20,7 @@
 #define TRAIN_BETA_MOST     0.99999                      /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define TRAIN_UNHURRIED     30000                        /* iterations that the rates were chosen for [Kerbl 2023] */
 #define TRAIN_TILES         (UINT64_C(0x54494c45) << 32) /* random numbers apart from those of steps and epochs */
+#define TRAIN_FAINT         0.8                          /* of the run: until then alpha_min holds */
 #define TRAIN_SETTLED       0.1                          /* times the usual steps at the end of a run */
 #define TRAIN_AHEAD         64   /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
 #define TRAIN_SAVE_STEPS    500  /* a checkpoint after so many iterations, */
@@ -90,6 +91,12 @@ static double train_settled(const struct train *t)
 {
     const double left = 1 - (double)(t->step - 1) / OXL_MAX(1, t->options->iterations - 1);
     return left < t->options->settle ? 1 - left / t->options->settle : 0;
+}
+
+/* What viewers leave out in the run's last part, whether it settles or not. */
+static float train_alpha_min(const struct train *t)
+{
+    return t->step <= TRAIN_FAINT * t->options->iterations ? t->options->alpha_min : 0;
 }
 
 static struct renderer_pace train_pace(const struct train *t)
@@ -254,7 +261,7 @@ static oxl_result train_on_view(struct train *t, int view)
     struct renderer_aside aside;
     oxl_result            rc;
     t->last_loss        = NAN;
-    t->render.alpha_min = train_settled(t) > 0 ? 0 : t->options->alpha_min;
+    t->render.alpha_min = train_alpha_min(t);
     rc                  = train_compare(t, view, 1, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
@@ -353,7 +360,7 @@ static oxl_result train_density(struct train *t)
     }
     if (rc == OXL_OK && train_resets_opacity_at(t, t->step)) rc = renderer_fetch(t->ctx, t->renderer);
     if (rc == OXL_OK && train_resets_opacity_at(t, t->step)) {
-        density_reset_opacity(t->model, &t->first, &t->second);
+        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
         t->resets++;
     }
     return rc;
@@ -647,15 +654,17 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
     return rc == OXL_OK ? decide_stop(t) : rc;
 }
 
-static oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
+OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
     if (!(o->ssim_every >= 1 && (o->coarse >= 0 || o->coarse == -1) && o->coarse <= 1 && o->bands_every > 0))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
                         "0 to 1, more than 0",
                         o->ssim_every, o->coarse, o->bands_every);
-    if (!(o->alpha_min >= 0 && o->alpha_min < 0.5f))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "contributions below %g left out: wanted less than 0.5", o->alpha_min);
+    if (!(o->alpha_min >= 0 && o->alpha_min <= MODEL_OPACITY / 2))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "contributions below %g left out: wanted 0 to %g, half the opacity that Gaussians begin with",
+                        o->alpha_min, MODEL_OPACITY / 2);
     if (!(o->tile_share > 0 && o->tile_share <= 1))
         return oxl_fail(ctx, OXL_ERR_USAGE, "gradients of %g of the tiles: wanted more than 0, at most 1", o->tile_share);
     if (o->exp_degree != 3 && o->exp_degree != 5)

@@ -237,6 +237,14 @@ static double job_test_psnr(const char *model)
     return psnr;
 }
 
+TEST(job_options_that_cannot_be_are_refused_before_anything_is_written)
+{
+    oxl_job_options options  = job_test_options();
+    options.train.tile_share = 0;
+    CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK(!os_is_file(test_path("out/run.json")));
+}
+
 TEST(job_in_blocks_refines_them_together_on_all_photographs)
 {
     oxl_job_options options = job_test_blocks();

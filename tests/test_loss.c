@@ -73,10 +73,10 @@ TEST(loss_is_l1_and_ssim_as_defined)
     loss_case_free(&c);
 }
 
-/* At widths from 24 to 30 the halves of a row end at a pack, or a few pixels before. */
+/* At widths about 64 the phases of a row end at a pack, or a few pixels before. */
 TEST(loss_is_exact_for_images_of_any_size)
 {
-    for (int w = 1; w <= 30; w = w == 12 ? 24 : w + 1)
+    for (int w = 1; w <= 66; w = w == 12 ? 56 : w + 1)
         for (int h = 1; h <= 23; h = h < 4 ? h + 1 : h + 10) {
             struct loss_case      c     = loss_case(w, h, 0);
             struct loss_value_f64 value = loss_run(&c, 0.2);
@@ -87,6 +87,31 @@ TEST(loss_is_exact_for_images_of_any_size)
             CHECK_CLOSE(value.ssim, ssim, 1e-12);
             loss_case_free(&c);
         }
+}
+
+/* One scratch for all, as in a run: another width, a mask, more threads and fewer. */
+TEST(loss_does_not_see_what_was_in_its_scratch_before)
+{
+    static const int        size[][4] = {{70, 20, 0, 1}, {70, 20, 1, 1}, {70, 20, 0, 3}, {33, 9, 0, 3},
+                                         {70, 3, 1, 2},  {70, 20, 0, 2}, {64, 20, 0, 1}, {70, 20, 0, 3}}; /* w, h, masked, threads */
+    const int               threads   = test_ctx->threads;
+    struct loss_scratch_f64 scratch   = {0};
+    for (size_t i = 0; i < OXL_COUNT(size); i++) {
+        const size_t              n   = 3 * (size_t)size[i][0] * (size_t)size[i][1];
+        struct loss_case          c   = loss_case(size[i][0], size[i][1], size[i][2]);
+        const struct loss_job_f64 job = {c.w, c.h, 0.2, c.x, c.y, c.weight, c.dx};
+        double                   *dx  = reference_array(n);
+        struct loss_value_f64     kept, fresh;
+        test_ctx->threads = size[i][3];
+        CHECK_OK(loss_forward_backward_f64(test_ctx, &job, &scratch, &kept));
+        memcpy(dx, c.dx, n * sizeof *dx);
+        fresh = loss_run(&c, 0.2);
+        CHECK(kept.total == fresh.total && kept.ssim == fresh.ssim && memcmp(dx, c.dx, n * sizeof *dx) == 0);
+        free(dx);
+        loss_case_free(&c);
+    }
+    test_ctx->threads = threads;
+    loss_free_f64(test_ctx, &scratch);
 }
 
 /* 1 where no pixel of the window is masked. */

@@ -137,8 +137,11 @@ TEST(density_reset_lowers_opacity_to_a_hundredth_and_forgets_its_moments)
 {
     struct density_case c         = density_case((float[]){0, 0, 0, 0});
     c.model.plane[OXL_OPACITY][1] = -5.5f;
-    density_reset_opacity(&c.model, &c.first, &c.second);
+    density_reset_opacity(&c.model, &c.first, &c.second, 0);
     CHECK_CLOSE(1 / (1 + exp(-c.model.plane[OXL_OPACITY][0])), 0.01, 1e-6);
+    c.model.plane[OXL_OPACITY][3] = 5;
+    density_reset_opacity(&c.model, &c.first, &c.second, 0.04f);
+    CHECK_CLOSE(1 / (1 + exp(-c.model.plane[OXL_OPACITY][3])), 0.102, 1e-6); /* still seen */
     CHECK(c.model.plane[OXL_OPACITY][1] == -5.5f && c.first.plane[OXL_OPACITY][2] == 0 && c.first.plane[OXL_MEAN][2] == 7);
     density_case_free(&c);
 }
@@ -455,7 +458,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     const int         threads = test_ctx->threads;
     for (int i = 0; i < 9; i++) o[i] = train_options(60), o[i].coarse = 0;
     o[1].ssim_every = 2, o[2].coarse = 0.5f, o[3].bands_every = 0.5f, o[4].haste = 0, o[5].exp_degree = 5;
-    o[6].settle = 0, o[7].alpha_min = 0.05f, o[8].tile_share = 0.5f;
+    o[6].settle = 0, o[7].alpha_min = 0.04f, o[8].tile_share = 0.5f;
     for (int i = 0; i < 9; i++) {
         test_ctx->threads = 1;
         CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
@@ -521,7 +524,7 @@ TEST(train_refuses_shares_of_a_run_that_are_none)
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.exp_degree = 5, o.settle = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.settle = 0, o.alpha_min = 0.5f;
+    o.settle = 0, o.alpha_min = 0.06f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.alpha_min = 0, o.tile_share = 0;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
@@ -559,6 +562,15 @@ TEST(train_settles_to_a_tenth_of_all_steps_in_the_last_share_of_the_run)
         CHECK_CLOSE(within.rate[k] / usual.rate[k], sqrt(0.1), 1e-6);
     }
     CHECK(end.beta[0] == usual.beta[0] && end.beta[1] == usual.beta[1]);
+}
+
+TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_settled_or_not)
+{
+    const oxl_train_options o = {.iterations = 1000, .alpha_min = 0.03f};
+    struct train            t = {.options = &o, .step = 800};
+    CHECK(train_alpha_min(&t) == 0.03f);
+    t.step++;
+    CHECK(train_alpha_min(&t) == 0);
 }
 
 TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iterations_on)
