@@ -48,23 +48,23 @@ static int decide_has_noted(const struct train *t, const char *quoted)
 
 /* ---------------------------------------------------------------- views that stand aside */
 
-static int decide_bands_at(const struct train *t)
+static int decide_bands_at(const oxl_train_options *o)
 {
-    return t->options->sh_degree < 0 ? (int)(t->options->densify_until * t->options->iterations) : 0;
+    return o->sh_degree < 0 ? (int)(o->densify_until * o->iterations) : 0;
 }
 
-static int decide_lobes_at(const struct train *t)
+static int decide_lobes_at(const oxl_train_options *o)
 {
-    return t->options->dog == OXL_DOG_OFF ? 0 : (int)(t->options->dog_from * t->options->iterations);
+    return o->dog == OXL_DOG_OFF ? 0 : (int)(o->dog_from * o->iterations);
 }
 
 /* The step after which no view stands aside any more. */
 static int decide_last(const struct train *t)
 {
-    const int lobes = t->options->dog == OXL_DOG_AUTO ? decide_lobes_at(t) : 0;
+    const int lobes = t->options->dog == OXL_DOG_AUTO ? decide_lobes_at(t->options) : 0;
     const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
     if (t->options->stop_early) return t->options->iterations;
-    return OXL_MAX(keep, OXL_MAX(lobes, decide_bands_at(t)));
+    return OXL_MAX(keep, OXL_MAX(lobes, decide_bands_at(t->options)));
 }
 
 OXL_INTERNAL int decide_holds(int index, int views)
@@ -209,14 +209,6 @@ static oxl_result decide_try(struct train *t, double *psnr)
     return rc == OXL_OK ? decide_judge(t, &loss, psnr) : rc;
 }
 
-/* In a trial of bands all but one of four ways are trained beside the run, in one of lobes one of two. */
-OXL_INTERNAL int decide_steps_beside(const oxl_train_options *o, int views)
-{
-    const int each = OXL_MAX(1, (int)(DECIDE_TRIAL * o->iterations));
-    if (views < DECIDE_VIEWS_LEAST) return 0;
-    return each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO ? 1 : 0));
-}
-
 /* ---------------------------------------------------------------- SH bands */
 
 static oxl_result decide_set_degree(struct train *t, int degree)
@@ -263,7 +255,7 @@ static oxl_result decide_try_bands(struct train *t, struct decide_branch *start,
 
 OXL_INTERNAL void decide_bands(struct train *t)
 {
-    if (t->step == decide_bands_at(t) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_BANDS;
+    if (t->step == decide_bands_at(t->options) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_BANDS;
     decide_release_views(t);
 }
 
@@ -311,7 +303,7 @@ done:
 
 OXL_INTERNAL oxl_result decide_lobes(struct train *t)
 {
-    const int  last = decide_lobes_at(t), watch = decide_steps(t, DECIDE_WATCH);
+    const int  last = decide_lobes_at(t->options), watch = decide_steps(t, DECIDE_WATCH);
     oxl_result rc = OXL_OK;
     if (t->step <= last - watch || t->step > last) return OXL_OK;
     if (t->step == last - watch + 1) {
@@ -328,15 +320,20 @@ OXL_INTERNAL oxl_result decide_lobes(struct train *t)
 
 /* Nothing else may be decided before the trial ends, and no reset of opacities be just made up for: that alone is what the
  * losses would tell of. */
+static int decide_weights_can_be_tried_at(const oxl_train_options *o, int begin)
+{
+    const int end = begin + UCD_SPANS * o->densify_every, bands = decide_bands_at(o), lobes = decide_lobes_at(o);
+    if (end > (int)(o->densify_until * o->iterations)) return 0;
+    for (int step = begin; step < end; step++)
+        if (step == bands || step == lobes) return 0;
+    for (int step = OXL_MAX(1, begin - DECIDE_RECOVERY); step < end; step++)
+        if (train_resets_opacity_at(o, step)) return 0;
+    return 1;
+}
+
 OXL_INTERNAL int decide_tries_weights(const struct train *t)
 {
-    const int end = t->step + UCD_SPANS * t->options->densify_every, bands = decide_bands_at(t), lobes = decide_lobes_at(t);
-    if (!ucd_tries(&t->ucd) || end > (int)(t->options->densify_until * t->options->iterations)) return 0;
-    for (int step = t->step; step < end; step++)
-        if (step == bands || step == lobes) return 0;
-    for (int step = OXL_MAX(1, t->step - DECIDE_RECOVERY); step < end; step++)
-        if (train_resets_opacity_at(t, step)) return 0;
-    return 1;
+    return ucd_tries(&t->ucd) && decide_weights_can_be_tried_at(t->options, t->step);
 }
 
 /* Densifications with the point asked for, and all steps up to the one after. */
@@ -427,6 +424,33 @@ OXL_INTERNAL oxl_result decide_trial(struct train *t)
     return rc;
 }
 
+/* ---------------------------------------------------------------- what trials take */
+
+static int decide_pairs_of_weights(const oxl_train_options *o)
+{
+    struct ucd u    = {.learns = o->ucd.mode != OXL_UCD_OFF && o->ucd.learn};
+    int        step = 1;
+    if (u.learns) ucd_begin_search(&u, train_densifications(o), 0);
+    while (u.learns && step <= o->densify_until * o->iterations) {
+        const int densifies = train_densifies_at(o, step);
+        const int tries     = densifies && ucd_tries(&u) && decide_weights_can_be_tried_at(o, step);
+        u.densified += tries ? UCD_SPANS : densifies;
+        u.spsa.pair += tries;
+        step += tries ? UCD_SPANS * o->densify_every : 1;
+    }
+    return u.spsa.pair;
+}
+
+/* In a trial of bands all but one of four ways are trained beside the run, in one of lobes one of two, and one of each pair of weights
+ * by depth; half of these count where the photographs have yet to tell whether there are weights at all. */
+OXL_INTERNAL int decide_steps_beside(const oxl_train_options *o, int views)
+{
+    const int each    = OXL_MAX(1, (int)(DECIDE_TRIAL * o->iterations));
+    const int weights = decide_pairs_of_weights(o) * (UCD_SPANS * o->densify_every - 1) / (o->ucd.mode == OXL_UCD_AUTO ? 2 : 1);
+    if (views < DECIDE_VIEWS_LEAST) return weights;
+    return weights + each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO ? 1 : 0));
+}
+
 /* ---------------------------------------------------------------- an end before the last step */
 
 /* The last step that changes how many Gaussians, lobes or bands there are, or the photographs' size. */
@@ -436,7 +460,7 @@ static int decide_settled(const struct train *t)
     const double             coarse = train_coarse_share(o, INT_MAX, INT_MAX), bands = t->sh_degree * (double)o->bands_every;
     const int                share = (int)(OXL_MIN(1, OXL_MAX(o->densify_until, OXL_MAX(coarse, bands))) * o->iterations);
     const int                keep  = o->keep.kind == OXL_KEEP_ALL ? 0 : t->prune.end;
-    return OXL_MAX(share, OXL_MAX(keep, decide_lobes_at(t)));
+    return OXL_MAX(share, OXL_MAX(keep, decide_lobes_at(t->options)));
 }
 
 static void decide_note_stop(struct train *t)

@@ -795,6 +795,8 @@ struct ucd {
 };
 /* What is `on` and between which depths; densifications: how many there will be. Logs nothing: ucd_describe has the words. */
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications);
+/* Of weights that are learned, if so many densifications are enough; ucd_begin does it, too. */
+OXL_INTERNAL void       ucd_begin_search(struct ucd *u, int densifications, uint64_t seed);
 OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
 OXL_INTERNAL int        ucd_tries(const struct ucd *u);            /* whether the next densification is one to learn from */
 OXL_INTERNAL void       ucd_ask(const struct ucd *u, double f[2]); /* the point to try; told of twice, the next pair begins */
@@ -890,6 +892,7 @@ OXL_INTERNAL double     train_pixels(const oxl_scene *scene); /* of all training
 /* Share of the run in which a photograph of this size is halved. */
 OXL_INTERNAL double     train_coarse_share(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int        train_densifies_at(const oxl_train_options *options, int step);
+OXL_INTERNAL int        train_resets_opacity_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int        train_densifications(const oxl_train_options *options); /* in a whole run */
 OXL_INTERNAL int        train_may_try(const oxl_train_options *options); /* whether trials, which copy the model, may come */
 OXL_INTERNAL int        train_training_views(const oxl_scene *scene);

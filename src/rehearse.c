@@ -11,18 +11,22 @@
 #include "vecmath.h"
 
 #define REHEARSE_SOON    0.25 /* of the way from the first model's cost to the grown one's: widths change in some hundred steps */
-#define REHEARSE_GROWTH  1.25 /* of their number in a densification: 1.1 to 1.35 were seen, until the cap */
-#define REHEARSE_OVERLAP 12.0 /* Gaussians over a pixel of a trained model where one was at the start, */
-#define REHEARSE_POWER   0.41 /* and the power of more that it goes with: 10 became 33, 29 46, 42 54, and 108 88 (draft, 320 px) */
+#define REHEARSE_GROWTH  1.35 /* of their number in a densification: 1.1 to 1.6 were seen, until the cap */
+#define REHEARSE_OVERLAP 7.3  /* Gaussians over a pixel of a trained model where one was at the start, */
+#define REHEARSE_POWER   0.48 /* the power of more that it goes with, */
+#define REHEARSE_DENSER  0.27 /* and that of their growing number: drafts of four surveys, 160 and 320 px (docs/TRADEOFF.md) */
+#define REHEARSE_RESET   1.13 /* times as many over the whole run, where opacities are reset: 1.1 to 1.4 after it */
 #define REHEARSE_AREA    1.5  /* power of the widths that the overlap goes with: less than 2 for the blur of a pixel */
 #define REHEARSE_WIDER   0.7  /* log widths: at most twice as wide in a round, or half */
 #define REHEARSE_SECONDS 1.0  /* each model is tried for at most about so long, */
 #define REHEARSE_WARM    0.01 /* after so many seconds, and a step, that make room and wake threads */
 #define REHEARSE_APART   0.7  /* new Gaussians stand so many standard deviations from those that they grow beside */
 enum {
-    REHEARSE_LEAST  = 4,   /* views tried */
+    REHEARSE_LEAST  = 4,   /* views of a walk */
     REHEARSE_VIEWS  = 12,  /* and at most, */
-    REHEARSE_RARELY = 200, /* one for each so many steps of the run */
+    REHEARSE_RARELY = 300, /* one for each so many steps of the run; */
+    REHEARSE_WALKS  = 9,   /* walks at most, of which the middle one counts: what else the machine does comes in bursts */
+    REHEARSE_STEPS  = 100, /* of the run, for each that is tried */
     REHEARSE_LOOKS  = 4,   /* views by which widths are found, in so many */
     REHEARSE_ROUNDS = 2,
     REHEARSE_MOST   = 1000000 /* points: of more, the blocks will be tried, not the whole */
@@ -85,13 +89,14 @@ static const oxl_camera *rehearse_camera(const struct rehearsal *r, int k)
 
 static oxl_result rehearse_steps(struct rehearsal *r, oxl_model *model, int halved, double *seconds)
 {
-    const int  wanted = OXL_CLAMP(r->iterations / REHEARSE_RARELY, REHEARSE_LEAST, REHEARSE_VIEWS);
-    const int  views  = OXL_MIN(oxl_scene_view_count(r->scene), wanted);
-    double     warm = 0, sum = 0;
-    int        steps = 0;
-    oxl_result rc    = OXL_OK;
+    const int  few    = OXL_CLAMP(r->iterations / REHEARSE_RARELY, REHEARSE_LEAST, REHEARSE_VIEWS);
+    const int  views  = OXL_MIN(oxl_scene_view_count(r->scene), few);
+    const int  wanted = OXL_CLAMP(r->iterations / (REHEARSE_STEPS * views), 1, REHEARSE_WALKS);
+    double     mean[REHEARSE_WALKS], warm = 0, spent = 0, sum = 0;
+    int        walks = 0, steps = 0;
+    oxl_result rc  = OXL_OK;
     r->evaluations = r->pixels = 0;
-    for (int k = 0; rc == OXL_OK && steps < views && sum < REHEARSE_SECONDS; k++) {
+    for (int k = 0; rc == OXL_OK && walks < wanted && spent < REHEARSE_SECONDS; k++) {
         const oxl_camera *whole  = rehearse_camera(r, k);
         const oxl_camera  camera = halved ? camera_halve(whole) : *whole;
         const double      begun  = os_seconds();
@@ -99,10 +104,15 @@ static oxl_result rehearse_steps(struct rehearsal *r, oxl_model *model, int halv
         rc   = rehearse_step(r, model, &camera);
         took = os_seconds() - begun;
         if (rc == OXL_OK) rehearse_count_evaluations(r, &camera);
-        if (warm < REHEARSE_WARM && k < 4 * views) warm += took; /* not for ever by a clock that stands still */
-        else sum += took, steps++;
+        if (warm < REHEARSE_WARM && k < 4 * views) { /* not for ever by a clock that stands still */
+            warm += took;
+            continue;
+        }
+        sum += took, spent += took, steps++;
+        if (steps == views) mean[walks++] = sum / steps, sum = 0, steps = 0;
     }
-    *seconds = sum / OXL_MAX(1, steps);
+    if (walks == 0) mean[walks++] = sum / OXL_MAX(1, steps);
+    *seconds = measure_pick(mean, (size_t)walks, 0.5);
     return rc;
 }
 
@@ -180,10 +190,20 @@ static double rehearse_coarse(const oxl_scene *scene, const oxl_train_options *o
     return train_coarse_share(o, camera->width, camera->height);
 }
 
+/* Gaussians over a pixel of a trained model, from those of the starting one, of which it has so many times the number. */
+static double rehearse_trained(const oxl_train_options *o, double overlap, double times)
+{
+    int resets = 0;
+    if (!(overlap > 0)) return 0;
+    for (int step = 1; step <= o->iterations && !resets; step++) resets = train_resets_opacity_at(o, step);
+    return (resets ? REHEARSE_RESET : 1) * REHEARSE_OVERLAP *
+           vecmath_exp(REHEARSE_POWER * vecmath_log(overlap) + REHEARSE_DENSER * vecmath_log(times));
+}
+
 static oxl_result rehearse_both(struct rehearsal *r, const oxl_train_options *o, size_t count, struct rehearsed *out)
 {
     const int  degree  = o->sh_degree < 0 ? 3 : o->sh_degree;
-    double     overlap = 0; /* of a trained model */
+    double     overlap = 0; /* that training leads to; 0: not known */
     oxl_model  model = {0}, grown = {0};
     oxl_result rc = rehearse_target(r);
     if (rc == OXL_OK) rc = renderer_create(r->ctx, &r->renderer);
@@ -191,7 +211,7 @@ static oxl_result rehearse_both(struct rehearsal *r, const oxl_train_options *o,
         rc = oxl_model_from_points(r->ctx, oxl_scene_points(r->scene), oxl_scene_point_count(r->scene), degree, &model);
     if (rc == OXL_OK && rehearse_coarse(r->scene, o) > 0) rc = rehearse_model(r, &model, 1, &out->halved);
     if (rc == OXL_OK) rc = rehearse_model(r, &model, 0, &out->early);
-    if (rehearse_overlap(r) > 0) overlap = REHEARSE_OVERLAP * vecmath_exp(REHEARSE_POWER * vecmath_log(rehearse_overlap(r)));
+    if (rc == OXL_OK) overlap = rehearse_trained(o, rehearse_overlap(r), (double)count / (double)model.count);
     if (rc == OXL_OK) rc = rehearse_grow(r->ctx, &model, count, &grown);
     if (rc == OXL_OK) rc = rehearse_train_widths(r, &grown, overlap);
     if (rc == OXL_OK) rc = rehearse_model(r, &grown, 0, &out->late);

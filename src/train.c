@@ -135,10 +135,9 @@ static int train_densifies(const struct train *t)
     return train_densifies_at(t->options, t->step);
 }
 
-OXL_INTERNAL int train_resets_opacity_at(const struct train *t, int step)
+OXL_INTERNAL int train_resets_opacity_at(const oxl_train_options *o, int step)
 {
-    const oxl_train_options *o     = t->options;
-    const int                every = (int)OXL_MAX(TRAIN_RESET_LEAST, o->reset_opacity_every * o->iterations);
+    const int every = (int)OXL_MAX(TRAIN_RESET_LEAST, o->reset_opacity_every * o->iterations);
     return o->reset_opacity_every > 0 && step <= o->densify_until * o->iterations && step % every == 0;
 }
 
@@ -358,8 +357,8 @@ static oxl_result train_density(struct train *t)
         else rc = train_densify(t, t->ucd.f);
         t->ucd.densified++;
     }
-    if (rc == OXL_OK && train_resets_opacity_at(t, t->step)) rc = renderer_fetch(t->ctx, t->renderer);
-    if (rc == OXL_OK && train_resets_opacity_at(t, t->step)) {
+    if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step)) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step)) {
         density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
         t->resets++;
     }

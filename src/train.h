@@ -54,7 +54,6 @@ OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2]); /* de
 OXL_INTERNAL oxl_result train_photo(struct train *t, int view);
 /* The model drawn from a view, against its photograph. */
 OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss);
-OXL_INTERNAL int        train_resets_opacity_at(const struct train *t, int step);
 OXL_INTERNAL oxl_result train_resize(struct train *t);                  /* the gradient, to the model's shape */
 OXL_INTERNAL int        train_report(const struct train *t, int trial); /* nonzero: the caller wants to stop */
 

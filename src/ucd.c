@@ -92,7 +92,7 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
             u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
 }
 
-static void ucd_begin_search(struct ucd *u, int densifications, uint64_t seed)
+OXL_INTERNAL void ucd_begin_search(struct ucd *u, int densifications, uint64_t seed)
 {
     const oxl_ucd usual = oxl_ucd_default();
     u->stride           = OXL_MAX(UCD_STRIDE, (densifications + UCD_PAIRS / 2) / UCD_PAIRS);

@@ -39,6 +39,17 @@ TEST(rehearse_weighs_the_grown_model_by_when_the_run_has_grown)
     CHECK(rehearse_share(&o, 1000, 2000) > 0.97 && rehearse_share(&o, 1000, 2000) < 1);
 }
 
+TEST(rehearse_expects_more_over_a_pixel_where_more_were_where_more_come_and_after_opacities_are_reset)
+{
+    const oxl_train_options draft  = oxl_train_options_default(OXL_PRESET_DRAFT),
+                            longer = oxl_train_options_default(OXL_PRESET_STANDARD);
+    CHECK(rehearse_trained(&draft, 0, 2) == 0);
+    CHECK_CLOSE(rehearse_trained(&draft, 40, 1), 42.9, 0.1);
+    CHECK_CLOSE(rehearse_trained(&draft, 80, 1) / rehearse_trained(&draft, 40, 1), 1.395, 1e-3);
+    CHECK_CLOSE(rehearse_trained(&draft, 40, 2) / rehearse_trained(&draft, 40, 1), 1.206, 1e-3);
+    CHECK_CLOSE(rehearse_trained(&longer, 40, 2) / rehearse_trained(&draft, 40, 2), 1.13, 1e-3);
+}
+
 TEST(rehearse_grows_a_model_beside_its_own_centres)
 {
     static const oxl_point at[3] = {{.position = {0, 0, 0}}, {.position = {1, 0, 0}}, {.position = {0, 1, 0}}};

@@ -13,6 +13,7 @@ TEST(decide_lets_an_eighth_of_the_views_stand_aside_and_eight_at_most)
 TEST(decide_tells_how_many_steps_its_trials_take_beside_the_run)
 {
     oxl_train_options o = train_options(2000);
+    o.ucd.mode          = OXL_UCD_OFF;
     CHECK(decide_steps_beside(&o, 50) == 0);
     o.sh_degree = -1;
     CHECK(decide_steps_beside(&o, 50) == 150 && decide_steps_beside(&o, 7) == 0);
@@ -208,12 +209,15 @@ static int decide_watch(void *user, const oxl_progress *p)
 /* 3 pairs of twice 11 steps. */
 TEST(decide_tries_each_pair_of_weights_from_the_same_step_over_four_densifications)
 {
-    struct decide_watch     w     = {.step = 0};
-    const oxl_train_options o     = decide_weights_options();
-    oxl_scene              *scene = train_scene(14);
-    oxl_model               model;
+    struct decide_watch w     = {.step = 0};
+    oxl_train_options   o     = decide_weights_options();
+    oxl_scene          *scene = train_scene(14);
+    oxl_model           model;
     CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){decide_watch, &w}, &model));
     CHECK(w.tried == 3 * 22 && w.back == 3 && w.step == 240);
+    CHECK(decide_steps_beside(&o, 14) == 3 * 11);
+    o.ucd.mode = OXL_UCD_AUTO;
+    CHECK(decide_steps_beside(&o, 14) == 3 * 11 / 2);
     CHECK(w.densified > 6); /* of 3 in each of 6 trials, besides the one that it began with */
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
