@@ -1,7 +1,7 @@
 /* budget.c - fits the training of a block into the memory that it is given (--ram), by the arithmetic of survey.c.
  *
- * What gives way first is the cache of photographs, then trials (which copy the model: nothing is decided by `auto`, weights by depth stay as they are), then the number
- * of Gaussians, then the size of the blocks.
+ * What gives way first is the cache of photographs, then trials (which copy the model: nothing is decided by `auto`, weights by depth
+ * stay as they are), then the number of Gaussians that is expected, then the size of the blocks.
  * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
  * what this machine has or had free.
  */
@@ -12,21 +12,13 @@
 #define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
 
-static double budget_memory(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load, double gaussians)
+/* Of `most`, as many Gaussians as fit, by bisection; 0: not one does. */
+static double budget_gaussians(const oxl_job_options *o, const struct survey_load *load, double most)
 {
-    oxl_job_options tried     = *o;
-    tried.train.max_gaussians = (int)gaussians;
-    return survey_cost(ctx, &tried, load).memory;
-}
-
-/* The most Gaussians that fit, by bisection; 0: not one does. */
-static double budget_gaussians(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load)
-{
-    const double most = OXL_MIN(1e9, survey_cost(ctx, o, load).gaussians);
-    double       low = 0, high = most + 1;
+    double low = 0, high = OXL_MIN(1e9, most) + 1;
     while (high - low > 1) {
         const double middle = floor((low + high) / 2);
-        if (budget_memory(ctx, o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
+        if (survey_memory(o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
         else high = middle;
     }
     return low;
@@ -61,7 +53,7 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *lo
     if (o->ram == 0) return 1;
     fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
     if (survey_cost(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
-    gaussians = budget_gaussians(ctx, &fitted, load);
+    gaussians = budget_gaussians(&fitted, load, most);
     if (gaussians < needed || gaussians < 1) return 0;
     fitted.train.max_gaussians = (int)gaussians;
     *o                         = fitted;

@@ -991,6 +991,8 @@ OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int bl
 OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene);
 OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *options,
                                             const struct survey_load *load);
+/* Peak in bytes, of a run that ends with so many Gaussians. */
+OXL_INTERNAL double             survey_memory(const oxl_job_options *options, const struct survey_load *load, double gaussians);
 /* closely: each photograph and mask is looked at, too, as far as that goes without decoding it. */
 OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
                                         oxl_survey *out);
@@ -1002,6 +1004,9 @@ OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, con
                                    const struct survey_cost *cost);
 
 /* ---------------------------------------------------------------- rehearse.c: how long steps will take */
+
+/* Gaussians at the end of a run that may not have more than `cap`. */
+OXL_INTERNAL double rehearse_expected(const oxl_train_options *options, size_t points, size_t cap);
 
 /* Seconds of a run that is to end with so many Gaussians, from steps that are tried here and now; 0: it cannot be told so, be it that trying
  * would take too long, or for want of memory. */

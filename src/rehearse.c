@@ -11,7 +11,7 @@
 #include "vecmath.h"
 
 #define REHEARSE_SOON    0.25 /* of the way from the first model's cost to the grown one's: widths change in some hundred steps */
-#define REHEARSE_GROWTH  1.35 /* of their number in a densification: 1.1 to 1.6 were seen, until the cap */
+#define REHEARSE_GROWTH  0.45 /* new ones in a densification for one at the start: 0.25 to 1.9 were seen, until the cap */
 #define REHEARSE_OVERLAP 7.3  /* Gaussians over a pixel of a trained model where one was at the start, */
 #define REHEARSE_POWER   0.48 /* the power of more that it goes with, */
 #define REHEARSE_DENSER  0.27 /* and that of their growing number: drafts of four surveys, 160 and 320 px (docs/TRADEOFF.md) */
@@ -25,11 +25,11 @@ enum {
     REHEARSE_LEAST  = 4,   /* views of a walk */
     REHEARSE_VIEWS  = 12,  /* and at most, */
     REHEARSE_RARELY = 300, /* one for each so many steps of the run; */
-    REHEARSE_WALKS  = 9,   /* walks at most, of which the middle one counts: what else the machine does comes in bursts */
+    REHEARSE_WALKS  = 33,  /* walks at most, of which the middle one counts: what else the machine does comes in bursts */
     REHEARSE_STEPS  = 100, /* of the run, for each that is tried */
     REHEARSE_LOOKS  = 4,   /* views by which widths are found, in so many */
     REHEARSE_ROUNDS = 2,
-    REHEARSE_MOST   = 1000000 /* points: of more, the blocks will be tried, not the whole */
+    REHEARSE_MOST   = 1000000 /* points: of more, the blocks will be tried; Gaussians: more of them cost in proportion */
 };
 
 struct rehearsal {
@@ -222,12 +222,9 @@ static oxl_result rehearse_both(struct rehearsal *r, const oxl_train_options *o,
     return rc;
 }
 
-/* At the end of the run; `most` is what the arithmetic says. */
-static size_t rehearse_count(const oxl_train_options *o, size_t points, double most)
+OXL_INTERNAL double rehearse_expected(const oxl_train_options *o, size_t points, size_t cap)
 {
-    double count = (double)points;
-    for (int n = train_densifications(o); n > 0 && count < most; n--) count *= REHEARSE_GROWTH;
-    return OXL_MAX(points, (size_t)OXL_MIN(count, most));
+    return OXL_MIN((1 + REHEARSE_GROWTH * train_densifications(o)) * (double)points, (double)cap);
 }
 
 /* How far from the first model's cost to the grown one's that of the run's mean step lies. */
@@ -235,7 +232,7 @@ static double rehearse_share(const oxl_train_options *o, double points, double c
 {
     double now = points, way = 0;
     for (int step = 1; step <= o->iterations; step++) {
-        if (train_densifies_at(o, step)) now = OXL_MIN(REHEARSE_GROWTH * now, count);
+        if (train_densifies_at(o, step)) now = OXL_MIN(now + REHEARSE_GROWTH * points, count);
         way += count > points ? (now - points) / (count - points) : 1;
     }
     return REHEARSE_SOON + (1 - REHEARSE_SOON) * way / o->iterations;
@@ -245,15 +242,17 @@ OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl
 {
     struct rehearsal r      = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default(), .iterations = o->iterations};
     struct rehearsed t      = {0};
-    const size_t     points = oxl_scene_point_count(scene), count = rehearse_count(o, points, gaussians);
+    const size_t     points = oxl_scene_point_count(scene), count = OXL_MAX(points, (size_t)gaussians);
+    const size_t     tried = OXL_MIN(count, (size_t)REHEARSE_MOST);
     const double     share = rehearse_share(o, (double)points, (double)count);
     double           step;
-    if (points == 0 || count > REHEARSE_MOST || oxl_scene_view_count(scene) == 0) return 0;
+    if (points == 0 || points > REHEARSE_MOST || oxl_scene_view_count(scene) == 0) return 0;
     r.render.near_plane = (float)scene_near_plane(scene);
     r.render.exp_degree = o->exp_degree;
-    if (rehearse_both(&r, o, count, &t) != OXL_OK) return 0;
+    if (rehearse_both(&r, o, tried, &t) != OXL_OK) return 0;
     oxl_log(ctx, OXL_LOG_DEBUG, "tried: %.3f ms a step at the start, %.3f ms with %zu Gaussians", 1e3 * t.early, 1e3 * t.late,
-            count);
+            tried);
+    t.late *= (double)count / (double)tried;
     step = t.early + share * (t.late - t.early);
     if (t.early > 0) step *= 1 - rehearse_coarse(scene, o) * (1 - t.halved / t.early);
     return o->iterations * step + t.late * decide_steps_beside(o, train_training_views(scene));

@@ -8,8 +8,6 @@
 #include "simd.h"
 
 /* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/SPEED.md. */
-#define SURVEY_GROWTH          3.0    /* Gaussians at the end for one point at the start: 1.2 to 5 were seen */
-#define SURVEY_LEAST_GAUSSIANS 2e4    /* what sparse starts grow to at least */
 #define SURVEY_PAIRS_PER_PIXEL 40.0   /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
 #define SURVEY_PAIR_RATE       1.0e9  /* pairs a second and thread, AVX2 or better */
 #define SURVEY_PAIR_RATE_BASE  0.2e9  /* the same without */
@@ -47,26 +45,28 @@ static void survey_largest(const oxl_scene *scene, oxl_survey *s)
     }
 }
 
+OXL_INTERNAL double survey_memory(const oxl_job_options *o, const struct survey_load *load, double gaussians)
+{
+    const int    degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
+    const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
+    const double photos = photos_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
+    const int    sets   = train_may_try(&o->train) ? 10 : 4;
+    /* planes of 4 bytes: parameters, gradient and two moments; all but the gradient twice more while a trial goes on */
+    return SURVEY_PROGRAM_BYTES + photos + load->largest * SURVEY_PIXEL_BYTES +
+           gaussians * (sets * 4 * planes + SURVEY_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track);
+}
+
 OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load)
 {
-    const int          degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
-    const double       planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double       a_view = load->pixels / OXL_MAX(1, load->views);
-    const double       photos = photos_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
-    const int          sets   = train_may_try(&o->train) ? 10 : 4;
-    struct survey_cost cost;
-    double             step;
-    cost.gaussians = OXL_MAX(SURVEY_GROWTH * (double)load->points, SURVEY_LEAST_GAUSSIANS);
-    cost.gaussians = OXL_MIN(cost.gaussians, (double)train_cap_of(load->points, load->train_pixels, &o->train));
-    step           = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
-           (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
+    const size_t       cap    = train_cap_of(load->points, load->train_pixels, &o->train);
+    struct survey_cost cost   = {.gaussians = rehearse_expected(&o->train, load->points, cap)};
+    const double       step   = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
+                        (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
     cost.seconds = o->train.iterations * step;
     if (o->train.max_seconds > 0) cost.seconds = OXL_MIN(cost.seconds, o->train.max_seconds);
-    /* planes of 4 bytes: parameters, gradient and two moments; all but the gradient twice more while a trial goes on */
-    cost.memory = SURVEY_PROGRAM_BYTES + photos + load->largest * SURVEY_PIXEL_BYTES +
-                  cost.gaussians * (sets * 4 * planes + SURVEY_SPLAT_BYTES) +
-                  (double)load->observations * sizeof(struct colmap_track);
+    cost.memory = survey_memory(o, load, cost.gaussians);
     return cost;
 }
 

@@ -24,16 +24,18 @@ TEST(budget_without_ram_changes_nothing)
 TEST(budget_takes_the_cache_then_trials_then_gaussians)
 {
     const struct survey_load load = budget_test_load();
-    const double             most = survey_cost(test_ctx, &(oxl_job_options){0}, &load).gaussians;
+    const oxl_job_options    free = budget_test_options(0);
     oxl_job_options          o    = budget_test_options(20e9);
+    const double             most = survey_cost(test_ctx, &o, &load).gaussians; /* that are expected */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)1 << 30);
+    CHECK((size_t)o.train.max_gaussians == train_cap_of(load.points, load.train_pixels, &free.train));
     o = budget_test_options(2e9);
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)5e8);
     CHECK(o.train.max_gaussians >= most);
     for (double ram = 2e9; ram > 2e8; ram *= 0.9) {
         o = budget_test_options(ram);
         if (!budget_fit(test_ctx, &load, &o)) continue;
-        CHECK(survey_cost(test_ctx, &o, &load).memory <= 0.9 * ram);
+        CHECK(survey_memory(&o, &load, o.train.max_gaussians) <= 0.9 * ram);
         CHECK(o.train.sh_degree == 3 || o.train.max_gaussians >= most); /* trials go before Gaussians do */
     }
 }
