@@ -446,7 +446,8 @@ static int decide_pairs_of_weights(const oxl_train_options *o)
 OXL_INTERNAL int decide_steps_beside(const oxl_train_options *o, int views)
 {
     const int each    = OXL_MAX(1, (int)(DECIDE_TRIAL * o->iterations));
-    const int weights = decide_pairs_of_weights(o) * (UCD_SPANS * o->densify_every - 1) / (o->ucd.mode == OXL_UCD_AUTO ? 2 : 1);
+    const int pairs   = decide_pairs_of_weights(o); /* none where a span would not fit into the run, be it longer than an int */
+    const int weights = pairs > 0 ? pairs * (UCD_SPANS * o->densify_every - 1) / (o->ucd.mode == OXL_UCD_AUTO ? 2 : 1) : 0;
     if (views < DECIDE_VIEWS_LEAST) return weights;
     return weights + each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO ? 1 : 0));
 }

@@ -11,7 +11,7 @@
 #include "vecmath.h"
 
 #define REHEARSE_SOON    0.25 /* of the way from the first model's cost to the grown one's: widths change in some hundred steps */
-#define REHEARSE_GROWTH  0.45 /* new ones in a densification for one at the start: 0.25 to 1.9 were seen, until the cap */
+#define REHEARSE_GROWTH  0.45 /* new ones in a densification for one at the start: 0.25 to 2.0 were seen, until the cap */
 #define REHEARSE_OVERLAP 7.3  /* Gaussians over a pixel of a trained model where one was at the start, */
 #define REHEARSE_POWER   0.48 /* the power of more that it goes with, */
 #define REHEARSE_DENSER  0.27 /* and that of their growing number: drafts of four surveys, 160 and 320 px (docs/TRADEOFF.md) */

@@ -19,6 +19,9 @@ TEST(decide_tells_how_many_steps_its_trials_take_beside_the_run)
     CHECK(decide_steps_beside(&o, 50) == 150 && decide_steps_beside(&o, 7) == 0);
     o.dog = OXL_DOG_AUTO;
     CHECK(decide_steps_beside(&o, 50) == 200);
+    o.ucd.mode      = OXL_UCD_ON;
+    o.densify_every = INT_MAX;
+    CHECK(decide_steps_beside(&o, 50) == 200);
 }
 
 struct decide_case {
