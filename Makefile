@@ -7,7 +7,7 @@ PREFIX ?= /usr/local
 STB    ?=
 
 # Part of the result: a fused or reordered operation changes bytes, and a lying isnan() hides divergence. So neither
-# -ffast-math nor -march=native, ever; the kernels choose AVX2 or AVX-512 at run time by themselves (src/simd.h).
+# -ffast-math nor -march=native, ever; the kernels choose AVX2 or AVX-512 at run time by themselves (src/core/simd.h).
 FLOATS := -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARN   := -Wall -Wextra -pedantic $(if $(WERROR),-Werror)
 ifneq ($(findstring clang,$(shell $(CC) --version 2>/dev/null)),)
@@ -35,10 +35,12 @@ BASE  = -std=c99 $(WARN) $(FLOATS) $(THREADS) $(STB_FLAGS) $(VULKAN_FLAGS)
 FLAGS = $(CFLAGS) $(BASE)
 LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
 
-TOOLS   := $(wildcard tools/*.c)
-MODULES := $(filter-out src/reference.c $(if $(VULKAN_FLAGS),,src/vulkan.c),$(wildcard src/*.c))
+TOOLS   := $(wildcard cli/*.c lab/*.c)
+VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
+MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
+SOURCES := $(wildcard oceanxl.[ch] src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*.[ch] tools/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
+OURS    := $(wildcard *.c *.h src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
 .PHONY: all help man test extremes fuzz coverage mutate races portable demo setup bench cost floaters oracle shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
@@ -52,7 +54,7 @@ help: ## this list
 
 # ------------------------------------------------------------------------------------------------ program, library
 
-$(BUILD)/oceanxl: $(BUILD)/main.o $(patsubst tools/%.c,$(BUILD)/tools/%.o,$(TOOLS)) $(BUILD)/oceanxl.o
+$(BUILD)/oceanxl: $(BUILD)/main.o $(TOOLS:%.c=$(BUILD)/%.o) $(BUILD)/oceanxl.o
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 
 $(BUILD)/liboceanxl.a: $(BUILD)/oceanxl.o
@@ -129,10 +131,10 @@ $(FUZZ_RUNS): fuzz-%: $(BUILD)/fuzz/fuzz
 	  { tail -n 25 $(BUILD)/fuzz/$*.log; exit 1; }
 	@echo "fuzz $*"; grep -h -e 'cov: ' -e number_of_executed $(BUILD)/fuzz/$*.log | tail -n 2
 FUZZ_SANITIZE := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=undefined,float-cast-overflow
-$(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(wildcard oceanxl.[ch] src/* tools/*)
+$(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 	@mkdir -p $(@D)
 	$(FUZZ_CC) -std=c99 -O1 -g $(FLOATS) -DOXL_NO_SIMD -Wno-unknown-pragmas -fsanitize=fuzzer $(FUZZ_SANITIZE) -I. \
-	  fuzz/fuzz.c $(filter-out tools/arguments.c,$(TOOLS)) -o $@ -lm
+	  fuzz/fuzz.c $(filter-out cli/arguments.c,$(TOOLS)) -o $@ -lm
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
 floaters: $(BUILD)/floaters ## build/floaters PICTURES SURVEY: what hangs in a model's pictures that is not in a synthetic survey (docs/ROBUST.md)
@@ -151,10 +153,10 @@ $(BUILD)/examples/%: examples/%.c $(BUILD)/liboceanxl.a
 	@mkdir -p $(@D)
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $< $(BUILD)/liboceanxl.a -o $@ $(LIBS)
 
-shaders: ## shaders/spirv.h from shaders/*.comp (Debian: glslc)
-	tools/shaders.sh
-shaders-check: ## fails when shaders/spirv.h is not what the shaders give
-	tools/shaders.sh check
+shaders: ## backends/vulkan/generated/spirv.h from backends/vulkan/shaders (Debian: glslc)
+	backends/vulkan/shaders.sh
+shaders-check: ## fails when the committed SPIR-V is not what the shaders give
+	backends/vulkan/shaders.sh check
 
 # ------------------------------------------------------------------------------------------------ other ways to build
 
@@ -172,9 +174,9 @@ $(BUILD)/dist/pair: examples/one_gaussian.c dist/oceanxl.c
 	$(CC) $(FLAGS) -Werror -Idist $^ -o $@ $(LIBS)
 $(BUILD)/dist/single: examples/one_gaussian.c dist/single/oceanxl.h
 	$(CC) $(FLAGS) -Werror -Idist/single -DOCEANXL_IMPLEMENTATION $< -o $@ $(LIBS)
-dist/oceanxl.c dist/single/oceanxl.h &: tools/dist.sh oceanxl.c oceanxl.h $(wildcard src/*) $(BUILD)/flags
+dist/oceanxl.c dist/single/oceanxl.h &: scripts/dist.sh $(SOURCES) $(BUILD)/flags
 	@mkdir -p $(BUILD)/dist
-	tools/dist.sh dist
+	scripts/dist.sh dist
 
 format: ## clang-format on our sources
 	clang-format -i $(OURS)
@@ -193,9 +195,9 @@ setup: ## installs what the build needs (Debian, as root), or says what that is
 demo: ## a synthetic survey, made, trained and judged: pictures in demo/out (a few minutes)
 	@$(MAKE) --no-print-directory setup
 	@$(MAKE) --no-print-directory all
-	@tools/demo.sh $(BUILD)/oceanxl demo
+	@scripts/demo.sh $(BUILD)/oceanxl demo
 
-man: $(BUILD)/oceanxl ## docs/oceanxl.1, the manual page, from the tables in tools/arguments.c (the tests tell when it is not current)
+man: $(BUILD)/oceanxl ## docs/oceanxl.1, the manual page, from the tables in cli/arguments.c (the tests tell when it is not current)
 	$(BUILD)/oceanxl --man > $(BUILD)/oceanxl.1
 	mv $(BUILD)/oceanxl.1 docs/oceanxl.1
 

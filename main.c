@@ -1,11 +1,11 @@
 /* main.c - the command line: parse, call, print; no algorithm.
  *
- * Results go to standard output, everything else to standard error. The words and the help are in tools/arguments.c.
+ * Results go to standard output, everything else to standard error. The words and the help are in cli/arguments.c.
  */
 #ifndef _DEFAULT_SOURCE
 #define _DEFAULT_SOURCE 1 /* glibc's signal() in strict C99 drops the handler at the first signal; with this it stays */
 #endif
-#include "tools/tools.h"
+#include "cli/cli.h"
 
 #include <signal.h>
 #include <stdlib.h>

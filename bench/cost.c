@@ -1,10 +1,10 @@
 /* cost.c - how the cost of a training step grows: with Gaussians, pixels, views, bands of spherical harmonics, threads.
  *
  *     build/cost SCENE > docs/cost.tsv         one line a point: what is varied, its value, milliseconds a step
- *     awk -f tools/cost_plot.awk docs/cost.tsv > docs/cost.svg
+ *     awk -f bench/cost_plot.awk docs/cost.tsv > docs/cost.svg
  *
  * Everything but one thing stays as it is in the middle: the survey's points, photographs of 320 px, degree 3, one thread. Models are
- * fresh ones, as in rehearse.c. Time is the processors', of all threads together, and of several tries of each view's step the shortest:
+ * fresh ones, as in predict_time.c. Time is the processors', of all threads together, and of several tries of each view's step the shortest:
  * other work on the machine only adds. So two threads without loss take what one does.
  */
 #include "../oceanxl.c"

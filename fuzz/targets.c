@@ -7,7 +7,7 @@
  */
 #ifndef FUZZ_TARGETS_C
 #define FUZZ_TARGETS_C
-#include "../tools/arguments.c"
+#include "../cli/arguments.c"
 
 #define FUZZ_MEMORY ((size_t)64 << 20) /* bytes; inputs are of a few thousand */
 

@@ -54,7 +54,7 @@
     } while (0)
 #define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
 
-/* ---------------------------------------------------------------- base.c: context, errors, memory, text, random numbers */
+/* ---------------------------------------------------------------- context.c: context, errors, memory, text, random numbers */
 
 struct oxl_context {
     oxl_context_options options;
@@ -131,7 +131,7 @@ enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
 OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
 
-/* ---------------------------------------------------------------- base.c again: random numbers */
+/* ---------------------------------------------------------------- context.c again: random numbers */
 
 /* A stateless random number: the same (seed, a, b) gives the same value on every machine (splitmix64's finaliser). */
 OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);
@@ -334,7 +334,7 @@ OXL_INTERNAL void       image_begin(void); /* with each context: how stb writes 
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
 OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height);
 
-/* ---------------------------------------------------------------- find.c: where a survey's files are */
+/* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
 
 /* Reads the sub-model with most images: of `sparse`, or of SCENE/sparse, the folders in it, and SCENE. Observations are not kept. */
 OXL_INTERNAL oxl_result  find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
@@ -342,7 +342,7 @@ OXL_INTERNAL oxl_result  find_model(oxl_context *ctx, const char *path, const ch
 OXL_INTERNAL void        find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
 OXL_INTERNAL const char *find_base_name(const char *path); /* what follows the last slash */
 
-/* ---------------------------------------------------------------- measure.c: robust measures of a survey */
+/* ---------------------------------------------------------------- robust_stats.c: robust measures of a survey */
 
 struct measure_view {            /* a training view */
     uint32_t          image_row; /* in colmap.image, for tracks */
@@ -391,7 +391,7 @@ OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
-/* ---------------------------------------------------------------- photos.c: which photographs are in memory */
+/* ---------------------------------------------------------------- image_cache.c: which photographs are in memory */
 
 struct photos {
     struct photo *photo; /* (count) rgb NULL: not in memory */
@@ -410,7 +410,7 @@ OXL_INTERNAL void                photos_ahead(oxl_context *ctx, oxl_scene *scene
 /* Photographs of so many pixels in all, without masks, take at most so much, with what decoding files of file_pixels takes, on however many threads. */
 OXL_INTERNAL double              photos_bytes(double cache, double pixels, double file_pixels);
 
-/* ---------------------------------------------------------------- bands.c: near, mid or far, pixel by pixel, by the survey's points */
+/* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */
 
 struct bands_sight { /* a point in a view */
     int   view, pixel;
@@ -547,12 +547,12 @@ OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model,
 OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
                                     oxl_model *into);
 
-/* ---------------------------------------------------------------- modelfile.c: models as PLY and .splat */
+/* ---------------------------------------------------------------- model_file.c: models as PLY and .splat */
 
 /* What oxl_model_write does with file_degree 3, lobes included; with the model's own degree only the bands carried are written. */
 OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
 
-/* ---------------------------------------------------------------- render.c: the kernels behind one door */
+/* ---------------------------------------------------------------- renderer.c: the kernels behind one door */
 
 struct renderer; /* scratch of one view at a time, kept between views: the steady state allocates nothing */
 
@@ -668,7 +668,7 @@ OXL_INTERNAL const struct renderer_device *vulkan_doors(void);
 
 struct archive; /* checkpoint.c */
 
-/* ---------------------------------------------------------------- faults.c: numbers that are not finite */
+/* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
 OXL_INTERNAL void       faults_of_photo(oxl_context *ctx, oxl_faults *f); /* why it cannot be read is the context's error */
 /* The loss of a view that the renderer drew last is not finite. */
@@ -839,7 +839,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
 OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, float *out); /* (H,W) 0..3 */
 
-/* ---------------------------------------------------------------- robust.c: what swims through one photograph */
+/* ---------------------------------------------------------------- transients.c: what swims through one photograph */
 
 struct robust_square { /* of pixels, in the present view */
     float    error;    /* how far off its mean colour is, of white; -1: none of its pixels counts */
@@ -899,7 +899,7 @@ OXL_INTERNAL int        train_training_views(const oxl_scene *scene);
 /* Steps of a whole run's trials that are none of its iterations, at most; views: that train. */
 OXL_INTERNAL int        decide_steps_beside(const oxl_train_options *options, int views);
 
-/* ---------------------------------------------------------------- run.c: run.json, what a result depends on */
+/* ---------------------------------------------------------------- manifest.c: run.json, what a result depends on */
 
 #define RUN_REFINE_MOST 1000.0 /* x the blocks' steps */
 
@@ -974,7 +974,7 @@ OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a m
 OXL_INTERNAL oxl_result lint_sightings(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_photographs(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 
-/* ---------------------------------------------------------------- survey.c: what a survey holds, what training it would take */
+/* ---------------------------------------------------------------- survey_report.c: what a survey holds, what training it would take */
 
 /* What a training run takes, of a survey or of a block, as arithmetic on counts. */
 struct survey_load {
@@ -1003,7 +1003,7 @@ OXL_INTERNAL void       survey_add_json(struct text *t, const oxl_survey *survey
 OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options,
                                    const struct survey_cost *cost);
 
-/* ---------------------------------------------------------------- rehearse.c: how long steps will take */
+/* ---------------------------------------------------------------- predict_time.c: how long steps will take */
 
 /* Gaussians at the end of a run that may not have more than `cap`. */
 OXL_INTERNAL double rehearse_expected(const oxl_train_options *options, size_t points, size_t cap);

@@ -4,14 +4,14 @@
  */
 #include "../oceanxl.c"
 
-#include "../tools/synth.c"
-#include "../tools/synth_export.c"
-#include "../tools/synth_file.c"
-#include "../tools/synth_fish.c"
-#include "../tools/synth_path.c"
-#include "../tools/synth_points.c"
-#include "../tools/synth_shade.c"
-#include "../tools/synth_world.c"
+#include "../lab/synth.c"
+#include "../lab/synth_export.c"
+#include "../lab/synth_file.c"
+#include "../lab/synth_fish.c"
+#include "../lab/synth_path.c"
+#include "../lab/synth_points.c"
+#include "../lab/synth_shade.c"
+#include "../lab/synth_world.c"
 #include "extreme_runs.c"
 
 enum { EXTREME_LONG = 40000 }; /* iterations: the paper's */
@@ -150,7 +150,7 @@ int main(int argc, char **argv)
         "allow for it.\n\n"
         "Rules for what cannot be computed: a Gaussian at or before the near plane, wider than 1e30 px or fainter than 1/255 is not "
         "drawn; a quaternion\nbelow 1.2e-38 counts as unturned; log scales are clamped at +-87; Adam's gradient is clamped at +-1e18; "
-        "what is not finite is put aside and\ncounted (`src/faults.c`), told at the end of a run and in metrics.json. 16-bit and corrupt "
+        "what is not finite is put aside and\ncounted (`src/train/nonfinite.c`), told at the end of a run and in metrics.json. 16-bit and corrupt "
         "photographs: `build/test image_ scene_`.\n\n",
         oxl_isa_name(ctx));
     extreme_print_renders(ctx);

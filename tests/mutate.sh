@@ -24,7 +24,7 @@ sites() {
             if (at) printf "%s\t%d\t%d\t%s\t%s\n", FILENAME, FNR, at, old[i], new[i]
         }
     }
-    /\*\// { comment = 0 }' src/project.c src/bin.c src/raster.c src/loss.c src/adam.c src/density.c
+    /\*\// { comment = 0 }' src/render/project.c src/render/bin.c src/render/raster.c src/render/loss.c src/render/adam.c src/train/density.c
 }
 
 mutate() { # FILE LINE COLUMN OLD NEW
@@ -39,7 +39,7 @@ try() {
 
 rm -rf "$work"
 mkdir -p "$work/tree"
-cp -r Makefile oceanxl.c oceanxl.h src tools tests fuzz "$work/tree"
+cp -r Makefile oceanxl.c oceanxl.h src cli lab tests fuzz "$work/tree"
 try || { echo "the tests fail without any fault, see $work/test.log"; exit 1; }
 sites >"$work/sites"
 total=$(wc -l <"$work/sites")

@@ -270,12 +270,12 @@
 #define adam_step_avx2   adam_step_avx2_f64
 #define adam_step_avx512 adam_step_avx512_f64
 
-#include "../src/kernels.h"
-#include "../src/project.c"
-#include "../src/bin.c"
-#include "../src/raster.c"
-#include "../src/loss.c"
-#include "../src/adam.c"
+#include "../src/render/kernels.h"
+#include "../src/render/project.c"
+#include "../src/render/bin.c"
+#include "../src/render/raster.c"
+#include "../src/render/loss.c"
+#include "../src/render/adam.c"
 
 /* One view, forward and, when drgb is not NULL, backward. Everything is allocated with malloc: tests have memory. */
 struct reference {

@@ -1,9 +1,9 @@
 /* test_ablate.c - what an ablation says is what its runs left, in the table, in ablation.csv and in ablation.svg. */
-#include "../tools/ablate.c"
-#include "../tools/ablate_svg.c"
-#include "../tools/ablate_table.c"
-#include "../tools/study.c"
-#include "../tools/study_text.c"
+#include "../lab/ablate.c"
+#include "../lab/ablate_svg.c"
+#include "../lab/ablate_table.c"
+#include "../lab/study.c"
+#include "../lab/study_text.c"
 
 #include <locale.h>
 

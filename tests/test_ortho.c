@@ -1,9 +1,9 @@
 /* test_ortho.c - what is drawn from above, along a path or measured in photographs lies where it says. */
-#include "../tools/flight.c"
-#include "../tools/frame.c"
-#include "../tools/ortho.c"
-#include "../tools/scale.c"
-#include "../tools/report.h"
+#include "../cli/flight.c"
+#include "../cli/frame.c"
+#include "../cli/ortho.c"
+#include "../cli/scale_bar.c"
+#include "../cli/report.h"
 
 /* 6 x 5 points over the ground plane, 2 units and 1 unit apart; two cameras 5 above look down, the second turned ahead by an angle. */
 static oxl_scene *ortho_test_turned(double angle)

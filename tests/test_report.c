@@ -1,10 +1,10 @@
 /* test_report.c - the page says what the folder holds, whatever names are in it and whatever is missing. */
-#include "../tools/json.c"
-#include "../tools/report.c"
-#include "../tools/report_chart.c"
-#include "../tools/report_map.c"
-#include "../tools/report_page.c"
-#include "../tools/report_views.c"
+#include "../cli/json.c"
+#include "../cli/report.c"
+#include "../cli/report_chart.c"
+#include "../cli/report_map.c"
+#include "../cli/report_page.c"
+#include "../cli/report_views.c"
 
 #define REPORT_TEST_JOB                                                                                                                \
     "\"job\": {\"version\": \"0\", \"seed\": 3, \"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"iterations\": 12, "     \

@@ -1,12 +1,12 @@
 /* test_synth.c - the synthetic survey is what it says it is: poses, points, tracks, depth and water agree with each other. */
-#include "../tools/synth.c"
-#include "../tools/synth_export.c"
-#include "../tools/synth_file.c"
-#include "../tools/synth_fish.c"
-#include "../tools/synth_path.c"
-#include "../tools/synth_points.c"
-#include "../tools/synth_shade.c"
-#include "../tools/synth_world.c"
+#include "../lab/synth.c"
+#include "../lab/synth_export.c"
+#include "../lab/synth_file.c"
+#include "../lab/synth_fish.c"
+#include "../lab/synth_path.c"
+#include "../lab/synth_points.c"
+#include "../lab/synth_shade.c"
+#include "../lab/synth_world.c"
 
 static synth_options synth_test_options(const char *name)
 {

@@ -1,8 +1,8 @@
 /* test_tradeoff.c - what a sweep says is what its runs left: fronts, prices in words, tradeoff.csv, tradeoff.svg. */
-#include "../tools/tradeoff.c"
-#include "../tools/tradeoff_render.c"
-#include "../tools/tradeoff_svg.c"
-#include "../tools/tradeoff_text.c"
+#include "../lab/tradeoff.c"
+#include "../lab/tradeoff_render.c"
+#include "../lab/tradeoff_svg.c"
+#include "../lab/tradeoff_text.c"
 
 /* The base, half its iterations, coarse-0.5 (cheaper and better than half), ssim-every-2 (dearer and worse than the base), and the paper's
  * preset, which was not trained. */

@@ -1,0 +1,65 @@
+#!/bin/sh
+# shaders.sh [check] - makes generated/spirv.h of shaders/*.comp with glslc, or checks that it is what they give.
+#
+# The header says which sources and which glslc it was made of. The sources are compared always, the words only by the same glslc.
+set -eu
+cd "$(dirname "$0")/shaders"
+header=../generated/spirv.h
+sources=$(cat -- *.comp *.glsl | cksum | tr ' ' '-')
+version=$(glslc --version 2>/dev/null | tr '\n' ' ' | sed 's/ *$//' || true)
+
+# How many storage buffers a shader binds and how many bytes it is pushed, read from its words: vulkan.c takes both from here, so that the
+# host and the shader cannot disagree. What is pushed are numbers of 32 bits; the largest offset tells how many.
+tell_size() { # NAME WORDS
+    od -An -v -tu4 -w4 "$2" | awk -v name="$1" '
+    { word[NR - 1] = $1 }
+    END {
+        for (i = 5; i < NR; i += int(word[i] / 65536)) {
+            code = word[i] % 65536
+            if (code == 71 && word[i + 2] == 33 && word[i + 3] >= bindings) bindings = word[i + 3] + 1 # OpDecorate Binding
+            if (code == 72 && word[i + 3] == 35 && word[i + 4] >= size[word[i + 1]]) size[word[i + 1]] = word[i + 4] + 4 # Offset
+            if ((code == 21 || code == 22) && word[i + 2] == 32) number[word[i + 1]] = 1 # OpTypeInt, OpTypeFloat
+            if (code == 30) for (k = 2; k < int(word[i] / 65536); k++) others[word[i + 1]] += !(word[i + k] in number) # OpTypeStruct
+            if (code == 32 && word[i + 2] == 9 && word[i + 3] in others) push = word[i + 3] # OpTypePointer PushConstant
+        }
+        if (others[push] > 0 || bindings == 0 || size[push] == 0) {
+            print "shaders: " name " pushes what is no number of 32 bits, or binds or pushes nothing" > "/dev/stderr"
+            exit 1
+        }
+        print "enum { SPIRV_" name "_BINDINGS = " bindings ", SPIRV_" name "_PUSH = " size[push] " };"
+    }'
+}
+
+emit() {
+    echo "/* spirv.h - the shaders of backends/vulkan/shaders as SPIR-V, for Vulkan 1.0. Made by backends/vulkan/shaders.sh: do not edit."
+    echo " * sources: $sources"
+    echo " * glslc: $version */"
+    for shader in *.comp; do
+        name=$(echo "${shader%.comp}" | tr a-z A-Z)
+        glslc --target-env=vulkan1.0 -O -I. "$shader" -o "$work"
+        echo "static const uint32_t SPIRV_$name[] = {"
+        od -An -v -tu4 "$work" | sed 's/^ *//; s/  */,/g; s/$/,/'
+        echo "};"
+        tell_size "$name" "$work"
+    done
+}
+
+if [ "${1:-}" = check ]; then
+    grep -q "sources: $sources\$" "$header" || {
+        echo "shaders: $header was made of other sources. fix: make shaders" >&2
+        exit 1
+    }
+    if ! grep -qF "glslc: $version */" "$header"; then
+        echo "shaders: the sources are those of $header; skipped: it was made by another glslc than '${version:-none here}'"
+        exit 0
+    fi
+fi
+work=$(mktemp)
+trap 'rm -f "$work" "$work.h"' EXIT
+emit >"$work.h"
+if [ "${1:-}" = check ]; then
+    cmp "$work.h" "$header" || { echo "shaders: $header is not what glslc makes. fix: make shaders" >&2; exit 1; }
+    echo "shaders: $header is current"
+else
+    cat "$work.h" >"$header"
+fi

@@ -1,0 +1,15 @@
+/* vulkan.h - the doors of the optional Vulkan backend, and what its tests look at. */
+#ifndef OXL_VULKAN_H
+#define OXL_VULKAN_H
+
+#include "../../src/internal.h"
+
+struct vulkan; /* an open device; its renderers borrow it */
+
+/* device: its number in the list, or -1: the best. any: a device that is the CPU in disguise will do. One that is named always does. */
+OXL_INTERNAL oxl_result  vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out);
+OXL_INTERNAL void        vulkan_close(struct vulkan *v); /* NULL is fine */
+OXL_INTERNAL const char *vulkan_name(const struct vulkan *v);
+OXL_INTERNAL oxl_result  vulkan_list(oxl_context *ctx, struct text *out); /* a line a device */
+
+#endif

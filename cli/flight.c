@@ -1,0 +1,134 @@
+/* flight.c - frames of a flight over a model: along the survey's own cameras, or around its middle.
+ *
+ * Along the cameras: their places joined by Catmull & Rom's spline (1974), travelled at an even speed; the view turns from one camera's to the
+ * next. The lens and the size are those of the first view. Frames are PNG, numbered from 0, as ffmpeg takes them.
+ */
+#include "cli.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define FLIGHT_TURN 6.283185307179586
+
+static void flight_unit(double a[3])
+{
+    const double length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    for (int k = 0; k < 3 && length > 0; k++) a[k] /= length;
+}
+
+/* The camera at `eye` that looks along `forward`, with `down` as near to the picture's down as it can be. */
+static void flight_look(const double eye[3], double forward[3], double down[3], oxl_camera *c)
+{
+    double right[3];
+    flight_unit(forward);
+    frame_cross(down, forward, right);
+    flight_unit(right);
+    frame_cross(forward, right, down);
+    memcpy(c->rotation, right, sizeof right);
+    memcpy(c->rotation + 3, down, 3 * sizeof *down);
+    memcpy(c->rotation + 6, forward, 3 * sizeof *forward);
+    for (int i = 0; i < 3; i++)
+        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
+}
+
+/* ---------------------------------------------------------------- around the middle */
+
+static int flight_orbit(const oxl_scene *scene, double share, oxl_camera *c)
+{
+    struct frame f;
+    double       low[2], high[2], eye[3], forward[3], down[3], radius, height;
+    frame_of(scene, &f);
+    if (!frame_bounds(&f, scene, 0, low, high)) return 0;
+    radius = 0.5 * fmax(high[0] - low[0], high[1] - low[1]);
+    height = fmax(frame_camera_height(&f, scene), 0.6 * radius);
+    for (int k = 0; k < 3; k++) {
+        const double out = cos(FLIGHT_TURN * share) * f.axis[0][k] + sin(FLIGHT_TURN * share) * f.axis[1][k];
+        eye[k]           = f.centre[k] + radius * out + height * f.axis[2][k];
+        forward[k]       = f.centre[k] - eye[k];
+        down[k]          = -f.axis[2][k];
+    }
+    flight_look(eye, forward, down, c);
+    return 1;
+}
+
+/* ---------------------------------------------------------------- along the cameras */
+
+static const oxl_view *flight_view(const oxl_scene *scene, int i)
+{
+    const int last = oxl_scene_view_count(scene) - 1;
+    return oxl_scene_view(scene, i < 0 ? 0 : i > last ? last : i);
+}
+
+static double flight_leg(const oxl_scene *scene, int i)
+{
+    double a[3], b[3];
+    frame_eye(flight_view(scene, i), a);
+    frame_eye(flight_view(scene, i + 1), b);
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
+}
+
+static void flight_between(const oxl_scene *scene, int i, double t, oxl_camera *c)
+{
+    const oxl_camera *a = &flight_view(scene, i)->camera, *b = &flight_view(scene, i + 1)->camera;
+    const double      ease = t * t * (3 - 2 * t);
+    double            p[4][3], eye[3], forward[3], down[3], length = 0;
+    for (int k = 0; k < 4; k++) frame_eye(flight_view(scene, i - 1 + k), p[k]);
+    for (int k = 0; k < 3; k++) {
+        eye[k] =
+            p[1][k] +
+            0.5 * t *
+                (p[2][k] - p[0][k] +
+                 t * (2 * p[0][k] - 5 * p[1][k] + 4 * p[2][k] - p[3][k] + t * (3 * (p[1][k] - p[2][k]) + p[3][k] - p[0][k])));
+        forward[k] = (1 - ease) * a->rotation[6 + k] + ease * b->rotation[6 + k];
+        down[k]    = (1 - ease) * a->rotation[3 + k] + ease * b->rotation[3 + k];
+        length += down[k] * down[k];
+    }
+    if (length < 1e-3)
+        memcpy(down, t < 0.5 ? a->rotation + 3 : b->rotation + 3, sizeof down); /* a turn on the spot by 180 degrees */
+    flight_look(eye, forward, down, c);
+}
+
+static void flight_survey(const oxl_scene *scene, double share, oxl_camera *c)
+{
+    const int legs  = oxl_scene_view_count(scene) - 1;
+    double    whole = 0, at;
+    int       i     = 0;
+    for (int k = 0; k < legs; k++) whole += flight_leg(scene, k);
+    for (at = share * whole; i < legs - 1 && at > flight_leg(scene, i); i++) at -= flight_leg(scene, i);
+    whole = flight_leg(scene, i);
+    flight_between(scene, i, whole > 0 ? fmin(at / whole, 1) : 0, c);
+}
+
+/* ---------------------------------------------------------------- the frames */
+
+oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options,
+                        char *error, size_t error_size)
+{
+    const oxl_render_options render = oxl_render_options_default();
+    const int                orbit  = strcmp(options->kind, "orbit") == 0;
+    oxl_result               rc     = oxl_make_folder(ctx, options->folder);
+    if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0) {
+        snprintf(error, error_size, "--path: '%s' seen, orbit or survey wanted", options->kind);
+        return OXL_ERR_USAGE;
+    }
+    if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3))) {
+        snprintf(error, error_size, "--path %s: the survey has too few views or points", options->kind);
+        return OXL_ERR_INPUT;
+    }
+    for (int i = 0; i < options->frames && rc == OXL_OK; i++) {
+        oxl_camera   c     = oxl_scene_view(scene, 0)->camera;
+        const double share = orbit ? (double)i / options->frames : (double)i / (options->frames > 1 ? options->frames - 1 : 1);
+        oxl_image    image = {0};
+        char         path[1100];
+        if (!orbit) flight_survey(scene, share, &c);
+        else if (!flight_orbit(scene, share, &c)) rc = OXL_ERR_MEMORY;
+        snprintf(path, sizeof path, "%s/frame_%05d.png", options->folder, i);
+        if (rc == OXL_OK) rc = oxl_render(ctx, model, &c, &render, &image, NULL);
+        if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
+        oxl_image_free(ctx, &image);
+        if (rc == OXL_OK && options->stop && options->stop(options->user, "frames", i + 1, options->frames))
+            rc = OXL_ERR_INTERRUPTED;
+    }
+    return rc;
+}

@@ -1,0 +1,133 @@
+/* frame.c - which way is right, up and above in a survey: what maps, orthomosaics and flights go by.
+ *
+ * Above is along the narrowest principal axis of the points, on the side of the cameras. When that is the world's z to within 20 degrees, the
+ * survey is taken for georeferenced, and right, up and above are the world's x, y and z.
+ * Invariant: the frame is right-handed: nothing that is drawn by it is mirrored.
+ */
+#include "cli.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { FRAME_SAMPLE = 100000 };
+#define FRAME_WORLD 0.94 /* cos 20 degrees */
+
+/* Eigenvectors of a symmetric matrix, as rows of v (Jacobi 1846); the diagonal of a becomes the eigenvalues. */
+static void frame_jacobi(double a[3][3], double v[3][3])
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) v[i][j] = i == j;
+    for (int sweep = 0; sweep < 60; sweep++) {
+        const int    p = sweep % 3 == 2 ? 1 : 0, q = sweep % 3 == 0 ? 1 : 2;
+        const double angle = 0.5 * atan2(2 * a[p][q], a[q][q] - a[p][p]), c = cos(angle), s = sin(angle);
+        for (int k = 0; k < 3; k++) {
+            const double x = a[k][p], y = a[k][q];
+            a[k][p] = c * x - s * y, a[k][q] = s * x + c * y;
+        }
+        for (int k = 0; k < 3; k++) {
+            const double x = a[p][k], y = a[q][k], vx = v[p][k], vy = v[q][k];
+            a[p][k] = c * x - s * y, a[q][k] = s * x + c * y;
+            v[p][k] = c * vx - s * vy, v[q][k] = s * vx + c * vy;
+        }
+    }
+}
+
+double frame_along(const struct frame *f, const double p[3], int axis)
+{
+    double sum = 0;
+    for (int k = 0; k < 3; k++) sum += f->axis[axis][k] * (p[k] - f->centre[k]);
+    return sum;
+}
+
+void frame_eye(const oxl_view *view, double out[3])
+{
+    const oxl_camera *c = &view->camera;
+    for (int k = 0; k < 3; k++)
+        out[k] = -(c->rotation[k] * c->translation[0] + c->rotation[3 + k] * c->translation[1] +
+                   c->rotation[6 + k] * c->translation[2]);
+}
+
+void frame_cross(const double a[3], const double b[3], double out[3])
+{
+    for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+}
+
+static size_t frame_stride(const oxl_scene *scene)
+{
+    return 1 + oxl_scene_point_count(scene) / FRAME_SAMPLE;
+}
+
+/* The cameras' mean height, in units of the scene. */
+double frame_camera_height(const struct frame *f, const oxl_scene *scene)
+{
+    double    sum   = 0;
+    const int views = oxl_scene_view_count(scene);
+    for (int i = 0; i < views; i++) {
+        double eye[3];
+        frame_eye(oxl_scene_view(scene, i), eye);
+        sum += frame_along(f, eye, 2);
+    }
+    return views > 0 ? sum / views : 0;
+}
+
+static void frame_axes(struct frame *f, const oxl_scene *scene)
+{
+    const oxl_point *point = oxl_scene_points(scene);
+    const size_t     count = oxl_scene_point_count(scene), stride = frame_stride(scene);
+    double           a[3][3] = {{0}}, v[3][3], n = 0;
+    int              order[3] = {0, 1, 2};
+    for (size_t i = 0; i < count; i += stride, n++)
+        for (int k = 0; k < 3; k++) f->centre[k] += point[i].position[k];
+    for (int k = 0; k < 3; k++) f->centre[k] /= n > 0 ? n : 1;
+    for (size_t i = 0; i < count; i += stride)
+        for (int k = 0; k < 9; k++)
+            a[k / 3][k % 3] += (point[i].position[k / 3] - f->centre[k / 3]) * (point[i].position[k % 3] - f->centre[k % 3]);
+    frame_jacobi(a, v);
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2 - i; j++)
+            if (a[order[j]][order[j]] < a[order[j + 1]][order[j + 1]]) {
+                const int swapped = order[j];
+                order[j] = order[j + 1], order[j + 1] = swapped;
+            }
+    for (int i = 0; i < 3; i++) memcpy(f->axis[i], v[order[i]], sizeof v[0]);
+}
+
+void frame_of(const oxl_scene *scene, struct frame *out)
+{
+    *out = (struct frame){{0}, {{0}}, 0};
+    frame_axes(out, scene);
+    if (frame_camera_height(out, scene) < 0)
+        for (int k = 0; k < 3; k++) out->axis[2][k] = -out->axis[2][k];
+    out->is_world = out->axis[2][2] > FRAME_WORLD;
+    for (int i = 0; i < 3 && out->is_world; i++)
+        for (int k = 0; k < 3; k++) out->axis[i][k] = i == k;
+    frame_cross(out->axis[2], out->axis[0], out->axis[1]);
+}
+
+static int frame_compare(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+int frame_bounds(const struct frame *f, const oxl_scene *scene, int with_cameras, double low[2], double high[2])
+{
+    const oxl_point *point = oxl_scene_points(scene);
+    const size_t     count = oxl_scene_point_count(scene), stride = frame_stride(scene);
+    double          *along = malloc(sizeof *along * (count / stride + 1));
+    for (int d = 0; along && d < 2; d++) {
+        size_t n = 0;
+        for (size_t i = 0; i < count; i += stride) along[n++] = frame_along(f, point[i].position, d);
+        qsort(along, n, sizeof *along, frame_compare);
+        low[d] = along[n / 200], high[d] = along[n - 1 - n / 200];
+        for (int i = 0; with_cameras && i < oxl_scene_view_count(scene); i++) {
+            double eye[3];
+            frame_eye(oxl_scene_view(scene, i), eye);
+            low[d]  = fmin(low[d], frame_along(f, eye, d));
+            high[d] = fmax(high[d], frame_along(f, eye, d));
+        }
+    }
+    free(along);
+    return along != NULL;
+}

@@ -1,0 +1,73 @@
+/* info.c - a model in numbers: how many Gaussians, where, how large, how opaque, and whether all of them are numbers. */
+#include "cli.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+struct spread { /* 5th, 50th and 95th percentile of the finite values of a plane */
+    float low, middle, high;
+};
+
+static int info_compare(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+static struct spread info_spread(const float *plane, size_t count, float *sorted)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < count; i++)
+        if (isfinite(plane[i])) sorted[n++] = plane[i];
+    if (n == 0) return (struct spread){0, 0, 0};
+    qsort(sorted, n, sizeof *sorted, info_compare);
+    return (struct spread){sorted[n / 20], sorted[n / 2], sorted[n - 1 - n / 20]};
+}
+
+static size_t info_broken(const oxl_model *m)
+{
+    size_t broken = 0;
+    for (size_t i = 0; i < m->count; i++) {
+        int fine = 1;
+        for (int p = 0; p < oxl_model_planes(m); p++) fine &= isfinite(m->plane[p][i]) != 0;
+        for (int p = OXL_LOBE; i < m->lobes && p < OXL_PLANES; p++) fine &= isfinite(m->plane[p][i]) != 0;
+        broken += !fine;
+    }
+    return broken;
+}
+
+static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
+{
+    static const char *const names[]  = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
+    static const int         planes[] = {OXL_MEAN,          OXL_MEAN + 1,      OXL_MEAN + 2, OXL_LOG_SCALE,
+                                         OXL_LOG_SCALE + 1, OXL_LOG_SCALE + 2, OXL_OPACITY};
+    const size_t             broken   = info_broken(m);
+    fprintf(
+        to,
+        json
+            ? "{\n  \"gaussians\": %zu,\n  \"lobes\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n  \"origin\": [%.17g, %.17g, %.17g]"
+            : "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\norigin      %.10g %.10g %.10g (world = local + origin)\n"
+              "            5th, 50th, 95th percentile\n",
+        m->count, m->lobes, m->sh_degree, broken, m->origin[0], m->origin[1], m->origin[2]);
+    for (int i = 0; i < 7; i++) {
+        struct spread s = info_spread(m->plane[planes[i]], m->count, sorted);
+        if (i >= 3 && i < 6) s = (struct spread){expf(s.low), expf(s.middle), expf(s.high)};
+        if (i == 6) s = (struct spread){1 / (1 + expf(-s.low)), 1 / (1 + expf(-s.middle)), 1 / (1 + expf(-s.high))};
+        fprintf(to, json ? ",\n  \"%s\": [%.6g, %.6g, %.6g]" : "%-11s %.4g  %.4g  %.4g\n", names[i], s.low, s.middle, s.high);
+    }
+    if (json) fprintf(to, "\n}\n");
+}
+
+oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
+{
+    oxl_model  model = {0};
+    float     *sorted;
+    oxl_result rc = oxl_model_read(ctx, path, &model);
+    if (rc != OXL_OK) return rc;
+    sorted = malloc((model.count + 1) * sizeof *sorted);
+    if (sorted) info_write(to, &model, sorted, json);
+    else rc = OXL_ERR_MEMORY;
+    free(sorted);
+    oxl_model_free(ctx, &model);
+    return rc;
+}

@@ -1,0 +1,132 @@
+/* ortho.c - an orthomosaic of a model, its world file, and a height model, all from straight above.
+ *
+ * The picture is taken by a pinhole camera that is 1000 times farther away than the survey is wide, with a lens as long: what stands h above the mean
+ * height is displaced by h / 2000 at most, at the picture's edge. Colours that change with the view are those seen from straight above.
+ * World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the top-left pixel's centre.
+ * Invariant: place in the picture to place in the world is exact for what lies at the mean height.
+ */
+#include "../lab/synth.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { ORTHO_SIDE = 2048, ORTHO_SIDE_MAX = 16384 };
+#define ORTHO_FAR 1000.0
+
+struct ortho {
+    struct frame frame;
+    oxl_camera   camera;
+    double       low[2], high[2], pixel, distance; /* scene's units */
+    double       corner[2];                        /* of the top-left pixel's centre: world, or along the frame's axes */
+};
+
+static oxl_result ortho_fail(oxl_result rc, char *error, size_t size, const char *text)
+{
+    snprintf(error, size, "%s", text);
+    return rc;
+}
+
+static void ortho_camera(struct ortho *o, const oxl_scene *scene)
+{
+    const double *origin = oxl_scene_origin(scene);
+    double        middle[2], eye[3];
+    oxl_camera   *c = &o->camera;
+    for (int d = 0; d < 2; d++) middle[d] = 0.5 * (o->low[d] + o->high[d]);
+    o->distance = ORTHO_FAR * fmax(o->high[0] - o->low[0], o->high[1] - o->low[1]);
+    c->width    = (int)ceil((o->high[0] - o->low[0]) / o->pixel);
+    c->height   = (int)ceil((o->high[1] - o->low[1]) / o->pixel);
+    c->fx = c->fy = o->distance / o->pixel;
+    c->cx = 0.5 * c->width, c->cy = 0.5 * c->height;
+    for (int k = 0; k < 3; k++) {
+        eye[k] = o->frame.centre[k] + middle[0] * o->frame.axis[0][k] + middle[1] * o->frame.axis[1][k] +
+                 o->distance * o->frame.axis[2][k];
+        c->rotation[k]     = o->frame.axis[0][k];
+        c->rotation[3 + k] = -o->frame.axis[1][k];
+        c->rotation[6 + k] = -o->frame.axis[2][k];
+    }
+    for (int i = 0; i < 3; i++)
+        c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
+    o->corner[0] = middle[0] - 0.5 * (c->width - 1) * o->pixel;
+    o->corner[1] = middle[1] + 0.5 * (c->height - 1) * o->pixel;
+    for (int d = 0; d < 2 && o->frame.is_world; d++) o->corner[d] += o->frame.centre[d] + origin[d];
+}
+
+static int ortho_world_file(const struct ortho *o, const char *folder, double unit)
+{
+    const double      line[6] = {o->pixel * unit, 0, 0, -o->pixel * unit, o->corner[0] * unit, o->corner[1] * unit};
+    struct synth_file file;
+    char              path[1100];
+    snprintf(path, sizeof path, "%s/ortho.pgw", folder);
+    synth_file_open(&file, path);
+    for (int i = 0; i < 6; i++) {
+        synth_file_fixed(&file, line[i], 9);
+        synth_file_text(&file, "\n");
+    }
+    return synth_file_close(&file);
+}
+
+/* Camera z to height above the frame's centre, in metres or units; nothing there: not a number. In the world's frame: the world's z. */
+static int ortho_heights(const struct ortho *o, const oxl_scene *scene, const char *folder, double unit, float *depth)
+{
+    const size_t pixels = (size_t)o->camera.width * (size_t)o->camera.height;
+    const double base   = o->frame.is_world ? o->frame.centre[2] + oxl_scene_origin(scene)[2] : 0;
+    char         path[1100];
+    for (size_t i = 0; i < pixels; i++) depth[i] = depth[i] > 0 ? (float)((o->distance - (double)depth[i] + base) * unit) : NAN;
+    snprintf(path, sizeof path, "%s/ortho.height.pfm", folder);
+    return synth_write_pfm(path, depth, o->camera.width, o->camera.height);
+}
+
+static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options,
+                             const struct ortho *o, char *error, size_t error_size)
+{
+    oxl_render_options render = oxl_render_options_default();
+    oxl_image          image  = {0};
+    const double       unit   = options->unit > 0 ? options->unit : 1;
+    char               path[1100];
+    float     *depth  = options->heights ? malloc(sizeof *depth * (size_t)o->camera.width * (size_t)o->camera.height) : NULL;
+    oxl_result rc     = OXL_OK;
+    render.near_plane = (float)(0.5 * o->distance);
+    if (options->heights && !depth)
+        rc = ortho_fail(OXL_ERR_MEMORY, error, error_size, "ortho: no memory for the heights\nfix: a larger --pixel");
+    if (rc == OXL_OK) rc = oxl_render(ctx, model, &o->camera, &render, &image, depth);
+    snprintf(path, sizeof path, "%s/ortho.png", options->folder);
+    if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
+    if (rc == OXL_OK && !ortho_world_file(o, options->folder, unit))
+        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.pgw\nfix: look for room on the disk");
+    if (rc == OXL_OK && depth && !ortho_heights(o, scene, options->folder, unit, depth))
+        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.height.pfm\nfix: look for room on the disk");
+    oxl_image_free(ctx, &image);
+    free(depth);
+    return rc;
+}
+
+oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options, FILE *to,
+                       char *error, size_t error_size)
+{
+    const double unit = options->unit > 0 ? options->unit : 1;
+    struct ortho o    = {.pixel = options->pixel / unit};
+    double       side;
+    oxl_result   rc = oxl_make_folder(ctx, options->folder);
+    if (rc != OXL_OK) return rc;
+    if (strlen(options->folder) > 1000)
+        return ortho_fail(OXL_ERR_USAGE, error, error_size, "ortho: the folder's name is too long");
+    if (oxl_scene_point_count(scene) < 3)
+        return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: the survey has no points to tell what is above by");
+    frame_of(scene, &o.frame);
+    if (!frame_bounds(&o.frame, scene, 0, o.low, o.high))
+        return ortho_fail(OXL_ERR_MEMORY, error, error_size, "ortho: no memory");
+    side = fmax(o.high[0] - o.low[0], o.high[1] - o.low[1]);
+    if (!(side > 0)) return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: all points lie in one place");
+    if (!(o.pixel > 0)) o.pixel = side / ORTHO_SIDE;
+    if (side / o.pixel > ORTHO_SIDE_MAX)
+        return ortho_fail(OXL_ERR_USAGE, error, error_size,
+                          "ortho: the picture would have more than 16384 px a side\nfix: a larger --pixel");
+    ortho_camera(&o, scene);
+    rc = ortho_draw(ctx, model, scene, options, &o, error, error_size);
+    if (rc != OXL_OK) return rc;
+    fprintf(to, "%s/ortho.png, %d x %d px of %.6g %s; ortho.pgw places it %s\n", options->folder, o.camera.width, o.camera.height,
+            o.pixel * unit, options->unit > 0 ? "metres" : "units",
+            o.frame.is_world ? "in the world's x and y" : "along the survey's principal axes: its world's z is not up");
+    return OXL_OK;
+}

@@ -1,0 +1,74 @@
+/* report.h - the doors between the files of the report: what a run left in its folder, as one page that needs nothing else.
+ *
+ *     report.c         reads OUT, writes the page from top to bottom
+ *     report_page.c    the page's frame: style, escaping, base64, figures with units
+ *     report_chart.c   curves over the iterations as inline SVG
+ *     report_map.c     cameras and points from above
+ *     report_views.c   views by PSNR; the worst beside their photographs, with a map of the error
+ */
+#ifndef REPORT_H
+#define REPORT_H
+
+#include "../lab/study.h"
+
+enum report_column { /* of log.csv */
+                     REPORT_ITERATION,
+                     REPORT_LOSS,
+                     REPORT_PSNR,
+                     REPORT_GAUSSIANS,
+                     REPORT_SECONDS,
+                     REPORT_F_MID,
+                     REPORT_F_FAR,
+                     REPORT_MEMORY,
+                     REPORT_COLUMNS
+};
+
+struct report_block {
+    char   *json; /* block.json, or NULL: not trained yet */
+    int     rows; /* of log.csv */
+    double *log;  /* (rows,REPORT_COLUMNS); not a number: not said */
+};
+
+struct report {
+    oxl_context         *ctx;
+    const char          *out;           /* folder */
+    char                *run, *scene;   /* run.json; the survey's folder as it was given */
+    char                *metrics;       /* metrics.json, or NULL: not judged yet */
+    const char          *job, *survey;  /* within run */
+    int                  blocks, parts; /* parts: the blocks, and all together if they were refined so */
+    struct report_block *block;
+    struct study_text    page;
+};
+
+/* OUT/name as text in fresh memory, or NULL; size may be NULL. */
+char *report_read(const struct report *r, const char *name, size_t *size);
+
+/* "block 3", "all together"; returns out. */
+const char *report_part(const struct report *r, int part, char out[40]);
+#define REPORT_PART(r, part) report_part(r, part, (char[40]){0})
+
+/* ---------------------------------------------------------------- report_page.c */
+
+void page_open(struct study_text *t, const char *title);
+void page_close(struct study_text *t, const char *version);
+void page_section(struct study_text *t, const char *title); /* the first heading, or the next one */
+void page_text(struct study_text *t, const char *text);     /* escaped: safe between tags and in quoted attributes */
+void page_data(struct study_text *t, const char *type, const void *data, size_t size); /* a data: URI */
+
+/* Figures for people, in fixed notation; return out. */
+const char *page_count(char out[40], double value);   /* 22 400 */
+const char *page_bytes(char out[40], double value);   /* 5.7 MB */
+const char *page_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h */
+#define PAGE_COUNT(value)   page_count((char[40]){0}, value)
+#define PAGE_BYTES(value)   page_bytes((char[40]){0}, value)
+#define PAGE_SECONDS(value) page_seconds((char[40]){0}, value)
+
+/* ---------------------------------------------------------------- the sections */
+
+void chart_section(struct report *r);
+void map_section(struct report *r);
+void views_section(struct report *r);
+/* A figure that is drawn from an image; q: of the JPEG. */
+void page_jpeg(struct report *r, const oxl_image *image, int q);
+
+#endif

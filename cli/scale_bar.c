@@ -1,0 +1,138 @@
+/* scale_bar.c - how long a unit of a survey is: from a scale bar in two photographs or more, or from a known distance.
+ *
+ * Each end of the bar is seen along a ray in each photograph; where the rays come nearest to each other, in the sense of least squares, is the
+ * end. The length in metres over the length in units is the scale.
+ */
+#include "cli.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct scale_end {
+    double sum[3][3], right[3]; /* of the normal equations: sum of (I - d d^T), and of it times the ray's origin */
+    int    rays;
+};
+
+static void scale_add_ray(struct scale_end *e, const double origin[3], const double way[3])
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const double across = (i == j) - way[i] * way[j];
+            e->sum[i][j] += across;
+            e->right[i] += across * origin[j];
+        }
+    e->rays++;
+}
+
+/* By Cramer's rule; 0: the rays are parallel. */
+static int scale_solve(const struct scale_end *e, double out[3])
+{
+    double c[3][3], det;
+    for (int i = 0; i < 3; i++) frame_cross(e->sum[(i + 1) % 3], e->sum[(i + 2) % 3], c[i]);
+    det = e->sum[0][0] * c[0][0] + e->sum[0][1] * c[0][1] + e->sum[0][2] * c[0][2];
+    for (int k = 0; k < 3; k++) out[k] = (e->right[0] * c[0][k] + e->right[1] * c[1][k] + e->right[2] * c[2][k]) / det;
+    return det > 1e-9 * e->rays * e->rays * e->rays;
+}
+
+static int scale_view(const oxl_scene *scene, const char *name, size_t length)
+{
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const char *its = oxl_scene_view(scene, i)->name;
+        if (strlen(its) == length && memcmp(its, name, length) == 0) return i;
+    }
+    return -1;
+}
+
+static oxl_result scale_fail(char *error, size_t size, const char *what, const char *text, size_t length)
+{
+    snprintf(
+        error, size,
+        "--scale-bar: %s '%.*s'\nfix: as IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, the pixels of both ends, or X,Y,Z:X,Y,Z in the survey's units",
+        what, (int)(length < 200 ? length : 200), text);
+    return OXL_ERR_USAGE;
+}
+
+static int scale_comma(const char **at, const char *end)
+{
+    if (*at >= end || **at != ',') return 0;
+    ++*at;
+    return 1;
+}
+
+/* One end: "IMG,X,Y,IMG,X,Y..." or "X,Y,Z". */
+static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const char *text, size_t length, double out[3],
+                                 double *miss, char *error, size_t size)
+{
+    struct scale_end e   = {{{0}}, {0}, 0};
+    const char      *end = text + length, *at = text;
+    double           ray[64][6];
+    for (int k = 0; k < 3; k++) {
+        out[k] = json_number_at(&at);
+        if (isnan(out[k]) || (k < 2 && !scale_comma(&at, end))) break;
+        if (k == 2 && at == end) {
+            for (int i = 0; i < 3; i++) out[i] -= oxl_scene_origin(scene)[i];
+            *miss = 0;
+            return OXL_OK;
+        }
+    }
+    for (at = text; at < end && e.rays < 64;) {
+        const size_t name = strcspn(at, ",:");
+        const int    view = scale_view(scene, at, name);
+        double       pixel[2], *r = ray[e.rays];
+        oxl_result   rc;
+        if (view < 0) return scale_fail(error, size, "no photograph is called", at, name);
+        at += name;
+        for (int k = 0; k < 2; k++) {
+            pixel[k] = scale_comma(&at, end) ? json_number_at(&at) : NAN;
+            if (isnan(pixel[k])) return scale_fail(error, size, "a pixel is wanted in", text, length);
+        }
+        rc = oxl_scene_sight(ctx, scene, view, pixel[0], pixel[1], r, r + 3);
+        if (rc != OXL_OK) return rc;
+        scale_add_ray(&e, r, r + 3);
+        if (at < end && !scale_comma(&at, end)) return scale_fail(error, size, "a comma is wanted in", text, length);
+    }
+    if (e.rays < 2 || !scale_solve(&e, out))
+        return scale_fail(error, size, "an end is to be seen in two photographs from different places in", text, length);
+    *miss = 0;
+    for (int i = 0; i < e.rays; i++) {
+        double from[3], across[3];
+        for (int k = 0; k < 3; k++) from[k] = out[k] - ray[i][k];
+        frame_cross(from, ray[i] + 3, across);
+        *miss = fmax(*miss, sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]));
+    }
+    return OXL_OK;
+}
+
+oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to, char *error,
+                         size_t size)
+{
+    const char   *colon  = strchr(bar, ':');
+    const double *origin = oxl_scene_origin(scene);
+    double        end[2][3], miss[2], units = 0;
+    oxl_result    rc;
+    if (!colon) return scale_fail(error, size, "two ends with a colon between are wanted, seen", bar, strlen(bar));
+    rc = scale_read_end(ctx, scene, bar, (size_t)(colon - bar), end[0], &miss[0], error, size);
+    if (rc == OXL_OK) rc = scale_read_end(ctx, scene, colon + 1, strlen(colon + 1), end[1], &miss[1], error, size);
+    if (rc != OXL_OK) return rc;
+    for (int k = 0; k < 3; k++) units += (end[1][k] - end[0][k]) * (end[1][k] - end[0][k]);
+    units = sqrt(units);
+    for (int i = 0; i < 2; i++)
+        fprintf(to, "end %d     %.6f %.6f %.6f, its rays miss it by at most %.3g units\n", i + 1, end[i][0] + origin[0],
+                end[i][1] + origin[1], end[i][2] + origin[2], miss[i]);
+    fprintf(to, "distance  %.9g units\n", units);
+    if (length > 0 && units > 0) fprintf(to, "scale     %.9g metres a unit\n", length / units);
+    return OXL_OK;
+}
+
+void scale_model(oxl_model *model, double scale)
+{
+    const float shift = (float)log(scale);
+    for (int k = 0; k < 3; k++) {
+        model->origin[k] *= scale;
+        for (size_t i = 0; i < model->count; i++) {
+            model->plane[OXL_MEAN + k][i] *= (float)scale;
+            model->plane[OXL_LOG_SCALE + k][i] += shift;
+        }
+    }
+}

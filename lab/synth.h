@@ -1,0 +1,229 @@
+/* synth.h - the doors between the files of the synthetic survey.
+ *
+ *     synth.c         options, photographs through water, truth: the run
+ *     synth_world.c   where things stand: seabed, rocks, corals, a wreck, as one distance function
+ *     synth_shade.c   rays, light and colour
+ *     synth_path.c    where the camera flies
+ *     synth_fish.c    what swims through the photographs
+ *     synth_points.c  sparse points with tracks
+ *     synth_export.c  the three text files
+ *     synth_file.c    numbers into files, fast and the same in every locale
+ *
+ * Frame: x east, y north, z up, metres, zero in the middle of the survey; options.origin is added at export.
+ */
+#ifndef SYNTH_H
+#define SYNTH_H
+
+#include "synth_math.h"
+#include "../cli/cli.h"
+
+#include <stddef.h>
+
+#define SYNTH_FAR 40.0 /* metres: beyond this there is only water */
+
+/* ---------------------------------------------------------------- synth_world.c */
+
+enum synth_material {
+    SYNTH_SAND,
+    SYNTH_ROCK,
+    SYNTH_PEBBLE,
+    SYNTH_BRAIN_CORAL,
+    SYNTH_BRANCH_CORAL,
+    SYNTH_SPONGE,
+    SYNTH_STARFISH,
+    SYNTH_STEEL,
+    SYNTH_WOOD
+};
+
+struct synth_limb { /* a cone with round ends */
+    v3     a, way;  /* from one end to the other */
+    double radius_a, radius_b;
+    double per_square; /* 1 / |way|^2 */
+};
+
+struct synth_shape { /* limbs melted together, within the unit sphere */
+    int               limb_count;
+    struct synth_limb limb[26];
+    double            blend; /* width of the melting */
+};
+
+struct synth_object {
+    v3                  centre;
+    double              radius; /* of the sphere that holds it */
+    double              yaw_cos, yaw_sin;
+    v3                  axes; /* half axes of stones and boxes, metres */
+    enum synth_material material;
+    int                 shape; /* index in synth_world.shape, or one of the two below */
+    uint32_t            seed;
+};
+enum { SYNTH_STONE = -1, SYNTH_BOX = -2, SYNTH_SHAPES = 12 };
+
+struct synth_near { /* an object's sphere, side by side with its neighbours' in memory */
+    float    x, y, z, radius;
+    uint32_t object;
+};
+
+struct synth_world {
+    uint32_t          seed;
+    v3                wreck;   /* its centre, at the height of its deck */
+    double            turn[9]; /* world to wreck, row-major */
+    struct synth_limb mast;    /* in the wreck's frame */
+    double            top;     /* nothing stands higher, metres */
+    v3                sun;     /* unit, towards it */
+
+    double x0, y0, step; /* baked heights: first sample and spacing, metres */
+    int    nx, ny;
+    float *height; /* (ny,nx) metres */
+
+    struct synth_shape   shape[SYNTH_SHAPES];
+    struct synth_object *object;
+    size_t               object_count;
+    int                  cells_x, cells_y; /* of SYNTH_CELL metres, from (x0, y0) */
+    uint32_t            *cell_first;       /* (cells_x cells_y + 1) into near */
+    struct synth_near   *near;             /* objects that come near each cell */
+    float               *ceiling;          /* (cells_y,cells_x) metres: no object within 1 m of the cell stands higher */
+};
+
+struct synth_surface { /* what is nearest to a point */
+    enum synth_material        material;
+    const struct synth_object *object; /* NULL: ground or wreck */
+};
+
+/* half: the world is baked for |x|, |y| <= half metres; beyond there is bare ground. 0: out of memory. */
+int    synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *out);
+void   synth_world_free(struct synth_world *world);
+double synth_ground(const struct synth_world *world, double x, double y); /* height, metres, without objects */
+/* Metres that a ray may safely go from p; negative inside. surface may be NULL. */
+double synth_distance(const struct synth_world *world, v3 p, struct synth_surface *surface);
+v3     synth_wreck_frame(const struct synth_world *world, v3 p); /* world to wreck */
+
+/* ---------------------------------------------------------------- synth_shade.c */
+
+/* Range to the first surface along a unit direction, or -1 when there is none before `far`. */
+double synth_cast(const struct synth_world *world, v3 from, v3 direction, double far);
+/* Outward normal at a surface point; waves finer than the footprint (metres) are left out. */
+v3     synth_normal(const struct synth_world *world, v3 p, double footprint);
+/* Display colour 0..1 of a surface point in clear water. */
+v3     synth_shade(const struct synth_world *world, v3 p, double footprint);
+/* Display colour of a surface; sun: cosine of its angle to the sun, 0 in the shade; open: share of the sky that it sees. */
+v3     synth_light(v3 albedo, v3 normal, double sun, double open);
+
+/* ---------------------------------------------------------------- synth_path.c */
+
+struct synth_camera { /* x_c = rotation (x_w - centre); COLMAP's axes */
+    v3     centre;
+    double rotation[9];
+    double f, cx, cy; /* px */
+    int    width, height;
+};
+
+struct synth_path {
+    struct synth_camera *camera; /* (count) */
+    int                  count;
+    double               half;  /* the ground in view lies within |x|, |y| <= half, metres */
+    double               reach; /* farthest ground point in view, horizontally from its camera, metres */
+    v3                   wreck; /* where it should lie; z is not used */
+};
+
+/* Standing heights are above z = 0 until synth_path_settle knows the ground. 0: out of memory. */
+int  synth_path_create(const synth_options *options, struct synth_path *out);
+void synth_path_settle(struct synth_path *path, const struct synth_world *world);
+void synth_path_free(struct synth_path *path);
+v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
+/* Pixel and camera z of a world point; 0 when it lies behind. */
+int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
+
+/* ---------------------------------------------------------------- synth_fish.c */
+
+enum { SYNTH_FISH_MOST = 100 }; /* born for a photograph */
+
+struct synth_fish {
+    v3       at, ahead, side, up; /* metres; unit vectors */
+    double   length, beat;        /* metres; angle of its tail */
+    uint32_t seed;
+};
+/* Those that a view may see: out has room for 3 x options.fish. Returns how many. */
+int    synth_fish_near(const synth_options *options, const struct synth_world *world, const struct synth_path *path, int view,
+                       struct synth_fish *out);
+/* Range to the first of them along a unit direction, or -1 when there is none before `far`; *colour is its display colour. */
+double synth_fish_cast(const struct synth_fish *fish, int count, const struct synth_world *world, v3 from, v3 direction,
+                       double far, v3 *colour);
+
+/* ---------------------------------------------------------------- water, in synth.c */
+
+struct synth_water { /* I = J exp(-direct z) + veil (1 - exp(-scatter z)), z: range in metres; display values */
+    const char *name;
+    double      direct[3], scatter[3], veil[3]; /* per metre, per metre, 0..1 */
+};
+double synth_through_water(const struct synth_water *water, int channel, double colour, double range);
+
+/* ---------------------------------------------------------------- synth_points.c */
+
+struct synth_observation {
+    uint32_t view;
+    float    x, y;  /* px, multiples of 1/1000 as far as float goes */
+    uint32_t index; /* POINT2D_IDX */
+};
+
+struct synth_point {
+    v3       position;
+    uint64_t first; /* observation */
+    float    error; /* mean reprojection error, px */
+    uint16_t count;
+    uint16_t sum[3]; /* of colours, one from each observation */
+    uint8_t  is_outlier;
+};
+
+struct synth_points {
+    struct synth_point       *point;
+    size_t                    count;
+    struct synth_observation *observation; /* by point, then by view */
+    size_t                    observation_count;
+    size_t                   *view_first; /* (views + 1) into by_view */
+    uint32_t                 *by_view;    /* points, by view; observation i of a view is followed by stray keypoints */
+    int                       views;
+};
+
+/* OXL_ERR_INTERRUPTED, OXL_ERR_MEMORY or OXL_OK. With photographs (options.write_images) colours stay 0 until
+ * synth_points_collect has seen each of them. */
+oxl_result synth_points_create(const synth_options *options, const struct synth_world *world, const struct synth_path *path,
+                               const struct synth_water *water, struct synth_points *out);
+void       synth_points_collect(struct synth_points *points, int view, const oxl_image *photograph);
+void       synth_points_free(struct synth_points *points);
+/* The observation of a point in a view that sees it. */
+const struct synth_observation *synth_observation_in(const struct synth_points *points, size_t point, int view);
+/* Keypoints without a point that stand after the k-th observation of a view: 0 or 1. */
+int                             synth_stray(uint64_t seed, int view, size_t k);
+
+/* ---------------------------------------------------------------- synth_export.c */
+
+struct synth_ids { /* sparse and unordered, as COLMAP's: id(i) = 1 + (i x stride) mod modulus, one to one */
+    uint64_t stride, modulus;
+};
+struct synth_ids synth_ids_for(uint64_t count);
+uint64_t         synth_id(struct synth_ids ids, uint64_t index);
+
+/* cameras.txt, images.txt and points3D.txt in a folder that is there. On OXL_ERR_IO `failed` names the file. */
+oxl_result synth_colmap_write(const synth_options *options, const struct synth_path *path, const struct synth_points *points,
+                              const char *folder, char *failed, size_t failed_size);
+void       synth_image_name(int view, char name[32]);
+
+/* ---------------------------------------------------------------- synth_file.c */
+
+struct synth_file { /* appears under its name when it is closed, whole or not at all */
+    FILE  *file;
+    char   path[1024], temporary[1040];
+    size_t used;
+    int    failed;
+    char   buffer[65536];
+};
+void synth_file_open(struct synth_file *f, const char *path);
+void synth_file_bytes(struct synth_file *f, const void *data, size_t size);
+void synth_file_text(struct synth_file *f, const char *text);
+void synth_file_integer(struct synth_file *f, uint64_t value);
+void synth_file_fixed(struct synth_file *f, double value, int decimals); /* |value| x 10^decimals < 9e18 */
+int  synth_file_close(struct synth_file *f);                             /* 1: all is written */
+/* float32 little endian, rows from the bottom: Debevec's portable float map. */
+int  synth_write_pfm(const char *path, const float *value, int width, int height);
+
+#endif

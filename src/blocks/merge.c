@@ -1,0 +1,86 @@
+/* merge.c - join the models of the blocks into one (OceanXL sec. 3.1; BlockGaussian).
+ *
+ * Invariant: a Gaussian is kept by the block in whose home its centre lies, and by no other. So what two neighbours both trained,
+ * where their expanded boxes overlap, is there once; and as the outer homes have no end, nothing far away is lost.
+ */
+#include "../internal.h"
+
+static void merge_place(const struct partition *p, const oxl_model *model, size_t row, double frame[3])
+{
+    double world[3];
+    for (int a = 0; a < 3; a++) world[a] = (double)model->plane[OXL_MEAN + a][row] + model->origin[a];
+    partition_to_frame(p, world, frame);
+}
+
+static int merge_is_at_home(const struct partition *p, int block, const oxl_model *model, size_t row)
+{
+    double frame[3];
+    merge_place(p, model, row, frame);
+    return partition_contains(&p->block[block].box, frame);
+}
+
+/* What is kept of a block's model. In a model the rows with a second lobe stand in front, so the block's go behind those that are
+ * there, and its other rows to the end. */
+struct merge_rows {
+    size_t *row;                  /* (kept) of the block's model, ascending */
+    size_t  kept, lobes;          /* the first `lobes` of them carry one */
+    size_t  old_count, old_lobes; /* of the model that they come into */
+};
+
+/* A centre that is not a number has no home. */
+static void merge_select(const struct partition *p, int block, const oxl_model *model, struct merge_rows *m)
+{
+    for (size_t i = 0; i < model->count; i++) {
+        const size_t home = (size_t)merge_is_at_home(p, block, model, i);
+        m->row[m->kept]   = i;
+        m->kept += home;
+        if (i < model->lobes) m->lobes += home;
+    }
+}
+
+static size_t merge_slot(const struct merge_rows *m, size_t k)
+{
+    return k < m->lobes ? m->old_lobes + k : m->old_count + k;
+}
+
+/* All the rows and lobes that `into` is to hold; what it held keeps its place, and its values when this fails. */
+static oxl_result merge_make_room(oxl_context *ctx, const struct merge_rows *m, int sh_degree, oxl_model *into)
+{
+    oxl_result rc = OXL_OK;
+    if (sh_degree > into->sh_degree) rc = model_set_degree(ctx, into, sh_degree);
+    if (rc == OXL_OK) rc = model_reserve(ctx, into, m->old_count + m->kept); /* exactly: it may be most of the memory */
+    if (rc != OXL_OK) return rc;
+    into->count = m->old_count + m->kept;
+    rc          = model_set_lobes(ctx, into, m->old_lobes + m->lobes);
+    if (rc != OXL_OK) into->count = m->old_count;
+    return rc;
+}
+
+/* The origins are subtracted from each other before a coordinate comes in: the same origin changes no bit. */
+static void merge_insert(const struct merge_rows *m, const oxl_model *from, oxl_model *into)
+{
+    const int planes = oxl_model_planes(into), carried = oxl_model_planes(from);
+    for (int p = 0; p < planes; p++) {
+        float       *to    = into->plane[p];
+        const double shift = p < OXL_LOG_SCALE ? from->origin[p] - into->origin[p] : 0;
+        memmove(to + m->old_lobes + m->lobes, to + m->old_lobes, (m->old_count - m->old_lobes) * sizeof *to);
+        for (size_t k = 0; k < m->kept; k++) to[merge_slot(m, k)] = p < carried ? from->plane[p][m->row[k]] : 0;
+        for (size_t k = 0; k < m->kept && shift != 0; k++) to[merge_slot(m, k)] = (float)(to[merge_slot(m, k)] + shift);
+    }
+    for (int p = OXL_LOBE; p < OXL_PLANES; p++)
+        for (size_t k = 0; k < m->lobes; k++) into->plane[p][m->old_lobes + k] = from->plane[p][m->row[k]];
+}
+
+OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
+                                    oxl_model *into)
+{
+    struct merge_rows m  = {.old_count = into->count, .old_lobes = into->lobes};
+    oxl_result        rc = OXL_OK;
+    m.row                = oxl_alloc(ctx, from->count + 1, sizeof *m.row);
+    if (!m.row) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to merge the %zu Gaussians of block %d", from->count, block);
+    merge_select(p, block, from, &m);
+    rc = merge_make_room(ctx, &m, from->sh_degree, into);
+    if (rc == OXL_OK) merge_insert(&m, from, into);
+    oxl_free(ctx, m.row);
+    return rc;
+}

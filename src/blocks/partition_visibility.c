@@ -1,0 +1,126 @@
+/* partition_visibility.c - who saw which point: the tracks of points3D.txt, turned over to lists by view.
+ *
+ * Invariant: only training views have lists. What a test view saw takes no part in any decision about blocks, or the test would
+ * not be one.
+ */
+#include "partition.h"
+
+/* ---------------------------------------------------------------- turning over, in parts of the points */
+
+struct sight_build {
+    const struct colmap    *colmap;
+    const double           *origin;
+    int32_t                *view; /* (images of the COLMAP model) -1: none for training */
+    struct partition_sight *sight;
+    size_t                 *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
+};
+
+static oxl_result sight_find_views(oxl_context *ctx, const oxl_scene *scene, struct sight_build *b)
+{
+    const struct colmap *c = b->colmap;
+    b->view                = oxl_alloc(ctx, c->image_count + 1, sizeof *b->view);
+    if (!b->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu images", c->image_count);
+    for (size_t i = 0; i < c->image_count; i++) b->view[i] = -1;
+    for (int v = 0; v < oxl_scene_view_count(scene); v++)
+        if (!oxl_scene_view(scene, v)->is_test) b->view[scene_source_image(scene, v) - c->image] = v;
+    return OXL_OK;
+}
+
+static void sight_visit(const struct sight_build *b, int task, int fill)
+{
+    const struct colmap *c    = b->colmap;
+    size_t              *next = b->next + (size_t)task * b->sight->views;
+    const size_t         from = c->point_count * (size_t)task / PARTITION_TASKS,
+                 end          = c->point_count * ((size_t)task + 1) / PARTITION_TASKS;
+    for (size_t i = from; i < end; i++) {
+        const struct colmap_point *p = &c->point[i];
+        if (!scene_takes_point(p, b->origin)) continue;
+        for (uint32_t k = 0; k < p->track_count; k++) {
+            const struct colmap_track *t    = &c->track[p->first_track + k];
+            const int32_t              view = b->view[t->image_row];
+            if (view < 0) continue;
+            if (fill) {
+                b->sight->point[next[view]]       = (uint32_t)i;
+                b->sight->observation[next[view]] = t->observation;
+            }
+            next[view]++;
+        }
+    }
+}
+
+/* From counts to places: a view's list holds its points of the first part, then those of the second... */
+static void sight_place(const struct sight_build *b)
+{
+    size_t total = 0;
+    for (size_t v = 0; v < b->sight->views; v++) {
+        b->sight->first[v] = total;
+        for (int task = 0; task < PARTITION_TASKS; task++) {
+            size_t      *next  = b->next + (size_t)task * b->sight->views + v;
+            const size_t count = *next;
+            *next              = total;
+            total += count;
+        }
+    }
+    b->sight->first[b->sight->views] = total;
+}
+
+static uint32_t sight_count_different(const struct partition_sight *s, size_t view)
+{
+    uint32_t count = 0;
+    for (size_t k = s->first[view]; k < s->first[view + 1]; k++) count += k == s->first[view] || s->point[k] != s->point[k - 1];
+    return count;
+}
+
+static oxl_result sight_alloc_lists(oxl_context *ctx, struct partition_sight *s)
+{
+    const size_t total = s->first[s->views];
+    s->point           = oxl_alloc(ctx, total + 1, sizeof *s->point);
+    s->observation     = oxl_alloc(ctx, total + 1, sizeof *s->observation);
+    if (s->point && s->observation) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu observations", total);
+}
+
+OXL_INTERNAL oxl_result partition_sight_create(oxl_context *ctx, const oxl_scene *scene, struct partition_sight **out)
+{
+    const size_t            views = (size_t)oxl_scene_view_count(scene);
+    struct partition_sight *s     = oxl_calloc(ctx, 1, sizeof *s);
+    struct sight_build      b     = {.colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .sight = s};
+    oxl_result              rc    = OXL_OK;
+    *out                          = NULL;
+    if (s) {
+        s->views = views;
+        s->first = oxl_calloc(ctx, views + 1, sizeof *s->first);
+        s->seen  = oxl_calloc(ctx, views + 1, sizeof *s->seen);
+        b.next   = oxl_calloc(ctx, PARTITION_TASKS * views, sizeof *b.next);
+    }
+    if (!s || !s->first || !s->seen || !b.next) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the sight of %zu views", views);
+    if (rc == OXL_OK && b.colmap->point_count >= UINT32_MAX)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%zu points are more than a partition can number (2^32 - 1)", b.colmap->point_count);
+    if (rc == OXL_OK) rc = sight_find_views(ctx, scene, &b);
+    if (rc != OXL_OK) goto done;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int task = 0; task < PARTITION_TASKS; task++) sight_visit(&b, task, 0);
+    sight_place(&b);
+    rc = sight_alloc_lists(ctx, s);
+    if (rc != OXL_OK) goto done;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int task = 0; task < PARTITION_TASKS; task++) sight_visit(&b, task, 1);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int v = 0; v < (int)views; v++) s->seen[v] = sight_count_different(s, (size_t)v);
+done:
+    oxl_free(ctx, b.next);
+    oxl_free(ctx, b.view);
+    if (rc != OXL_OK) partition_sight_free(ctx, s);
+    else *out = s;
+    return rc;
+}
+
+OXL_INTERNAL void partition_sight_free(oxl_context *ctx, struct partition_sight *s)
+{
+    if (!s) return;
+    oxl_free(ctx, s->first);
+    oxl_free(ctx, s->point);
+    oxl_free(ctx, s->observation);
+    oxl_free(ctx, s->seen);
+    oxl_free(ctx, s);
+}

@@ -1,0 +1,341 @@
+/* number.c - decimal text to numbers and back: the same in every locale, and right to the last bit.
+ *
+ * A decimal number is w x 10^e with an integer w. Three ways lead to the nearest double; the quickest that is exact is taken:
+ *
+ *     w <= 2^53, |e| <= 22    both are doubles without error, so one division or product rounds once (Clinger 1990)
+ *     w < 2^64, |e| <= 27     5^|e| has 63 bits: 128-bit integers hold all that rounding must know
+ *     the rest                strtod, on text without a decimal point, which every locale reads alike
+ *
+ * Invariant: what strtod gives in the "C" locale; hexadecimal numbers and leading blanks are not taken.
+ */
+#include "../internal.h"
+
+static int number_is_digit(char c)
+{
+    return (unsigned char)(c - '0') < 10;
+}
+
+/* ---------------------------------------------------------------- integers */
+
+static int number_fits(const char *digits, const char *end, uint64_t limit)
+{
+    uint64_t w = 0;
+    for (; digits < end; digits++) {
+        const uint64_t digit = (uint64_t)(*digits - '0');
+        if (w > (limit - digit) / 10) return 0;
+        w = 10 * w + digit;
+    }
+    return 1;
+}
+
+OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
+{
+    const char *p        = *cursor, *first;
+    const int   negative = p < end && *p == '-';
+    uint64_t    w        = 0;
+    if (p < end && (*p == '-' || *p == '+')) p++;
+    for (first = p; p < end && number_is_digit(*p); p++) w = 10 * w + (uint64_t)(*p - '0');
+    if (p == first) return 0;
+    if (p - first > 18 && !number_fits(first, p, (uint64_t)INT64_MAX + (uint64_t)negative)) return 0;
+    *out    = negative && w > 0 ? -(int64_t)(w - 1) - 1 : (int64_t)w; /* INT64_MIN has no positive twin */
+    *cursor = p;
+    return 1;
+}
+
+/* ---------------------------------------------------------------- w x 10^e to the nearest double */
+
+enum {
+    NUMBER_DIGITS_MAX  = 19,  /* any so many fit 64 bits */
+    NUMBER_DIGITS_KEPT = 800, /* no point half-way between two doubles has more than 767 digits: further ones only break ties */
+    NUMBER_POWER10_MAX = 22,  /* the last power of 10 that is a double */
+    NUMBER_POWER5_MAX  = 27   /* the last power of 5 below 2^63 */
+};
+
+static const double number_power10[NUMBER_POWER10_MAX + 1] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
+                                                              1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
+                                                              1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+
+/* digits .. end may hold a decimal point; the number is (the digits read as one integer) x 10^exponent. */
+static double number_by_strtod(const char *digits, const char *end, int64_t exponent)
+{
+    char   text[NUMBER_DIGITS_KEPT + 32];
+    size_t size   = 0;
+    int    sticky = 0;
+    for (; digits < end; digits++) {
+        if (*digits == '.' || (size == 0 && *digits == '0')) continue;
+        if (size < NUMBER_DIGITS_KEPT) {
+            text[size++] = *digits;
+        } else {
+            sticky |= *digits != '0';
+            exponent++;
+        }
+    }
+    if (size == 0) return 0;
+    if (sticky) {
+        text[size++] = '1';
+        exponent--;
+    }
+    exponent = OXL_CLAMP(exponent, -9999, 9999); /* beyond, it is 0 or infinity anyway */
+    snprintf(text + size, sizeof text - size, "e%d", (int)exponent);
+    return strtod(text, NULL);
+}
+
+#ifdef __SIZEOF_INT128__
+__extension__ typedef unsigned __int128 number_wide;
+
+/* clang-format off */
+static const uint64_t number_power5[NUMBER_POWER5_MAX + 1] = {
+    1U, 5U, 25U, 125U, 625U, 3125U, 15625U, 78125U, 390625U, 1953125U, 9765625U, 48828125U, 244140625U, 1220703125U,
+    UINT64_C(6103515625), UINT64_C(30517578125), UINT64_C(152587890625), UINT64_C(762939453125), UINT64_C(3814697265625),
+    UINT64_C(19073486328125), UINT64_C(95367431640625), UINT64_C(476837158203125), UINT64_C(2384185791015625),
+    UINT64_C(11920928955078125), UINT64_C(59604644775390625), UINT64_C(298023223876953125), UINT64_C(1490116119384765625),
+    UINT64_C(7450580596923828125)
+};
+/* clang-format on */
+
+static double number_power2(int exponent) /* -1022 .. 1023 */
+{
+    const uint64_t bits = (uint64_t)(exponent + 1023) << 52;
+    double         value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* With w and 5^|e| shifted to their top bits, product or quotient fills 63 or 64 bits; what falls off below is one sticky bit,
+ * and the conversion to double rounds once. The rest is a power of 2, exact: no result comes near 2^-1022 or 2^1023. */
+static double number_scale_wide(uint64_t w, int e)
+{
+    const uint64_t power = number_power5[e < 0 ? -e : e];
+    const int      ws = __builtin_clzll(w), ps = __builtin_clzll(power);
+    const uint64_t a = w << ws, b = power << ps;
+    if (e < 0) {
+        const number_wide n = (number_wide)a << 63;
+        const uint64_t    q = (uint64_t)(n / b), sticky = n - (number_wide)q * b != 0;
+        return (double)(q | sticky) * number_power2(ps - ws - 63 + e);
+    } else {
+        const number_wide n = (number_wide)a * b;
+        const uint64_t    q = (uint64_t)(n >> 64), sticky = (uint64_t)n != 0;
+        return (double)(q | sticky) * number_power2(64 - ps - ws + e);
+    }
+}
+#endif
+
+#ifndef FLT_EVAL_METHOD
+#define FLT_EVAL_METHOD -1 /* a compiler that does not say */
+#endif
+
+/* w is the value of the digits (modulo 2^64, when there are more than NUMBER_DIGITS_MAX). */
+static double number_scale(uint64_t w, const char *digits, const char *end, int count, int64_t exponent)
+{
+    const int64_t size = exponent < 0 ? -exponent : exponent;
+    if (count > NUMBER_DIGITS_MAX) return number_by_strtod(digits, end, exponent);
+    if (w == 0) return 0;
+    if (FLT_EVAL_METHOD == 0 && w <= UINT64_C(1) << 53 && size <= NUMBER_POWER10_MAX)
+        return exponent < 0 ? (double)w / number_power10[size] : (double)w * number_power10[size];
+#ifdef __SIZEOF_INT128__
+    if (size <= NUMBER_POWER5_MAX) return number_scale_wide(w, (int)exponent);
+#endif
+    return number_by_strtod(digits, end, exponent);
+}
+
+/* ---------------------------------------------------------------- the text of a double */
+
+/* Behind `word`, in capitals or not; NULL when it is not there. */
+static const char *number_past_word(const char *p, const char *end, const char *word)
+{
+    for (; *word; word++, p++)
+        if (p == end || (*p | 0x20) != *word) return NULL;
+    return p;
+}
+
+/* nan, nan(...), inf, infinity. */
+static const char *number_parse_name(const char *p, const char *end, double *out)
+{
+    const char *past = number_past_word(p, end, "nan");
+    *out             = NAN;
+    if (past) {
+        p = past;
+        if (p < end && *p == '(') {
+            while (p < end && *p != ')') p++;
+            if (p < end) past = p + 1;
+        }
+        return past;
+    }
+    *out = INFINITY;
+    past = number_past_word(p, end, "infinity");
+    return past ? past : number_past_word(p, end, "inf");
+}
+
+/* Visual C++ before 2015 printed 1.#INF, 1.#IND00, 1.#QNAN; p is at the '#'. */
+static const char *number_parse_sharp(const char *p, const char *end, double *out)
+{
+    *out = number_past_word(p + 1, end, "inf") ? INFINITY : NAN;
+    for (p++; p < end && (number_is_digit(*p) || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')); p++) {}
+    return p;
+}
+
+/* p is at the 'e'; stays there when no digit follows. */
+static const char *number_parse_exponent(const char *p, const char *end, int64_t *exponent)
+{
+    const char *digit    = p + 1;
+    int         negative = 0;
+    int64_t     value    = 0;
+    if (digit < end && (*digit == '-' || *digit == '+')) negative = *digit++ == '-';
+    if (digit == end || !number_is_digit(*digit)) return p;
+    for (; digit < end && number_is_digit(*digit); digit++)
+        if (value < INT64_MAX / 100) value = 10 * value + (*digit - '0');
+    *exponent += negative ? -value : value;
+    return digit;
+}
+
+static int number_significant(const char *digits, const char *end)
+{
+    ptrdiff_t point = 0;
+    while (digits < end && (*digits == '0' || *digits == '.')) digits++;
+    for (const char *p = digits; p < end && point == 0; p++) point = *p == '.';
+    return (int)OXL_MIN(end - digits - point, NUMBER_DIGITS_MAX + 1);
+}
+
+OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out)
+{
+    const char *p        = *cursor, *first, *last;
+    int         negative = 0;
+    uint64_t    w        = 0;
+    int64_t     exponent = 0;
+    ptrdiff_t   digits;
+    double      value = 0;
+    if (p < end && (*p == '-' || *p == '+')) negative = *p++ == '-';
+    for (first = p; p < end && number_is_digit(*p); p++) w = 10 * w + (uint64_t)(*p - '0');
+    digits = p - first;
+    if (p < end && *p == '.') {
+        const char *fraction = ++p;
+        for (; p < end && number_is_digit(*p); p++) w = 10 * w + (uint64_t)(*p - '0');
+        exponent = fraction - p;
+        digits += p - fraction;
+    }
+    last = p;
+    if (digits == 0) {
+        p = number_parse_name(first, end, &value);
+        if (!p) return 0;
+    } else if (p < end && *p == '#') {
+        p = number_parse_sharp(p, end, &value);
+    } else {
+        if (p < end && (*p | 0x20) == 'e') p = number_parse_exponent(p, end, &exponent);
+        if (digits > NUMBER_DIGITS_MAX) digits = number_significant(first, last);
+        value = number_scale(w, first, last, (int)digits, exponent);
+    }
+    *out    = negative ? -value : value;
+    *cursor = p;
+    return 1;
+}
+
+/* ---------------------------------------------------------------- digits */
+
+static const char number_pairs[] = "00010203040506070809101112131415161718192021222324252627282930313233343536373839"
+                                   "40414243444546474849505152535455565758596061626364656667686970717273747576777879"
+                                   "8081828384858687888990919293949596979899";
+
+/* Writes digits so that they end before `end`, two at a time; returns where they begin. */
+static char *number_put_digits(char *end, uint64_t w)
+{
+    for (; w >= 100; w /= 100) memcpy(end -= 2, number_pairs + 2 * (w % 100), 2);
+    if (w >= 10) memcpy(end -= 2, number_pairs + 2 * w, 2);
+    else *--end = (char)('0' + w);
+    return end;
+}
+
+OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value)
+{
+    char         text[20];
+    const char  *first = number_put_digits(text + sizeof text, value < 0 ? 0 - (uint64_t)value : (uint64_t)value);
+    const size_t size  = (size_t)(text + sizeof text - first);
+    if (value < 0) *out++ = '-';
+    memcpy(out, first, size);
+    out[size] = 0;
+    return size + (value < 0);
+}
+
+/* ---------------------------------------------------------------- a double to text */
+
+#ifdef __SIZEOF_INT128__
+/* m 2^e x 10^scale to the nearest integer, ties to even; exact, since m 5^scale fits 128 bits. The result has at most 18 digits. */
+static uint64_t number_scale_up(uint64_t m, int e, int scale)
+{
+    const number_wide product = (number_wide)m * number_power5[scale];
+    const int         shift   = -(e + scale);
+    number_wide       rest, half;
+    uint64_t          q;
+    if (shift <= 0) return (uint64_t)(product << -shift);
+    q    = (uint64_t)(product >> shift);
+    rest = product & (((number_wide)1 << shift) - 1);
+    half = (number_wide)1 << (shift - 1);
+    return q + (rest > half || (rest == half && (q & 1)));
+}
+
+/* The 17 significant digits of a positive number from 1e-5 to 1e16 and the exponent of the first; 0: out of that range. */
+static int number_digits(double value, char digits[17], int *exponent)
+{
+    const uint64_t limit = UINT64_C(100000000000000000); /* 10^17 */
+    uint64_t       bits, w;
+    double         guess;
+    int            e, ten;
+    if (!(value >= 1e-5 && value < 1e16)) return 0;
+    memcpy(&bits, &value, sizeof bits);
+    e     = (int)(bits >> 52) - 1075;
+    bits  = (bits & (((uint64_t)1 << 52) - 1)) | (uint64_t)1 << 52;
+    guess = (e + 52) * 0.30102999; /* log10 2, rather less: the guess is right or one too low */
+    ten   = (int)guess - (guess < 0);
+    w     = number_scale_up(bits, e, 16 - ten);
+    if (w >= limit) w = number_scale_up(bits, e, 16 - ++ten);
+    number_put_digits(digits + 17, w); /* 10^16 <= w < 10^17 */
+    *exponent = ten;
+    return 1;
+}
+
+/* As %.17g: no zeros at the end of the fraction. Only where that writes no exponent; 0: elsewhere. */
+static size_t number_format_plain(char *out, double value)
+{
+    char digits[17], *p = out;
+    int  ten, count     = 17;
+    if (!number_digits(value, digits, &ten) || ten < -4 || ten > 16) return 0;
+    while (count > 1 && digits[count - 1] == '0') count--;
+    if (ten < 0) {
+        memcpy(p, "0.000", 5); /* as many of its zeros as there are to be */
+        p += 1 - ten;
+    }
+    memcpy(p, digits, 17);
+    if (ten >= 0 && count > ten + 1) {
+        memmove(p + ten + 2, p + ten + 1, (size_t)(16 - ten));
+        p[ten + 1] = '.';
+        count++;
+    }
+    p += OXL_MAX(count, ten + 1); /* a large whole number keeps its zeros */
+    *p = 0;
+    return (size_t)(p - out);
+}
+#else
+static size_t number_format_plain(char *out, double value)
+{
+    (void)out, (void)value;
+    return 0;
+}
+#endif
+
+OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
+{
+    char         text[48];
+    size_t       size  = value < 0;
+    const size_t plain = number_format_plain(out + size, value < 0 ? -value : value); /* a tenth of snprintf's time */
+    if (plain) {
+        if (size) out[0] = '-';
+        return size + plain;
+    }
+    size = 0;
+    snprintf(text, sizeof text, "%.17g", value);
+    for (const char *p = text; *p; p++) {
+        if (number_is_digit(*p) || *p == '-' || *p == '+' || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')) out[size++] = *p;
+        else if (size == 0 || out[size - 1] != '.') out[size++] = '.'; /* the locale's decimal point has one byte or more */
+    }
+    out[size] = 0;
+    return size;
+}

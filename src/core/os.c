@@ -1,0 +1,585 @@
+/* os.c - what C99 lacks: files that appear whole or not at all, folders, a clock, memory use. The one file to port.
+ *
+ * The first half is written twice, for POSIX and for Windows: a dozen small primitives that set errno. The second half is
+ * plain C on top of them.
+ *
+ * Invariant: after a failed or interrupted write, the path holds what it held before.
+ */
+#include "../internal.h" /* asks for POSIX before any system header */
+
+#include <errno.h>
+
+enum { OS_START = 64 }; /* bytes that tell what a file is */
+
+enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
+
+#ifndef _WIN32 /* ---------------------------------------------------------------- POSIX */
+
+#ifdef OXL_VULKAN
+#include <dlfcn.h>
+#endif
+#include <dirent.h>
+#include <fcntl.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+static int os_is_separator(char c)
+{
+    return c == '/';
+}
+
+static enum os_kind os_kind_of(const char *path, uint64_t *size)
+{
+    struct stat s;
+    if (stat(path, &s) != 0) return OS_NOTHING;
+    if (size) *size = (uint64_t)s.st_size;
+    return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_NOTHING;
+}
+
+OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
+{
+    return fopen(path, mode);
+}
+
+OXL_INTERNAL int os_remove(const char *path)
+{
+    return unlink(path);
+}
+
+/* Some network file systems cannot sync and say EINVAL; there is nothing better to do there. */
+static int os_sync(FILE *file)
+{
+    return fsync(fileno(file)) == 0 || errno == EINVAL ? 0 : -1;
+}
+
+OXL_INTERNAL int os_rename(const char *from, const char *to)
+{
+    return rename(from, to);
+}
+
+static int os_seek(FILE *file, uint64_t offset)
+{
+    return fseeko(file, (off_t)offset, SEEK_SET);
+}
+
+static int os_make_link(const char *target, const char *path)
+{
+    struct stat s;
+    if (lstat(path, &s) == 0 && S_ISLNK(s.st_mode)) unlink(path);
+    return symlink(target, path);
+}
+
+static int os_is_absolute(const char *path)
+{
+    return path[0] == '/';
+}
+
+static int os_working_folder(char *out, size_t size)
+{
+    return getcwd(out, size) ? 0 : -1;
+}
+
+/* Makes the rename itself last through a power cut. Not every file system allows it; the data are safe by then. */
+static void os_sync_folder(const char *path)
+{
+    const int fd = open(path, O_RDONLY);
+    if (fd < 0) return;
+    fsync(fd);
+    close(fd);
+}
+
+static int os_make_one_folder(const char *path)
+{
+    return mkdir(path, 0777);
+}
+
+static long os_process(void)
+{
+    return (long)getpid();
+}
+
+int oxl_is_terminal(int stream)
+{
+    return isatty(stream) != 0;
+}
+
+#define OS_SPINS "500" /* looks before a thread sleeps (docs/SPEED.md) */
+
+void oxl_wait_asleep(char **argv)
+{
+#ifdef _OPENMP
+    char          self[4096];
+    const char   *wanted = getenv("OMP_WAIT_POLICY"); /* empty: as if it were not there */
+    const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
+    if (length <= 0 || (wanted && *wanted)) return;
+    self[length] = 0;
+    if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", OS_SPINS, 0) != 0) return;
+    execv(self, argv); /* returns only where it could not */
+#else
+    (void)argv;
+#endif
+}
+
+OXL_INTERNAL double os_seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+OXL_INTERNAL size_t os_peak_rss(void)
+{
+    struct rusage usage;
+    if (getrusage(RUSAGE_SELF, &usage) != 0) return 0;
+#ifdef __APPLE__
+    return (size_t)usage.ru_maxrss;
+#else
+    return (size_t)usage.ru_maxrss * 1024;
+#endif
+}
+
+OXL_INTERNAL size_t os_memory_free(void)
+{
+    FILE         *file = fopen("/proc/meminfo", "r"); /* Linux; elsewhere unknown */
+    char          line[256];
+    unsigned long kilobytes = 0;
+    if (!file) return 0;
+    while (fgets(line, sizeof line, file))
+        if (sscanf(line, "MemAvailable: %lu", &kilobytes) == 1) break;
+    fclose(file);
+    return (size_t)kilobytes * 1024;
+}
+
+OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
+                                       void *user)
+{
+    DIR           *folder = opendir(path);
+    struct dirent *entry;
+    if (!folder) return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot list the folder: %s", path, strerror(errno));
+    while ((entry = readdir(folder)) != NULL)
+        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) visit(user, entry->d_name);
+    closedir(folder);
+    return OXL_OK;
+}
+
+#ifdef OXL_VULKAN
+OXL_INTERNAL void *os_library_open(const char *name)
+{
+    return dlopen(name, RTLD_NOW | RTLD_LOCAL);
+}
+
+/* ISO C has no cast from an object's address to a function's; POSIX promises that the bits serve. */
+OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size)
+{
+    void *symbol = dlsym(library, name);
+    memset(out, 0, size);
+    memcpy(out, &symbol, OXL_MIN(size, sizeof symbol));
+}
+
+OXL_INTERNAL void os_library_close(void *library)
+{
+    dlclose(library);
+}
+#endif
+
+#else /* ---------------------------------------------------------------- Windows; our paths are UTF-8, its own are UTF-16 */
+
+#define WIN32_LEAN_AND_MEAN
+#include <windows.h>
+#include <io.h>
+#include <psapi.h> /* link with -lpsapi */
+#undef near        /* words of 16-bit times that are names here */
+#undef far
+
+enum { OS_PATH_MAX = 4096 };
+
+static const wchar_t *os_wide(const char *path, wchar_t *wide)
+{
+    if (MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, OS_PATH_MAX) == 0) wide[0] = 0;
+    return wide;
+}
+
+static int os_done(BOOL ok)
+{
+    const DWORD error = ok ? 0 : GetLastError();
+    if (ok) return 0;
+    errno = error == ERROR_ALREADY_EXISTS                                      ? EEXIST
+            : error == ERROR_FILE_NOT_FOUND || error == ERROR_PATH_NOT_FOUND   ? ENOENT
+            : error == ERROR_DISK_FULL                                         ? ENOSPC
+            : error == ERROR_ACCESS_DENIED || error == ERROR_SHARING_VIOLATION ? EACCES
+                                                                               : EIO;
+    return -1;
+}
+
+static int os_is_separator(char c)
+{
+    return c == '/' || c == '\\';
+}
+
+static enum os_kind os_kind_of(const char *path, uint64_t *size)
+{
+    wchar_t                   wide[OS_PATH_MAX];
+    WIN32_FILE_ATTRIBUTE_DATA data;
+    if (os_done(GetFileAttributesExW(os_wide(path, wide), GetFileExInfoStandard, &data)) != 0) return OS_NOTHING;
+    if (size) *size = (uint64_t)data.nFileSizeHigh << 32 | data.nFileSizeLow;
+    return data.dwFileAttributes & FILE_ATTRIBUTE_DIRECTORY ? OS_FOLDER : OS_FILE;
+}
+
+OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
+{
+    wchar_t wide[OS_PATH_MAX], wide_mode[8];
+    for (int i = 0; i < 8; i++) {
+        wide_mode[i] = (wchar_t)mode[i];
+        if (!mode[i]) break;
+    }
+    return _wfopen(os_wide(path, wide), wide_mode);
+}
+
+OXL_INTERNAL int os_remove(const char *path)
+{
+    wchar_t wide[OS_PATH_MAX];
+    return os_done(DeleteFileW(os_wide(path, wide)));
+}
+
+static int os_sync(FILE *file)
+{
+    return _commit(_fileno(file));
+}
+
+static int os_seek(FILE *file, uint64_t offset)
+{
+    return _fseeki64(file, (int64_t)offset, SEEK_SET);
+}
+
+OXL_INTERNAL int os_rename(const char *from, const char *to)
+{
+    wchar_t a[OS_PATH_MAX], b[OS_PATH_MAX];
+    return os_done(MoveFileExW(os_wide(from, a), os_wide(to, b), MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH));
+}
+
+static int os_make_link(const char *target, const char *path)
+{
+    (void)target, (void)path; /* asks for rights that few programs have */
+    return -1;
+}
+
+static int os_is_absolute(const char *path)
+{
+    return os_is_separator(path[0]) || (path[0] && path[1] == ':');
+}
+
+static int os_working_folder(char *out, size_t size)
+{
+    wchar_t wide[OS_PATH_MAX];
+    if (GetCurrentDirectoryW(OS_PATH_MAX, wide) == 0) return -1;
+    return WideCharToMultiByte(CP_UTF8, 0, wide, -1, out, (int)size, NULL, NULL) ? 0 : -1;
+}
+
+static void os_sync_folder(const char *path)
+{
+    (void)path; /* MOVEFILE_WRITE_THROUGH did it */
+}
+
+static int os_make_one_folder(const char *path)
+{
+    wchar_t wide[OS_PATH_MAX];
+    return os_done(CreateDirectoryW(os_wide(path, wide), NULL));
+}
+
+static long os_process(void)
+{
+    return (long)GetCurrentProcessId();
+}
+
+int oxl_is_terminal(int stream)
+{
+    return _isatty(stream) != 0;
+}
+
+void oxl_wait_asleep(char **argv)
+{
+    (void)argv;
+}
+
+OXL_INTERNAL double os_seconds(void)
+{
+    LARGE_INTEGER count, per_second;
+    QueryPerformanceCounter(&count);
+    QueryPerformanceFrequency(&per_second);
+    return (double)count.QuadPart / (double)per_second.QuadPart;
+}
+
+OXL_INTERNAL size_t os_peak_rss(void)
+{
+    PROCESS_MEMORY_COUNTERS counters;
+    return GetProcessMemoryInfo(GetCurrentProcess(), &counters, sizeof counters) ? counters.PeakWorkingSetSize : 0;
+}
+
+OXL_INTERNAL size_t os_memory_free(void)
+{
+    MEMORYSTATUSEX status = {.dwLength = sizeof status};
+    return GlobalMemoryStatusEx(&status) ? (size_t)status.ullAvailPhys : 0;
+}
+
+OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
+                                       void *user)
+{
+    wchar_t          wide[OS_PATH_MAX];
+    char             name[OS_PATH_MAX];
+    WIN32_FIND_DATAW data;
+    HANDLE           find;
+    snprintf(name, sizeof name, "%s/*", path);
+    find = FindFirstFileW(os_wide(name, wide), &data);
+    if (find == INVALID_HANDLE_VALUE) return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot list the folder", path);
+    do {
+        if (WideCharToMultiByte(CP_UTF8, 0, data.cFileName, -1, name, sizeof name, NULL, NULL) == 0) continue;
+        if (strcmp(name, ".") != 0 && strcmp(name, "..") != 0) visit(user, name);
+    } while (FindNextFileW(find, &data));
+    FindClose(find);
+    return OXL_OK;
+}
+
+#ifdef OXL_VULKAN
+OXL_INTERNAL void *os_library_open(const char *name)
+{
+    return LoadLibraryA(name);
+}
+
+OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size)
+{
+    const FARPROC symbol = GetProcAddress(library, name);
+    memset(out, 0, size);
+    memcpy(out, &symbol, OXL_MIN(size, sizeof symbol));
+}
+
+OXL_INTERNAL void os_library_close(void *library)
+{
+    FreeLibrary(library);
+}
+#endif
+
+#endif /* ---------------------------------------------------------------- plain C from here on */
+
+OXL_INTERNAL int os_is_file(const char *path)
+{
+    return os_kind_of(path, NULL) == OS_FILE;
+}
+
+OXL_INTERNAL int os_is_folder(const char *path)
+{
+    return os_kind_of(path, NULL) == OS_FOLDER;
+}
+
+OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
+{
+    oxl_result   rc   = OXL_OK;
+    char        *part = oxl_strdup(ctx, path);
+    const size_t size = strlen(path);
+    if (!part) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to make the folder", path);
+    for (size_t i = 1; i <= size && rc == OXL_OK; i++) {
+        if (i < size && !os_is_separator(part[i])) continue;
+        part[i] = 0;
+        /* a parent that is there may refuse mkdir for other reasons than being there (read-only disk, "C:") */
+        if (os_make_one_folder(part) != 0) {
+            const int error = errno;
+            if (!os_is_folder(part)) rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot make the folder: %s", part, strerror(error));
+        }
+        part[i] = path[i];
+    }
+    oxl_free(ctx, part);
+    return rc;
+}
+
+OXL_INTERNAL int os_link(oxl_context *ctx, const char *target, const char *path)
+{
+    char  here[4096] = "";
+    char *full       = NULL;
+    int   made       = 0;
+    if (!os_is_absolute(target) && os_working_folder(here, sizeof here) != 0) return 0;
+    full = oxl_path_join(ctx, here, target);
+    if (full) made = os_make_link(full, path) == 0;
+    oxl_free(ctx, full);
+    return made;
+}
+
+/* ---------------------------------------------------------------- reading */
+
+OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out)
+{
+    return os_read_file_like(ctx, path, "", out);
+}
+
+OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out)
+{
+    oxl_result rc       = OXL_OK;
+    char      *data     = NULL;
+    size_t     capacity = 0, size = 0, got = 0;
+    uint64_t   expected = 0; /* a hint: the file may grow meanwhile, and a pipe has no size */
+    FILE      *file     = os_open(path, "rb");
+    *out                = (struct os_file_map){0};
+    if (!file) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot open: %s", path, strerror(errno));
+    if (os_kind_of(path, &expected) != OS_FILE) expected = 0;
+    if (expected > SIZE_MAX / 2) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: too large for this machine's addresses", path);
+        goto done;
+    }
+    capacity =
+        (start[0] ? OS_START : (size_t)expected) + 2; /* the zero byte, and one more so that the end is met without growing */
+    data = oxl_alloc(ctx, capacity, 1);
+    if (!data) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for %zu bytes", path, capacity);
+        goto done;
+    }
+    setvbuf(file, NULL, _IONBF, 0);
+    errno = 0;
+    while ((got = fread(data + size, 1, OXL_MIN(capacity - 1 - size, size < OS_START ? OS_START - size : SIZE_MAX), file)) > 0) {
+        size += got;
+        if (size >= strlen(start) && memcmp(data, start, strlen(start)) != 0) break;
+        rc = oxl_reserve(ctx, (void **)&data, &capacity, OXL_MAX(size, (size_t)expected) + 2, 1);
+        if (rc != OXL_OK) goto done;
+    }
+    if (ferror(file)) {
+        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot read: %s", path, strerror(errno));
+        goto done;
+    }
+    data[size] = 0;
+    *out       = (struct os_file_map){.data = data, .size = size};
+done:
+    fclose(file);
+    if (rc != OXL_OK) oxl_free(ctx, data);
+    return rc;
+}
+
+OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map)
+{
+    oxl_free(ctx, (void *)map->data);
+    *map = (struct os_file_map){0};
+}
+
+OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out)
+{
+    *out = (struct os_reader){.file = os_open(path, "rb"), .path = path};
+    if (!out->file) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot open: %s", path, strerror(errno));
+    if (os_kind_of(path, &out->size) != OS_FILE) out->size = 0;
+    setvbuf(out->file, NULL, _IONBF, 0); /* pieces are large: no copy between */
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size, size_t *got)
+{
+    errno = 0;
+    *got  = fread(data, 1, size, r->file);
+    if (*got < size && ferror(r->file)) return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot read: %s", r->path, strerror(errno));
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset)
+{
+    if (os_seek(r->file, offset) == 0) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot seek: %s", r->path, strerror(errno));
+}
+
+OXL_INTERNAL void os_reader_close(struct os_reader *r)
+{
+    if (r->file) fclose(r->file);
+    *r = (struct os_reader){0};
+}
+
+/* ---------------------------------------------------------------- writing */
+
+static void os_writer_free(oxl_context *ctx, struct os_writer *writer)
+{
+    oxl_free(ctx, writer->path);
+    oxl_free(ctx, writer->temporary);
+    *writer = (struct os_writer){0};
+}
+
+OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out)
+{
+    oxl_result  rc   = OXL_OK;
+    struct text name = {.ctx = ctx};
+    *out             = (struct os_writer){.path = oxl_strdup(ctx, path)};
+    text_add(&name, "%s.%ld.tmp", path, os_process()); /* processes that share an output folder stay apart */
+    out->temporary = name.data;
+    if (!out->path || name.failed) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to write it", path);
+        goto done;
+    }
+    out->file = os_open(out->temporary, "wb");
+    if (!out->file) rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s", path, strerror(errno));
+done:
+    if (rc != OXL_OK) os_writer_free(ctx, out);
+    return rc;
+}
+
+/* Folder of a path, in place. */
+static void os_sync_parent(char *path)
+{
+    size_t end = strlen(path);
+    while (end > 0 && !os_is_separator(path[end - 1])) end--;
+    if (end > 0) path[end] = 0;
+    os_sync_folder(end > 0 ? path : ".");
+}
+
+OXL_INTERNAL void os_writer_sync(struct os_writer *writer)
+{
+    errno = 0;
+    if (fflush(writer->file) != 0 || os_sync(writer->file) != 0) writer->error = errno ? errno : EIO;
+}
+
+OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc)
+{
+    int failed = rc != OXL_OK, error = 0;
+    if (!writer->file) return rc; /* was never opened, or is closed already */
+    if (!failed) {
+        errno  = writer->error;
+        failed = writer->error || ferror(writer->file) || fflush(writer->file) != 0 || os_sync(writer->file) != 0;
+        error  = errno;
+    }
+    if (fclose(writer->file) != 0 && !failed) {
+        failed = 1;
+        error  = errno;
+    }
+    if (!failed && os_rename(writer->temporary, writer->path) != 0) {
+        failed = 1;
+        error  = errno;
+    }
+    if (failed) os_remove(writer->temporary);
+    if (failed && rc == OXL_OK) /* an error of an earlier fwrite has lost its errno; a full disk is the likeliest */
+        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s", writer->path,
+                      error ? strerror(error) : "an earlier write failed, the disk may be full");
+    if (!failed) os_sync_parent(writer->path);
+    os_writer_free(ctx, writer);
+    return rc;
+}
+
+struct os_sweeping {
+    oxl_context *ctx;
+    const char  *folder;
+};
+
+static void os_sweep_file(void *user, const char *name)
+{
+    const struct os_sweeping *s      = user;
+    const size_t              length = strlen(name);
+    char                     *path   = oxl_path_join(s->ctx, s->folder, name);
+    if (path && length > 4 && !strcmp(name + length - 4, ".tmp")) os_remove(path);
+    oxl_free(s->ctx, path);
+}
+
+OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder)
+{
+    return os_is_folder(folder) ? os_list_folder(ctx, folder, os_sweep_file, &(struct os_sweeping){ctx, folder}) : OXL_OK;
+}
+
+OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size)
+{
+    struct os_writer writer;
+    oxl_result       rc = os_writer_open(ctx, path, &writer);
+    if (rc != OXL_OK) return rc;
+    if (size > 0 && fwrite(data, 1, size, writer.file) != size)
+        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s", path, strerror(errno));
+    return os_writer_close(ctx, &writer, rc);
+}

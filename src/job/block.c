@@ -1,0 +1,342 @@
+/* block.c - the training of one block, in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply, log.csv, block.json.
+ *
+ * A model with second lobes may be followed by model_standard.ply, for viewers that know none: the lobes dropped, the rest refined for a
+ * twentieth of the run. block.json is written last. Invariant: a block.json that says "finished": true describes the model.ply beside it, and the line
+ * "job" in it says of which run it is.
+ */
+#include "../internal.h"
+
+#define BLOCK_LOG_ROWS    200  /* rows of log.csv in a whole run */
+#define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
+#define BLOCK_REFINE      0.05 /* of the run: how long a model without its second lobes is refined */
+
+#define BLOCK_DECISIONS "\"decisions\": {"
+#define BLOCK_NOTES     "\"notes\": ["
+
+struct block {
+    oxl_context             *ctx;
+    const struct block_task *task;
+    oxl_progress             last;
+    int                      before; /* iterations of the run, while its standard model is refined */
+    struct text              log, notes;
+    struct text              decisions;   /* members of a JSON object */
+    double                   log_written; /* seconds */
+    oxl_faults               faults;
+};
+
+static oxl_result block_write(struct block *b, const char *name, const struct text *t)
+{
+    char      *path = oxl_path_join(b->ctx, b->task->folder, name);
+    oxl_result rc   = path && !t->failed ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
+    if (rc == OXL_OK) rc = os_write_file(b->ctx, path, t->data, t->size);
+    oxl_free(b->ctx, path);
+    return rc;
+}
+
+static oxl_result block_write_model(struct block *b, const char *name, const oxl_model *model)
+{
+    char      *path = oxl_path_join(b->ctx, b->task->folder, name);
+    oxl_result rc   = path ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
+    if (rc == OXL_OK) rc = modelfile_write_ply(b->ctx, path, model, model->sh_degree);
+    oxl_free(b->ctx, path);
+    return rc;
+}
+
+static void block_remove(struct block *b, const char *name)
+{
+    char *path = oxl_path_join(b->ctx, b->task->folder, name);
+    if (path) os_remove(path);
+    oxl_free(b->ctx, path);
+}
+
+/* ---------------------------------------------------------------- block.json */
+
+OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out)
+{
+    struct os_file_map map   = {0};
+    char              *path  = oxl_path_join(ctx, folder, "block.json");
+    char              *model = oxl_path_join(ctx, folder, "model.ply");
+    oxl_result         rc    = path && model ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
+    *out                     = (struct block_record){0};
+    if (rc == OXL_OK && os_is_file(path) && os_is_file(model)) rc = os_read_file(ctx, path, &map);
+    if (rc == OXL_OK && map.data && strstr(map.data, key)) {
+        out->there             = 1;
+        out->trained           = strstr(map.data, "\"trained\": true") != NULL;
+        out->finished          = strstr(map.data, "\"finished\": true") != NULL;
+        out->iterations        = (int)OXL_CLAMP(run_number(map.data, "iterations_done"), 0, INT_MAX);
+        out->gaussians         = (size_t)OXL_CLAMP(run_number(map.data, "gaussians"), 0, 1e9);
+        out->seconds           = run_number(map.data, "seconds");
+        out->peak              = run_number(map.data, "peak_rss_bytes");
+        out->predicted_peak    = run_number(map.data, "predicted_memory_bytes");
+        out->predicted_seconds = run_number(map.data, "predicted_seconds");
+        faults_read_json(map.data, &out->faults);
+    }
+    os_release_file(ctx, &map);
+    oxl_free(ctx, path);
+    oxl_free(ctx, model);
+    return rc;
+}
+
+/* The text in a folder's block.json from behind `start` up to the last `end` of the line, or of the file. */
+static oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *start, char end, int line, struct text *out)
+{
+    struct os_file_map map  = {0};
+    char              *path = oxl_path_join(ctx, folder, "block.json");
+    oxl_result         rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
+    const char        *at;
+    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
+    at = map.data ? strstr(map.data, start) : NULL;
+    if (at) {
+        size_t size;
+        at += strlen(start);
+        size = line ? strcspn(at, "\n") : strlen(at);
+        while (size > 0 && at[size - 1] != end) size--;
+        if (size > 1) text_add(out, "%.*s", (int)(size - 1), at);
+    }
+    os_release_file(ctx, &map);
+    oxl_free(ctx, path);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result block_read_decisions(oxl_context *ctx, const char *folder, struct text *out)
+{
+    return block_read_member(ctx, folder, BLOCK_DECISIONS, '}', 1, out);
+}
+
+static void block_add(struct text *t, const char *name, double value)
+{
+    text_add(t, "  \"%s\": ", name);
+    text_add_number(t, value);
+    text_add(t, ",\n");
+}
+
+static oxl_result block_write_record(struct block *b, const struct block_record *r)
+{
+    struct text t = {.ctx = b->ctx};
+    oxl_result  rc;
+    text_add(&t, "{\n  \"trained\": %s,\n  \"finished\": %s,\n", r->trained ? "true" : "false", r->finished ? "true" : "false");
+    block_add(&t, "iterations_done", r->iterations);
+    block_add(&t, "gaussians", (double)r->gaussians);
+    block_add(&t, "seconds", r->seconds);
+    block_add(&t, "peak_rss_bytes", r->peak);
+    block_add(&t, "predicted_memory_bytes", r->predicted_peak);
+    block_add(&t, "predicted_seconds", r->predicted_seconds);
+    faults_add_json(&t, &r->faults);
+    text_add(&t, "  " BLOCK_DECISIONS "%s},\n", b->decisions.data ? b->decisions.data : "");
+    text_add(&t, "  %s,\n  " BLOCK_NOTES "%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
+    t.failed |= b->notes.failed || b->decisions.failed;
+    rc = block_write(b, "block.json", &t);
+    text_free(&t);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- while it runs */
+
+static double block_rounded(double value, double parts)
+{
+    return floor(value * parts + 0.5) / parts;
+}
+
+static void block_log_row(struct block *b, const oxl_progress *p)
+{
+    text_add(&b->log, "%d,", p->iteration);
+    text_add_number(&b->log, block_rounded(p->loss, 1e6));
+    text_add(&b->log, ",");
+    text_add_number(&b->log, block_rounded(p->psnr, 1e3));
+    text_add(&b->log, ",%zu,", p->gaussians);
+    text_add_number(&b->log, block_rounded(p->seconds, 1e3));
+    text_add(&b->log, ",");
+    text_add_number(&b->log, block_rounded(p->f_mid, 1e4));
+    text_add(&b->log, ",");
+    text_add_number(&b->log, block_rounded(p->f_far, 1e4));
+    text_add(&b->log, ",%zu\n", os_peak_rss());
+}
+
+static int block_progress(void *user, const oxl_progress *progress)
+{
+    struct block       *b     = user;
+    const oxl_callback *next  = b->task->callback;
+    oxl_progress        p     = *progress;
+    const int           every = OXL_MAX(1, p.iterations / BLOCK_LOG_ROWS);
+    const int again = (b->last.iteration == 0 && p.iteration > 1) || p.iteration <= b->last.iteration; /* that row is there */
+    if (p.trial) return next && next->progress ? next->progress(next->user, &p) : 0; /* the log and the record hold what stays */
+    if (!again && (p.iteration / every > b->last.iteration / every || p.iteration == p.iterations)) block_log_row(b, &p);
+    if (p.seconds - b->log_written > BLOCK_LOG_SECONDS) {
+        block_write(b, "log.csv", &b->log); /* a full disk is reported at the end, where it matters */
+        b->log_written = p.seconds;
+    }
+    b->last       = p;
+    b->last.model = NULL;
+    return next && next->progress ? next->progress(next->user, &p) : 0;
+}
+
+static oxl_result block_sweep(oxl_context *ctx, const char *folder)
+{
+    char      *text = oxl_path_join(ctx, folder, "sparse/0");
+    oxl_result rc   = text ? os_sweep(ctx, folder) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
+    if (rc == OXL_OK) rc = os_sweep(ctx, text);
+    oxl_free(ctx, text);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- the block */
+
+static struct block_record block_record_of(const struct block *b, const oxl_model *model)
+{
+    return (struct block_record){.iterations        = b->last.iteration,
+                                 .gaussians         = model->count,
+                                 .seconds           = block_rounded(b->last.seconds, 1e3),
+                                 .peak              = (double)os_peak_rss(),
+                                 .predicted_peak    = b->task->predicted_peak,
+                                 .predicted_seconds = block_rounded(b->task->predicted_seconds, 1e3),
+                                 .faults            = b->faults};
+}
+
+/* Trains the block, or goes on with it. */
+static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct block_record *record, oxl_model *model)
+{
+    int                      trained = 0;
+    const struct block_task *task    = b->task;
+    const struct train_place place   = {.folder    = task->folder,
+                                        .key       = task->key,
+                                        .log       = &b->log,
+                                        .notes     = &b->notes,
+                                        .decisions = &b->decisions,
+                                        .start     = task->start,
+                                        .faults    = &b->faults,
+                                        .trained   = &trained};
+    oxl_result               rc, written;
+    text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
+    rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &place, model);
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
+    *record         = block_record_of(b, model);
+    record->trained = trained;
+    block_remove(b, "model_standard.ply"); /* it is of another model.ply */
+    written = block_write(b, "log.csv", &b->log);
+    if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
+    if (written == OXL_OK) written = block_write_record(b, record);
+    if (written == OXL_OK && trained) checkpoint_remove(b->ctx, task->folder, 0); /* spent */
+    return written == OXL_OK ? rc : written;
+}
+
+/* ---------------------------------------------------------------- the standard model */
+
+static int block_refine_progress(void *user, const oxl_progress *progress)
+{
+    struct block       *b    = user;
+    const oxl_callback *next = b->task->callback;
+    oxl_progress        p    = *progress;
+    b->last                  = p;
+    b->last.model            = NULL;
+    p.iteration += b->before;
+    p.iterations += b->before;
+    return next && next->progress ? next->progress(next->user, &p) : 0;
+}
+
+OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
+{
+    return OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
+}
+
+/* At the rates that the run had before it settled, those of its haste, not of a run as short as this; with Kerbl's momentum. */
+OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
+{
+    const double      haste = train_haste(run);
+    oxl_train_options o     = *run;
+    o.iterations            = steps;
+    o.sh_degree             = sh_degree;
+    o.haste                 = 0;
+    o.rate_mean_last        = (float)(haste * run->rate_mean_last);
+    o.rate_mean_first       = o.rate_mean_last;
+    o.rate_log_scale        = train_scale_rate(run);
+    o.rate_rotation         = (float)(haste * run->rate_rotation);
+    o.rate_sh               = (float)(sqrt(haste) * run->rate_sh);
+    o.densify_until         = 0;
+    o.coarse                = 0;
+    o.reset_opacity_every   = 0;
+    o.ucd.mode              = OXL_UCD_OFF;
+    o.keep.kind             = OXL_KEEP_ALL;
+    o.dog                   = OXL_DOG_OFF;
+    o.stop_early            = 0;
+    o.alpha_min             = 0;
+    o.tile_share            = 1;
+    return o;
+}
+
+/* model loses its lobes. *done: model_standard.ply is there. */
+static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
+{
+    const oxl_train_options o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
+    struct text             key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
+    struct train_place place = {.folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .faults = &b->faults};
+    oxl_model          plain = {0};
+    oxl_result         rc;
+    *done     = 0;
+    b->before = b->task->train.iterations;
+    model_drop_lobes(model);
+    text_add(&key, "standard %s", b->task->key);
+    place.key = key.data;
+    rc        = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model without lobes") : OXL_OK;
+    if (rc == OXL_OK)
+        oxl_log(b->ctx, OXL_LOG_INFO, "the model without its second lobes is refined for %d iterations", o.iterations);
+    if (rc == OXL_OK) rc = train_run(b->ctx, scene, &o, &(oxl_callback){block_refine_progress, b}, &place, &plain);
+    *done = rc == OXL_OK && b->last.iteration == o.iterations;
+    if (*done) rc = block_write_model(b, "model_standard.ply", &plain);
+    oxl_model_free(b->ctx, &plain);
+    text_free(&key);
+    text_free(&log);
+    text_free(&notes);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- both */
+
+/* A model that was trained to its end by a process that did not come further. */
+static oxl_result block_reopen(struct block *b, oxl_model *model)
+{
+    char      *path = oxl_path_join(b->ctx, b->task->folder, "model.ply");
+    oxl_result rc = path ? oxl_model_read(b->ctx, path, model) : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to read model.ply");
+    if (rc == OXL_OK) rc = block_read_decisions(b->ctx, b->task->folder, &b->decisions);
+    if (rc == OXL_OK) rc = block_read_member(b->ctx, b->task->folder, BLOCK_NOTES, ']', 0, &b->notes);
+    oxl_free(b->ctx, path);
+    return rc;
+}
+
+static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_record *record, oxl_model *model)
+{
+    int        done = 1;
+    oxl_result rc   = OXL_OK;
+    if (model->lobes > 0 && b->task->standard > 0) {
+        b->last   = (oxl_progress){0};
+        b->faults = (oxl_faults){0};
+        rc        = block_refine(b, scene, model, &done);
+        record->seconds += block_rounded(b->last.seconds, 1e3);
+        faults_add(&record->faults, &b->faults);
+    }
+    if (rc != OXL_OK || !done) return rc;
+    record->finished = 1;
+    rc               = block_write_record(b, record);
+    if (rc == OXL_OK) checkpoint_remove(b->ctx, b->task->folder, 0);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task)
+{
+    struct block        b     = {.ctx = ctx, .task = task, .log = {.ctx = ctx}, .notes = {.ctx = ctx}, .decisions = {.ctx = ctx}};
+    struct text        *outer = ctx->notes;
+    oxl_model           model = {0};
+    struct block_record record = {0};
+    oxl_result          rc     = os_make_folder(ctx, task->folder);
+    if (rc == OXL_OK) rc = block_sweep(ctx, task->folder);
+    if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
+    if (rc != OXL_OK) return rc;
+    ctx->notes = &b.notes;
+    rc         = record.trained ? block_reopen(&b, &model) : block_train_model(&b, scene, &record, &model);
+    if (rc == OXL_OK && record.trained) rc = block_finish(&b, scene, &record, &model);
+    ctx->notes = outer;
+    oxl_model_free(ctx, &model);
+    text_free(&b.log);
+    text_free(&b.notes);
+    text_free(&b.decisions);
+    return rc;
+}

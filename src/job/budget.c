@@ -1,0 +1,117 @@
+/* budget.c - fits the training of a block into the memory that it is given (--ram), by the arithmetic of survey_report.c.
+ *
+ * What gives way first is the cache of photographs, then trials (which copy the model: nothing is decided by `auto`, weights by depth
+ * stay as they are), then the number of Gaussians that is expected, then the size of the blocks.
+ * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
+ * what this machine has or had free.
+ */
+#include "../internal.h"
+
+#define BUDGET_MARGIN 0.9  /* of the budget is planned with: the arithmetic is right within about 10 % */
+#define BUDGET_CACHE  0.25 /* of the budget at most goes to photographs */
+#define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
+#define BUDGET_POINTS 1000 /* smaller blocks are not tried */
+
+/* Of `most`, as many Gaussians as fit, by bisection; 0: not one does. */
+static double budget_gaussians(const oxl_job_options *o, const struct survey_load *load, double most)
+{
+    double low = 0, high = OXL_MIN(1e9, most) + 1;
+    while (high - low > 1) {
+        const double middle = floor((low + high) / 2);
+        if (survey_memory(o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
+        else high = middle;
+    }
+    return low;
+}
+
+static void budget_leave_out_trials(oxl_job_options *o)
+{
+    if (o->train.sh_degree < 0) o->train.sh_degree = 3;
+    if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
+    o->train.ucd.learn = 0;
+}
+
+OXL_INTERNAL int budget_holds(const oxl_context *ctx, const struct survey_load *load, double more, oxl_job_options *o,
+                              double *memory)
+{
+    const double    allowed = BUDGET_MARGIN * (double)o->ram, wanted = (double)o->scene.image_cache_bytes;
+    oxl_job_options least         = *o;
+    least.scene.image_cache_bytes = 0;
+    *memory                       = (survey_cost(ctx, &least, load).memory + more) / BUDGET_MARGIN;
+    if (o->ram && *memory > (double)o->ram) return 0;
+    if (o->ram) o->scene.image_cache_bytes = (size_t)OXL_MIN(wanted, allowed - BUDGET_MARGIN * *memory);
+    *memory = survey_cost(ctx, o, load).memory + more;
+    return 1;
+}
+
+OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)
+{
+    oxl_job_options fitted = *o;
+    const double    most   = (double)train_cap_of(load->points, load->train_pixels, &o->train); /* photographs allow no more */
+    const double    needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, most);
+    double          gaussians;
+    if (o->ram == 0) return 1;
+    fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    if (survey_cost(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
+    gaussians = budget_gaussians(&fitted, load, most);
+    if (gaussians < needed || gaussians < 1) return 0;
+    fitted.train.max_gaussians = (int)gaussians;
+    *o                         = fitted;
+    return 1;
+}
+
+/* The least budget that does, in MiB. */
+static double budget_needed(const oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o)
+{
+    double low = 0, high = 1 << 24;
+    while (high - low > 1) {
+        const double    middle = floor((low + high) / 2);
+        oxl_job_options tried  = *o;
+        tried.ram              = (size_t)(middle * 1048576);
+        if (tried.ram > 0 && budget_fit(ctx, load, &tried)) high = middle;
+        else low = middle;
+    }
+    return high;
+}
+
+OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o)
+{
+    const double needed = budget_needed(ctx, load, o);
+    return oxl_fail(ctx, OXL_ERR_BUDGET,
+                    "%.2f GB do not suffice for %zu points and photographs of %.1f megapixels: %.2f GB would\n"
+                    "fix: --ram %.0fM, or a smaller --max-side, or --sh-degree 0",
+                    (double)o->ram / 1e9, load->points, load->largest / 1e6, needed * 1048576 / 1e9, needed);
+}
+
+/* ---------------------------------------------------------------- blocks that fit */
+
+/* 1 when each block does; else *worst is the load of one that does not. */
+static int budget_fits_all(const oxl_context *ctx, const struct partition *p, const oxl_job_options *o, struct survey_load *worst)
+{
+    for (int k = 0; k < p->block_count; k++) {
+        oxl_job_options tried = *o;
+        *worst                = partition_load(p, k);
+        if (!budget_fit(ctx, worst, &tried)) return 0;
+    }
+    return 1;
+}
+
+OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                         struct partition *out)
+{
+    oxl_partition_options tried = o->partition;
+    struct survey_load    worst;
+    oxl_result            rc = partition_make(ctx, scene, &tried, out);
+    if (o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram && rc == OXL_OK)
+        rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.2f GB, --ram allows %.2f GB\nfix: --ram %.0fM",
+                      (double)os_peak_rss() / 1e9, (double)o->ram / 1e9, ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
+    while (rc == OXL_OK && o->ram && !budget_fits_all(ctx, out, o, &worst)) {
+        if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS) rc = budget_refuse(ctx, &worst, o);
+        partition_free(ctx, out);
+        tried.block_points /= 2;
+        if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
+        if (rc == OXL_OK)
+            oxl_log(ctx, OXL_LOG_INFO, "--ram %.2f GB: blocks of at most %d points", (double)o->ram / 1e9, tried.block_points);
+    }
+    return rc;
+}

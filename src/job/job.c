@@ -1,0 +1,895 @@
+/* job.c - the whole job: a survey in, a folder with the model, its metrics and its pictures out.
+ *
+ * OUT/run.json is written first, to say what is under way, and last, when everything else is in place. Invariant: a run.json that
+ * says "finished": true describes the scene.ply beside it. The lines "job" and "found" in it are all that a block depends on, and with
+ * "refine" all that the result does: a second run that would write the same goes on where the first one stopped, or has nothing to do.
+ */
+#include "../internal.h"
+
+#define JOB_EXPOSURE 0.5 /* dB: cc_psnr is told when it is so much above PSNR */
+
+struct job {
+    oxl_context        *ctx;
+    const char         *scene_path, *out;
+    oxl_job_options     options;
+    const oxl_callback *callback; /* the caller's, or NULL */
+    oxl_scene          *scene;    /* NULL while blocks are trained: they have scenes of their own */
+    oxl_survey          survey;
+    struct partition    partition;
+    double              origin[3];
+    oxl_model           model;
+    struct text         line, found; /* "job": {...} and "found": {...} of run.json */
+    struct text         key;         /* both: what a block depends on */
+    struct text         notes;       /* what the log says outside of the blocks' training */
+    struct block_record total;       /* over the blocks */
+    int                 block;       /* that is being trained */
+    int                 unfinished;  /* blocks that were stopped by --max-time */
+    int                 refined;     /* blocks/together has them all */
+    double              begun;
+    uint64_t            seed; /* of the context, to be given back */
+};
+
+oxl_job_options oxl_job_options_default(oxl_preset preset)
+{
+    static const char *const names[] = {"draft", "standard", "paper"};
+    return (oxl_job_options){.scene     = oxl_scene_options_default(),
+                             .train     = oxl_train_options_default(preset),
+                             .partition = oxl_partition_options_default(),
+                             .preset    = names[preset],
+                             .block     = -1,
+                             .refine    = 0.1f,
+                             .renders   = 1};
+}
+
+/* ---------------------------------------------------------------- files of OUT */
+
+static oxl_result job_no_memory(struct job *job)
+{
+    return oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory for the name of a file in %s", job->out);
+}
+
+static oxl_result job_write(struct job *job, const char *name, const struct text *t)
+{
+    char      *path = oxl_path_join(job->ctx, job->out, name);
+    oxl_result rc   = path && !t->failed ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t->data, t->size);
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
+static void job_remove(struct job *job, const char *name)
+{
+    char *path = oxl_path_join(job->ctx, job->out, name);
+    if (path) os_remove(path);
+    oxl_free(job->ctx, path);
+}
+
+static int job_has(struct job *job, const char *name)
+{
+    char     *path = oxl_path_join(job->ctx, job->out, name);
+    const int has  = path && os_is_file(path);
+    oxl_free(job->ctx, path);
+    return has;
+}
+
+/* OUT/blocks/KKK, or a file in it; after the last block comes OUT/blocks/together. */
+static char *job_block_path(struct job *job, int block, const char *name)
+{
+    struct text t    = {.ctx = job->ctx};
+    char       *path = NULL;
+    if (block < job->partition.block_count) text_add(&t, "%s/blocks/%03d", job->out, block);
+    else text_add(&t, "%s/blocks/together", job->out);
+    if (name) text_add(&t, "/%s", name);
+    if (text_take(&t, &path) != OXL_OK) job_no_memory(job);
+    return path;
+}
+
+/* ---------------------------------------------------------------- run.json */
+
+/* What of the survey the result depends on: another export in the same place is another job. */
+static void job_describe_found(struct job *job)
+{
+    struct text *t = &job->found;
+    text_add(t, "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": ", job->survey.images - job->survey.images_missing,
+             job->survey.points);
+    text_add_number(t, job->survey.extent);
+    text_add(t, "}");
+}
+
+static oxl_result job_make_key(struct job *job)
+{
+    text_add(&job->key, "%s, %s", job->line.data, job->found.data);
+    return job->found.failed || job->key.failed ? job_no_memory(job) : OXL_OK;
+}
+
+static void job_add_partition_decision(const struct job *job, struct text *t)
+{
+    const struct partition *p     = &job->partition;
+    const double            ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
+    text_add(t,
+             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points in blocks of at most %d; l3/l2 = ",
+             p->block_count == 1  ? "none"
+             : p->dimensions == 2 ? "2d"
+                                  : "3d",
+             p->block_count, job->survey.points, job->options.partition.block_points);
+    text_add_number(t, floor(ratio * 1e3 + 0.5) / 1e3);
+    text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as asked for");
+}
+
+/* What was decided, and on what evidence, block by block. */
+static oxl_result job_add_decisions(struct job *job, struct text *t)
+{
+    oxl_result rc = OXL_OK;
+    text_add(t, "  \"decisions\": {");
+    job_add_partition_decision(job, t);
+    text_add(t, ", \"blocks\": [");
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        char *folder = job_block_path(job, k, NULL);
+        text_add(t, k > 0 ? ", {" : "{");
+        rc = folder ? block_read_decisions(job->ctx, folder, t) : OXL_ERR_MEMORY;
+        text_add(t, "}");
+        oxl_free(job->ctx, folder);
+    }
+    text_add(t, "]},\n");
+    return rc;
+}
+
+static oxl_result job_write_run(struct job *job, int finished)
+{
+    struct text t  = {.ctx = job->ctx};
+    oxl_result  rc = OXL_OK;
+    text_add(&t, "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n", OXL_VERSION,
+             finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
+    text_add(&t, "  \"preset\": ");
+    text_add_json_string(&t, job->options.preset ? job->options.preset : "");
+    text_add(&t, ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [", job->total.iterations,
+             job->partition.block_count);
+    for (int k = 0; k < 3; k++) {
+        if (k > 0) text_add(&t, ", ");
+        text_add_number(&t, job->origin[k]);
+    }
+    text_add(&t, "],\n  \"refined\": %s,\n  \"refine\": ", job->refined ? "true" : "false");
+    text_add_number(&t, (double)job->options.refine);
+    text_add(&t, ",\n  %s,\n  %s,\n", job->line.data, job->found.data);
+    if (finished) rc = job_add_decisions(job, &t);
+    text_add(&t, "  \"survey\": ");
+    survey_add_json(&t, &job->survey, "  ");
+    text_add(&t, ",\n  \"notes\": [%s]\n}\n", job->notes.size ? job->notes.data : "");
+    t.failed |= job->notes.failed;
+    if (rc == OXL_OK) rc = job_write(job, "run.json", &t);
+    text_free(&t);
+    return rc;
+}
+
+oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options, oxl_run **run)
+{
+    oxl_result rc = OXL_OK;
+    *run          = oxl_calloc(ctx, 1, sizeof **run);
+    if (!*run) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
+    rc = run_read(ctx, out, *run);
+    if (rc == OXL_OK && (*run)->line && (*run)->scene && !strcmp((*run)->scene, scene)) run_options(*run, options);
+    if (rc != OXL_OK) oxl_run_free(ctx, run);
+    return rc;
+}
+
+void oxl_run_free(oxl_context *ctx, oxl_run **run)
+{
+    if (!*run) return;
+    run_free(ctx, *run);
+    oxl_free(ctx, *run);
+    *run = NULL;
+}
+
+/* ---------------------------------------------------------------- what is there already */
+
+static void job_see_block(void *user, const char *name)
+{
+    *(int *)user += name[0] >= '0' && name[0] <= '9';
+}
+
+static int job_has_blocks(struct job *job)
+{
+    char *path   = oxl_path_join(job->ctx, job->out, "blocks");
+    int   blocks = 0;
+    if (path && os_is_folder(path)) os_list_folder(job->ctx, path, job_see_block, &blocks);
+    oxl_free(job->ctx, path);
+    return blocks > 0;
+}
+
+static void job_drop_checkpoint(void *user, const char *name)
+{
+    struct job *job    = user;
+    char       *blocks = oxl_path_join(job->ctx, job->out, "blocks");
+    char       *folder = blocks && name[0] != '.' ? oxl_path_join(job->ctx, blocks, name) : NULL;
+    if (folder) checkpoint_remove(job->ctx, folder, 1);
+    oxl_free(job->ctx, folder);
+    oxl_free(job->ctx, blocks);
+}
+
+/* --restart of a whole run gives up what was under way. */
+static void job_drop_checkpoints(struct job *job)
+{
+    char *blocks = oxl_path_join(job->ctx, job->out, "blocks");
+    if (blocks && os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_checkpoint, job);
+    oxl_free(job->ctx, blocks);
+}
+
+/* Of another folder and with other contents: a survey that moved, or has grown, is no other. */
+static int job_is_of_another_survey(const struct job *job, const struct oxl_run *run)
+{
+    return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 && strcmp(run->found, job->found.data) != 0;
+}
+
+static int job_is_of_another_run(const struct job *job, const struct oxl_run *run)
+{
+    return strcmp(run->line, job->line.data) || !run->found || strcmp(run->found, job->found.data);
+}
+
+/* The work of another run is not thrown away by a slip of the hand; a finished one of this survey has given what it had to give. */
+static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
+{
+    if (run->finished && job_is_of_another_survey(job, run) && !job->options.restart)
+        return oxl_fail(job->ctx, OXL_ERR_USAGE,
+                        "%s holds the finished result of another survey, %s\n"
+                        "fix: name another folder by -o; --restart replaces it",
+                        job->out, run->scene);
+    if (!run->finished && job_has_blocks(job) && !job->options.restart)
+        return oxl_fail(job->ctx, OXL_ERR_USAGE,
+                        "%s holds the unfinished work of a run with other options or of another survey:\n"
+                        "there: %.250s\nhere:  %.250s\n"
+                        "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
+                        job->out, run->line[0] ? run->line : "run.json ends before it says", job->line.data);
+    if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run)) job_drop_checkpoints(job);
+    job_remove(job, "run.json");
+    job_remove(job, "metrics.json");
+    job_remove(job, "partition.txt");
+    return OXL_OK;
+}
+
+/* *done: nothing is left to do. */
+static oxl_result job_look(struct job *job, int *done)
+{
+    struct oxl_run run = {0};
+    oxl_result     rc  = run_read(job->ctx, job->out, &run);
+    *done              = 0;
+    if (rc != OXL_OK || !run.line) goto leave;
+    if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_make_way(job, &run);
+    else *done = run.finished && run.refine == job->options.refine && job_has(job, "scene.ply");
+leave:
+    run_free(job->ctx, &run);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- the survey */
+
+static void job_log_survey(struct job *job)
+{
+    static const char warning[] = "warning: ";
+    for (const char *s = job->survey.text; *s; s += strcspn(s, "\n") + 1) {
+        const size_t skip = strncmp(s, warning, sizeof warning - 1) == 0 ? sizeof warning - 1 : 0;
+        oxl_log(job->ctx, skip ? OXL_LOG_WARNING : OXL_LOG_INFO, "%.*s", (int)(strcspn(s, "\n") - skip), s + skip);
+    }
+}
+
+static oxl_result job_load(struct job *job)
+{
+    return oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+}
+
+static oxl_result job_open(struct job *job)
+{
+    oxl_result rc = os_make_folder(job->ctx, job->out);
+    if (rc == OXL_OK) rc = job_load(job);
+    if (rc != OXL_OK) return rc;
+    rc = survey_describe(job->ctx, job->scene, &job->options, 0, &job->survey);
+    if (rc != OXL_OK) return rc;
+    memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
+    job_log_survey(job);
+    job_describe_found(job);
+    return job_make_key(job);
+}
+
+/* ---------------------------------------------------------------- blocks */
+
+/* The blocks, as partition.txt has them when it is this run's, else made and written. One block: nothing is written. */
+static oxl_result job_cut(struct job *job)
+{
+    char      *path = oxl_path_join(job->ctx, job->out, "partition.txt");
+    oxl_result rc   = path ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK && os_is_file(path)) rc = partition_read(job->ctx, path, &job->partition);
+    else if (rc == OXL_OK) {
+        rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
+        if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_export(job->ctx, &job->partition, job->out);
+    }
+    oxl_free(job->ctx, path);
+    if (rc == OXL_OK && job->options.block >= job->partition.block_count)
+        rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)", job->options.block,
+                      job->partition.block_count, job->partition.block_count - 1);
+    return rc;
+}
+
+/* A block's own text files, the survey's photographs and masks. Views held out are not in it. */
+static oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out)
+{
+    oxl_context      *ctx = job->ctx;
+    oxl_scene_options o   = job->options.scene;
+    char      *images = oxl_path_join(ctx, job->scene_path, "images"), *masks = oxl_path_join(ctx, job->scene_path, "masks");
+    oxl_result rc = images && masks ? OXL_OK : job_no_memory(job);
+    o.sparse      = NULL;
+    o.test_every  = 0;
+    if (!o.images) o.images = images;
+    if (!o.masks && masks && os_is_folder(masks)) o.masks = masks;
+    if (rc == OXL_OK) rc = oxl_scene_load(ctx, folder, &o, out);
+    oxl_free(ctx, images);
+    oxl_free(ctx, masks);
+    return rc;
+}
+
+/* The share of the blocks' steps that all of them get together. */
+static double job_refinement(const struct job *job)
+{
+    return job->partition.block_count > 1 ? job->options.refine : 0;
+}
+
+static int job_steps_together(const struct job *job)
+{
+    return (int)OXL_CLAMP(job_refinement(job) * job->partition.block_count * job->options.train.iterations, 1, INT_MAX);
+}
+
+/* The run's progress from the block's: time counts over all blocks. */
+static int job_progress(void *user, const oxl_progress *progress)
+{
+    struct job  *job  = user;
+    oxl_progress p    = *progress;
+    const double here = os_seconds() - job->begun, limit = job->options.train.max_seconds;
+    const int    blocks = job->partition.block_count, alone = job->options.block >= 0 || job->block == blocks;
+    const double left = alone ? 0 : blocks - job->block - 1 + job_refinement(job) * blocks;
+    p.memory          = os_peak_rss();
+    p.block           = job->block;
+    p.blocks          = blocks;
+    p.seconds_left += left * (p.seconds + p.seconds_left); /* the others as this one */
+    if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
+    return job->callback && job->callback->progress ? job->callback->progress(job->callback->user, &p) : 0;
+}
+
+static void job_add_record(struct job *job, const struct block_record *r)
+{
+    struct block_record *t = &job->total;
+    t->iterations += r->iterations;
+    t->seconds += r->seconds;
+    t->peak              = OXL_MAX(t->peak, r->peak);
+    t->predicted_peak    = OXL_MAX(t->predicted_peak, r->predicted_peak);
+    t->predicted_seconds = t->predicted_seconds + r->predicted_seconds;
+    faults_add(&t->faults, &r->faults);
+    job->unfinished += !r->finished;
+}
+
+/* What is said of the whole in numbers or bytes, blocks share by the points that they start from. Merging leaves of each block what
+ * lies in its home, and of its points that share lies there: so the sum is about what was asked for. */
+static void job_share(const struct job *job, size_t points, oxl_train_options *o)
+{
+    double total = 0, share;
+    for (int k = 0; k < job->partition.block_count; k++) total += (double)job->partition.block[k].points;
+    if (job->partition.block_count < 2 || !(total > 0)) return;
+    share = OXL_MIN(1, (double)points / total);
+    if (o->max_gaussians > 0) o->max_gaussians = (int)OXL_MAX(1, o->max_gaussians * share);
+    if (o->keep.kind == OXL_KEEP_COUNT) o->keep.value = OXL_MAX(1, floor(o->keep.value * share));
+    if (o->keep.kind == OXL_KEEP_BYTES) o->keep.value *= share;
+}
+
+/* The time allowed is the run's: what comes later has what is left of it. */
+static void job_limit_time(const struct job *job, oxl_train_options *o)
+{
+    if (o->max_seconds > 0) o->max_seconds = OXL_MAX(1e-3, o->max_seconds - (os_seconds() - job->begun));
+}
+
+/* What the block may take, and what it will. */
+static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct block_task *task, oxl_job_options *o)
+{
+    const struct survey_load load = survey_load(scene);
+    struct survey_cost       cost;
+    *o = job->options;
+    if (job->partition.block_count > 1) o->partition.kind = OXL_PARTITION_NONE; /* it is not cut again */
+    job_share(job, load.points, &o->train);
+    if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
+    if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
+        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.2f GB has no room for trials: SH degree %d and no second lobes, undecided",
+                (double)o->ram / 1e9, o->train.sh_degree);
+    cost                    = survey_cost(job->ctx, o, &load);
+    task->train             = o->train;
+    task->predicted_peak    = cost.memory;
+    task->predicted_seconds = job->survey.seconds; /* of one block: what was tried of the survey is not tried again */
+    if (job->partition.block_count > 1 || !(job->survey.seconds > 0))
+        task->predicted_seconds = survey_seconds(job->ctx, scene, o, &cost);
+    job_limit_time(job, &task->train);
+    return OXL_OK;
+}
+
+static oxl_result job_train_block(struct job *job, const char *folder)
+{
+    const oxl_callback callback = {job_progress, job};
+    const int          standard = job_refinement(job) > 0 ? 0 : block_standard_steps(&job->options.train);
+    struct block_task  task     = {.folder = folder, .key = job->key.data, .callback = &callback, .standard = standard};
+    oxl_job_options    options;
+    oxl_scene         *own = NULL;
+    oxl_result         rc  = OXL_OK;
+    if (job->partition.block_count > 1) {
+        oxl_scene_free(job->ctx, job->scene); /* the whole is not needed until the end, and may be large */
+        job->scene = NULL;
+        rc         = job_load_block(job, folder, &own);
+    }
+    if (rc == OXL_OK) rc = job_plan_block(job, own ? own : job->scene, &task, &options);
+    if (rc == OXL_OK) scene_set_cache(own ? own : job->scene, options.scene.image_cache_bytes);
+    if (rc == OXL_OK) rc = block_train(job->ctx, own ? own : job->scene, &task);
+    oxl_scene_free(job->ctx, own);
+    return rc;
+}
+
+static oxl_result job_block(struct job *job, int block)
+{
+    char               *folder = job_block_path(job, block, NULL);
+    struct block_record record;
+    oxl_result          rc = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY, trained = OXL_OK;
+    if (rc != OXL_OK) goto done;
+    job->block = block;
+    if (!record.finished) {
+        if (job->partition.block_count > 1)
+            oxl_log(job->ctx, OXL_LOG_INFO, "block %d of 0 to %d", block, job->partition.block_count - 1);
+        trained = job_train_block(job, folder);
+        rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
+        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
+    }
+    if (rc == OXL_OK) job_add_record(job, &record);
+    if (rc == OXL_OK) rc = trained;
+done:
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* All of them, or the one asked for. Once the time allowed is over, those that are left wait for the next run. */
+static oxl_result job_blocks(struct job *job)
+{
+    const int  only = job->options.block;
+    oxl_result rc   = OXL_OK;
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK && !job->unfinished; k++)
+        if (only < 0 || only == k) rc = job_block(job, k);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- blocks, merged */
+
+/* A block's model; its standard one when that is wanted and it has second lobes. */
+static oxl_result job_read_block(struct job *job, int block, int standard, oxl_model *out)
+{
+    char      *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
+    oxl_result rc    = path ? OXL_OK : OXL_ERR_MEMORY;
+    const int  plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes */
+    *out             = (oxl_model){0};
+    if (plain) oxl_free(job->ctx, path), path = job_block_path(job, block, "model.ply");
+    if (rc == OXL_OK) rc = path ? oxl_model_read(job->ctx, path, out) : OXL_ERR_MEMORY;
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
+/* What lies at home in each of several blocks. */
+static oxl_result job_merge(struct job *job, int standard, oxl_model *out)
+{
+    oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
+    memcpy(out->origin, job->origin, sizeof job->origin);
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        oxl_model part;
+        rc = job_read_block(job, k, standard, &part);
+        if (rc == OXL_OK) rc = merge_block(job->ctx, &job->partition, k, &part, out);
+        oxl_model_free(job->ctx, &part);
+    }
+    return rc;
+}
+
+/* The model of the one block, or of all together, or what the blocks have. */
+static oxl_result job_join(struct job *job, int standard, oxl_model *out)
+{
+    const int  blocks = job->partition.block_count, together = job->refined ? blocks : 0;
+    oxl_result rc = OXL_OK;
+    if (blocks > 1 && !job->refined) rc = job_merge(job, standard, out);
+    else rc = job_read_block(job, together, standard, out);
+    if (rc == OXL_OK && out->count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- all blocks together
+ *
+ * Each has learned beside its own copies of what lies around it, and merging takes those away: what one block put in front of its
+ * neighbour's ground was never seen together with that ground. So what is merged is refined, all of it on all photographs, in a
+ * folder beside the blocks' (docs/SCALE.md has what that mends).
+ */
+
+/* Bytes that stand beside the training: the model that it starts from, and that with lobes once more while they are dropped. */
+static double job_start_bytes(const oxl_model *merged)
+{
+    const double rows = 4.0 * oxl_model_planes(merged) * (double)merged->count;
+    return merged->lobes > 0 ? 2 * rows + 6 * 4.0 * (OXL_PLANES - OXL_LOBE) * (double)merged->lobes : rows;
+}
+
+/* Whether the whole fits into the memory allowed; if so, the cache of photographs is as large as it may be. */
+static int job_fits_together(struct job *job, const oxl_model *merged, struct block_task *task)
+{
+    struct survey_load load = survey_load(job->scene);
+    oxl_job_options    o    = job->options;
+    o.train                 = task->train;
+    o.train.max_gaussians   = (int)OXL_MIN(merged->count, INT_MAX);
+    load.points             = merged->count;
+    task->predicted_seconds = job_refinement(job) * job->total.predicted_seconds;
+    if (budget_holds(job->ctx, &load, job_start_bytes(merged), &o, &task->predicted_peak)) {
+        scene_set_cache(job->scene, o.scene.image_cache_bytes);
+        return 1;
+    }
+    oxl_log(job->ctx, OXL_LOG_WARNING,
+            "the blocks are not refined together: their brightness may differ\nfix: --ram %.0fM would do instead of %.0fM",
+            ceil(task->predicted_peak / 1048576), floor((double)o.ram / 1048576));
+    return 0;
+}
+
+/* *fits: 0 when nothing was done for want of memory. */
+static oxl_result job_train_together(struct job *job, struct block_task *task, int *fits)
+{
+    oxl_model  merged = {0};
+    oxl_result rc     = job->scene ? OXL_OK : job_load(job);
+    if (rc == OXL_OK) rc = job_merge(job, 0, &merged);
+    if (rc != OXL_OK) goto done;
+    task->start = &merged;
+    task->train = block_refinement(&job->options.train, merged.sh_degree, job_steps_together(job));
+    job_limit_time(job, &task->train);
+    *fits = job_fits_together(job, &merged, task);
+    if (!*fits) goto done;
+    oxl_log(job->ctx, OXL_LOG_INFO, "all blocks together: %d steps", task->train.iterations);
+    rc = block_train(job->ctx, job->scene, task);
+    if (rc == OXL_ERR_MEMORY)
+        rc = oxl_fail(job->ctx, rc,
+                      "no memory to refine the %zu Gaussians of all blocks together\n"
+                      "fix: oceanxl merge %s --refine 0 joins the blocks as they are",
+                      merged.count, job->out);
+done:
+    oxl_model_free(job->ctx, &merged);
+    return rc;
+}
+
+static oxl_result job_refine(struct job *job, struct block_task *task)
+{
+    struct block_record record  = {0};
+    int                 fits    = 1;
+    oxl_result          trained = OXL_OK, rc = block_read(job->ctx, task->folder, task->key, &record);
+    if (rc == OXL_OK && !record.finished) {
+        trained = job_train_together(job, task, &fits);
+        rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
+        if (rc == OXL_OK) rc = block_read(job->ctx, task->folder, task->key, &record);
+    }
+    if (rc == OXL_OK && fits) job_add_record(job, &record);
+    job->refined = fits && record.finished;
+    return rc == OXL_OK ? trained : rc;
+}
+
+/* When all blocks are finished. */
+static oxl_result job_together(struct job *job)
+{
+    const int          number   = job->partition.block_count;
+    const oxl_callback callback = {job_progress, job};
+    struct block_task  task     = {.callback = &callback, .standard = block_standard_steps(&job->options.train)};
+    struct text        key      = {.ctx = job->ctx};
+    char              *folder;
+    oxl_result         rc;
+    if (!(job_refinement(job) > 0) || job->options.block >= 0 || job->unfinished) return OXL_OK;
+    text_add(&key, "\"together\": %d, %s", job_steps_together(job), job->key.data);
+    folder      = job_block_path(job, number, NULL);
+    job->block  = number;
+    task.folder = folder;
+    task.key    = key.data;
+    rc          = folder && !key.failed ? job_refine(job, &task) : job_no_memory(job);
+    oxl_free(job->ctx, folder);
+    text_free(&key);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- at the end */
+
+static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
+{
+    struct os_file_map map  = {0};
+    char              *path = oxl_path_join(job->ctx, job->out, name);
+    oxl_result         rc   = path ? modelfile_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
+    if (rc == OXL_OK) rc = os_read_file(job->ctx, path, &map);
+    *bytes = map.size;
+    os_release_file(job->ctx, &map);
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
+/* scene.ply holds the bands that are carried, and the lobes; unless that is the standard's file already, scene_standard.ply is. */
+static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
+{
+    const int  is_standard = job->model.sh_degree == 3 && job->model.lobes == 0;
+    oxl_result rc          = job_write_ply(job, "scene.ply", &job->model, job->model.sh_degree, &bytes[0]);
+    bytes[1]               = bytes[0];
+    if (is_standard) job_remove(job, "scene_standard.ply");
+    if (rc != OXL_OK || is_standard) return rc;
+    if (job->model.lobes > 0 && !job->unfinished) rc = job_join(job, 1, standard);
+    else rc = model_copy(job->ctx, &job->model, standard);
+    model_drop_lobes(standard);
+    return rc == OXL_OK ? job_write_ply(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
+}
+
+static void job_add(struct text *t, const char *name, double value)
+{
+    text_add(t, "  \"%s\": ", name);
+    text_add_number(t, value);
+    text_add(t, ",\n");
+}
+
+oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out)
+{
+    struct text t  = {.ctx = ctx};
+    oxl_result  rc = OXL_OK;
+    *out           = NULL;
+    text_add(&t, "{\n");
+    rc = metrics_write_json(ctx, &t, scene, metrics);
+    text_add(&t, "}\n");
+    if (rc == OXL_OK) rc = text_take(&t, out);
+    text_free(&t);
+    return rc;
+}
+
+static oxl_split job_split(const struct job *job)
+{
+    return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
+}
+
+/* What a viewer that knows no second lobes will show. */
+static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, double psnr)
+{
+    oxl_metrics m;
+    oxl_result  rc;
+    if (job->model.lobes == 0) return OXL_OK;
+    rc = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &m);
+    if (rc != OXL_OK) return rc;
+    oxl_log(job->ctx, OXL_LOG_INFO, "scene_standard.ply, without lobes: PSNR %.2f dB (%.2f less)", m.psnr, psnr - m.psnr);
+    text_add(t, "  \"standard\": {\"psnr\": ");
+    text_add_number(t, m.psnr);
+    text_add(t, ", \"ssim\": ");
+    text_add_number(t, m.ssim);
+    text_add(t, ", \"psnr_lost\": ");
+    text_add_number(t, psnr - m.psnr);
+    text_add(t, ", \"bytes\": %zu},\n", bytes);
+    oxl_metrics_free(job->ctx, &m);
+    return OXL_OK;
+}
+
+static void job_add_figures(struct job *job, struct text *t, size_t bytes)
+{
+    text_add(t, "{\n  \"split\": \"%s\",\n", job_split(job) == OXL_SPLIT_TEST ? "test" : "train");
+    job_add(t, "gaussians", (double)job->model.count);
+    job_add(t, "lobes", (double)job->model.lobes);
+    job_add(t, "sh_degree", job->model.sh_degree);
+    job_add(t, "bytes", (double)bytes);
+    job_add(t, "blocks", job->partition.block_count);
+    job_add(t, "iterations", job->total.iterations);
+    job_add(t, "seconds", job->total.seconds);
+    job_add(t, "predicted_seconds", job->total.predicted_seconds);
+    job_add(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
+    job_add(t, "predicted_memory_bytes", job->total.predicted_peak);
+    faults_add_json(t, &job->total.faults);
+}
+
+static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, const size_t bytes[2])
+{
+    oxl_metrics m = {0};
+    struct text t = {.ctx = job->ctx};
+    struct seam seam;
+    oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_split(job), &m);
+    if (rc != OXL_OK) goto done;
+    if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be judged, so the metrics say nothing");
+    else
+        oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
+                job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
+                (double)bytes[0] / 1e6);
+    if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "PSNR is %.2f dB with one factor for each channel of each view (cc_psnr): exposure may differ from view to view",
+                m.cc_psnr);
+    job_add_figures(job, &t, bytes[0]);
+    rc = job_add_standard(job, &t, standard, bytes[1], m.psnr);
+    if (rc == OXL_OK && job->partition.block_count > 1)
+        rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
+    if (rc != OXL_OK) goto done;
+    if (job->partition.block_count > 1) seam_add_json(&t, &seam);
+    rc = metrics_write_json(job->ctx, &t, job->scene, &m);
+    text_add(&t, "}\n");
+    if (rc == OXL_OK) rc = job_write(job, "metrics.json", &t);
+done:
+    oxl_metrics_free(job->ctx, &m);
+    text_free(&t);
+    return rc;
+}
+
+static oxl_result job_draw(struct job *job)
+{
+    const oxl_pictures what   = {job_split(job), 1, 0, 0};
+    char              *folder = oxl_path_join(job->ctx, job->out, "renders");
+    int                drawn;
+    const oxl_result   rc =
+        folder ? oxl_render_views(job->ctx, &job->model, job->scene, &what, folder, &drawn) : job_no_memory(job);
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
+static oxl_result job_finish(struct job *job, int judge)
+{
+    oxl_model  standard = {0};
+    size_t     bytes[2];
+    oxl_result rc = job->scene || !judge ? OXL_OK : job_load(job);
+    if (rc == OXL_OK) rc = job_join(job, 0, &job->model);
+    if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
+    if (rc == OXL_OK && judge) rc = job_write_metrics(job, &standard, bytes);
+    if (rc == OXL_OK && judge && job->options.renders) rc = job_draw(job);
+    if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
+    oxl_model_free(job->ctx, &standard);
+    return rc;
+}
+
+/* What can be had of the blocks that are there. rc is how their training ended. */
+static oxl_result job_conclude(struct job *job, oxl_result rc)
+{
+    const int  one    = job->partition.block_count == 1;
+    oxl_result joined = OXL_OK;
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
+    if (job->options.block >= 0 && !one) return rc;
+    if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
+    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to go on", job->out);
+    return joined == OXL_OK ? rc : joined;
+}
+
+/* ---------------------------------------------------------------- doors */
+
+static void job_begin(struct job *job, oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
+                      const oxl_callback *callback)
+{
+    *job = (struct job){.ctx        = ctx,
+                        .scene_path = scene,
+                        .out        = out,
+                        .options    = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT),
+                        .callback   = callback,
+                        .line       = {.ctx = ctx},
+                        .found      = {.ctx = ctx},
+                        .key        = {.ctx = ctx},
+                        .notes      = {.ctx = ctx},
+                        .begun      = os_seconds(),
+                        .seed       = ctx->options.seed};
+    if (job->options.seed) ctx->options.seed = job->options.seed;
+    ctx->notes = &job->notes;
+    run_describe(&job->line, scene, &job->options);
+}
+
+static oxl_result job_check(struct job *job)
+{
+    const double refine = job->options.refine;
+    if (job->line.failed) return job_no_memory(job);
+    if (refine >= 0 && refine <= RUN_REFINE_MOST) return train_check(job->ctx, &job->options.train);
+    return oxl_fail(job->ctx, OXL_ERR_USAGE, "refine %g: wanted 0 to %g, a share of the blocks' steps", refine, RUN_REFINE_MOST);
+}
+
+static void job_end(struct job *job)
+{
+    job->ctx->options.seed = job->seed;
+    job->ctx->notes        = NULL;
+    partition_free(job->ctx, &job->partition);
+    oxl_model_free(job->ctx, &job->model);
+    oxl_scene_free(job->ctx, job->scene);
+    text_free(&job->line);
+    text_free(&job->found);
+    text_free(&job->key);
+    text_free(&job->notes);
+}
+
+/* A run of all blocks is alone in OUT; one of a single block may have neighbours that are just writing there. */
+static oxl_result job_sweep(struct job *job)
+{
+    char      *pictures = oxl_path_join(job->ctx, job->out, "renders");
+    oxl_result rc       = pictures ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK && job->options.block < 0) rc = os_sweep(job->ctx, job->out);
+    if (rc == OXL_OK && job->options.block < 0) rc = os_sweep(job->ctx, pictures);
+    oxl_free(job->ctx, pictures);
+    return rc;
+}
+
+/* From the survey to the blocks; *done: nothing is left to do. */
+static oxl_result job_prepare(struct job *job, int *done)
+{
+    oxl_result rc = job_open(job);
+    if (rc == OXL_OK) rc = job_sweep(job);
+    if (rc == OXL_OK) rc = job_look(job, done);
+    if (rc == OXL_OK && *done)
+        oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this survey, these options and this seed",
+                job->out);
+    if (rc != OXL_OK || *done) return rc;
+    rc = job_cut(job);
+    return rc == OXL_OK ? job_write_run(job, 0) : rc;
+}
+
+/* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
+static oxl_result job_prepare_block(struct job *job, int *ready)
+{
+    struct oxl_run run = {0};
+    oxl_result     rc  = run_read(job->ctx, job->out, &run);
+    *ready = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && !strcmp(run.line, job->line.data) &&
+             job_has(job, "partition.txt");
+    *ready = *ready && run.found;
+    if (*ready) {
+        text_add(&job->found, "%s", run.found);
+        rc = job_make_key(job);
+    }
+    run_free(job->ctx, &run);
+    return rc == OXL_OK && *ready ? job_cut(job) : rc;
+}
+
+oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
+                       const oxl_callback *callback)
+{
+    struct job job;
+    oxl_result rc    = backend_begin(ctx); /* the device is part of what the result depends on */
+    int        ready = 0, done = 0;
+    if (rc != OXL_OK) return rc;
+    job_begin(&job, ctx, scene, out, options, callback);
+    rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_prepare_block(&job, &ready);
+    if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
+    if (rc == OXL_OK && !done) {
+        rc = job_blocks(&job);
+        if (rc == OXL_OK) rc = job_together(&job);
+        rc = job_conclude(&job, rc);
+    }
+    job_end(&job);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- merge */
+
+/* Every block's record, or the word which one is missing. */
+static oxl_result job_collect(struct job *job)
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        char               *folder = job_block_path(job, k, NULL);
+        struct block_record record = {0};
+        rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+        if (rc == OXL_OK && !record.finished)
+            rc = oxl_fail(job->ctx, OXL_ERR_INPUT, "%s: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
+                          folder, job->scene_path, job->out, k);
+        if (rc == OXL_OK) job_add_record(job, &record);
+        oxl_free(job->ctx, folder);
+    }
+    return rc;
+}
+
+oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_callback *callback)
+{
+    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    struct oxl_run  run     = {0};
+    struct job      job;
+    int             done = 0;
+    oxl_result      rc   = backend_begin(ctx);
+    if (rc == OXL_OK) rc = run_read(ctx, out, &run);
+    if (rc == OXL_OK && (!run.line || !run.scene))
+        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
+                      out, out);
+    if (rc != OXL_OK) return rc;
+    run_options(&run, &options);
+    if (refine >= 0) options.refine = refine;
+    job_begin(&job, ctx, run.scene, out, &options, callback);
+    rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_prepare(&job, &done);
+    if (rc == OXL_OK && !done) rc = job_collect(&job);
+    if (rc == OXL_OK && !done) rc = job_together(&job);
+    if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
+    job_end(&job);
+    run_free(ctx, &run);
+    return rc;
+}

@@ -1,0 +1,512 @@
+/* metrics.c - PSNR, with and without the photograph's exposure, SSIM, MS-SSIM, evaluation.
+ *
+ * Sources: SSIM of Wang et al. 2004 with the window of 3DGS (11 x 11 Gaussian of sigma 1.5, zero padding); multi-scale SSIM of
+ * Wang et al. 2003, with whole windows alone, as there. Both are written here plainly and in double, apart from the training loss
+ * in loss.c, so that each can be held against the other.
+ *
+ * Invariant: sums go row by row in the order of the rows, so that the result does not depend on the number of threads.
+ */
+#include "../internal.h"
+#include "../core/simd.h"
+#include "../core/vecmath.h"
+
+enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
+#define METRICS_SIGMA     1.5
+#define METRICS_C1        (0.01 * 0.01) /* (k1 L)^2 with L = 1 [Wang 2004] */
+#define METRICS_C2        (0.03 * 0.03)
+#define METRICS_BEST_PSNR 100.0 /* dB, of identical images */
+
+/* Values are clamped to what a screen shows; not-a-number is black, as in a written picture. */
+SIMD_INLINE double metrics_shown(float v)
+{
+    return v > 0 ? OXL_MIN((double)v, 1.0) : 0;
+}
+
+OXL_INTERNAL double metrics_decibel(double error, double weight)
+{
+    if (!(weight > 0)) return NAN;
+    return error > 0 ? OXL_MIN(METRICS_BEST_PSNR, -10 / 2.302585092994045684 * vecmath_log(error / weight)) : METRICS_BEST_PSNR;
+}
+
+OXL_INTERNAL void metrics_add_pixel(const oxl_image *drawn, const oxl_image *photograph, size_t i, struct metrics_sum *sum)
+{
+    const size_t plane  = (size_t)drawn->width * drawn->height;
+    const double weight = photograph->weight ? photograph->weight[i] : 1;
+    for (int c = 0; c < 3; c++) {
+        const double d = metrics_shown(drawn->rgb[c * plane + i]) - metrics_shown(photograph->rgb[c * plane + i]);
+        sum->error += weight * d * d;
+    }
+    sum->weight += 3 * weight;
+    sum->pixels += weight > 0;
+}
+
+static oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b)
+{
+    if (a->rgb && b->rgb && a->width == b->width && a->height == b->height && a->width > 0 && a->height > 0) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "images of %d x %d and %d x %d px cannot be compared\nfix: render at the photograph's size", a->width,
+                    a->height, b->width, b->height);
+}
+
+static oxl_result metrics_fail_masked(oxl_context *ctx, const char *what)
+{
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s\nfix: white (255) in a mask means that the pixel counts", what);
+}
+
+/* ---------------------------------------------------------------- PSNR */
+
+/* a times gain, channel by channel, against b. */
+static void metrics_square_row(const oxl_image *a, const oxl_image *b, const double gain[3], int y, double *error, double *weight)
+{
+    const size_t plane = (size_t)a->width * a->height;
+    *error = *weight = 0;
+    for (int x = 0; x < a->width; x++) {
+        const size_t i = (size_t)y * a->width + x;
+        const double w = b->weight ? b->weight[i] : 1;
+        for (int c = 0; c < 3; c++) {
+            const double d = OXL_MIN(1, gain[c] * metrics_shown(a->rgb[c * plane + i])) - metrics_shown(b->rgb[c * plane + i]);
+            *error += w * d * d;
+        }
+        *weight += 3 * w;
+    }
+}
+
+static oxl_result metrics_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, const double gain[3], double *out)
+{
+    double error = 0, weight = 0, row_error, row_weight;
+    for (int y = 0; y < a->height; y++) { /* serial: it takes a hundredth of the rendering */
+        metrics_square_row(a, b, gain, y, &row_error, &row_weight);
+        error += row_error;
+        weight += row_weight;
+    }
+    if (!(weight > 0)) return metrics_fail_masked(ctx, "every pixel is masked, so there is no PSNR");
+    *out = metrics_decibel(error, weight);
+    return OXL_OK;
+}
+
+oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    const double     as_it_is[3] = {1, 1, 1};
+    const oxl_result rc          = metrics_check(ctx, a, b);
+    *out                         = 0;
+    return rc == OXL_OK ? metrics_psnr(ctx, a, b, as_it_is, out) : rc;
+}
+
+/* What a channel of a is to be multiplied by: least squares. */
+static double metrics_gain(const oxl_image *a, const oxl_image *b, int channel)
+{
+    const size_t plane = (size_t)a->width * a->height;
+    double       aa = 0, ab = 0;
+    for (size_t i = 0; i < plane; i++) {
+        const double w = b->weight ? b->weight[i] : 1, v = metrics_shown(a->rgb[channel * plane + i]);
+        aa += w * v * v;
+        ab += w * v * metrics_shown(b->rgb[channel * plane + i]);
+    }
+    return aa > 0 ? ab / aa : 1;
+}
+
+oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    const oxl_result rc = metrics_check(ctx, a, b);
+    double           gain[3];
+    *out = 0;
+    for (int c = 0; c < 3 && rc == OXL_OK; c++) gain[c] = metrics_gain(a, b, c);
+    return rc == OXL_OK ? metrics_psnr(ctx, a, b, gain, out) : rc;
+}
+
+/* ---------------------------------------------------------------- windows */
+
+struct metrics_row { /* sums over the windows that are centred in a row, by channel */
+    double ssim[3], contrast[3];
+    size_t windows; /* of one channel */
+};
+
+struct metrics_windows {
+    const oxl_image    *a, *b;
+    int                 whole; /* 1: windows that reach over the edge are left out; 0: outside is black */
+    double              kernel[METRICS_WINDOW];
+    double             *scratch; /* (threads, METRICS_LINES, W + 2 METRICS_RADIUS) */
+    struct metrics_row *row;     /* (H) */
+};
+
+static void metrics_kernel(double kernel[METRICS_WINDOW])
+{
+    double sum = 0;
+    for (int i = 0; i < METRICS_WINDOW; i++) {
+        const double d = i - METRICS_RADIUS;
+        kernel[i]      = vecmath_exp(-d * d / (2 * METRICS_SIGMA * METRICS_SIGMA));
+        sum += kernel[i];
+    }
+    for (int i = 0; i < METRICS_WINDOW; i++) kernel[i] /= sum;
+}
+
+/* One row of windows, and lines to work on. Those of METRICS_RADIUS columns more to either side hold 0 there: outside is black. */
+struct metrics_line {
+    const struct metrics_windows *s;
+    int                           y;
+    double                       *column[5], *masked; /* (W + 2 METRICS_RADIUS) moments blurred along y; masked pixels there */
+    double                       *ssim, *contrast, *touches; /* (W) of the window around each pixel */
+};
+enum { METRICS_LINES = 9, METRICS_RUN = 16 };
+
+/* The five moments of one channel, blurred along y around the row: of a, b, aa, bb, ab. Outside of the image is black. */
+SIMD_INLINE void metrics_blur_columns(const struct metrics_line *line, int channel)
+{
+    const struct metrics_windows *s = line->s;
+    const int                     w = s->a->width, h = s->a->height, y = line->y;
+    double *m0 = line->column[0] + METRICS_RADIUS, *m1 = line->column[1] + METRICS_RADIUS, *m2 = line->column[2] + METRICS_RADIUS;
+    double *m3 = line->column[3] + METRICS_RADIUS, *m4 = line->column[4] + METRICS_RADIUS;
+    for (int x = 0; x < w; x++) m0[x] = m1[x] = m2[x] = m3[x] = m4[x] = 0;
+    for (int j = OXL_MAX(0, y - METRICS_RADIUS); j <= OXL_MIN(h - 1, y + METRICS_RADIUS); j++) {
+        const size_t row  = ((size_t)channel * h + j) * w;
+        const double k    = s->kernel[j - y + METRICS_RADIUS];
+        const float *of_a = s->a->rgb + row, *of_b = s->b->rgb + row;
+#pragma omp simd
+        for (int x = 0; x < w; x++) {
+            const double a = metrics_shown(of_a[x]), b = metrics_shown(of_b[x]);
+            m0[x] += k * a;
+            m1[x] += k * b;
+            m2[x] += k * a * a;
+            m3[x] += k * b * b;
+            m4[x] += k * a * b;
+        }
+    }
+}
+
+SIMD_INLINE void metrics_mark_columns(const struct metrics_line *line)
+{
+    const oxl_image *b      = line->s->b;
+    double          *masked = line->masked + METRICS_RADIUS;
+    for (int x = 0; x < b->width; x++) masked[x] = 0;
+    if (!b->weight) return;
+    for (int j = OXL_MAX(0, line->y - METRICS_RADIUS); j <= OXL_MIN(b->height - 1, line->y + METRICS_RADIUS); j++)
+        for (int x = 0; x < b->width; x++) masked[x] += b->weight[(size_t)j * b->width + x] <= 0.5f;
+}
+
+/* Wang 2004, eq. 13 with its exponents 1. *contrast: without the luminance, the c s of Wang 2003, eq. 7. */
+SIMD_INLINE double metrics_similarity(const double m[5], double *contrast)
+{
+    const double mean_ab = m[0] * m[1], mean_aa = m[0] * m[0], mean_bb = m[1] * m[1];
+    const double variance_a = m[2] - mean_aa, variance_b = m[3] - mean_bb, covariance = m[4] - mean_ab;
+    *contrast = (2 * covariance + METRICS_C2) / (variance_a + variance_b + METRICS_C2);
+    return (2 * mean_ab + METRICS_C1) / (mean_aa + mean_bb + METRICS_C1) * *contrast;
+}
+
+/* The windows around METRICS_RUN pixels of the row from x on: blurred along x, and compared. */
+SIMD_INLINE void metrics_compare_run(const struct metrics_line *line, int x)
+{
+    double m[5][METRICS_RUN] = {{0}}, touches[METRICS_RUN] = {0};
+    for (int j = 0; j < METRICS_WINDOW; j++) {
+        const double  k  = line->s->kernel[j];
+        const double *c0 = line->column[0] + x + j, *c1 = line->column[1] + x + j, *c2 = line->column[2] + x + j;
+        const double *c3 = line->column[3] + x + j, *c4 = line->column[4] + x + j, *masked = line->masked + x + j;
+#pragma omp simd
+        for (int l = 0; l < METRICS_RUN; l++) {
+            m[0][l] += k * c0[l];
+            m[1][l] += k * c1[l];
+            m[2][l] += k * c2[l];
+            m[3][l] += k * c3[l];
+            m[4][l] += k * c4[l];
+            touches[l] += masked[l];
+        }
+    }
+#pragma omp simd
+    for (int l = 0; l < METRICS_RUN; l++) {
+        const double moments[5] = {m[0][l], m[1][l], m[2][l], m[3][l], m[4][l]};
+        line->ssim[x + l]       = metrics_similarity(moments, &line->contrast[x + l]);
+    }
+    memcpy(line->touches + x, touches, sizeof touches);
+}
+
+/* Adds the windows of one channel; those that touch a masked pixel are left out. */
+static void metrics_add_windows(const struct metrics_line *line, int channel, struct metrics_row *row)
+{
+    const int edge = line->s->whole ? METRICS_RADIUS : 0;
+    row->windows   = 0;
+    for (int x = edge; x < line->s->a->width - edge; x++) {
+        if (line->touches[x] > 0) continue;
+        row->ssim[channel] += line->ssim[x];
+        row->contrast[channel] += line->contrast[x];
+        row->windows++;
+    }
+}
+
+SIMD_BODY void metrics_line_body(const int fused, const struct metrics_line *line)
+{
+    (void)fused;
+    metrics_mark_columns(line);
+    for (int c = 0; c < 3; c++) {
+        metrics_blur_columns(line, c);
+        for (int x = 0; x < line->s->a->width; x += METRICS_RUN) metrics_compare_run(line, x);
+        metrics_add_windows(line, c, &line->s->row[line->y]);
+    }
+}
+
+SIMD_DISPATCH(static, metrics_line, struct metrics_line)
+
+/* Of a line: whole runs, and METRICS_RADIUS columns to either side. */
+static size_t metrics_room(int width)
+{
+    return ((size_t)width + METRICS_RUN - 1) / METRICS_RUN * METRICS_RUN + 2 * METRICS_RADIUS;
+}
+
+static void metrics_rows(oxl_context *ctx, const struct metrics_windows *s)
+{
+    const size_t width = metrics_room(s->a->width);
+    const int    edge  = s->whole ? METRICS_RADIUS : 0;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = edge; y < s->a->height - edge; y++) {
+        double             *at   = s->scratch + METRICS_LINES * (size_t)base_thread() * width;
+        struct metrics_line line = {.s = s, .y = y};
+        for (int q = 0; q < 5; q++, at += width) line.column[q] = at;
+        line.masked = at, line.ssim = at + width, line.contrast = at + 2 * width, line.touches = at + 3 * width;
+        metrics_line(ctx->isa, &line);
+    }
+}
+
+/* The sums over the image. */
+static oxl_result metrics_sum_windows(oxl_context *ctx, const oxl_image *a, const oxl_image *b, int whole,
+                                      struct metrics_row *out)
+{
+    struct metrics_windows s  = {.a = a, .b = b, .whole = whole};
+    oxl_result             rc = OXL_OK;
+    *out                      = (struct metrics_row){.windows = 0};
+    s.scratch                 = oxl_calloc(ctx, metrics_room(a->width) * (size_t)ctx->threads, METRICS_LINES * sizeof *s.scratch);
+    s.row                     = oxl_calloc(ctx, (size_t)a->height, sizeof *s.row);
+    if (!s.scratch || !s.row) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the SSIM of %d x %d px", a->width, a->height);
+        goto done;
+    }
+    metrics_kernel(s.kernel);
+    metrics_rows(ctx, &s);
+    for (int y = 0; y < a->height; y++) {
+        for (int c = 0; c < 3; c++) {
+            out->ssim[c] += s.row[y].ssim[c];
+            out->contrast[c] += s.row[y].contrast[c];
+        }
+        out->windows += s.row[y].windows;
+    }
+done:
+    oxl_free(ctx, s.scratch);
+    oxl_free(ctx, s.row);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- SSIM */
+
+oxl_result oxl_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    struct metrics_row sum;
+    oxl_result         rc = metrics_check(ctx, a, b);
+    *out                  = 0;
+    if (rc == OXL_OK) rc = metrics_sum_windows(ctx, a, b, 0, &sum);
+    if (rc != OXL_OK) return rc;
+    if (sum.windows == 0) return metrics_fail_masked(ctx, "every window touches a masked pixel, so there is no SSIM");
+    *out = (sum.ssim[0] + sum.ssim[1] + sum.ssim[2]) / (3 * (double)sum.windows);
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- MS-SSIM */
+
+static const double METRICS_SCALES[] = {0.0448, 0.2856, 0.3001, 0.2363, 0.1333}; /* exponents, the finest first [Wang 2003] */
+
+/* Means of 2 x 2 pixels; a last odd row or column is dropped. A pixel counts when its four do. */
+static oxl_result metrics_halve(oxl_context *ctx, const oxl_image *in, oxl_image *out)
+{
+    const int    w = in->width / 2, h = in->height / 2;
+    const size_t wide = (size_t)in->width, plane = wide * in->height, small = (size_t)w * h;
+    oxl_result   rc = oxl_image_create(ctx, w, h, out);
+    if (rc == OXL_OK && in->weight && !(out->weight = oxl_alloc(ctx, small, sizeof *out->weight)))
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a mask of %d x %d px", w, h);
+    if (rc != OXL_OK) return rc;
+    for (size_t i = 0; i < small; i++) {
+        const size_t at = 2 * (i / w) * wide + 2 * (i % w);
+        for (int c = 0; c < 3; c++) {
+            const float *p    = in->rgb + c * plane + at;
+            const double four = metrics_shown(p[0]) + metrics_shown(p[1]) + metrics_shown(p[wide]) + metrics_shown(p[wide + 1]);
+            out->rgb[c * small + i] = (float)(four / 4);
+        }
+        if (out->weight) {
+            const float *p = in->weight + at;
+            out->weight[i] = p[0] > 0.5f && p[1] > 0.5f && p[wide] > 0.5f && p[wide + 1] > 0.5f;
+        }
+    }
+    return OXL_OK;
+}
+
+/* The product over scales for each channel, and its mean. Exponents are divided by the sum of those that are used. */
+static double metrics_over_scales(const struct metrics_row *sum, int scales)
+{
+    double used = 0, mean = 0;
+    for (int k = 0; k < scales; k++) used += METRICS_SCALES[k];
+    for (int c = 0; c < 3; c++) {
+        double log_product = 0;
+        for (int k = 0; k < scales; k++) {
+            const double of = k < scales - 1 ? sum[k].contrast[c] : sum[k].ssim[c]; /* luminance counts at the coarsest alone */
+            log_product += of > 0 ? METRICS_SCALES[k] / used * vecmath_log(of / (double)sum[k].windows) : -HUGE_VAL;
+        }
+        mean += vecmath_exp(log_product) / 3;
+    }
+    return mean;
+}
+
+/* Coarser scales end where not one whole window is left. */
+oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    enum { MOST = OXL_COUNT(METRICS_SCALES) };
+    struct metrics_row sum[MOST];
+    oxl_image          half[MOST][2] = {{{0}}};
+    int                scales        = 0;
+    oxl_result         rc            = metrics_check(ctx, a, b);
+    *out                             = 0;
+    while (rc == OXL_OK && scales < MOST && OXL_MIN(a->width, a->height) >= METRICS_WINDOW) {
+        rc = metrics_sum_windows(ctx, a, b, 1, &sum[scales]);
+        if (rc != OXL_OK || sum[scales].windows == 0 || ++scales == MOST) break;
+        rc = metrics_halve(ctx, a, &half[scales][0]);
+        if (rc == OXL_OK) rc = metrics_halve(ctx, b, &half[scales][1]);
+        a = &half[scales][0], b = &half[scales][1];
+    }
+    if (rc == OXL_OK && scales > 0) *out = metrics_over_scales(sum, scales);
+    else if (rc == OXL_OK) rc = oxl_ssim(ctx, a, b, out);
+    for (int k = 0; k < MOST; k++)
+        for (int i = 0; i < 2; i++) oxl_image_free(ctx, &half[k][i]);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- evaluation */
+
+struct metrics_bands { /* what is summed over all views */
+    struct bands       of;
+    struct metrics_sum sum[3];
+};
+
+static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_image *drawn,
+                                    const oxl_image *photograph, struct metrics_bands *b)
+{
+    const size_t pixels = (size_t)drawn->width * (size_t)drawn->height;
+    uint8_t     *band   = oxl_alloc(ctx, pixels, 1);
+    oxl_result   rc     = band ? bands_of_view(ctx, &b->of, scene, view, band)
+                               : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
+    for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
+        if (band[i]) metrics_add_pixel(drawn, photograph, i, &b->sum[band[i] - 1]);
+    oxl_free(ctx, band);
+    return rc;
+}
+
+static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene,
+                                  const oxl_image *photograph, oxl_view_metrics *row, struct metrics_bands *bands)
+{
+    const oxl_camera  *camera  = &oxl_scene_view(scene, row->view)->camera;
+    oxl_render_options options = oxl_render_options_default();
+    oxl_image          drawn   = {0};
+    oxl_result         rc;
+    options.near_plane = (float)scene_near_plane(scene);
+    rc                 = renderer_draw(ctx, r, model, camera, &options, &drawn, NULL);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->psnr);
+    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, &drawn, photograph, &row->cc_psnr);
+    if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, photograph, &row->ssim);
+    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &drawn, photograph, &row->ms_ssim);
+    if (rc == OXL_OK) rc = metrics_add_bands(ctx, scene, row->view, &drawn, photograph, bands);
+    oxl_image_free(ctx, &drawn);
+    return rc;
+}
+
+/* A photograph that cannot be read or is masked all over is said and left out, as in training. */
+static oxl_result metrics_add_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
+                                   oxl_metrics *out, struct metrics_bands *bands)
+{
+    oxl_image        photograph = {0};
+    oxl_view_metrics row        = {.view = view};
+    oxl_result       rc         = oxl_scene_image(ctx, scene, view, &photograph);
+    if (rc == OXL_OK) rc = metrics_of_view(ctx, r, model, scene, &photograph, &row, bands);
+    oxl_image_free(ctx, &photograph);
+    if (rc == OXL_OK) out->views[out->count++] = row;
+    if (rc != OXL_ERR_INPUT) return rc;
+    oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation", oxl_scene_view(scene, view)->name,
+            oxl_error_text(ctx));
+    return OXL_OK;
+}
+
+static void metrics_sum_up(oxl_metrics *m, const struct metrics_bands *bands)
+{
+    for (int i = 0; i < m->count; i++) {
+        m->psnr += m->views[i].psnr / m->count;
+        m->cc_psnr += m->views[i].cc_psnr / m->count;
+        m->ssim += m->views[i].ssim / m->count;
+        m->ms_ssim += m->views[i].ms_ssim / m->count;
+    }
+    memcpy(m->depth, bands->of.depth, sizeof m->depth);
+    for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
+}
+
+oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out)
+{
+    const size_t         room  = (size_t)oxl_scene_view_count(scene) + 1;
+    struct metrics_bands bands = {.sum = {{0}}};
+    struct renderer     *r     = NULL;
+    oxl_result           rc    = OXL_OK;
+    int                 *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
+    *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
+    if (!view || !out->views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
+    if (rc == OXL_OK) count = scene_views_of(scene, split, view);
+    if (rc == OXL_OK) rc = bands_begin(ctx, scene, view, count, &bands.of);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    for (int i = 0; i < count && rc == OXL_OK; i++) {
+        photos_ahead(ctx, scene, view + i, count - i);
+        rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);
+    }
+    metrics_sum_up(out, &bands);
+    renderer_free(ctx, r);
+    bands_free(ctx, &bands.of);
+    oxl_free(ctx, view);
+    if (rc != OXL_OK) oxl_metrics_free(ctx, out);
+    return rc;
+}
+
+void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics)
+{
+    if (!metrics) return;
+    oxl_free(ctx, metrics->views);
+    *metrics = (oxl_metrics){0};
+}
+
+static void metrics_add_by_depth(struct text *t, const oxl_metrics *m)
+{
+    static const char *const names[]  = {"mid_from", "far_from", "near_psnr", "mid_psnr", "far_psnr"};
+    const double             values[] = {m->depth[0], m->depth[1], m->by_depth[0], m->by_depth[1], m->by_depth[2]};
+    text_add(t, ",\n  \"by_depth\": ");
+    for (int i = 0; i < 5; i++) {
+        text_add(t, "%s\"%s\": ", i ? ", " : "{", names[i]);
+        text_add_number(t, values[i]);
+    }
+    text_add(t, "},\n");
+}
+
+/* Members of a JSON object; `between` them. */
+static void metrics_add_four(struct text *t, const char *between, double psnr, double cc_psnr, double ssim, double ms_ssim)
+{
+    static const char *const names[]  = {"psnr", "cc_psnr", "ssim", "ms_ssim"};
+    const double             values[] = {psnr, cc_psnr, ssim, ms_ssim};
+    for (int i = 0; i < 4; i++) {
+        text_add(t, "%s\"%s\": ", i ? between : "", names[i]);
+        text_add_number(t, values[i]);
+    }
+}
+
+OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m)
+{
+    text_add(t, "  ");
+    metrics_add_four(t, ",\n  ", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim);
+    metrics_add_by_depth(t, m);
+    text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
+    for (int i = 0; i < m->count; i++) {
+        const oxl_view_metrics *v = &m->views[i];
+        text_add(t, "%s\n    {\"name\": ", i ? "," : "");
+        text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
+        text_add(t, ", ");
+        metrics_add_four(t, ", ", v->psnr, v->cc_psnr, v->ssim, v->ms_ssim);
+        text_add(t, "}");
+    }
+    text_add(t, "%s]\n", m->count ? "\n  " : "");
+    return t->failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %d views", m->count) : OXL_OK;
+}

@@ -1,0 +1,212 @@
+/* partition_balance.c - how even the blocks are, what each will take to train, and the command that makes them.
+ *
+ * Measures: the largest over the mean, which says how much longer the last of equally many machines works than the others, and the
+ * coefficient of variation. Both cuts are measured, the paper's and the midpoint's, whichever is used.
+ */
+#include "../blocks/partition.h"
+
+/* ---------------------------------------------------------------- one block */
+
+OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int block)
+{
+    const struct partition_plan *plan = p->plan;
+    struct survey_load           load = {.points = p->block[block].start_points};
+    for (size_t v = 0; v < plan->sight->views; v++) {
+        const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
+        if (plan->role[(size_t)block * plan->sight->views + v] == PARTITION_OUT) continue;
+        load.views++;
+        load.pixels += (double)c->width * c->height;
+        load.largest      = OXL_MAX(load.largest, (double)c->width * c->height);
+        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
+        load.observations += plan->sight->first[v + 1] - plan->sight->first[v];
+    }
+    load.train_pixels = load.pixels;
+    return load;
+}
+
+static struct oxl_block balance_block(const oxl_context *ctx, const struct partition *p, int block, const oxl_job_options *o)
+{
+    const struct partition_block *b    = &p->block[block];
+    const struct survey_load      load = partition_load(p, block);
+    const struct survey_cost      cost = survey_cost(ctx, o, &load);
+    return (oxl_block){.points       = b->points,
+                       .start_points = b->start_points,
+                       .base_views   = b->base_views,
+                       .border_views = b->border_views,
+                       .gaussians    = cost.gaussians,
+                       .memory       = cost.memory,
+                       .seconds      = cost.seconds};
+}
+
+/* ---------------------------------------------------------------- all of them */
+
+struct balance_sum {
+    double sum, square, largest;
+};
+
+static void balance_add(struct balance_sum *s, double x)
+{
+    s->sum += x;
+    s->square += x * x;
+    s->largest = OXL_MAX(s->largest, x);
+}
+
+static void balance_measure(const struct balance_sum *s, int count, double *peak, double *spread)
+{
+    const double mean = s->sum / count, variance = s->square / count - mean * mean;
+    *peak   = mean > 0 ? s->largest / mean : 1;
+    *spread = mean > 0 ? sqrt(OXL_MAX(variance, 0)) / mean : 0;
+}
+
+static oxl_balance balance_of(const oxl_block *block, int count)
+{
+    struct balance_sum points = {0}, views = {0};
+    oxl_balance        b = {.blocks = count};
+    for (int i = 0; i < count; i++) {
+        balance_add(&points, (double)block[i].points);
+        balance_add(&views, block[i].base_views + block[i].border_views);
+        b.memory  = OXL_MAX(b.memory, block[i].memory);
+        b.longest = OXL_MAX(b.longest, block[i].seconds);
+        b.seconds += block[i].seconds;
+    }
+    balance_measure(&points, count, &b.points_peak, &b.points_spread);
+    balance_measure(&views, count, &b.views_peak, &b.views_spread);
+    return b;
+}
+
+/* blocks is allocated. */
+static oxl_result balance_blocks(oxl_context *ctx, const struct partition *p, const oxl_job_options *o, oxl_block **blocks)
+{
+    *blocks = oxl_alloc(ctx, (size_t)p->block_count, sizeof **blocks);
+    if (!*blocks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d blocks", p->block_count);
+    for (int i = 0; i < p->block_count; i++) (*blocks)[i] = balance_block(ctx, p, i, o);
+    return OXL_OK;
+}
+
+/* What the other cut would give. */
+static oxl_result balance_other(oxl_context *ctx, const struct partition *p, const oxl_job_options *o, oxl_balance *out)
+{
+    oxl_job_options  other  = *o;
+    oxl_block       *blocks = NULL;
+    struct partition q;
+    oxl_result       rc;
+    other.partition.cut = o->partition.cut == OXL_CUT_MIDPOINT ? OXL_CUT_BALANCED : OXL_CUT_MIDPOINT;
+    rc                  = partition_again(ctx, p, &other.partition, &q);
+    if (rc == OXL_OK) rc = balance_blocks(ctx, &q, &other, &blocks);
+    if (rc == OXL_OK) *out = balance_of(blocks, q.block_count);
+    oxl_free(ctx, blocks);
+    partition_free(ctx, &q);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result partition_report(oxl_context *ctx, const struct partition *p, const oxl_job_options *o,
+                                         oxl_partition_report *out)
+{
+    oxl_result rc;
+    *out = (oxl_partition_report){.dimensions = p->dimensions, .cut = o->partition.cut, .block_count = p->block_count};
+    memcpy(out->extent, p->extent, sizeof out->extent);
+    rc = balance_blocks(ctx, p, o, &out->block);
+    if (rc == OXL_OK) out->balance[o->partition.cut] = balance_of(out->block, p->block_count);
+    if (rc == OXL_OK)
+        rc = balance_other(ctx, p, o, &out->balance[o->partition.cut == OXL_CUT_MIDPOINT ? OXL_CUT_BALANCED : OXL_CUT_MIDPOINT]);
+    if (rc != OXL_OK) oxl_partition_report_free(ctx, out);
+    return rc;
+}
+
+void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
+{
+    oxl_free(ctx, report->block);
+    *report = (oxl_partition_report){0};
+}
+
+/* ---------------------------------------------------------------- the command */
+
+/* Text files alone are enough when the photographs are elsewhere. */
+static oxl_result balance_look_for_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
+{
+    char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");
+    if (!images) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (o->read_images && !os_is_folder(images)) {
+        oxl_log(ctx, OXL_LOG_INFO, "%s is not there: the blocks are made of the text files alone", images);
+        o->read_images = 0;
+    }
+    oxl_free(ctx, images);
+    return OXL_OK;
+}
+
+oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *out, const oxl_job_options *options,
+                         oxl_partition_report *report)
+{
+    oxl_job_options      o     = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_scene           *scene = NULL;
+    struct partition     p     = {0};
+    oxl_partition_report own   = {0};
+    oxl_result           rc    = balance_look_for_images(ctx, scene_path, &o.scene);
+    if (report) *report = own;
+    if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
+    if (rc == OXL_OK) rc = partition_make(ctx, scene, &o.partition, &p);
+    if (rc == OXL_OK && report) rc = partition_report(ctx, &p, &o, &own);
+    if (rc == OXL_OK) rc = partition_export(ctx, &p, out);
+    if (rc == OXL_OK && report) *report = own;
+    else oxl_partition_report_free(ctx, &own);
+    partition_free(ctx, &p);
+    oxl_scene_free(ctx, scene);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- JSON */
+
+struct balance_member {
+    const char *name;
+    double      value;
+};
+
+static void balance_add_members(struct text *t, const struct balance_member *m, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        text_add(t, "%s\"%s\": ", i ? ", " : "{", m[i].name);
+        text_add_number(t, m[i].value);
+    }
+    text_add(t, "}");
+}
+
+static void balance_add_json(struct text *t, const char *name, const oxl_balance *b)
+{
+    const struct balance_member m[] = {{"blocks", b->blocks},
+                                       {"points_peak", b->points_peak},
+                                       {"points_spread", b->points_spread},
+                                       {"views_peak", b->views_peak},
+                                       {"views_spread", b->views_spread},
+                                       {"predicted_memory_bytes", b->memory},
+                                       {"predicted_seconds", b->seconds},
+                                       {"predicted_longest_seconds", b->longest}};
+    text_add(t, "  \"%s\": ", name);
+    balance_add_members(t, m, OXL_COUNT(m));
+    text_add(t, ",\n");
+}
+
+oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *r, char **out)
+{
+    struct text t = {.ctx = ctx};
+    text_add(&t, "{\n  \"dimensions\": %d,\n  \"cut\": \"%s\",\n  \"extent\": [", r->dimensions,
+             r->cut == OXL_CUT_MIDPOINT ? "midpoint" : "balanced");
+    for (int k = 0; k < 3; k++) {
+        text_add(&t, "%s", k ? ", " : "");
+        text_add_number(&t, r->extent[k]);
+    }
+    text_add(&t, "],\n");
+    balance_add_json(&t, "balanced", &r->balance[OXL_CUT_BALANCED]);
+    balance_add_json(&t, "midpoint", &r->balance[OXL_CUT_MIDPOINT]);
+    text_add(&t, "  \"blocks\": [");
+    for (int i = 0; i < r->block_count; i++) {
+        const oxl_block            *b   = &r->block[i];
+        const struct balance_member m[] = {{"points", (double)b->points},         {"start_points", (double)b->start_points},
+                                           {"base_views", b->base_views},         {"border_views", b->border_views},
+                                           {"predicted_gaussians", b->gaussians}, {"predicted_memory_bytes", b->memory},
+                                           {"predicted_seconds", b->seconds}};
+        text_add(&t, "%s\n    ", i ? "," : "");
+        balance_add_members(&t, m, OXL_COUNT(m));
+    }
+    text_add(&t, "\n  ]\n}\n");
+    return text_take(&t, out);
+}

@@ -1,0 +1,125 @@
+/* seam.c - do the borders between blocks show? PSNR beside them against PSNR elsewhere.
+ *
+ * Where a pixel lies is told by the depth that the model draws there. Blocks are trained apart, so where two meet, their colours may
+ * not: that would show as a PSNR that is lower near the border than elsewhere.
+ *
+ * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by row.
+ */
+#include "../internal.h"
+
+/* The block at home at a place of the frame; `guess`, the neighbouring pixel's, is nearly always right. */
+static int seam_home(const struct partition *p, const double frame[3], int guess)
+{
+    if (partition_contains(&p->block[guess].box, frame)) return guess;
+    for (int b = 0; b < p->block_count; b++)
+        if (partition_contains(&p->block[b].box, frame)) return b;
+    return -1; /* not a number */
+}
+
+/* Within SEAM_WIDTH of a face that the home shares with another block: outer faces are infinite. */
+static int seam_is_near(const struct partition_block *block, const double frame[3])
+{
+    int beside = 0;
+    for (int a = 0; a < 3; a++) {
+        const double reach = SEAM_WIDTH * (block->finite.high[a] - block->finite.low[a]);
+        beside |= frame[a] - block->box.low[a] <= reach || block->box.high[a] - frame[a] <= reach;
+    }
+    return beside;
+}
+
+/* The place at depth z behind pixel (x, y), in the world. */
+static void seam_unproject(const oxl_camera *camera, const double origin[3], int x, int y, double z, double world[3])
+{
+    const double c[3] = {(x + 0.5 - camera->cx) / camera->fx * z - camera->translation[0],
+                         (y + 0.5 - camera->cy) / camera->fy * z - camera->translation[1], z - camera->translation[2]};
+    for (int a = 0; a < 3; a++) {
+        world[a] = origin[a];
+        for (int k = 0; k < 3; k++) world[a] += camera->rotation[3 * k + a] * c[k];
+    }
+}
+
+struct seam_view {
+    const struct partition *partition;
+    const oxl_camera       *camera;
+    const double           *origin; /* (3) of the scene */
+    const oxl_image        *drawn, *photograph;
+    const float            *depth; /* (H,W) camera z; 0: nothing there, and so not near a border */
+};
+
+/* sum[1] is of the pixels near a border, sum[0] of the others. Serial: it takes a tenth of the drawing. */
+static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
+{
+    int home = 0;
+    for (int y = 0; y < v->drawn->height; y++)
+        for (int x = 0; x < v->drawn->width; x++) {
+            const size_t i      = (size_t)y * v->drawn->width + x;
+            int          beside = 0;
+            if (v->depth[i] > 0) {
+                double world[3], frame[3];
+                seam_unproject(v->camera, v->origin, x, y, v->depth[i], world);
+                partition_to_frame(v->partition, world, frame);
+                home   = seam_home(v->partition, frame, OXL_MAX(home, 0));
+                beside = home >= 0 && seam_is_near(&v->partition->block[home], frame);
+            }
+            metrics_add_pixel(v->drawn, v->photograph, i, &sum[beside]);
+        }
+}
+
+/* A photograph that cannot be read is left out, as in the evaluation, which has said so. */
+static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p, const oxl_model *model,
+                                 oxl_scene *scene, int view, struct metrics_sum sum[2])
+{
+    const oxl_camera  *camera  = &oxl_scene_view(scene, view)->camera;
+    oxl_render_options options = oxl_render_options_default();
+    oxl_image          drawn = {0}, photograph = {0};
+    float             *depth = NULL;
+    oxl_result         rc    = oxl_scene_image(ctx, scene, view, &photograph);
+    if (rc == OXL_ERR_INPUT) return OXL_OK;
+    if (rc != OXL_OK) return rc;
+    depth = oxl_alloc(ctx, (size_t)camera->width * camera->height, sizeof *depth);
+    if (!depth) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", camera->width, camera->height);
+        goto done;
+    }
+    options.near_plane = (float)scene_near_plane(scene);
+    rc                 = renderer_draw(ctx, r, model, camera, &options, &drawn, depth);
+    if (rc != OXL_OK) goto done;
+    seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &drawn, &photograph, depth}, sum);
+done:
+    oxl_free(ctx, depth);
+    oxl_image_free(ctx, &drawn);
+    oxl_image_free(ctx, &photograph);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene,
+                                     oxl_split split, struct seam *out)
+{
+    struct metrics_sum sum[2] = {{0, 0, 0}, {0, 0, 0}};
+    struct renderer   *r      = NULL;
+    int               *view   = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    const int          asked  = view ? scene_views_of(scene, split, view) : 0;
+    oxl_result         rc     = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    *out                      = (struct seam){0};
+    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    for (int i = 0; i < asked && rc == OXL_OK; i++) rc = seam_draw_view(ctx, r, p, model, scene, view[i], sum);
+    oxl_free(ctx, view);
+    renderer_free(ctx, r);
+    if (rc != OXL_OK) return rc;
+    *out = (struct seam){.near_pixels      = sum[1].pixels,
+                         .elsewhere_pixels = sum[0].pixels,
+                         .near_psnr        = metrics_decibel(sum[1].error, sum[1].weight),
+                         .elsewhere_psnr   = metrics_decibel(sum[0].error, sum[0].weight)};
+    return OXL_OK;
+}
+
+OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam)
+{
+    text_add(t, "  \"seam\": {\"width\": ");
+    text_add_number(t, SEAM_WIDTH);
+    text_add(t, ", \"near_psnr\": ");
+    text_add_number(t, seam->near_psnr);
+    text_add(t, ", \"near_pixels\": %zu, \"elsewhere_psnr\": ", seam->near_pixels);
+    text_add_number(t, seam->elsewhere_psnr);
+    text_add(t, ", \"elsewhere_pixels\": %zu},\n", seam->elsewhere_pixels);
+}

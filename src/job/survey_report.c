@@ -1,0 +1,282 @@
+/* survey_report.c - what a survey holds, and what training it would take: the first message of `train`, the whole of `check`.
+ *
+ * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is told from steps that are tried (predict_time.c);
+ * where that would take too long, and between blocks, from such arithmetic too.
+ * Invariant: nothing here changes what is trained.
+ */
+#include "../internal.h"
+#include "../core/simd.h"
+
+/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/SPEED.md. */
+#define SURVEY_PAIRS_PER_PIXEL 40.0   /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
+#define SURVEY_PAIR_RATE       1.0e9  /* pairs a second and thread, AVX2 or better */
+#define SURVEY_PAIR_RATE_BASE  0.2e9  /* the same without */
+#define SURVEY_PIXEL_COST      1.0e-7 /* s: SSIM there and back, photograph to float */
+#define SURVEY_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
+#define SURVEY_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
+#define SURVEY_SPLAT_BYTES     300.0  /* a Gaussian beside its parameters: projection, tile lists, gradient slots */
+#define SURVEY_PROGRAM_BYTES   4e7
+
+static int survey_is_distorted(const struct colmap *c)
+{
+    int count = 0;
+    for (size_t i = 0; i < c->camera_count; i++) count += camera_is_distorted(&c->camera[i]);
+    return count;
+}
+
+/* "3 cameras, the first OPENCV 1920 x 1080, 2 distorted (mended on load)" */
+static void survey_cameras(const struct colmap *c, oxl_survey *s)
+{
+    const struct colmap_camera *first = c && c->camera_count ? c->camera : NULL;
+    if (!first) return;
+    s->cameras           = (int)c->camera_count;
+    s->cameras_distorted = survey_is_distorted(c);
+    snprintf(s->cameras_text, sizeof s->cameras_text, "%d%s %s %d x %d, %s", s->cameras,
+             s->cameras == 1 ? " camera," : " cameras, the first", camera_model_at(first->model)->name, first->width,
+             first->height, s->cameras_distorted ? "distorted (mended on load)" : "free of distortion");
+}
+
+/* The size that most of the memory is for. */
+static void survey_largest(const oxl_scene *scene, oxl_survey *s)
+{
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_camera *c = &oxl_scene_view(scene, i)->camera;
+        if ((double)c->width * c->height > (double)s->width * s->height) s->width = c->width, s->height = c->height;
+    }
+}
+
+OXL_INTERNAL double survey_memory(const oxl_job_options *o, const struct survey_load *load, double gaussians)
+{
+    const int    degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
+    const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
+    const double photos = photos_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
+    const int    sets   = train_may_try(&o->train) ? 10 : 4;
+    /* planes of 4 bytes: parameters, gradient and two moments; all but the gradient twice more while a trial goes on */
+    return SURVEY_PROGRAM_BYTES + photos + load->largest * SURVEY_PIXEL_BYTES +
+           gaussians * (sets * 4 * planes + SURVEY_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track);
+}
+
+OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load)
+{
+    const double       a_view = load->pixels / OXL_MAX(1, load->views);
+    const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
+    const size_t       cap    = train_cap_of(load->points, load->train_pixels, &o->train);
+    struct survey_cost cost   = {.gaussians = rehearse_expected(&o->train, load->points, cap)};
+    const double       step   = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
+                        (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
+    cost.seconds = o->train.iterations * step;
+    if (o->train.max_seconds > 0) cost.seconds = OXL_MIN(cost.seconds, o->train.max_seconds);
+    cost.memory = survey_memory(o, load, cost.gaussians);
+    return cost;
+}
+
+/* How many blocks halving makes of it. */
+static double survey_blocks(const oxl_job_options *o, size_t points)
+{
+    double blocks = 1;
+    while (o->partition.kind != OXL_PARTITION_NONE && (double)points > blocks * o->partition.block_points) blocks *= 2;
+    return blocks;
+}
+
+OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                   const struct survey_cost *cost)
+{
+    const double blocks  = survey_blocks(o, oxl_scene_point_count(scene));
+    double       seconds = rehearse(ctx, scene, &o->train, cost->gaussians);
+    if (!(seconds > 0)) seconds = cost->seconds;
+    seconds *= blocks > 1 ? blocks * (1 + o->refine) : 1;
+    return o->train.max_seconds > 0 ? OXL_MIN(seconds, o->train.max_seconds) : seconds;
+}
+
+OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene)
+{
+    const struct scene_stats *stats = scene_stats_of(scene);
+    struct survey_load        load  = {
+                .points = stats->points, .observations = stats->observations, .views = stats->views, .train_pixels = train_pixels(scene)};
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_camera *c      = &oxl_scene_view(scene, i)->camera;
+        const double      pixels = (double)c->width * c->height;
+        load.pixels += pixels;
+        load.largest      = OXL_MAX(load.largest, pixels);
+        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(scene, i));
+    }
+    return load;
+}
+
+static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
+{
+    const struct survey_load load   = survey_load(scene);
+    oxl_job_options          fitted = *o;
+    struct survey_cost       cost;
+    budget_fit(ctx, &load, &fitted);
+    cost           = survey_cost(ctx, &fitted, &load);
+    s->gaussians   = cost.gaussians;
+    s->memory      = cost.memory;
+    s->seconds     = survey_seconds(ctx, scene, &fitted, &cost);
+    s->memory_free = (double)os_memory_free();
+}
+
+/* ---------------------------------------------------------------- words */
+
+static void survey_say(oxl_survey *s, const char *format, ...) OXL_PRINTF(2, 3);
+static void survey_say(oxl_survey *s, const char *format, ...)
+{
+    const size_t used = strlen(s->text);
+    va_list      args;
+    va_start(args, format);
+    vsnprintf(s->text + used, sizeof s->text - used, format, args);
+    va_end(args);
+}
+
+static void survey_say_duration(oxl_survey *s, double seconds)
+{
+    if (seconds < 90) survey_say(s, "%.0f s", seconds);
+    else if (seconds < 5400) survey_say(s, "%.0f min", seconds / 60);
+    else survey_say(s, "%.1f h", seconds / 3600);
+}
+
+static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
+{
+    survey_say(s, "photographs  %d listed, %d missing; %d to train with, %d held out for the test; masks: %d", s->images,
+               s->images_missing, s->train_views, s->test_views, s->masks);
+    if (s->masked > 0) survey_say(s, ", %.0f %% of them black, ignored", 100 * s->masked);
+    survey_say(s, "\n");
+    survey_say(s, "cameras      %s; trained at %d x %d\n", s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width,
+               s->height);
+    if (s->points > 0)
+        survey_say(s, "points       %zu, each in %.1f photographs on average, reprojection error %.2f px\n", s->points,
+                   s->mean_track, s->mean_error);
+    if (s->points > 0)
+        survey_say(s,
+                   "place        %.4g x %.4g x %.4g units (1st to 99th percentile of the points); extent of the cameras %.4g\n",
+                   s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1], s->bounds_max[2] - s->bounds_min[2],
+                   s->extent);
+    survey_say(s, s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
+               s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
+    survey_say(s, ", %.2f GB of memory", s->memory / 1e9);
+    if (s->memory_free > 0) survey_say(s, " (%.1f GB are free)", s->memory_free / 1e9);
+    survey_say(s, ", ");
+    survey_say_duration(s, s->seconds);
+    survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
+}
+
+static void survey_write_warnings(oxl_survey *s)
+{
+    if (s->images_missing > 0)
+        survey_say(s, "warning: %d of %d photographs are not on disk and are left out\n", s->images_missing, s->images);
+    if (s->unusable > 0)
+        survey_say(s, "warning: %d of %d photographs cannot be used and will be left out\n", s->unusable, s->images);
+    if (s->missed > LINT_DOUBT)
+        survey_say(s,
+                   "warning: %.0f %% of the points do not lie in the photographs that saw them; are cameras.txt, images.txt and "
+                   "points3D.txt of one model, and the poses from world to camera?\n",
+                   100 * s->missed);
+    if (s->points == 0)
+        survey_say(s, "warning: no points: training starts from random ones and may fail; export points3D.txt too\n");
+    else if (s->points < 500) survey_say(s, "warning: only %zu points; was this the right sub-model?\n", s->points);
+    if (s->mean_error > 2)
+        survey_say(s, "warning: a reprojection error of %.1f px blurs everything (good: under 1); run bundle_adjuster\n",
+                   s->mean_error);
+    if (s->train_views < 10) survey_say(s, "warning: with only %d to train with, expect holes\n", s->train_views);
+    if (s->test_views == 0) survey_say(s, "warning: nothing is held out, so the metrics are of training photographs\n");
+    if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
+        survey_say(s, "warning: memory may not suffice; try --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
+}
+
+/* ---------------------------------------------------------------- doors */
+
+OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
+                                        oxl_survey *out)
+{
+    oxl_result                rc;
+    const struct scene_stats *stats  = scene_stats_of(scene);
+    const double             *origin = oxl_scene_origin(scene);
+    *out                             = (oxl_survey){.images         = stats->images_listed,
+                                                    .images_missing = stats->images_missing,
+                                                    .train_views    = stats->views - stats->test_views,
+                                                    .test_views     = stats->test_views,
+                                                    .masks          = stats->masks,
+                                                    .points         = stats->points,
+                                                    .observations   = stats->observations,
+                                                    .mean_track     = stats->mean_track,
+                                                    .mean_error     = stats->mean_error,
+                                                    .extent         = oxl_scene_extent(scene)};
+    for (int k = 0; k < 3; k++) {
+        out->bounds_min[k] = stats->bounds_min[k] + origin[k];
+        out->bounds_max[k] = stats->bounds_max[k] + origin[k];
+    }
+    survey_cameras(scene_colmap(scene), out);
+    survey_largest(scene, out);
+    rc = lint_sightings(ctx, scene, out);
+    if (rc == OXL_OK && closely) rc = lint_photographs(ctx, scene, out);
+    if (rc != OXL_OK) return rc;
+    survey_predict(ctx, scene, options, out);
+    survey_write_facts(ctx, out);
+    survey_write_warnings(out);
+    return OXL_OK;
+}
+
+oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *options, oxl_survey *out)
+{
+    const oxl_job_options o     = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_scene            *scene = NULL;
+    oxl_result            rc    = oxl_scene_load(ctx, path, &o.scene, &scene);
+    *out                        = (oxl_survey){0};
+    if (rc == OXL_OK) rc = survey_describe(ctx, scene, &o, 1, out);
+    oxl_scene_free(ctx, scene);
+    return rc;
+}
+
+static void survey_add_triple(struct text *t, const char *indent, const char *name, const double v[3])
+{
+    text_add(t, ",\n%s  \"%s\": [", indent, name);
+    for (int k = 0; k < 3; k++) {
+        if (k > 0) text_add(t, ", ");
+        text_add_number(t, v[k]);
+    }
+    text_add(t, "]");
+}
+
+OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const char *indent)
+{
+    const struct {
+        const char *name;
+        double      value;
+    } numbers[] = {{"images", s->images},
+                   {"images_missing", s->images_missing},
+                   {"train_views", s->train_views},
+                   {"test_views", s->test_views},
+                   {"masks", s->masks},
+                   {"cameras", s->cameras},
+                   {"cameras_distorted", s->cameras_distorted},
+                   {"width", s->width},
+                   {"height", s->height},
+                   {"points", (double)s->points},
+                   {"observations", (double)s->observations},
+                   {"mean_track", s->mean_track},
+                   {"mean_error", s->mean_error},
+                   {"extent", s->extent},
+                   {"missed_share", s->missed},
+                   {"masked_share", s->masked},
+                   {"unusable", s->unusable},
+                   {"predicted_gaussians", s->gaussians},
+                   {"predicted_memory_bytes", s->memory},
+                   {"predicted_seconds", s->seconds}};
+    text_add(t, "{\n%s  \"cameras_text\": ", indent);
+    text_add_json_string(t, s->cameras_text);
+    for (size_t i = 0; i < OXL_COUNT(numbers); i++) {
+        text_add(t, ",\n%s  \"%s\": ", indent, numbers[i].name);
+        text_add_number(t, numbers[i].value);
+    }
+    survey_add_triple(t, indent, "bounds_min", s->bounds_min);
+    survey_add_triple(t, indent, "bounds_max", s->bounds_max);
+    text_add(t, "\n%s}", indent);
+}
+
+oxl_result oxl_survey_to_json(oxl_context *ctx, const oxl_survey *survey, char **out)
+{
+    struct text t = {.ctx = ctx};
+    survey_add_json(&t, survey, "");
+    text_add(&t, "\n");
+    return text_take(&t, out);
+}

@@ -1,0 +1,470 @@
+/* model.c - planes of Gaussians: create, grow, copy, give some a second lobe, start from points.
+ *
+ * Sources: Kerbl 2023 (the start from points); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
+ * Invariant: one allocation holds all planes, one after the other, each `capacity` floats long. Capacity is a multiple of
+ * MODEL_PACK, so each plane starts on a 64-byte line and kernels may read and write whole packs of rows up to capacity.
+ * The planes of the second lobe follow, each as long as the packs that hold rows 0..lobes-1.
+ * Rows from count to capacity are finite: model_clear_rows fills them when they are made, and who lowers count leaves rows
+ * that were Gaussians once.
+ */
+#include "../internal.h"
+#include "../core/vecmath.h"
+
+/* ---------------------------------------------------------------- memory */
+
+enum { MODEL_PACK = 16 }; /* rows: 64 bytes of float, the widest vector */
+
+int oxl_model_planes(const oxl_model *model)
+{
+    const int side = model->sh_degree + 1;
+    return OXL_SH + 3 * side * side;
+}
+
+void oxl_model_move_origin(oxl_model *model, const double origin[3])
+{
+    for (int a = 0; a < 3; a++) {
+        const double by = model->origin[a] - origin[a];
+        float       *x  = model->plane[OXL_MEAN + a];
+        for (size_t i = 0; by != 0 && i < model->count; i++) x[i] = (float)(x[i] + by);
+        model->origin[a] = origin[a];
+    }
+}
+
+OXL_INTERNAL void model_clear_rows(oxl_model *model, size_t first, size_t end)
+{
+    const int planes = oxl_model_planes(model);
+    if (end <= first) return;
+    for (int p = 0; p < planes; p++) memset(model->plane[p] + first, 0, (end - first) * sizeof(float));
+    for (size_t i = first; i < end; i++) model->plane[OXL_ROTATION][i] = 1;
+    for (int p = OXL_LOBE; first < model->lobes && p < OXL_PLANES; p++)
+        memset(model->plane[p] + first, 0, (OXL_MIN(end, model->lobes) - first) * sizeof(float));
+}
+
+static size_t model_whole_packs(size_t rows)
+{
+    return (rows + MODEL_PACK - 1) / MODEL_PACK * MODEL_PACK;
+}
+
+/* Points the lobes' planes at `memory` and takes over what `from` has of them. */
+static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *from)
+{
+    const size_t rows = model_whole_packs(m->lobes), kept = OXL_MIN(m->lobes, from->lobes);
+    for (int k = 0; m->lobes && k < MODEL_LOBE_PLANES; k++) {
+        float *plane = m->plane[OXL_LOBE + k] = memory + (size_t)k * rows;
+        if (kept) memcpy(plane, from->plane[OXL_LOBE + k], kept * sizeof *plane);
+        memset(plane + kept, 0, (rows - kept) * sizeof *plane);
+    }
+}
+
+/* The model in fresh memory with another capacity, degree or number of lobes; on failure the old one stays as it was. */
+static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capacity, int sh_degree, size_t lobes)
+{
+    oxl_model m      = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree};
+    const int planes = oxl_model_planes(&m);
+    float    *memory = NULL;
+    if (capacity < SIZE_MAX / (OXL_PLANES * sizeof *memory) - 2 * MODEL_PACK) {
+        /* an odd number of lines: else planes of 2^n rows would all fall into the same set of the cache */
+        m.capacity = (((capacity + MODEL_PACK - 1) / MODEL_PACK) | 1) * MODEL_PACK;
+        memory     = oxl_alloc(ctx, m.capacity * (size_t)planes + model_whole_packs(lobes) * MODEL_LOBE_PLANES, sizeof *memory);
+    }
+    if (!memory) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians of %d numbers", capacity, planes);
+    m.memory = memory;
+    memcpy(m.origin, model->origin, sizeof m.origin);
+    for (int p = 0; p < planes; p++) {
+        m.plane[p] = memory + (size_t)p * m.capacity;
+        if (model->plane[p]) memcpy(m.plane[p], model->plane[p], m.count * sizeof(float));
+        else memset(m.plane[p], 0, m.count * sizeof(float));
+    }
+    model_clear_rows(&m, m.count, m.capacity);
+    model_lay_out_lobes(&m, memory + (size_t)planes * m.capacity, model);
+    oxl_free(ctx, model->memory);
+    *model = m;
+    return OXL_OK;
+}
+
+static oxl_result model_check_degree(oxl_context *ctx, int sh_degree)
+{
+    if (sh_degree >= 0 && sh_degree <= 3) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE, "spherical harmonics of degree %d, wanted 0 to 3", sh_degree);
+}
+
+oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_model *out)
+{
+    oxl_result rc;
+    *out = (oxl_model){0};
+    rc   = model_check_degree(ctx, sh_degree);
+    if (rc == OXL_OK) rc = model_lay_out(ctx, out, count, sh_degree, 0);
+    if (rc == OXL_OK) out->count = count; /* these rows are clear already */
+    return rc;
+}
+
+void oxl_model_free(oxl_context *ctx, oxl_model *model)
+{
+    if (!model) return;
+    oxl_free(ctx, model->memory);
+    *model = (oxl_model){0};
+}
+
+OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity)
+{
+    if (capacity <= model->capacity) return OXL_OK;
+    return model_lay_out(ctx, model, capacity, model->sh_degree, model->lobes);
+}
+
+OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree)
+{
+    const oxl_result rc = model_check_degree(ctx, sh_degree);
+    if (rc != OXL_OK || sh_degree == model->sh_degree) return rc;
+    return model_lay_out(ctx, model, model->capacity, sh_degree, model->lobes);
+}
+
+OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to)
+{
+    oxl_result rc = oxl_model_create(ctx, from->count, from->sh_degree, to);
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, to, from->lobes);
+    if (rc != OXL_OK) oxl_model_free(ctx, to);
+    if (rc != OXL_OK) return rc;
+    memcpy(to->origin, from->origin, sizeof to->origin);
+    for (int p = 0; p < oxl_model_planes(from) && from->count; p++)
+        memcpy(to->plane[p], from->plane[p], from->count * sizeof(float));
+    for (int p = OXL_LOBE; from->lobes && p < OXL_PLANES; p++) memcpy(to->plane[p], from->plane[p], from->lobes * sizeof(float));
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- the second lobe */
+
+OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes)
+{
+    if (lobes == model->lobes) return OXL_OK;
+    if (lobes > model->count)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu lobes for %zu Gaussians: wanted at most one each", lobes, model->count);
+    return model_lay_out(ctx, model, model->capacity, model->sh_degree, lobes);
+}
+
+OXL_INTERNAL void model_drop_lobes(oxl_model *model)
+{
+    model->lobes = 0;
+    for (int p = OXL_LOBE; p < OXL_PLANES; p++) model->plane[p] = NULL;
+}
+
+static size_t model_keep_in_plane(float *plane, size_t count, const uint8_t *keep)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < count; i++)
+        if (keep[i]) plane[kept++] = plane[i];
+    return kept;
+}
+
+OXL_INTERNAL void model_keep_rows(oxl_model *model, const uint8_t *keep)
+{
+    const int    planes = oxl_model_planes(model);
+    const size_t count = model->count, lobes = model->lobes;
+    size_t       kept = 0;
+    for (int p = OXL_LOBE; lobes && p < OXL_PLANES; p++) {
+        kept = model_keep_in_plane(model->plane[p], lobes, keep);
+        memset(model->plane[p] + kept, 0, (lobes - kept) * sizeof(float));
+    }
+    model->lobes = kept;
+    if (kept == 0) model_drop_lobes(model);
+    for (int p = 0; p < planes; p++) model->count = model_keep_in_plane(model->plane[p], count, keep);
+    model_clear_rows(model, model->count, count);
+}
+
+OXL_INTERNAL int model_row_is_finite(const oxl_model *m, size_t i)
+{
+    float     sum    = 0; /* 0 x anything finite is 0; 0 x inf and 0 x nan are not */
+    const int planes = oxl_model_planes(m);
+    for (int k = 0; k < planes; k++) sum += 0 * m->plane[k][i];
+    for (int k = OXL_LOBE; i < m->lobes && k < OXL_PLANES; k++) sum += 0 * m->plane[k][i];
+    return sum == 0;
+}
+
+/* Active rows first, each part in its order. `other` (count) is scratch. */
+static void model_active_first(oxl_model *model, const uint8_t *active, float *other)
+{
+    for (int p = 0; p < oxl_model_planes(model); p++) {
+        float *plane = model->plane[p];
+        size_t front = 0, back = 0;
+        for (size_t i = 0; i < model->count; i++) {
+            if (active[i]) plane[front++] = plane[i];
+            else other[back++] = plane[i];
+        }
+        if (back) memcpy(plane + front, other, back * sizeof *plane);
+    }
+}
+
+OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
+                                             const uint8_t *active, float opacity_factor, float scale_factor)
+{
+    oxl_model *all[3] = {model, first, second};
+    const int  models = first && second ? 3 : 1;
+    size_t     lobes  = 0;
+    float     *other  = NULL;
+    oxl_result rc     = OXL_OK;
+    if (model->lobes > 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the model has %zu second lobes already", model->lobes);
+    if (!(opacity_factor > 0 && opacity_factor < 1 && scale_factor > 0 && scale_factor <= FLT_MAX))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "second lobes of opacity x %g and scale x %g, wanted factors in (0, 1) and above 0",
+                        (double)opacity_factor, (double)scale_factor);
+    for (size_t i = 0; i < model->count; i++) lobes += active[i] != 0;
+    other = oxl_alloc(ctx, model->count, sizeof *other);
+    if (!other && model->count) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu Gaussians", model->count);
+    for (int m = 0; rc == OXL_OK && m < models; m++) rc = model_set_lobes(ctx, all[m], lobes);
+    for (int m = 0; m < models; m++) {
+        if (rc == OXL_OK) model_active_first(all[m], active, other);
+        else model_drop_lobes(all[m]);
+    }
+    for (size_t i = 0; rc == OXL_OK && i < lobes; i++)
+        for (int k = 0; k < MODEL_LOBE_PLANES; k++)
+            model->plane[OXL_LOBE + k][i] = (float)(k == 0 ? vecmath_logit(opacity_factor) : vecmath_log(scale_factor));
+    oxl_free(ctx, other);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- start from points: rows in Z-order
+ *
+ * Kernels work on packs of neighbouring rows and skip those out of sight: rows near in memory should be near in space.
+ */
+
+struct model_key {
+    uint64_t code; /* Morton code: 21 bits an axis, interleaved */
+    size_t   index;
+};
+
+static int model_by_code(const void *a, const void *b)
+{
+    const struct model_key *x = a, *y = b;
+    if (x->code != y->code) return x->code < y->code ? -1 : 1;
+    return x->index < y->index ? -1 : x->index > y->index;
+}
+
+static uint64_t model_spread_bits(uint64_t x) /* bit i to bit 3 i, for 21 bits */
+{
+    x = (x | x << 32) & UINT64_C(0x001F00000000FFFF);
+    x = (x | x << 16) & UINT64_C(0x001F0000FF0000FF);
+    x = (x | x << 8) & UINT64_C(0x100F00F00F00F00F);
+    x = (x | x << 4) & UINT64_C(0x10C30C30C30C30C3);
+    x = (x | x << 2) & UINT64_C(0x1249249249249249);
+    return x;
+}
+
+/* Cubic cells: the longest side of the bounding box is cut into 2^21. */
+static void model_sort_by_code(const oxl_point *points, size_t count, struct model_key *key)
+{
+    double low[3], side = 0;
+    for (int a = 0; a < 3; a++) {
+        double high = low[a] = points[0].position[a];
+        for (size_t i = 1; i < count; i++) {
+            low[a] = OXL_MIN(low[a], points[i].position[a]);
+            high   = OXL_MAX(high, points[i].position[a]);
+        }
+        side = OXL_MAX(side, high - low[a]);
+    }
+    for (size_t i = 0; i < count; i++) {
+        key[i] = (struct model_key){0, i};
+        for (int a = 0; a < 3 && side > 0; a++) {
+            const double cell = (points[i].position[a] - low[a]) / side * 2097151.0; /* 2^21 - 1 */
+            key[i].code |= model_spread_bits((uint64_t)cell) << a;
+        }
+    }
+    qsort(key, count, sizeof *key, model_by_code);
+}
+
+/* ---------------------------------------------------------------- start from points: the 3 nearest neighbours
+ *
+ * A balanced k-d tree without pointers: the median of [first, end) stands in its middle, and divides along split[middle].
+ */
+
+enum { MODEL_LEAF = 8, MODEL_NEIGHBOURS = 3 };
+
+struct model_site {
+    double x[3];
+    size_t row;
+};
+
+struct model_tree {
+    struct model_site *site;
+    uint8_t           *split; /* axis, for each median */
+    size_t             count;
+};
+
+static int model_longest_axis(const struct model_site *site, size_t first, size_t end)
+{
+    double longest = -1;
+    int    axis    = 0;
+    for (int a = 0; a < 3; a++) {
+        double low = site[first].x[a], high = low;
+        for (size_t i = first + 1; i < end; i++) {
+            low  = OXL_MIN(low, site[i].x[a]);
+            high = OXL_MAX(high, site[i].x[a]);
+        }
+        if (high - low > longest) {
+            longest = high - low;
+            axis    = a;
+        }
+    }
+    return axis;
+}
+
+/* Hoare's selection: afterwards nothing in [first, nth) is greater and nothing in (nth, end) less than site[nth] along axis.
+ * Equal values stop both scans, so that coincident points cost no more than others. */
+static void model_select(struct model_site *site, size_t first, size_t end, size_t nth, int axis)
+{
+    while (end - first > 1) {
+        const double pivot = site[first + (end - first - 1) / 2].x[axis]; /* never the last: so both parts are smaller */
+        size_t       i = first, j = end - 1;
+        for (;;) {
+            struct model_site swap;
+            while (site[i].x[axis] < pivot) i++;
+            while (site[j].x[axis] > pivot) j--;
+            if (i >= j) break;
+            swap      = site[i];
+            site[i++] = site[j];
+            site[j--] = swap;
+        }
+        if (nth <= j) end = j + 1;
+        else first = j + 1;
+    }
+}
+
+static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
+{
+    while (end - first > MODEL_LEAF) {
+        const size_t middle = first + (end - first) / 2;
+        tree->split[middle] = (uint8_t)model_longest_axis(tree->site, first, end);
+        model_select(tree->site, first, end, middle, tree->split[middle]);
+        model_build_tree(tree, first, middle);
+        first = middle + 1;
+    }
+}
+
+/* Squared distances in ascending order; the sum of the three is the same in whichever order they were met. */
+struct model_nearest {
+    const double *x;
+    size_t        self;
+    double        distance[MODEL_NEIGHBOURS];
+};
+
+static void model_meet(struct model_nearest *n, const struct model_site *site, size_t index)
+{
+    const double dx = site->x[0] - n->x[0], dy = site->x[1] - n->x[1], dz = site->x[2] - n->x[2];
+    double       d = dx * dx + dy * dy + dz * dz;
+    if (index == n->self) return;
+    for (int k = 0; k < MODEL_NEIGHBOURS; k++)
+        if (d < n->distance[k]) {
+            const double further = n->distance[k];
+            n->distance[k]       = d;
+            d                    = further;
+        }
+}
+
+static void model_search(const struct model_tree *tree, size_t first, size_t end, struct model_nearest *n)
+{
+    while (end - first > MODEL_LEAF) {
+        const size_t middle = first + (end - first) / 2;
+        const int    axis   = tree->split[middle];
+        const double beyond = n->x[axis] - tree->site[middle].x[axis];
+        if (beyond < 0) model_search(tree, first, middle, n);
+        else model_search(tree, middle + 1, end, n);
+        if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return; /* the other side is further than all three */
+        model_meet(n, &tree->site[middle], middle);
+        if (beyond < 0) first = middle + 1;
+        else end = middle;
+    }
+    for (size_t i = first; i < end; i++) model_meet(n, &tree->site[i], i);
+}
+
+/* square[row] = mean squared distance to the nearest three, or to as many as there are; 0 when alone. */
+static void model_measure(oxl_context *ctx, const struct model_tree *tree, double *square)
+{
+    const int     neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
+    const int64_t count      = (int64_t)tree->count;
+#pragma omp parallel for num_threads(ctx->threads) schedule(dynamic, 1024)
+    for (int64_t i = 0; i < count; i++) {
+        struct model_nearest n   = {.x = tree->site[i].x, .self = (size_t)i, .distance = {INFINITY, INFINITY, INFINITY}};
+        double               sum = 0;
+        model_search(tree, 0, tree->count, &n);
+        for (int k = 0; k < neighbours; k++) sum += n.distance[k];
+        square[tree->site[i].row] = neighbours ? sum / neighbours : 0;
+    }
+    (void)ctx;
+}
+
+/* ---------------------------------------------------------------- start from points: the rows */
+
+#define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
+
+/* From mean squared distances to log widths. Coincident points would have none: 3DGS floors the square at 1e-7 of its unit; our
+ * unit is the survey's own, so the floor is 1 % of the median width (of those above 0). All alone or all in one place: 1. */
+static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
+{
+    double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
+    size_t  n = 0;
+    if (!apart) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
+    for (size_t i = 0; i < count; i++)
+        if (square[i] > 0) apart[n++] = square[i];
+    if (n) least = OXL_MAX(MODEL_LEAST_SQUARE * measure_pick(apart, n, 0.5), DBL_MIN);
+    oxl_free(ctx, apart);
+    for (size_t i = 0; i < count; i++) square[i] = 0.5 * vecmath_log(OXL_MAX(square[i], least));
+    return OXL_OK;
+}
+
+static oxl_result model_check_points(oxl_context *ctx, const oxl_point *points, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++)
+            if (!(fabs(points[i].position[a]) <= FLT_MAX))
+                return oxl_fail(ctx, OXL_ERR_INPUT,
+                                "point %zu of %zu: coordinate %d is %g, wanted a finite number\nfix: remove it", i, count, a,
+                                points[i].position[a]);
+    return OXL_OK;
+}
+
+/* Row i is the point key[i].index, `width` its log width. */
+static void model_fill(oxl_model *model, const oxl_point *points, const struct model_key *key, const double *width)
+{
+    const float opacity = (float)vecmath_logit(MODEL_OPACITY);
+    for (size_t i = 0; i < model->count; i++) {
+        const oxl_point *p = &points[key[i].index];
+        for (int a = 0; a < 3; a++) {
+            model->plane[OXL_MEAN + a][i]      = (float)p->position[a];
+            model->plane[OXL_LOG_SCALE + a][i] = (float)width[i];
+            model->plane[OXL_SH + a][i]        = (float)((p->rgb[a] / 255.0 - 0.5) / MODEL_SH0);
+        }
+        model->plane[OXL_OPACITY][i] = opacity;
+    }
+}
+
+oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out)
+{
+    struct model_key *key   = NULL;
+    struct model_tree tree  = {.count = count};
+    double           *width = NULL; /* (count) mean squared distance, then log width */
+    oxl_result        rc    = oxl_model_create(ctx, count, sh_degree, out);
+    if (rc != OXL_OK || count == 0) return rc;
+    rc = model_check_points(ctx, points, count);
+    if (rc != OXL_OK) goto done;
+    key        = oxl_alloc(ctx, count, sizeof *key);
+    tree.site  = oxl_alloc(ctx, count, sizeof *tree.site);
+    tree.split = oxl_alloc(ctx, count, 1);
+    width      = oxl_alloc(ctx, count, sizeof *width);
+    if (!key || !tree.site || !tree.split || !width) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
+        goto done;
+    }
+    model_sort_by_code(points, count, key);
+    for (size_t i = 0; i < count; i++) {
+        memcpy(tree.site[i].x, points[key[i].index].position, sizeof tree.site[i].x);
+        tree.site[i].row = i;
+    }
+    model_build_tree(&tree, 0, count);
+    model_measure(ctx, &tree, width);
+    rc = model_widths(ctx, width, count);
+    if (rc == OXL_OK) model_fill(out, points, key, width);
+done:
+    oxl_free(ctx, width);
+    oxl_free(ctx, tree.split);
+    oxl_free(ctx, tree.site);
+    oxl_free(ctx, key);
+    if (rc != OXL_OK) oxl_model_free(ctx, out);
+    return rc;
+}

@@ -1,0 +1,440 @@
+/* ply.c - a small PLY reader: any property order and type, lists, ascii and both endians.
+ *
+ * Source: Turk, "The PLY Polygon File Format" (1994), and what writers make of it: int8..float64 as type names, CR LF,
+ * `obj_info`. Usage: ply_open reads the header, ply_read one element's columns, ply_close.
+ * Invariant: nothing is believed of the header until ply_open has compared it with the bytes that are there: who asks for
+ * memory by `rows` afterwards asks for no more than a multiple of the file.
+ */
+#include "../internal.h"
+
+static const struct ply_type_name {
+    const char   *name;
+    enum ply_type type;
+} ply_type_names[] = {
+    {"char", PLY_INT8},     {"int8", PLY_INT8},       {"uchar", PLY_UINT8},    {"uint8", PLY_UINT8},
+    {"short", PLY_INT16},   {"int16", PLY_INT16},     {"ushort", PLY_UINT16},  {"uint16", PLY_UINT16},
+    {"int", PLY_INT32},     {"int32", PLY_INT32},     {"uint", PLY_UINT32},    {"uint32", PLY_UINT32},
+    {"float", PLY_FLOAT32}, {"float32", PLY_FLOAT32}, {"double", PLY_FLOAT64}, {"float64", PLY_FLOAT64},
+};
+
+static size_t ply_size(enum ply_type type)
+{
+    static const uint8_t size[] = {1, 1, 2, 2, 4, 4, 4, 8}; /* in the order of enum ply_type */
+    return size[type];
+}
+
+/* ---------------------------------------------------------------- the header */
+
+struct ply_header {
+    oxl_context *ctx;
+    struct ply  *ply;
+    const char  *cursor, *end; /* of what is still to be read */
+    const char  *line_start, *line_end;
+    int          line;
+    const char  *word[6]; /* of the line; words past six are not looked at */
+    size_t       length[6];
+    int          words;
+};
+
+static int ply_blank(char c)
+{
+    return c == ' ' || c == '\t' || c == '\r';
+}
+
+static int ply_is(const struct ply_header *h, int word, const char *text)
+{
+    return word < h->words && strlen(text) == h->length[word] && !memcmp(text, h->word[word], h->length[word]);
+}
+
+/* Some bytes of a file, made fit for a message. */
+static const char *ply_show(const char *from, const char *end, char out[48])
+{
+    size_t n = 0;
+    while (from + n < end && n < 44 && from[n] != '\n' && from[n] != '\r') {
+        out[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
+        n++;
+    }
+    out[n] = 0;
+    return out;
+}
+
+static oxl_result ply_header_fail(const struct ply_header *h, const char *wanted)
+{
+    char seen[48];
+    return oxl_fail(h->ctx, OXL_ERR_INPUT, "%s:%d: seen '%s', wanted %s\nfix: mend the header or export the file again",
+                    h->ply->path, h->line, ply_show(h->line_start, h->line_end, seen), wanted);
+}
+
+static oxl_result ply_next_line(struct ply_header *h)
+{
+    const char *newline = memchr(h->cursor, '\n', (size_t)(h->end - h->cursor)), *c = h->cursor;
+    h->line++;
+    h->line_start = h->cursor;
+    h->line_end   = newline ? newline : h->end;
+    h->words      = 0;
+    if (!newline) return ply_header_fail(h, "more lines: the header has no end_header");
+    while (h->words < 6) {
+        while (c < newline && ply_blank(*c)) c++;
+        if (c == newline) break;
+        h->word[h->words] = c;
+        while (c < newline && !ply_blank(*c)) c++;
+        h->length[h->words] = (size_t)(c - h->word[h->words]);
+        h->words++;
+    }
+    h->cursor = newline + 1;
+    return OXL_OK;
+}
+
+static oxl_result ply_header_format(struct ply_header *h)
+{
+    if (ply_is(h, 1, "ascii")) h->ply->format = PLY_ASCII;
+    else if (ply_is(h, 1, "binary_little_endian")) h->ply->format = PLY_LITTLE;
+    else if (ply_is(h, 1, "binary_big_endian")) h->ply->format = PLY_BIG;
+    else return ply_header_fail(h, "format ascii, binary_little_endian or binary_big_endian");
+    return ply_is(h, 2, "1.0") ? OXL_OK : ply_header_fail(h, "version 1.0");
+}
+
+static oxl_result ply_header_name(const struct ply_header *h, int word, char name[PLY_NAME])
+{
+    if (word >= h->words) return ply_header_fail(h, "a name");
+    if (h->length[word] >= PLY_NAME) return ply_header_fail(h, "a name of less than 64 letters");
+    memcpy(name, h->word[word], h->length[word]);
+    name[h->length[word]] = 0;
+    return OXL_OK;
+}
+
+static oxl_result ply_header_element(struct ply_header *h)
+{
+    struct ply        *ply     = h->ply;
+    void              *array   = ply->element;
+    size_t             room    = ply->element_capacity;
+    struct ply_element element = {.name = ""};
+    const char        *digits  = h->words > 2 ? h->word[2] : NULL, *end;
+    int64_t            rows;
+    oxl_result         rc = ply_header_name(h, 1, element.name);
+    if (rc != OXL_OK) return rc;
+    if (!digits) return ply_header_fail(h, "element NAME COUNT");
+    end = digits + h->length[2];
+    if (!parse_int64(&digits, end, &rows) || digits != end || rows < 0)
+        return ply_header_fail(h, "a count of rows, 0 to 9223372036854775807");
+    element.rows          = (uint64_t)rows;
+    rc                    = oxl_reserve(h->ctx, &array, &room, (size_t)ply->elements + 1, sizeof *ply->element);
+    ply->element          = array;
+    ply->element_capacity = room;
+    if (rc == OXL_OK) ply->element[ply->elements++] = element;
+    return rc;
+}
+
+static oxl_result ply_header_type(const struct ply_header *h, int word, enum ply_type *out)
+{
+    for (size_t i = 0; i < OXL_COUNT(ply_type_names); i++)
+        if (ply_is(h, word, ply_type_names[i].name)) {
+            *out = ply_type_names[i].type;
+            return OXL_OK;
+        }
+    return ply_header_fail(h, "a type: char, uchar, short, ushort, int, uint, float or double");
+}
+
+static oxl_result ply_header_property(struct ply_header *h)
+{
+    struct ply_element *element  = h->ply->elements ? &h->ply->element[h->ply->elements - 1] : NULL;
+    struct ply_property property = {.is_list = ply_is(h, 1, "list")};
+    void               *array;
+    oxl_result          rc;
+    if (!element) return ply_header_fail(h, "an element before its properties");
+    if (property.is_list && (rc = ply_header_type(h, 2, &property.count_type)) != OXL_OK) return rc;
+    if (property.is_list && property.count_type >= PLY_FLOAT32) return ply_header_fail(h, "a whole number to count the list");
+    if ((rc = ply_header_type(h, property.is_list ? 3 : 1, &property.type)) != OXL_OK) return rc;
+    if ((rc = ply_header_name(h, property.is_list ? 4 : 2, property.name)) != OXL_OK) return rc;
+    array             = element->property;
+    rc                = oxl_reserve(h->ctx, &array, &element->capacity, (size_t)element->properties + 1, sizeof property);
+    element->property = array;
+    if (rc != OXL_OK) return rc;
+    element->property[element->properties++] = property;
+    element->has_list |= property.is_list;
+    element->row_bytes += ply_size(property.is_list ? property.count_type : property.type);
+    return OXL_OK;
+}
+
+static oxl_result ply_header_comment(struct ply_header *h)
+{
+    struct ply *ply   = h->ply;
+    void       *array = ply->comment;
+    const char *from = h->word[0] + h->length[0], *end = h->line_end;
+    char       *copy;
+    oxl_result  rc = oxl_reserve(h->ctx, &array, &ply->comment_capacity, (size_t)ply->comments + 1, sizeof *ply->comment);
+    ply->comment   = array;
+    if (rc != OXL_OK) return rc;
+    while (from < end && ply_blank(*from)) from++;
+    while (end > from && ply_blank(end[-1])) end--;
+    copy = oxl_alloc(h->ctx, (size_t)(end - from) + 1, 1);
+    if (!copy) return oxl_fail(h->ctx, OXL_ERR_MEMORY, "no memory for a comment of %s", ply->path);
+    memcpy(copy, from, (size_t)(end - from));
+    copy[end - from]              = 0;
+    ply->comment[ply->comments++] = copy;
+    return OXL_OK;
+}
+
+static oxl_result ply_header_line(struct ply_header *h)
+{
+    if (h->words == 0 || ply_is(h, 0, "obj_info")) return OXL_OK;
+    if (ply_is(h, 0, "comment")) return ply_header_comment(h);
+    if (ply_is(h, 0, "format")) return ply_header_format(h);
+    if (ply_is(h, 0, "element")) return ply_header_element(h);
+    if (ply_is(h, 0, "property")) return ply_header_property(h);
+    return ply_header_fail(h, "format, comment, element, property or end_header");
+}
+
+static oxl_result ply_read_header(oxl_context *ctx, struct ply *ply)
+{
+    struct ply_header h = {.ctx = ctx, .ply = ply, .cursor = ply->file.data, .end = ply->file.data + ply->file.size};
+    oxl_result        rc;
+    if (ply->file.size < 4 || memcmp(ply->file.data, "ply", 3) || (!ply_blank(ply->file.data[3]) && ply->file.data[3] != '\n')) {
+        h.line       = 1;
+        h.line_start = h.cursor;
+        h.line_end   = h.end;
+        return ply_header_fail(&h, "a PLY file, whose first line is 'ply'");
+    }
+    rc = ply_next_line(&h);
+    while (rc == OXL_OK && (rc = ply_next_line(&h)) == OXL_OK) {
+        if (ply_is(&h, 0, "end_header")) break;
+        rc = ply_header_line(&h);
+    }
+    if (rc == OXL_OK && ply->format == PLY_NO_FORMAT) rc = ply_header_fail(&h, "a format line before it");
+    ply->data_line = h.line + 1;
+    ply->data      = (size_t)(h.cursor - ply->file.data);
+    return rc;
+}
+
+/* Compares what the header announces with what is there; in double, which cannot overflow and is exact below 2^53. */
+static oxl_result ply_check_size(oxl_context *ctx, const struct ply *ply)
+{
+    const double there = (double)(ply->file.size - ply->data);
+    double       need  = 0;
+    for (int e = 0; e < ply->elements; e++) {
+        const struct ply_element *element = &ply->element[e];
+        const double              row =
+            ply->format == PLY_ASCII ? 2.0 * element->properties /* a digit, a blank */ : (double)element->row_bytes;
+        need += (double)element->rows * row;
+        if (need > there + (ply->format == PLY_ASCII)) /* the last line may lack its end */
+            return oxl_fail(ctx, OXL_ERR_INPUT,
+                            "%s: element %s announces %llu rows, with which the data need at least %.0f bytes; there are %.0f\n"
+                            "fix: the file was cut short or its header is wrong; copy or export it again",
+                            ply->path, element->name, (unsigned long long)element->rows, need, there);
+    }
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- the data */
+
+static inline uint64_t ply_bits(const unsigned char *p, size_t size, int big_endian)
+{
+    uint64_t bits = 0;
+    for (size_t i = 0; i < size; i++) bits |= (uint64_t)p[i] << 8 * (big_endian ? size - 1 - i : i);
+    return bits;
+}
+
+static inline float ply_float(const unsigned char *p, int big_endian)
+{
+    const uint32_t bits = (uint32_t)ply_bits(p, 4, big_endian);
+    float          value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static double ply_value(const unsigned char *p, enum ply_type type, int big_endian)
+{
+    const uint64_t bits = ply_bits(p, ply_size(type), big_endian);
+    double         d;
+    switch (type) {
+    case PLY_INT8: return (double)bits - (bits >> 7 ? 256 : 0);
+    case PLY_INT16: return (double)bits - (bits >> 15 ? 65536 : 0);
+    case PLY_INT32: return (double)bits - (bits >> 31 ? 4294967296.0 : 0);
+    case PLY_UINT8:
+    case PLY_UINT16:
+    case PLY_UINT32: return (double)bits;
+    case PLY_FLOAT32: return ply_float(p, big_endian);
+    case PLY_FLOAT64: memcpy(&d, &bits, sizeof d); return d;
+    }
+    return 0;
+}
+
+static void ply_store(const struct ply_target *target, size_t row, double value)
+{
+    if (target->as_float) target->as_float[row] = (float)value;
+    if (target->as_double) target->as_double[row] = value;
+}
+
+/* What the three walks share: an element's bytes from `cursor`; targets (properties), or NULL to skip over it. */
+struct ply_walk {
+    oxl_context              *ctx;
+    const struct ply         *ply;
+    const struct ply_element *element;
+    const struct ply_target  *target;
+    const char               *cursor, *end;
+};
+
+static oxl_result ply_cut_short(const struct ply_walk *w, uint64_t row)
+{
+    return oxl_fail(w->ctx, OXL_ERR_INPUT,
+                    "%s: byte %zu: the file ends in row %llu of %llu of element %s\nfix: copy or export it again", w->ply->path,
+                    (size_t)(w->cursor - w->ply->file.data), (unsigned long long)row, (unsigned long long)w->element->rows,
+                    w->element->name);
+}
+
+/* Rows of one size, by tiles that stay in the first cache while each column is taken out of them. */
+static oxl_result ply_walk_fixed(struct ply_walk *w)
+{
+    enum { TILE = 64 };
+    const struct ply_element *element    = w->element;
+    const size_t              rows       = (size_t)element->rows; /* fits: ply_check_size */
+    const int                 big_endian = w->ply->format == PLY_BIG;
+    if ((size_t)(w->end - w->cursor) / element->row_bytes < rows) return ply_cut_short(w, 0); /* lists before it took the room */
+    for (size_t first = 0; w->target && first < rows; first += TILE) {
+        const size_t         last = OXL_MIN(first + TILE, rows);
+        const unsigned char *tile = (const unsigned char *)w->cursor + first * element->row_bytes;
+        for (int c = 0; c < element->properties; c++) {
+            const enum ply_type     type   = element->property[c].type;
+            const struct ply_target target = w->target[c];
+            const unsigned char    *value  = tile;
+            tile += ply_size(type);
+            if (!target.as_float && !target.as_double) continue;
+            if (type == PLY_FLOAT32 && !big_endian && !target.as_double) { /* nearly all files; several times as fast */
+                for (size_t i = first; i < last; i++, value += element->row_bytes) target.as_float[i] = ply_float(value, 0);
+                continue;
+            }
+            for (size_t i = first; i < last; i++, value += element->row_bytes)
+                ply_store(&target, i, ply_value(value, type, big_endian));
+        }
+    }
+    w->cursor += rows * element->row_bytes;
+    return OXL_OK;
+}
+
+/* Binary rows that hold lists, and so differ in size. */
+static oxl_result ply_walk_lists(struct ply_walk *w)
+{
+    const int big_endian = w->ply->format == PLY_BIG;
+    for (uint64_t row = 0; row < w->element->rows; row++) {
+        for (int c = 0; c < w->element->properties; c++) {
+            const struct ply_property *p     = &w->element->property[c];
+            const enum ply_type        type  = p->is_list ? p->count_type : p->type;
+            const size_t               size  = ply_size(type);
+            double                     value = 0;
+            if ((size_t)(w->end - w->cursor) < size) return ply_cut_short(w, row);
+            value = ply_value((const unsigned char *)w->cursor, type, big_endian);
+            w->cursor += size;
+            if (!p->is_list) {
+                if (w->target) ply_store(&w->target[c], (size_t)row, value);
+                continue;
+            }
+            if (value < 0 || value * (double)ply_size(p->type) > (double)(w->end - w->cursor)) return ply_cut_short(w, row);
+            w->cursor += (size_t)value * ply_size(p->type);
+        }
+    }
+    return OXL_OK;
+}
+
+static oxl_result ply_ascii_fail(const struct ply_walk *w, uint64_t row, const char *wanted)
+{
+    char seen[48];
+    int  line = w->ply->data_line;
+    for (const char *c = w->ply->file.data + w->ply->data; c < w->cursor; c++) line += *c == '\n';
+    return oxl_fail(w->ctx, OXL_ERR_INPUT,
+                    "%s:%d: row %llu of element %s: seen '%s', wanted %s\nfix: mend the line or export the file again",
+                    w->ply->path, line, (unsigned long long)row, w->element->name, ply_show(w->cursor, w->end, seen), wanted);
+}
+
+static int ply_ascii_number(struct ply_walk *w, double *out)
+{
+    while (w->cursor < w->end && ply_blank(*w->cursor)) w->cursor++;
+    return parse_double(&w->cursor, w->end, out) && (w->cursor == w->end || ply_blank(*w->cursor) || *w->cursor == '\n');
+}
+
+/* One row a line, as the format demands: a missing value is found where it is missing. */
+static oxl_result ply_walk_ascii(struct ply_walk *w)
+{
+    for (uint64_t row = 0; row < w->element->rows; row++) {
+        double value;
+        while (w->cursor < w->end && (ply_blank(*w->cursor) || *w->cursor == '\n')) w->cursor++;
+        for (int c = 0; c < w->element->properties; c++) {
+            if (!ply_ascii_number(w, &value)) return ply_ascii_fail(w, row, "a number for each property");
+            if (!w->element->property[c].is_list) {
+                if (w->target) ply_store(&w->target[c], (size_t)row, value);
+                continue;
+            }
+            if (!(value >= 0 && value <= (double)(w->end - w->cursor)))
+                return ply_ascii_fail(w, row, "a list that fits the file");
+            for (size_t left = (size_t)value; left > 0; left--)
+                if (!ply_ascii_number(w, &value)) return ply_ascii_fail(w, row, "as many numbers as the list announces");
+        }
+        while (w->cursor < w->end && ply_blank(*w->cursor)) w->cursor++;
+        if (w->cursor < w->end && *w->cursor != '\n') return ply_ascii_fail(w, row, "the end of the line");
+    }
+    return OXL_OK;
+}
+
+static oxl_result ply_walk(struct ply_walk *w)
+{
+    if (w->element->properties == 0) return OXL_OK; /* rows without bytes, however many */
+    if (w->ply->format == PLY_ASCII) return ply_walk_ascii(w);
+    if (w->element->has_list) return ply_walk_lists(w);
+    return ply_walk_fixed(w);
+}
+
+/* ---------------------------------------------------------------- the door */
+
+OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out)
+{
+    oxl_result rc;
+    *out      = (struct ply){0};
+    out->path = oxl_strdup(ctx, path);
+    if (!out->path) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to open %s", path);
+        goto done;
+    }
+    rc = os_read_file_like(ctx, path, "ply", &out->file);
+    if (rc == OXL_OK) rc = ply_read_header(ctx, out);
+    if (rc == OXL_OK) rc = ply_check_size(ctx, out);
+done:
+    if (rc != OXL_OK) ply_close(ctx, out);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target)
+{
+    struct ply_walk w = {.ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};
+    for (int e = 0; e <= element; e++) {
+        oxl_result rc;
+        w.element = &ply->element[e];
+        w.target  = e == element ? target : NULL;
+        rc        = ply_walk(&w);
+        if (rc != OXL_OK) return rc;
+    }
+    return OXL_OK;
+}
+
+OXL_INTERNAL void ply_close(oxl_context *ctx, struct ply *ply)
+{
+    for (int e = 0; e < ply->elements; e++) oxl_free(ctx, ply->element[e].property);
+    for (int c = 0; c < ply->comments; c++) oxl_free(ctx, ply->comment[c]);
+    oxl_free(ctx, ply->element);
+    oxl_free(ctx, ply->comment);
+    oxl_free(ctx, ply->path);
+    os_release_file(ctx, &ply->file);
+    *ply = (struct ply){0};
+}
+
+OXL_INTERNAL int ply_find_element(const struct ply *ply, const char *name)
+{
+    for (int e = 0; e < ply->elements; e++)
+        if (!strcmp(ply->element[e].name, name)) return e;
+    return -1;
+}
+
+OXL_INTERNAL int ply_find_property(const struct ply_element *element, const char *name)
+{
+    for (int c = 0; c < element->properties; c++)
+        if (!element->property[c].is_list && !strcmp(element->property[c].name, name)) return c;
+    return -1;
+}

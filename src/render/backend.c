@@ -1,0 +1,80 @@
+/* backend.c - which machine draws: the CPU, or a Vulkan device in a build that has that backend.
+ *
+ * Invariant: a build without it, a machine without a loader and one without a device each say so in one line; none of them fails where
+ * the CPU would do.
+ */
+#include "../internal.h"
+#ifdef OXL_VULKAN
+#include "../../backends/vulkan/vulkan.h"
+#endif
+
+#ifdef OXL_VULKAN
+
+OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
+{
+    const int wants = ctx->options.backend == OXL_BACKEND_VULKAN;
+    if (ctx->vulkan || ctx->options.backend == OXL_BACKEND_CPU) return OXL_OK;
+    if (vulkan_open(ctx, ctx->options.device, wants, &ctx->vulkan) == OXL_OK) return OXL_OK;
+    if (wants) return ctx->failed;
+    ctx->options.backend = OXL_BACKEND_CPU; /* looked for once */
+    oxl_log(ctx, OXL_LOG_INFO, "the CPU draws: %s", ctx->error);
+    return OXL_OK;
+}
+
+OXL_INTERNAL void backend_end(oxl_context *ctx)
+{
+    vulkan_close(ctx->vulkan);
+    ctx->vulkan = NULL;
+}
+
+const char *oxl_backend_name(const oxl_context *ctx)
+{
+    return ctx->vulkan ? vulkan_name(ctx->vulkan) : "cpu";
+}
+
+oxl_result oxl_devices(oxl_context *ctx, char **out)
+{
+    struct text      t  = {.ctx = ctx};
+    const oxl_result rc = vulkan_list(ctx, &t);
+    *out                = NULL;
+    if (rc == OXL_OK) return text_take(&t, out);
+    text_free(&t);
+    return rc;
+}
+
+#else
+
+static oxl_result backend_missing(oxl_context *ctx)
+{
+    return oxl_fail(ctx, OXL_ERR_FAILED,
+                    "this program was built without the Vulkan backend\nfix: make VULKAN=1, or --backend cpu");
+}
+
+OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
+{
+    return ctx->options.backend == OXL_BACKEND_VULKAN ? backend_missing(ctx) : OXL_OK;
+}
+
+OXL_INTERNAL void backend_end(oxl_context *ctx)
+{
+    (void)ctx;
+}
+
+const char *oxl_backend_name(const oxl_context *ctx)
+{
+    (void)ctx;
+    return "cpu";
+}
+
+oxl_result oxl_devices(oxl_context *ctx, char **out)
+{
+    *out = NULL;
+    return backend_missing(ctx);
+}
+
+#endif
+
+oxl_result oxl_backend_begin(oxl_context *ctx)
+{
+    return backend_begin(ctx);
+}

@@ -1,0 +1,387 @@
+/* kernels.h - the types that the kernels speak in, and their doors, for whichever `real` is in force.
+ *
+ * The kernels (project.c, bin.c, raster.c, loss.c, adam.c) are written over `real`: float in the library. tests/reference.c includes
+ * this header and those files a second time with real = double and every name suffixed, which gives the numerical reference
+ * from the same source. Hence there is no plain include guard.
+ */
+#if !defined(OXL_KERNELS_H) || (defined(OXL_REFERENCE) && !defined(OXL_KERNELS_REFERENCE_H))
+#define OXL_KERNELS_H
+#ifdef OXL_REFERENCE
+#define OXL_KERNELS_REFERENCE_H
+#endif
+
+#include "../internal.h"
+#include "../core/simd.h"
+
+#ifndef OXL_REFERENCE
+#define real float
+#endif
+
+/* ---------------------------------------------------------------- constants of the forward pass */
+
+#define PACK        16 /* rows that the projection takes at once, and pixels of a block: one vector of AVX-512 */
+#define TILE        16 /* px: a tile is TILE x TILE pixels, 16 blocks of 4 x 4 */
+#define TILE_PIXELS 256
+#define TILE_BLOCKS 16
+
+#define LOG2_255          ((real)7.9943534368588578) /* a contribution below alpha = 1/255 is skipped [Kerbl 2023] */
+#define ALPHA_MAX         ((real)0.99)               /* [Kerbl 2023] */
+#define TRANSMITTANCE_MIN ((real)1e-4) /* the splat that would take a pixel below it is not drawn, and ends it [Kerbl 2023] */
+#define ALPHA_MIN         ((real)(1.0 / 255)) /* the same skip for a difference of Gaussians: of |alpha| */
+#define TRANSMITTANCE_MAX ((real)16)  /* negative alpha lets T grow; from here on it is skipped, so T < 32 [OceanXL is silent] */
+#define LOW_PASS          ((real)0.3) /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
+#define FRUSTUM_CLAMP     1.3         /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
+#define LOG2_E            ((real)1.4426950408889634)
+#define LN_2              ((real)0.6931471805599453)
+
+/* ---------------------------------------------------------------- arithmetic that vectorises, without libm */
+
+SIMD_INLINE real real_sqrt(real x)
+{
+#ifdef OXL_REFERENCE
+    return sqrt(x);
+#else
+    return sqrtf(x);
+#endif
+}
+
+SIMD_INLINE real real_abs(real x)
+{
+#ifdef OXL_REFERENCE
+    return fabs(x);
+#else
+    return fabsf(x);
+#endif
+}
+
+/* The smaller of two numbers that are not negative: their bits sort as they do, and of whole numbers every compiler makes one instruction. */
+SIMD_INLINE real real_least(real a, real b)
+{
+#ifdef OXL_REFERENCE
+    return a < b ? a : b;
+#else
+    int32_t x, y;
+    memcpy(&x, &a, sizeof x);
+    memcpy(&y, &b, sizeof y);
+    x = x < y ? x : y;
+    memcpy(&a, &x, sizeof a);
+    return a;
+#endif
+}
+
+/* a b + c, rounded once where the target fuses. */
+SIMD_INLINE real muladd(const int fused, real a, real b, real c)
+{
+#ifdef OXL_REFERENCE
+    (void)fused;
+    return a * b + c;
+#else
+    return fused ? fmaf(a, b, c) : a * b + c;
+#endif
+}
+
+#ifndef OXL_REFERENCE
+/* 2^x as p * 2^whole, x being f + whole. */
+SIMD_INLINE float real_shifted(float p, float shifted)
+{
+    int32_t whole, bits;
+    memcpy(&whole, &shifted, sizeof whole);
+    memcpy(&bits, &p, sizeof bits);
+    bits = (int32_t)((uint32_t)bits + ((uint32_t)whole << 23));
+    memcpy(&p, &bits, sizeof p);
+    return p;
+}
+#define REAL_SHIFT 12582912.0f /* 1.5 x 2^23: adding it rounds to an integer, left in the low bits */
+#endif
+
+/* 2^x for -126 <= x <= 127; anything outside. Relative error 1.0e-7 in float (own minimax polynomial of degree 5, exact at 0). */
+SIMD_INLINE real real_exp2(const int fused, real x)
+{
+#ifdef OXL_REFERENCE
+    (void)fused;
+    return exp2(x);
+#else
+    const float shifted = x + REAL_SHIFT;
+    const float f       = x - (shifted - REAL_SHIFT); /* [-1/2, 1/2], exact */
+    float       p       = 0.00132647273f;
+    p                   = muladd(fused, p, f, 0.00967151277f);
+    p                   = muladd(fused, p, f, 0.0555073374f);
+    p                   = muladd(fused, p, f, 0.240222421f);
+    p                   = muladd(fused, p, f, 0.693146978f);
+    p                   = muladd(fused, p, f, 1.0f);
+    return real_shifted(p, shifted);
+#endif
+}
+
+/* The same with a polynomial of degree 3: relative error 7.5e-5. */
+SIMD_INLINE real real_exp2_quick(const int fused, real x)
+{
+#ifdef OXL_REFERENCE
+    return real_exp2(fused, x);
+#else
+    const float shifted = x + REAL_SHIFT;
+    const float f       = x - (shifted - REAL_SHIFT);
+    float       p       = 0.0551716237f;
+    p                   = muladd(fused, p, f, 0.242611119f);
+    p                   = muladd(fused, p, f, 0.693260994f);
+    p                   = muladd(fused, p, f, 0.999928074f);
+    return real_shifted(p, shifted);
+#endif
+}
+
+/* e^x, clamped to the range of normal numbers. Relative error 2e-7 in float where the target fuses. */
+SIMD_INLINE real real_exp(const int fused, real x)
+{
+#ifdef OXL_REFERENCE
+    (void)fused;
+    return exp(x);
+#else
+    const float high   = 1.44269502f,
+                low    = 1.92596299e-8f; /* log2 e in two parts: the product's rounding would cost 1e-6 at x = 20 */
+    const float magic  = 12582912.0f;
+    const float inside = OXL_CLAMP(x, -87.0f, 88.0f);
+    const float shift  = inside * high + magic; /* a variable: rounded to float where a machine would keep more */
+    const float n      = shift - magic;
+    const float f      = muladd(fused, inside, low, muladd(fused, inside, high, -n));
+    const float whole  = n == n ? n : 0; /* of NaN is NaN: to cast it would be undefined */
+    const float p      = real_exp2(fused, f);
+    int32_t     bits;
+    float       out;
+    memcpy(&bits, &p, sizeof bits);
+    bits += (int32_t)whole * (1 << 23);
+    memcpy(&out, &bits, sizeof out);
+    return out;
+#endif
+}
+
+/* log2 x for normal x > 0. Absolute error 5e-8 times max(1, |log2 x|) in float (own minimax polynomial of degree 8). */
+SIMD_INLINE real real_log2(const int fused, real x)
+{
+#ifdef OXL_REFERENCE
+    (void)fused;
+    return log2(x);
+#else
+    int32_t bits, exponent;
+    float   m, p = 0.125837037f;
+    memcpy(&bits, &x, sizeof bits);
+    exponent = (bits - 0x3F3504F3) >> 23; /* mantissa from sqrt(1/2) to sqrt(2) */
+    bits -= exponent * (1 << 23);
+    memcpy(&m, &bits, sizeof m);
+    m -= 1.0f;
+    p = muladd(fused, p, m, -0.207269816f);
+    p = muladd(fused, p, m, 0.215715631f);
+    p = muladd(fused, p, m, -0.238944814f);
+    p = muladd(fused, p, m, 0.287916245f);
+    p = muladd(fused, p, m, -0.360703683f);
+    p = muladd(fused, p, m, 0.480910643f);
+    p = muladd(fused, p, m, -0.721347347f);
+    p = muladd(fused, p, m, 1.442695f);
+    return muladd(fused, p, m, (float)exponent);
+#endif
+}
+
+/* ---------------------------------------------------------------- small vectors, by value: the compiler keeps them in registers */
+
+struct vec3 {
+    real x, y, z;
+    real unused[2]; /* past 16 bytes: clang passes smaller ones packed in a register, and then cannot vectorise over lanes */
+};
+struct mat3 { /* rows */
+    struct vec3 x, y, z;
+};
+
+SIMD_INLINE struct vec3 vec3(real x, real y, real z)
+{
+    struct vec3 v;
+    v.x = x, v.y = y, v.z = z;
+    return v;
+}
+SIMD_INLINE real dot3(struct vec3 a, struct vec3 b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+SIMD_INLINE struct vec3 cross3(struct vec3 a, struct vec3 b)
+{
+    return vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+SIMD_INLINE struct vec3 scale3(real s, struct vec3 a)
+{
+    return vec3(s * a.x, s * a.y, s * a.z);
+}
+SIMD_INLINE struct vec3 add3(struct vec3 a, struct vec3 b)
+{
+    return vec3(a.x + b.x, a.y + b.y, a.z + b.z);
+}
+SIMD_INLINE struct vec3 multiply3(struct vec3 a, struct vec3 b) /* element by element */
+{
+    return vec3(a.x * b.x, a.y * b.y, a.z * b.z);
+}
+SIMD_INLINE struct vec3 mat3_times(struct mat3 m, struct vec3 v)
+{
+    return vec3(dot3(m.x, v), dot3(m.y, v), dot3(m.z, v));
+}
+SIMD_INLINE struct vec3 mat3_transposed_times(struct mat3 m, struct vec3 v)
+{
+    return add3(add3(scale3(v.x, m.x), scale3(v.y, m.y)), scale3(v.z, m.z));
+}
+
+/* ---------------------------------------------------------------- what goes in */
+
+struct gaussians {       /* an oxl_model seen by the kernels; planes are readable up to the next multiple of PACK */
+    size_t count, lobes; /* rows 0..lobes-1 have a second lobe */
+    int    sh_degree;    /* bands evaluated */
+    real   lobe_free;    /* 0: a lobe's planes are factors of its row's opacity and scale; 1: its own (the oracle's scenes) */
+    real  *plane[OXL_PLANES];
+};
+
+struct lens { /* an oxl_camera in the kernels' numbers */
+    int         width, height;
+    real        fx, fy, cx, cy; /* px */
+    struct mat3 rotation;       /* world to camera */
+    struct vec3 translation, eye;
+    real        limit_x, limit_y; /* |x/z|, |y/z| at which the Jacobian is clamped */
+    real        near_plane;
+    real        alpha_min, cut; /* contributions below alpha_min, ALPHA_MIN or more, are skipped; cut = -log2(alpha_min) */
+};
+
+/* ---------------------------------------------------------------- project.c: Gaussians onto the image plane, and back */
+
+/* A Gaussian on the image plane. Its inverse covariance is kept factored, which stays accurate for needles where the usual
+ * A dx^2 + 2 B dx dy + C dy^2 cancels, and the exponent is in base 2 with the opacity in it. So a pixel at (dx, dy) costs
+ *     w = dx + k dy,   alpha = 2^(peak - a w^2 - e dy^2).
+ * One cache line in float. */
+struct splat {
+    real     u, v;             /* centre, px */
+    real     a, k, e;          /* log2(e)/2 x (1 / variance of x given y); slope; log2(e)/2 x (1 / variance of y); 1/px^2 */
+    real     peak;             /* log2 of the opacity */
+    real     colour[3];        /* after the clamp at 0 */
+    real     depth;            /* camera z */
+    real     half_x, half_y;   /* px: half the box around the contour alpha = 1/255 */
+    uint16_t tile_x0, tile_x1; /* tiles that the box touches, inclusive */
+    uint16_t tile_y0, tile_y1;
+    uint32_t first_slot, slots; /* its (tile, splat) pairs in the binning's order */
+};
+
+/* The second lobe of a row on the image plane; centre and colour are the splat's, whose box holds both contours. Kept apart from it: a
+ * scene without lobes never touches one. */
+struct lobe {
+    real a, k, e, peak;  /* as in struct splat */
+    real half_x, half_y; /* px: half the box around this lobe's contour o' G' = 1/255 */
+    real main_x, main_y; /* px: half the box around the first one's */
+};
+
+#define SPLAT_SUMS 9 /* a pair's gradient sums over its pixels: g = alpha dL/dalpha times ... */
+#define SUM_G      0 /* 1: opacity */
+#define SUM_W      1 /* w: centre along x */
+#define SUM_Y      2 /* dy: centre along y */
+#define SUM_WW     3 /* w^2, w dy, dy^2: shape */
+#define SUM_WY     4
+#define SUM_YY     5
+#define SUM_RED    6 /* alpha T dL/dC, without g: colour, three channels */
+
+struct project_job {
+    struct gaussians   in;
+    const struct lens *lens;
+    size_t             first_pack, end_pack; /* packs of PACK rows */
+    struct splat      *splat;                /* (count) written for visible rows */
+    struct lobe       *lobe;                 /* (lobes) written for visible rows */
+    uint16_t          *visible;              /* (packs) a bit a row */
+    /* backward alone: */
+    const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
+    struct gaussians out;           /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
+    real            *dmean2d;       /* (count) |dL/d(u,v)| in units of half an image, for visible rows */
+};
+OXL_INTERNAL void project_forward(int isa, const struct project_job *job);
+OXL_INTERNAL void project_backward(int isa, const struct project_job *job);
+
+/* ---------------------------------------------------------------- bin.c: which tile sees which splat, in depth order */
+
+struct pair {
+    uint32_t splat;  /* row of the model */
+    uint32_t slot;   /* where its gradient sums go; those of a second lobe go to slot + the splat's slots */
+    uint32_t blocks; /* bit 4 by + bx: the contour touches this 4 x 4 block of the tile */
+};
+
+struct bins {
+    int                 tiles_x, tiles_y;
+    real                alpha_min, cut; /* of the lens */
+    size_t              packs;
+    struct splat       *splat;   /* (count) in: written by project_forward; first_slot and slots are filled in */
+    const uint16_t     *visible; /* (packs) in */
+    const struct lobe  *lobe;    /* (lobes) in */
+    size_t              lobes;   /* rows 0..lobes-1 have one: their footprint is that of both, and they get twice the slots */
+    uint32_t           *order;   /* (visible_count) rows by depth, ties by row */
+    size_t              visible_count;
+    struct pair        *pair; /* (pair_count) tile by tile, each in depth order */
+    size_t              pair_count;
+    size_t              slot_count; /* >= pair_count: slots are laid out before the exact test */
+    uint32_t           *tile_start; /* (tiles + 1) */
+    struct bin_scratch *scratch;
+};
+OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *bins, int width, int height);
+OXL_INTERNAL void       bin_free(oxl_context *ctx, struct bins *bins);
+
+/* ---------------------------------------------------------------- raster.c: splats to pixels, and back */
+
+struct raster_job {
+    const struct bins *bins;
+    int                width, height, tile;
+    real               background[3];
+    int                quick_exp;     /* 1: 2^x from a polynomial of degree 3; backward must have what forward had */
+    real              *rgb;           /* (3,H,W) */
+    real              *transmittance; /* (H,W) what is left of the light behind the last splat */
+    /* backward and score: */
+    const real        *drgb; /* (3,H,W) dL/d(rgb) */
+    /* backward alone: */
+    int                left_out; /* 1: the tile's gradient is taken as 0 */
+    real               make_up;  /* what the others get on top of theirs for that, as a share of it */
+    real (*sums)[SPLAT_SUMS];    /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
+    /* score alone, with drgb = dS/d(rgb): */
+    real *score; /* (slots) sum of (o dS/dalpha)^2, written for each of the tile's pairs */
+};
+OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job);
+OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
+OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
+
+#ifndef OXL_REFERENCE
+OXL_INTERNAL struct lens render_lens(const oxl_camera *camera, float near_plane); /* renderer.c */
+#endif
+
+/* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */
+
+struct loss_job {
+    int         width, height;
+    real        ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM); 0: SSIM is not computed */
+    const real *x, *y;       /* (3,H,W) drawn, photographed */
+    const real *weight;      /* (H,W) 1 or 0, or NULL */
+    real       *dx;          /* (3,H,W) dL/dx, overwritten */
+};
+struct loss_value {
+    double total, l1, ssim, mse; /* means over the pixels that count, of the three channels */
+};
+struct loss_scratch { /* kept between steps, so that the steady state allocates nothing */
+    void  *strip, *rows, *sums, *whole;
+    size_t strip_capacity, rows_capacity, sums_capacity, whole_capacity;
+    size_t cleared; /* values of the rows that were cleared, */
+    int    width;   /* for this width */
+};
+OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch,
+                                              struct loss_value *out);
+OXL_INTERNAL void       loss_free(oxl_context *ctx, struct loss_scratch *scratch);
+
+/* ---------------------------------------------------------------- adam.c: the step that follows the gradient */
+
+struct adam_job {
+    size_t    first_pack, end_pack;
+    uint16_t *visible;             /* (packs) rows that are stepped; the bit of one with a number that is not finite is cleared */
+    int       planes, lobe_planes; /* of every row; behind them those of second lobes, up to the end of the last pack with one */
+    size_t    lobe_packs;
+    real     *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
+    const real *gradient[OXL_PLANES];
+    real        rate[OXL_PLANES];   /* with the bias correction of the first moment in it */
+    real        beta1, beta2;       /* what is left of the two moments after a step */
+    real        inverse_correction; /* 1 / sqrt(1 - beta2^t) */
+};
+OXL_INTERNAL void adam_step(int isa, const struct adam_job *job);
+
+#endif

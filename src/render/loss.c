@@ -1,0 +1,526 @@
+/* loss.c - (1 - w) L1 + w (1 - SSIM) between a drawn image and a photograph, and its gradient in the drawn image.
+ *
+ * SSIM is Wang et al. 2004: with mu, sigma the moments under an 11 x 11 Gaussian window of sigma 1.5, zero padding,
+ *     S = (2 mx my + C1)(2 sxy + C2) / ((mx^2 + my^2 + C1)(sxx + syy + C2)).
+ * Only the sum sxx + syy occurs, so four blurred maps serve: x, y, x^2 + y^2, xy. With D the derivatives of S in the blurred x,
+ * x^2 + y^2 and xy,
+ *     dS/dx = blur(D_x) + 2 x blur(D_xx) + y blur(D_xy).
+ *
+ * Both blurs are fused in one sweep down a strip of rows, a band of eight rows at a time. Rings hold the rows that a band reaches:
+ * those of x and y, which are blurred down, then along, into a row of derivatives; and those of the derivatives, which are blurred
+ * along, then down, into the gradient. Everything stays in the cache, and strips can be cut anywhere.
+ *
+ * Invariant: each pixel's result and each row's sum is computed alike, wherever the strips are cut.
+ */
+#include "kernels.h"
+
+#define LOSS_TAPS        11
+#define LOSS_HALF        5 /* px: the window reaches this far */
+#define LOSS_BAND        8 /* rows blurred down together: each row that is loaded serves all whose windows hold it */
+#define LOSS_REACH       (LOSS_BAND + 2 * LOSS_HALF) /* rows that the windows of a band reach */
+#define LOSS_PHASES      4                           /* see loss_columns */
+#define LOSS_GAP         2                           /* zeros that a blur along reaches past the end of a phase */
+#define LOSS_MAPS        4                           /* of x and y: */
+#define LOSS_X           0
+#define LOSS_Y           1
+#define LOSS_SQUARES     2 /* x^2 + y^2 */
+#define LOSS_PRODUCT     3 /* xy */
+#define LOSS_DERIVATIVES 3 /* of S in the blurred x, x^2 + y^2, xy */
+#define LOSS_SUMS        3 /* |x - y|, S, (x - y)^2 */
+
+#define LOSS_C1 ((real)1e-4) /* 0.01^2 */
+#define LOSS_C2 ((real)9e-4) /* 0.03^2 */
+
+static const real LOSS_WINDOW[LOSS_TAPS] = {/* exp(-i^2 / (2 x 1.5^2)), normalised */
+                                            (real)0.00102838008447911, (real)0.00759875813523919, (real)0.03600077212843083,
+                                            (real)0.10936068950970002, (real)0.21300553771125370, (real)0.26601172486179436,
+                                            (real)0.21300553771125370, (real)0.10936068950970002, (real)0.03600077212843083,
+                                            (real)0.00759875813523919, (real)0.00102838008447911};
+
+struct loss_strip {
+    const struct loss_job *job;
+    const real            *window_ok;           /* (H,W) 1 where the whole SSIM window counts, or NULL */
+    real                   l1_scale;            /* (1 - w) / number of values that count */
+    real                   ssim_scale;          /* w / number of windows that count */
+    int                    channel, first, end; /* rows */
+    size_t                 one;                 /* 1, see loss_blur_along */
+    real                  *scratch;             /* loss_scratch_size(width) */
+    double (*sums)[LOSS_SUMS];                  /* (H) of this channel: |x - y|, SSIM, (x - y)^2 */
+};
+
+/* ---------------------------------------------------------------- rows in the scratch */
+
+/* A row lies there in LOSS_PHASES phases: pixels 0, 4, 8..., then 1, 5, 9..., and so on. In a blur along the row each shifted load
+ * then serves four pixels, and those loads, across cache lines, would limit it. Each phase ends in LOSS_GAP zeros or more; a pack of
+ * zeros stands before the row and one behind it. */
+static size_t loss_columns(int width) /* of a phase that are computed: whole packs */
+{
+    return ((size_t)width + LOSS_PHASES * PACK - 1) / (LOSS_PHASES * PACK) * PACK;
+}
+
+static size_t loss_phase(int width) /* from one phase to the next */
+{
+    const size_t used = ((size_t)width + LOSS_PHASES - 1) / LOSS_PHASES;
+    return (used + LOSS_GAP + PACK - 1) / PACK * PACK;
+}
+
+static size_t loss_stride(int width)
+{
+    return LOSS_PHASES * loss_phase(width) + 2 * PACK;
+}
+
+static size_t loss_scratch_size(int width)
+{
+    return loss_stride(width) * ((2 + LOSS_DERIVATIVES) * LOSS_REACH + LOSS_MAPS * LOSS_BAND + LOSS_MAPS + LOSS_DERIVATIVES + 2);
+}
+
+struct loss_rows { /* the scratch, cut up */
+    size_t columns, phase, stride;
+    real  *x, *y;      /* (LOSS_REACH, stride) rings */
+    real  *down;       /* (LOSS_MAPS, LOSS_BAND, stride) maps of a band, blurred down; later its derivatives */
+    real  *blurred;    /* (LOSS_MAPS, stride) maps of one row, blurred along it too */
+    real  *derivative; /* (LOSS_DERIVATIVES, stride) of one row */
+    real  *returned;   /* (LOSS_DERIVATIVES, LOSS_REACH, stride) rings of derivatives, blurred along */
+    real  *counts;     /* (stride) 1 or 0 for each pixel or window of a row, 0 past the ends */
+    real  *gradient;   /* (stride) of one row */
+};
+
+SIMD_INLINE struct loss_rows loss_rows(const struct loss_strip *s)
+{
+    struct loss_rows r = {.columns = loss_columns(s->job->width),
+                          .phase   = loss_phase(s->job->width),
+                          .stride  = loss_stride(s->job->width),
+                          .x       = s->scratch + PACK};
+    r.y                = r.x + r.stride * LOSS_REACH;
+    r.down             = r.y + r.stride * LOSS_REACH;
+    r.blurred          = r.down + r.stride * LOSS_MAPS * LOSS_BAND;
+    r.derivative       = r.blurred + r.stride * LOSS_MAPS;
+    r.returned         = r.derivative + r.stride * LOSS_DERIVATIVES;
+    r.counts           = r.returned + r.stride * LOSS_DERIVATIVES * LOSS_REACH;
+    r.gradient         = r.counts + r.stride;
+    return r;
+}
+
+/* A row of a ring; rows start at -2 LOSS_HALF. */
+SIMD_INLINE real *loss_ring(const struct loss_rows *r, real *ring, int row)
+{
+    return ring + (size_t)(row + LOSS_REACH) % LOSS_REACH * r->stride;
+}
+
+/* The rows of a ring that the windows of the band reach. */
+SIMD_INLINE void loss_window(const struct loss_rows *r, real *ring, int band, const real *rows[LOSS_REACH])
+{
+    for (int k = 0; k < LOSS_REACH; k++) rows[k] = loss_ring(r, ring, band - LOSS_HALF + k);
+}
+
+SIMD_INLINE void loss_split(const real *restrict in, int width, size_t phase, real *restrict out)
+{
+    const size_t whole = (size_t)width / LOSS_PHASES;
+#pragma omp simd
+    for (size_t j = 0; j < whole; j++) {
+        out[j]             = in[4 * j];
+        out[phase + j]     = in[4 * j + 1];
+        out[2 * phase + j] = in[4 * j + 2];
+        out[3 * phase + j] = in[4 * j + 3];
+    }
+    for (size_t i = whole * LOSS_PHASES; i < (size_t)width; i++) out[i % LOSS_PHASES * phase + whole] = in[i];
+}
+
+SIMD_INLINE void loss_join(const real *restrict in, int width, size_t phase, real *restrict out)
+{
+    const size_t whole = (size_t)width / LOSS_PHASES;
+#pragma omp simd
+    for (size_t j = 0; j < whole; j++) {
+        out[4 * j]     = in[j];
+        out[4 * j + 1] = in[phase + j];
+        out[4 * j + 2] = in[2 * phase + j];
+        out[4 * j + 3] = in[3 * phase + j];
+    }
+    for (size_t i = whole * LOSS_PHASES; i < (size_t)width; i++) out[i] = in[i % LOSS_PHASES * phase + whole];
+}
+
+/* A row of an image (3,H,W). */
+SIMD_INLINE size_t loss_at(const struct loss_strip *s, int row)
+{
+    return ((size_t)s->channel * (size_t)s->job->height + (size_t)row) * (size_t)s->job->width;
+}
+
+/* A row of a weight map; without one the counts stay as loss_open left them. */
+SIMD_INLINE void loss_fill_counts(const struct loss_strip *s, const struct loss_rows *r, const real *map, int row)
+{
+    if (map) loss_split(map + (size_t)row * (size_t)s->job->width, s->job->width, r->phase, r->counts);
+}
+
+SIMD_INLINE void loss_open(const struct loss_strip *s, const struct loss_rows *r)
+{
+    for (int j = 0; !s->job->weight && j < s->job->width; j++)
+        r->counts[(size_t)j % LOSS_PHASES * r->phase + (size_t)j / LOSS_PHASES] = 1;
+}
+
+/* ---------------------------------------------------------------- blurs */
+
+/* A window is symmetric: values at equal distances are added before they are weighted. */
+SIMD_INLINE real loss_fold(const int fused, real r0, real r1, real r2, real r3, real r4, real r5, real r6, real r7, real r8,
+                           real r9, real r10)
+{
+    real sum = LOSS_WINDOW[0] * (r0 + r10);
+    sum      = muladd(fused, LOSS_WINDOW[1], r1 + r9, sum);
+    sum      = muladd(fused, LOSS_WINDOW[2], r2 + r8, sum);
+    sum      = muladd(fused, LOSS_WINDOW[3], r3 + r7, sum);
+    sum      = muladd(fused, LOSS_WINDOW[4], r4 + r6, sum);
+    return muladd(fused, LOSS_WINDOW[5], r5, sum);
+}
+
+/* Columns of all phases. `one` is 1, but the compiler must not know: clang would carry loads from one column to the next, and then
+ * cannot vectorise. */
+SIMD_INLINE void loss_blur_along(const int fused, const size_t one, const struct loss_rows *r, const real *row,
+                                 real *restrict out)
+{
+    const real *restrict a1 = row - 1, *restrict a2 = a1 + one, *restrict a3 = a2 + one, *restrict a4 = a3 + one;
+    const real *restrict b1 = row + r->phase - 1, *restrict b2 = b1 + one, *restrict b3 = b2 + one;
+    const real *restrict c1 = row + 2 * r->phase - 1, *restrict c2 = c1 + one, *restrict c3 = c2 + one;
+    const real *restrict d0 = row + 3 * r->phase - 2, *restrict d1 = d0 + one, *restrict d2 = d1 + one, *restrict d3 = d2 + one;
+    for (size_t j0 = 0; j0 < r->columns; j0 += PACK) {
+#pragma omp simd
+        for (size_t l = 0; l < PACK; l++) {
+            const size_t j = j0 + l;
+            const real p0 = d0[j], p1 = a1[j], p2 = b1[j], p3 = c1[j], p4 = d1[j], p5 = a2[j], p6 = b2[j], p7 = c2[j], p8 = d2[j],
+                       p9 = a3[j], p10 = b3[j], p11 = c3[j], p12 = d3[j], p13 = a4[j];
+            out[j]                = loss_fold(fused, p0, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10);
+            out[r->phase + j]     = loss_fold(fused, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10, p11);
+            out[2 * r->phase + j] = loss_fold(fused, p2, p3, p4, p5, p6, p7, p8, p9, p10, p11, p12);
+            out[3 * r->phase + j] = loss_fold(fused, p3, p4, p5, p6, p7, p8, p9, p10, p11, p12, p13);
+        }
+    }
+}
+
+SIMD_INLINE real loss_map(const int fused, const int map, real x, real y)
+{
+    return map == LOSS_X ? x : map == LOSS_Y ? y : map == LOSS_SQUARES ? muladd(fused, x, x, y * y) : x * y;
+}
+
+/* A pack of columns of a map, blurred down for the rows of a band; x[k], y[k]: the k-th row that their windows reach. */
+SIMD_INLINE void loss_blur_down(const int fused, const int map, const real *const x[LOSS_REACH], const real *const y[LOSS_REACH],
+                                size_t j0, size_t stride, real *restrict out)
+{
+#pragma omp simd
+    for (size_t l = 0; l < PACK; l++) {
+        const size_t j  = j0 + l;
+        const real   m0 = loss_map(fused, map, x[0][j], y[0][j]), m1 = loss_map(fused, map, x[1][j], y[1][j]);
+        const real   m2 = loss_map(fused, map, x[2][j], y[2][j]), m3 = loss_map(fused, map, x[3][j], y[3][j]);
+        const real   m4 = loss_map(fused, map, x[4][j], y[4][j]), m5 = loss_map(fused, map, x[5][j], y[5][j]);
+        const real   m6 = loss_map(fused, map, x[6][j], y[6][j]), m7 = loss_map(fused, map, x[7][j], y[7][j]);
+        const real   m8 = loss_map(fused, map, x[8][j], y[8][j]), m9 = loss_map(fused, map, x[9][j], y[9][j]);
+        const real   m10 = loss_map(fused, map, x[10][j], y[10][j]), m11 = loss_map(fused, map, x[11][j], y[11][j]);
+        const real   m12 = loss_map(fused, map, x[12][j], y[12][j]), m13 = loss_map(fused, map, x[13][j], y[13][j]);
+        const real   m14 = loss_map(fused, map, x[14][j], y[14][j]), m15 = loss_map(fused, map, x[15][j], y[15][j]);
+        const real   m16 = loss_map(fused, map, x[16][j], y[16][j]), m17 = loss_map(fused, map, x[17][j], y[17][j]);
+        out[l]              = loss_fold(fused, m0, m1, m2, m3, m4, m5, m6, m7, m8, m9, m10);
+        out[stride + l]     = loss_fold(fused, m1, m2, m3, m4, m5, m6, m7, m8, m9, m10, m11);
+        out[2 * stride + l] = loss_fold(fused, m2, m3, m4, m5, m6, m7, m8, m9, m10, m11, m12);
+        out[3 * stride + l] = loss_fold(fused, m3, m4, m5, m6, m7, m8, m9, m10, m11, m12, m13);
+        out[4 * stride + l] = loss_fold(fused, m4, m5, m6, m7, m8, m9, m10, m11, m12, m13, m14);
+        out[5 * stride + l] = loss_fold(fused, m5, m6, m7, m8, m9, m10, m11, m12, m13, m14, m15);
+        out[6 * stride + l] = loss_fold(fused, m6, m7, m8, m9, m10, m11, m12, m13, m14, m15, m16);
+        out[7 * stride + l] = loss_fold(fused, m7, m8, m9, m10, m11, m12, m13, m14, m15, m16, m17);
+    }
+}
+
+SIMD_INLINE real loss_sum_lanes(const real *lane) /* (PACK), pairwise */
+{
+    real half[PACK];
+    memcpy(half, lane, sizeof half);
+    for (int n = PACK / 2; n > 0; n /= 2)
+        for (int l = 0; l < n; l++) half[l] += half[l + n];
+    return half[0];
+}
+
+/* ---------------------------------------------------------------- the stages of the sweep */
+
+/* Stage 1: a row of x and y into their rings; zeros outside the image. */
+SIMD_INLINE void loss_take_row(const struct loss_strip *s, const struct loss_rows *r, int row)
+{
+    real *x = loss_ring(r, r->x, row), *y = loss_ring(r, r->y, row);
+    if (row < 0 || row >= s->job->height) {
+        memset(x, 0, LOSS_PHASES * r->phase * sizeof *x);
+        memset(y, 0, LOSS_PHASES * r->phase * sizeof *y);
+        return;
+    }
+    loss_split(s->job->x + loss_at(s, row), s->job->width, r->phase, x);
+    loss_split(s->job->y + loss_at(s, row), s->job->width, r->phase, y);
+}
+
+/* Stage 2: the four maps, blurred down for the windows centred on the rows of a band. */
+SIMD_INLINE void loss_blur_maps(const int fused, const struct loss_rows *r, int band)
+{
+    const real  *x[LOSS_REACH], *y[LOSS_REACH];
+    const size_t map = LOSS_BAND * r->stride;
+    loss_window(r, r->x, band, x);
+    loss_window(r, r->y, band, y);
+    for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
+        for (size_t j = p; j < p + r->columns; j += PACK) {
+            loss_blur_down(fused, LOSS_X, x, y, j, r->stride, r->down + j);
+            loss_blur_down(fused, LOSS_Y, x, y, j, r->stride, r->down + map + j);
+            loss_blur_down(fused, LOSS_SQUARES, x, y, j, r->stride, r->down + 2 * map + j);
+            loss_blur_down(fused, LOSS_PRODUCT, x, y, j, r->stride, r->down + 3 * map + j);
+        }
+}
+
+/* S and its derivatives (MATH 8, 9), of the blurred maps of a row. Returns the sum of S. */
+SIMD_INLINE real loss_differentiate(const int fused, const struct loss_strip *s, const struct loss_rows *r)
+{
+    const real *restrict mx = r->blurred, *restrict my = mx + r->stride;
+    const real *restrict mm = my + r->stride, *restrict mxy = mm + r->stride;
+    const real *restrict counts = r->counts;
+    real *restrict dx = r->derivative, *restrict dm = dx + r->stride, *restrict dxy = dm + r->stride;
+    real       sum[PACK] = {0};
+    const real scale     = -2 * s->ssim_scale;
+    for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
+        for (size_t j0 = p; j0 < p + r->columns; j0 += PACK) {
+#pragma omp simd
+            for (size_t l = 0; l < PACK; l++) {
+                const size_t j  = j0 + l;
+                const real   ux = mx[j], uy = my[j], uu = muladd(fused, ux, ux, uy * uy), uxy = ux * uy;
+                const real   a1 = muladd(fused, 2, uxy, LOSS_C1), a2 = muladd(fused, 2, mxy[j] - uxy, LOSS_C2);
+                const real   b1 = uu + LOSS_C1, b2 = mm[j] - uu + LOSS_C2, i = 1 / (b1 * b2);
+                const real   p = a1 * i, q = a2 * i, ssim = a1 * q, t = ssim * i, c = scale * counts[j];
+                /* the variances hold -ux^2 and -ux uy */
+                dx[j]  = c * (uy * (q - p) - ux * t * (b2 - b1));
+                dm[j]  = (real)-0.5 * c * t * b1;
+                dxy[j] = c * p;
+                sum[l] = muladd(fused, counts[j], ssim, sum[l]);
+            }
+        }
+    return loss_sum_lanes(sum);
+}
+
+/* Stage 3: the maps blurred along a row of the band -> S and its derivatives there, blurred along the row, into their rings. */
+SIMD_INLINE void loss_return_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
+{
+    real sum;
+    for (size_t k = 0; k < LOSS_MAPS; k++)
+        loss_blur_along(fused, s->one, r, r->down + (k * LOSS_BAND + (size_t)(row - band)) * r->stride,
+                        r->blurred + k * r->stride);
+    loss_fill_counts(s, r, s->window_ok, row);
+    sum = loss_differentiate(fused, s, r);
+    for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
+        loss_blur_along(fused, s->one, r, r->derivative + k * r->stride,
+                        loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row));
+    if (row >= s->first && row < s->end) s->sums[row][1] = sum;
+}
+
+/* The same outside of the image: nothing returns from there. */
+SIMD_INLINE void loss_return_nothing(const struct loss_rows *r, int row)
+{
+    for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
+        memset(loss_ring(r, r->returned + k * LOSS_REACH * r->stride, row), 0, LOSS_PHASES * r->phase * sizeof *r->returned);
+}
+
+/* Stage 4: the derivatives, blurred down for the rows of a band. */
+SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *r, int band)
+{
+    for (size_t k = 0; k < LOSS_DERIVATIVES; k++) {
+        const real *rows[LOSS_REACH];
+        loss_window(r, r->returned + k * LOSS_REACH * r->stride, band, rows);
+        for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
+            for (size_t j = p; j < p + r->columns; j += PACK)
+                loss_blur_down(fused, LOSS_X, rows, rows, j, r->stride, r->down + k * LOSS_BAND * r->stride + j);
+    }
+}
+
+/* Stage 5: the gradient of a row of the band, with the part of L1. */
+SIMD_INLINE void loss_give_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
+{
+    const real *restrict x = loss_ring(r, r->x, row), *restrict y = loss_ring(r, r->y, row);
+    const real *restrict dx = r->down + (size_t)(row - band) * r->stride;
+    const real *restrict dm = dx + LOSS_BAND * r->stride, *restrict dxy = dm + LOSS_BAND * r->stride;
+    const real *restrict counts = r->counts;
+    real *restrict out          = r->gradient;
+    real l1[PACK] = {0}, square[PACK] = {0};
+    loss_fill_counts(s, r, s->job->weight, row);
+    for (size_t p = 0; p < LOSS_PHASES * r->phase; p += r->phase)
+        for (size_t j0 = p; j0 < p + r->columns; j0 += PACK) {
+#pragma omp simd
+            for (size_t l = 0; l < PACK; l++) {
+                const size_t j = j0 + l;
+                const real   a = x[j], b = y[j], difference = a - b;
+                const real   sign    = difference > 0 ? (real)1 : difference < 0 ? (real)-1 : 0;
+                const real   through = muladd(fused, 2 * a, dm[j], b * dxy[j]);
+                out[j]               = dx[j] + through + s->l1_scale * counts[j] * sign;
+                l1[l] += counts[j] * (difference < 0 ? -difference : difference);
+                square[l] += counts[j] * difference * difference;
+            }
+        }
+    loss_join(out, s->job->width, r->phase, s->job->dx + loss_at(s, row));
+    s->sums[row][0] = loss_sum_lanes(l1);
+    s->sums[row][2] = loss_sum_lanes(square);
+}
+
+SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
+{
+    const struct loss_rows r     = loss_rows(s);
+    const int              start = OXL_MAX(s->first - LOSS_HALF, 0), below = OXL_MIN(s->end + LOSS_HALF, s->job->height);
+    loss_open(s, &r);
+    for (int row = start - LOSS_HALF; row < start + LOSS_HALF; row++) loss_take_row(s, &r, row);
+    for (int row = start - LOSS_HALF; row < start; row++) loss_return_nothing(&r, row);
+    for (int band = start; band < s->end + LOSS_HALF; band += LOSS_BAND) {
+        const int given = band - LOSS_HALF; /* the band whose windows end with this one */
+        for (int row = band + LOSS_HALF; row < band + LOSS_HALF + LOSS_BAND; row++) loss_take_row(s, &r, row);
+        if (band < below) loss_blur_maps(fused, &r, band);
+        for (int row = band; row < band + LOSS_BAND; row++) {
+            if (row < below) loss_return_row(fused, s, &r, band, row);
+            else loss_return_nothing(&r, row);
+        }
+        if (given + LOSS_BAND > s->first) loss_blur_derivatives(fused, &r, given);
+        for (int row = OXL_MAX(given, s->first); row < OXL_MIN(given + LOSS_BAND, s->end); row++)
+            loss_give_row(fused, s, &r, given, row);
+    }
+}
+
+SIMD_DISPATCH(static, loss_strip, struct loss_strip)
+
+/* What is left of the sweep when SSIM has no weight. */
+static void loss_l1_strip(const struct loss_strip *s)
+{
+    const size_t width = (size_t)s->job->width;
+    for (int row = s->first; row < s->end; row++) {
+        const real *restrict x = s->job->x + loss_at(s, row), *restrict y = s->job->y + loss_at(s, row);
+        const real *restrict weight = s->job->weight ? s->job->weight + (size_t)row * width : NULL;
+        real *restrict dx           = s->job->dx + loss_at(s, row);
+        double l1 = 0, square = 0;
+        for (size_t j = 0; j < width; j++) {
+            const real d = x[j] - y[j], w = weight ? weight[j] : 1;
+            dx[j] = s->l1_scale * w * (d > 0 ? (real)1 : d < 0 ? (real)-1 : 0);
+            l1 += w * (d < 0 ? -d : d);
+            square += w * d * d;
+        }
+        s->sums[row][0] = l1, s->sums[row][1] = 0, s->sums[row][2] = square;
+    }
+}
+
+/* ---------------------------------------------------------------- the whole image */
+
+/* 1 where the window counts along the row. Returns how many pixels of the row count. */
+static int64_t loss_whole_along(const real *restrict weight, int width, real *restrict out)
+{
+    int64_t count = 0;
+    for (int x = 0; x < width; x++) {
+        out[x] = 1;
+        count += weight[x] > 0;
+    }
+    for (int k = -LOSS_HALF; k <= LOSS_HALF; k++)
+        for (int x = OXL_MAX(-k, 0); x < OXL_MIN(width, width - k); x++) out[x] *= (real)(weight[x + k] > 0);
+    return count;
+}
+
+/* 1 where all rows of the window do so too. Returns how many. */
+static int64_t loss_whole_down(const real *along, const struct loss_job *job, int row, real *restrict out)
+{
+    int64_t count = 0;
+    for (int x = 0; x < job->width; x++) out[x] = 1;
+    for (int v = OXL_MAX(row - LOSS_HALF, 0); v <= OXL_MIN(row + LOSS_HALF, job->height - 1); v++) {
+        const real *restrict in = along + (size_t)v * (size_t)job->width;
+        for (int x = 0; x < job->width; x++) out[x] *= in[x];
+    }
+    for (int x = 0; x < job->width; x++) count += out[x] > 0;
+    return count;
+}
+
+/* scratch->whole (2,H,W): first 1 where all of the 11 x 11 window inside the image counts; then the same along rows alone. */
+static oxl_result loss_whole_windows(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch, double *values,
+                                     double *windows)
+{
+    const size_t w = (size_t)job->width, image = w * (size_t)job->height;
+    int64_t      pixels = 0, count = 0;
+    real        *whole, *along;
+    oxl_result   rc = oxl_reserve(ctx, &scratch->whole, &scratch->whole_capacity, 2 * image, sizeof *whole);
+    if (rc != OXL_OK) return rc;
+    whole = scratch->whole;
+    along = whole + image;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : pixels)
+    for (int y = 0; y < job->height; y++)
+        pixels += loss_whole_along(job->weight + (size_t)y * w, job->width, along + (size_t)y * w);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads) reduction(+ : count)
+    for (int y = 0; y < job->height; y++) count += loss_whole_down(along, job, y, whole + (size_t)y * w);
+    *values  = 3 * (double)pixels;
+    *windows = 3 * (double)count;
+    return OXL_OK;
+}
+
+/* Each piece is a span of rows in all three channels: where a thread's tiles are as well (renderer.c), about. */
+static int loss_cut(int height, int pieces, struct loss_strip *strip)
+{
+    int count = 0;
+    for (int piece = 0; piece < pieces; piece++)
+        for (int channel = 0; channel < 3; channel++) {
+            strip[count].channel = channel;
+            strip[count].first   = (int)((int64_t)height * piece / pieces);
+            strip[count].end     = (int)((int64_t)height * (piece + 1) / pieces);
+            count++;
+        }
+    return count;
+}
+
+static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SUMS], double values, double windows,
+                        struct loss_value *out)
+{
+    double sum[LOSS_SUMS] = {0};
+    for (int row = 0; row < 3 * job->height; row++)
+        for (int k = 0; k < LOSS_SUMS; k++) sum[k] += sums[row][k];
+    out->l1    = values > 0 ? sum[0] / values : 0;
+    out->ssim  = windows > 0 ? sum[1] / windows : 1;
+    out->mse   = values > 0 ? sum[2] / values : 0;
+    out->total = (1 - (double)job->ssim_weight) * out->l1 + (double)job->ssim_weight * (1 - out->ssim);
+}
+
+/* What stands around the rows must be 0; nobody writes there, so that is needed once for a width and a number of strips. */
+static void loss_clear(struct loss_scratch *scratch, int width, size_t count)
+{
+    if (scratch->width != width || scratch->cleared < count) memset(scratch->rows, 0, count * sizeof(real));
+    scratch->cleared = scratch->width == width ? OXL_MAX(scratch->cleared, count) : count;
+    scratch->width   = width;
+}
+
+OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch,
+                                              struct loss_value *out)
+{
+    const size_t       pixels = (size_t)job->width * (size_t)job->height, room = loss_scratch_size(job->width);
+    const int          pieces = ctx->threads;
+    double             values = 3.0 * (double)pixels, windows = values;
+    struct loss_strip *strip;
+    int                strips;
+    oxl_result         rc = oxl_reserve(ctx, &scratch->strip, &scratch->strip_capacity, 3 * (size_t)pieces, sizeof *strip);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, &scratch->rows, &scratch->rows_capacity, room * 3 * (size_t)pieces, sizeof(real));
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, &scratch->sums, &scratch->sums_capacity, 3 * (size_t)job->height, LOSS_SUMS * sizeof(double));
+    if (rc == OXL_OK && job->weight) rc = loss_whole_windows(ctx, job, scratch, &values, &windows);
+    if (rc != OXL_OK) return rc;
+    loss_clear(scratch, job->width, room * 3 * (size_t)pieces);
+    strip  = scratch->strip;
+    strips = loss_cut(job->height, pieces, strip);
+    for (int i = 0; i < strips; i++) {
+        strip[i].job        = job;
+        strip[i].window_ok  = job->weight ? scratch->whole : NULL;
+        strip[i].l1_scale   = values > 0 ? (1 - job->ssim_weight) / (real)values : 0;
+        strip[i].ssim_scale = windows > 0 ? job->ssim_weight / (real)windows : 0;
+        strip[i].one        = 1;
+        strip[i].scratch    = (real *)scratch->rows + room * (size_t)i;
+        strip[i].sums       = (double(*)[LOSS_SUMS])scratch->sums + (size_t)strip[i].channel * (size_t)job->height;
+    }
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int i = 0; i < strips; i++) {
+        if (job->ssim_weight > 0) loss_strip(ctx->isa, &strip[i]);
+        else loss_l1_strip(&strip[i]);
+    }
+    loss_add_up(job, scratch->sums, values, windows, out);
+    return OXL_OK;
+}
+
+OXL_INTERNAL void loss_free(oxl_context *ctx, struct loss_scratch *scratch)
+{
+    oxl_free(ctx, scratch->strip);
+    oxl_free(ctx, scratch->rows);
+    oxl_free(ctx, scratch->sums);
+    oxl_free(ctx, scratch->whole);
+    *scratch = (struct loss_scratch){0};
+}

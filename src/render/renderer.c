@@ -1,0 +1,623 @@
+/* renderer.c - the kernels behind one door: draw a view, compare it, walk the error back, step.
+ *
+ * The doors are the CPU's, unless the context has a device: then each hands over to its own (vulkan.c).
+ *
+ * Invariant: everything here runs in parallel over packs, strips or tiles that are independent of each other, so the result does
+ * not depend on the number of threads.
+ */
+#include "kernels.h"
+#include "../core/vecmath.h"
+
+#define RENDER_TASK      64 /* packs of rows a task: 1024 Gaussians, so that a plane's part is a page */
+#define RENDER_TILE_COST 16 /* pairs: what an empty tile takes */
+
+/* Tiles, one after the other, that a thread begins with. */
+struct render_share {
+    int  next, end;
+    char apart[64 - 2 * sizeof(int)]; /* on a cache line of its own */
+};
+
+struct renderer {
+    const struct renderer_device *doors;  /* of `device` */
+    void                         *device; /* NULL: the CPU draws, with what follows */
+
+    struct lens      lens;
+    float            background[3];
+    int              quick_exp;
+    float            tile_share; /* of renderer_choose_tiles; 0: all */
+    uint64_t         tile_choice;
+    struct gaussians in;
+    struct splat    *splat;   /* (count) */
+    struct lobe     *lobe;    /* (lobes) */
+    uint16_t        *visible; /* (packs) */
+    float           *dmean2d; /* (count) */
+    float           *rgb, *drgb, *transmittance;
+    float           *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
+    int              masked;
+    float (*sums)[SPLAT_SUMS];
+    float               *score; /* (slots) */
+    struct bins          bins;
+    struct loss_scratch  loss;
+    struct render_share *share; /* (threads) */
+    size_t share_capacity, splat_capacity, lobe_capacity, visible_capacity, dmean2d_capacity, rgb_capacity, drgb_capacity,
+        transmittance_capacity, sums_capacity, score_capacity, target_capacity, weight_capacity;
+};
+
+oxl_render_options oxl_render_options_default(void)
+{
+    return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .exp_degree = 5, .alpha_min = ALPHA_MIN};
+}
+
+OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
+{
+    oxl_result rc = backend_begin(ctx);
+    *out          = NULL;
+    if (rc != OXL_OK) return rc;
+    *out = oxl_calloc(ctx, 1, sizeof **out);
+    if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
+#ifdef OXL_VULKAN
+    if (ctx->vulkan) {
+        (*out)->doors = vulkan_doors();
+        rc            = (*out)->doors->create(ctx, &(*out)->device);
+    }
+#endif
+    if (rc == OXL_OK) return rc;
+    oxl_free(ctx, *out);
+    *out = NULL;
+    return rc;
+}
+
+OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
+{
+    if (!r) return;
+    if (r->device) r->doors->free(r->device);
+    bin_free(ctx, &r->bins);
+    loss_free(ctx, &r->loss);
+    oxl_free(ctx, r->splat);
+    oxl_free(ctx, r->lobe);
+    oxl_free(ctx, r->visible);
+    oxl_free(ctx, r->dmean2d);
+    oxl_free(ctx, r->rgb);
+    oxl_free(ctx, r->drgb);
+    oxl_free(ctx, r->transmittance);
+    oxl_free(ctx, r->target);
+    oxl_free(ctx, r->weight);
+    oxl_free(ctx, r->sums);
+    oxl_free(ctx, r->score);
+    oxl_free(ctx, r->share);
+    oxl_free(ctx, r);
+}
+
+/* ---------------------------------------------------------------- into the kernels' terms */
+
+OXL_INTERNAL struct lens render_lens(const oxl_camera *c, float near_plane)
+{
+    struct lens l = {.width      = c->width,
+                     .height     = c->height,
+                     .fx         = (float)c->fx,
+                     .fy         = (float)c->fy,
+                     .cx         = (float)c->cx,
+                     .cy         = (float)c->cy,
+                     .limit_x    = (float)(FRUSTUM_CLAMP * c->width / (2 * c->fx)),
+                     .limit_y    = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
+                     .near_plane = near_plane,
+                     .alpha_min  = ALPHA_MIN,
+                     .cut        = LOG2_255};
+    double      eye[3];
+    camera_position(c, eye);
+    l.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
+    l.rotation.y  = vec3((float)c->rotation[3], (float)c->rotation[4], (float)c->rotation[5]);
+    l.rotation.z  = vec3((float)c->rotation[6], (float)c->rotation[7], (float)c->rotation[8]);
+    l.translation = vec3((float)c->translation[0], (float)c->translation[1], (float)c->translation[2]);
+    l.eye         = vec3((float)eye[0], (float)eye[1], (float)eye[2]);
+    return l;
+}
+
+static struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
+{
+    struct gaussians g = {.count = m->count, .lobes = m->lobes};
+    g.sh_degree        = sh_degree < 0 || sh_degree > m->sh_degree ? m->sh_degree : sh_degree;
+    for (int k = 0; k < OXL_PLANES; k++) g.plane[k] = m->plane[k];
+    return g;
+}
+
+static size_t render_packs(size_t count)
+{
+    return (count + PACK - 1) / PACK;
+}
+
+static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t count, size_t lobes, size_t pixels)
+{
+    const size_t rows = render_packs(count) * PACK;
+    oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->share, &r->share_capacity, (size_t)ctx->threads, sizeof *r->share);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, (void **)&r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- forward */
+
+static int64_t render_tasks(const struct renderer *r)
+{
+    return (int64_t)((r->bins.packs + RENDER_TASK - 1) / RENDER_TASK);
+}
+
+static struct project_job render_project_job(struct renderer *r, int64_t task)
+{
+    return (struct project_job){.in         = r->in,
+                                .lens       = &r->lens,
+                                .first_pack = (size_t)task * RENDER_TASK,
+                                .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
+                                .splat      = r->splat,
+                                .lobe       = r->lobe,
+                                .visible    = r->visible,
+                                .sums       = (const float(*)[SPLAT_SUMS])r->sums,
+                                .dmean2d    = r->dmean2d};
+}
+
+static void render_project(oxl_context *ctx, struct renderer *r)
+{
+    const int64_t tasks = render_tasks(r);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        const struct project_job job = render_project_job(r, task);
+        project_forward(ctx->isa, &job);
+    }
+}
+
+typedef void render_tile_fn(int isa, const struct raster_job *job);
+
+static int render_leaves_out(const struct renderer *r, int tile)
+{
+    return r->tile_share > 0 && random_unit(random_bits(r->tile_choice, (uint64_t)tile, 0)) >= r->tile_share;
+}
+
+static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
+{
+    return (struct raster_job){.bins          = &r->bins,
+                               .width         = r->lens.width,
+                               .height        = r->lens.height,
+                               .tile          = tile,
+                               .background    = {r->background[0], r->background[1], r->background[2]},
+                               .quick_exp     = r->quick_exp,
+                               .rgb           = r->rgb,
+                               .transmittance = r->transmittance,
+                               .drgb          = drgb,
+                               .left_out      = render_leaves_out(r, tile),
+                               .make_up       = r->tile_share > 0 ? 1 / r->tile_share - 1 : 0,
+                               .sums          = r->sums,
+                               .score         = r->score};
+}
+
+/* Shares of about equal work. A thread has the same part of the image from stage to stage, in its own cache, and no two threads
+ * write to one cache line but where shares meet. */
+static void render_share_tiles(const oxl_context *ctx, struct renderer *r)
+{
+    const int      tiles = r->bins.tiles_x * r->bins.tiles_y;
+    const uint64_t whole = r->bins.pair_count + RENDER_TILE_COST * (uint64_t)tiles;
+    for (int k = 0, tile = 0; k < ctx->threads; k++) {
+        const uint64_t end = whole * (uint64_t)(k + 1) / (uint64_t)ctx->threads;
+        r->share[k].next   = tile;
+        while (tile < tiles && r->bins.tile_start[tile + 1] + RENDER_TILE_COST * (uint64_t)(tile + 1) <= end) tile++;
+        r->share[k].end = tile;
+    }
+}
+
+static void render_work_off(struct renderer *r, struct render_share *share, int isa, const float *drgb, render_tile_fn *work)
+{
+    for (int tile = 0; tile < share->end;) {
+#ifdef _OPENMP
+#pragma omp atomic capture
+#endif
+        tile = share->next++;
+        if (tile < share->end) {
+            const struct raster_job job = render_raster_job(r, tile, drgb);
+            work(isa, &job);
+        }
+    }
+}
+
+/* Each thread takes its own share, then helps the others with theirs. */
+static void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work)
+{
+    render_share_tiles(ctx, r);
+#pragma omp parallel for schedule(static, 1) num_threads(ctx->threads)
+    for (int own = 0; own < ctx->threads; own++)
+        for (int k = 0; k < ctx->threads; k++) render_work_off(r, &r->share[(own + k) % ctx->threads], ctx->isa, drgb, work);
+}
+
+/* Everything that forward needs before its first parallel region. */
+static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                               const oxl_render_options *options)
+{
+    const oxl_result rc = render_reserve(ctx, r, model->count, model->lobes, (size_t)camera->width * (size_t)camera->height);
+    if (rc != OXL_OK) return rc;
+    r->lens = render_lens(camera, options->near_plane);
+    r->in   = render_gaussians(model, options->sh_degree);
+    memcpy(r->background, options->background, sizeof r->background);
+    if (options->alpha_min > ALPHA_MIN) {
+        r->lens.alpha_min = OXL_MIN(options->alpha_min, ALPHA_MAX);
+        r->lens.cut       = (float)(-vecmath_log(r->lens.alpha_min) * LOG2_E);
+    }
+    r->quick_exp      = options->exp_degree == 3;
+    r->bins.alpha_min = r->lens.alpha_min;
+    r->bins.cut       = r->lens.cut;
+    r->bins.packs     = render_packs(model->count);
+    r->bins.splat     = r->splat;
+    r->bins.lobe      = r->lobe;
+    r->bins.lobes     = model->lobes;
+    r->bins.visible   = r->visible;
+    return OXL_OK;
+}
+
+static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                           const oxl_render_options *options)
+{
+    const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
+    const oxl_result rc     = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
+    if (rc != OXL_OK) return rc;
+    r->lens       = render_lens(camera, options->near_plane);
+    r->in         = render_gaussians(model, options->sh_degree);
+    r->bins.packs = render_packs(model->count);
+    return r->doors->forward(r->device, model, camera, options);
+}
+
+OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                         const oxl_render_options *options)
+{
+    oxl_result rc;
+    if (r->device) return render_forward_on_device(ctx, r, model, camera, options);
+    rc = render_begin(ctx, r, model, camera, options);
+    if (rc != OXL_OK) return rc;
+    render_project(ctx, r);
+    rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
+    if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out)
+{
+    (void)ctx;
+    *out = r->rgb;
+    return r->device ? r->doors->image(r->device, 0, r->rgb) : OXL_OK;
+}
+
+/* ---------------------------------------------------------------- loss and backward */
+
+OXL_INTERNAL int renderer_has_photo(const struct renderer *r, int view)
+{
+    return r->device && r->doors->has_photo(r->device, view);
+}
+
+OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r, int view, const struct photo *photo, int halved)
+{
+    size_t     pixels;
+    oxl_result rc;
+    if (r->device) return r->doors->take_photo(r->device, view, photo, halved);
+    pixels    = (size_t)photo->width * (size_t)photo->height;
+    rc        = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    r->masked = photo->mask != NULL;
+    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    if (rc != OXL_OK) return rc;
+    image_from_photo(ctx, photo, r->target, r->masked ? r->weight : NULL);
+    if (halved) image_halve(photo->width, photo->height, r->target, r->masked ? r->weight : NULL);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                      float ssim_weight, struct renderer_loss *out)
+{
+    const size_t      pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    struct loss_value value;
+    oxl_result        rc;
+    if (r->device) return r->doors->loss(r->device, rgb, weight, ssim_weight, out);
+    if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
+    rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
+    if (rc == OXL_OK) {
+        const struct loss_job job = {r->lens.width, r->lens.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
+        rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
+    }
+    if (rc == OXL_OK) *out = (struct renderer_loss){value.total, value.l1, value.ssim, value.mse};
+    return rc;
+}
+
+static void render_project_backward(oxl_context *ctx, struct renderer *r, const struct gaussians *out)
+{
+    const int64_t tasks = render_tasks(r);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        struct project_job job = render_project_job(r, task);
+        job.out                = *out;
+        project_backward(ctx->isa, &job);
+    }
+}
+
+static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
+{
+    oxl_result rc = oxl_reserve(ctx, (void **)&r->sums, &r->sums_capacity, r->bins.slot_count + 1, sizeof *r->sums);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, r->bins.packs * PACK, sizeof *r->dmean2d);
+    return rc;
+}
+
+OXL_INTERNAL void renderer_choose_tiles(struct renderer *r, float share, uint64_t choice)
+{
+    r->tile_share  = share < 1 ? share : 0;
+    r->tile_choice = choice;
+}
+
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
+{
+    struct gaussians out;
+    const float      share = r->tile_share;
+    oxl_result       rc    = model_set_lobes(ctx, gradient, r->in.lobes);
+    r->tile_share          = 0; /* whatever comes of this one */
+    if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb);
+    if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
+    if (rc != OXL_OK) return rc;
+    out           = render_gaussians(gradient, r->in.sh_degree);
+    r->tile_share = share;
+    render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
+    r->tile_share = 0;
+    render_project_backward(ctx, r, &out);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient)
+{
+    (void)ctx;
+    return r->device ? r->doors->gradient(r->device, gradient) : OXL_OK;
+}
+
+/* ---------------------------------------------------------------- score */
+
+OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
+{
+    oxl_result rc;
+    if (r->device) return r->doors->score(r->device, drgb, score);
+    rc = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
+    if (rc != OXL_OK) return rc;
+    render_each_tile(ctx, r, drgb, raster_score);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* slots in their order: part of the result */
+        const struct splat *s   = &r->splat[r->bins.order[i]];
+        float               sum = 0;
+        for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++) sum += r->score[slot];
+        score[r->bins.order[i]] += sum;
+    }
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- step and statistics */
+
+struct render_step {
+    oxl_model       *model, *first, *second;
+    const oxl_model *gradient;
+    const float     *rates;
+    double           correction; /* of the first moment's bias */
+};
+
+/* Planes of the model from first_plane on become those of the job from `at` on. */
+static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at, struct adam_job *out)
+{
+    for (int k = first_plane; k < first_plane + planes; k++, at++) {
+        out->parameter[at] = s->model->plane[k];
+        out->gradient[at]  = s->gradient->plane[k];
+        out->first[at]     = s->first->plane[k];
+        out->second[at]    = s->second->plane[k];
+        out->rate[at]      = (float)(s->rates[k] / s->correction);
+    }
+}
+
+/* Rows of a pack that were seen before the step and are no longer: those that it put aside. */
+static void render_count_aside(unsigned before, unsigned after, size_t pack, struct renderer_aside *out)
+{
+    for (unsigned l = 0; before != after && l < PACK; l++)
+        if ((before & ~after) >> l & 1) {
+            out->first = OXL_MIN(out->first, pack * PACK + l);
+            out->rows++;
+        }
+}
+
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
+                                      oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
+                                      struct renderer_aside *out)
+{
+    const struct render_step s     = {model,    first,      second,
+                                      gradient, pace->rate, 1 - vecmath_exp(pace->step * vecmath_log(pace->beta[0]))};
+    const int64_t            tasks = render_tasks(r);
+    size_t                   aside = 0, first_aside = SIZE_MAX;
+    struct adam_job          rows = {.visible            = r->visible,
+                                     .beta1              = (float)pace->beta[0],
+                                     .beta2              = (float)pace->beta[1],
+                                     .lobe_packs         = render_packs(r->in.lobes),
+                                     .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(pace->step * vecmath_log(pace->beta[1]))))};
+    if (r->device) return r->doors->step(r->device, model, first, second, pace, out);
+    rows.planes      = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
+    rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
+    render_step_planes(&s, 0, rows.planes, 0, &rows);
+    render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : aside) reduction(min : first_aside)
+    for (int64_t task = 0; task < tasks; task++) {
+        struct adam_job       job  = rows;
+        struct renderer_aside here = {0, SIZE_MAX};
+        uint16_t              seen[RENDER_TASK];
+        job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->bins.packs);
+        memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);
+        adam_step(ctx->isa, &job);
+        for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
+            render_count_aside(seen[pack - job.first_pack], r->visible[pack], pack, &here);
+        aside += here.rows;
+        first_aside = OXL_MIN(first_aside, here.first);
+    }
+    *out = (struct renderer_aside){aside, first_aside};
+    return OXL_OK;
+}
+
+/* Where a gradient seen from this depth is added. */
+static float *render_band(const struct renderer_sums *s, float depth)
+{
+    return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->mid : s->far_;
+}
+
+OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *s)
+{
+    (void)ctx; /* without OpenMP */
+    if (r->device) return r->doors->observe(r->device, s);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)s->count; i++)
+        if (renderer_saw(r, (size_t)i)) {
+            render_band(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
+            s->views[i] += 1;
+        }
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_fetch(oxl_context *ctx, struct renderer *r)
+{
+    (void)ctx;
+    return r->device ? r->doors->fetch(r->device) : OXL_OK;
+}
+
+OXL_INTERNAL int renderer_saw(const struct renderer *r, size_t row)
+{
+    return r->visible[row / PACK] >> (row % PACK) & 1;
+}
+
+OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r)
+{
+    (void)ctx;
+    if (r->device) return r->doors->forget(r->device);
+    memset(r->visible, 0, r->bins.packs * sizeof *r->visible);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_fetch_rows(oxl_context *ctx, struct renderer *r)
+{
+    const size_t rows = r->bins.packs * PACK;
+    oxl_result   rc;
+    if (!r->device) return OXL_OK;
+    rc = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, rows, sizeof *r->dmean2d);
+    return rc == OXL_OK ? r->doors->rows(r->device, r->splat, r->visible, r->dmean2d) : rc;
+}
+
+OXL_INTERNAL int renderer_drew_finite(const struct renderer *r, size_t row)
+{
+    const struct splat *s = &r->splat[row];
+    if (!renderer_saw(r, row)) return 1;
+    return 0 * (s->u + s->v + s->a + s->k + s->e + s->peak + s->colour[0] + s->colour[1] + s->colour[2]) == 0;
+}
+
+OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row)
+{
+    return r->dmean2d[row];
+}
+
+OXL_INTERNAL float renderer_depth(const struct renderer *r, size_t row)
+{
+    return r->splat[row].depth;
+}
+
+OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row)
+{
+    const struct splat *s = &r->splat[row];
+    return OXL_MAX(s->half_x, s->half_y);
+}
+
+OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
+{
+    struct renderer_counts c = {.visible = r->bins.visible_count, .pairs = r->bins.pair_count};
+    for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++) {
+        const int left = r->lens.width - tile % r->bins.tiles_x * TILE, below = r->lens.height - tile / r->bins.tiles_x * TILE;
+        for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++)
+            for (uint32_t blocks = r->bins.pair[i].blocks; blocks; blocks &= blocks - 1) {
+                const int block = simd_lowest_bit(blocks);
+                const int w = OXL_CLAMP(left - block % 4 * 4, 0, 4), h = OXL_CLAMP(below - block / 4 * 4, 0, 4);
+                c.blocks++;
+                c.pixels += (size_t)(w * h);
+            }
+    }
+    return c;
+}
+
+/* ---------------------------------------------------------------- the public doors */
+
+/* The same splats again with (depth, 1, 0) for a colour: the sums of alpha T z and of alpha T fall out of the same kernel. */
+static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
+{
+    for (size_t i = 0; i < r->bins.visible_count; i++) {
+        struct splat *s = &r->splat[r->bins.order[i]];
+        s->colour[0]    = s->depth;
+        s->colour[1]    = 1;
+        s->colour[2]    = 0;
+    }
+    memset(r->background, 0, sizeof r->background);
+    render_each_tile(ctx, r, NULL, raster_forward);
+}
+
+static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)
+{
+    const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    oxl_result   rc     = OXL_OK;
+    if (r->device) rc = r->doors->image(r->device, 1, r->rgb);
+    else render_depth_tiles(ctx, r);
+    for (size_t i = 0; i < pixels && rc == OXL_OK; i++) depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
+    return rc;
+}
+
+OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                      const oxl_render_options *options, oxl_image *out, float *depth)
+{
+    const float *rgb = NULL;
+    oxl_result   rc;
+    *out = (oxl_image){0};
+    if (camera->width < 1 || camera->height < 1) {
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+    }
+    rc = renderer_forward(ctx, r, model, camera, options);
+    if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);
+    if (rc == OXL_OK) rc = oxl_image_create(ctx, camera->width, camera->height, out);
+    if (rc == OXL_OK) {
+        memcpy(out->rgb, rgb, 3 * (size_t)camera->width * (size_t)camera->height * sizeof *out->rgb);
+        if (depth) rc = render_depth(ctx, r, depth);
+    }
+    if (rc != OXL_OK) oxl_image_free(ctx, out);
+    return rc;
+}
+
+oxl_result oxl_render(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options,
+                      oxl_image *out, float *depth)
+{
+    const oxl_render_options o  = options ? *options : oxl_render_options_default();
+    struct renderer         *r  = NULL;
+    oxl_result               rc = renderer_create(ctx, &r);
+    *out                        = (oxl_image){0};
+    if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, camera, &o, out, depth);
+    renderer_free(ctx, r);
+    return rc;
+}
+
+oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera,
+                               const oxl_render_options *options, const float *drgb, oxl_model *gradient)
+{
+    const oxl_render_options o = options ? *options : oxl_render_options_default();
+    struct renderer         *r = NULL;
+    oxl_result               rc;
+    *gradient = (oxl_model){0};
+    rc        = renderer_create(ctx, &r);
+    if (rc == OXL_OK) rc = renderer_forward(ctx, r, model, camera, &o);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, model->count, model->sh_degree, gradient);
+    if (rc == OXL_OK) {
+        memset(gradient->plane[OXL_ROTATION], 0, gradient->capacity * sizeof *gradient->plane[0]);
+        rc = renderer_backward(ctx, r, drgb, gradient);
+        if (rc == OXL_OK) rc = renderer_gradient(ctx, r, gradient);
+    }
+    if (rc != OXL_OK) oxl_model_free(ctx, gradient);
+    renderer_free(ctx, r);
+    return rc;
+}

@@ -1,0 +1,319 @@
+/* camera.c - COLMAP's camera models, and the ideal pinhole camera that stands for a distorted one.
+ *
+ * Source: the model definitions in COLMAP's documentation (camera models), which follow OpenCV's calib3d; the fisheye models
+ * are Kannala & Brandt 2006. Every model maps a direction (u, v) = (x/z, y/z) to a pixel:
+ *
+ *     radial        (u, v) s + tangential, s a polynomial in r^2 = u^2 + v^2
+ *     fisheye       (u, v) s, s = theta_d / r, theta_d a polynomial in theta = atan r
+ *     pixel         (fx x + cx, fy y + cy)
+ *
+ * Invariant: no pixel of an undistorted camera looks where the real camera did not. A polynomial lens folds back beyond some
+ * radius (its outer directions would show the inner picture once more); what lies beyond the fold counts as not seen.
+ * There is no libm transcendental here: the same bytes on every machine.
+ */
+#include "../internal.h"
+
+/* ---------------------------------------------------------------- the table of models */
+
+static const struct camera_model camera_models[] = {
+    {"SIMPLE_PINHOLE", 3, 1, CAMERA_IDEAL},          /* f cx cy */
+    {"PINHOLE", 4, 2, CAMERA_IDEAL},                 /* fx fy cx cy */
+    {"SIMPLE_RADIAL", 4, 1, CAMERA_RADIAL},          /* f cx cy k */
+    {"RADIAL", 5, 1, CAMERA_RADIAL},                 /* f cx cy k1 k2 */
+    {"OPENCV", 8, 2, CAMERA_OPENCV},                 /* fx fy cx cy k1 k2 p1 p2 */
+    {"OPENCV_FISHEYE", 8, 2, CAMERA_FISHEYE},        /* fx fy cx cy k1 k2 k3 k4 */
+    {"FULL_OPENCV", 12, 2, CAMERA_FULL_OPENCV},      /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
+    {"SIMPLE_RADIAL_FISHEYE", 4, 1, CAMERA_FISHEYE}, /* f cx cy k */
+    {"RADIAL_FISHEYE", 5, 1, CAMERA_FISHEYE},        /* f cx cy k1 k2 */
+};
+
+OXL_INTERNAL int camera_model_find(const char *name, size_t length)
+{
+    for (int i = 0; i < (int)OXL_COUNT(camera_models); i++)
+        if (strlen(camera_models[i].name) == length && memcmp(camera_models[i].name, name, length) == 0) return i;
+    return -1;
+}
+
+OXL_INTERNAL const struct camera_model *camera_model_at(int index)
+{
+    return &camera_models[index];
+}
+
+OXL_INTERNAL const char *camera_model_list(void)
+{
+    return "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE, "
+           "RADIAL_FISHEYE";
+}
+
+OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4])
+{
+    const int     focals = camera_models[camera->model].focal_count;
+    const double *p      = camera->parameter;
+    out[0]               = p[0];
+    out[1]               = p[focals - 1];
+    out[2]               = p[focals];
+    out[3]               = p[focals + 1];
+}
+
+/* ---------------------------------------------------------------- direction to pixel */
+
+/* atan x for x >= 0, to about 1e-15: tan(a/2) = t / (1 + sqrt(1 + t^2)) three times leaves an argument below 0.2. */
+static double camera_atan(double x)
+{
+    double square, sum = 0;
+    for (int i = 0; i < 3; i++) x = x / (1 + sqrt(1 + x * x));
+    square = x * x;
+    for (int n = 19; n >= 1; n -= 2) sum = 1.0 / n - square * sum;
+    return 8 * x * sum;
+}
+
+/* theta_d / r: 1 at the axis. */
+static double camera_fisheye_scale(const double *k, int count, double r)
+{
+    const double theta = camera_atan(r), square = theta * theta;
+    double       polynomial = 0;
+    if (r < 1e-8) return 1;
+    for (int i = count - 1; i >= 0; i--) polynomial = square * (k[i] + polynomial);
+    return theta * (1 + polynomial) / r;
+}
+
+OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2], double pixel[2])
+{
+    const struct camera_model *m     = &camera_models[camera->model];
+    const double              *p     = camera->parameter;
+    const double              *k     = p + m->focal_count + 2;
+    const int                  count = m->parameter_count - m->focal_count - 2;
+    const double               u = direction[0], v = direction[1], r2 = u * u + v * v;
+    double                     scale = 1, tangential[2] = {0, 0};
+    switch (m->kind) {
+    case CAMERA_IDEAL: break;
+    case CAMERA_RADIAL: scale = 1 + r2 * (k[0] + (count > 1 ? r2 * k[1] : 0)); break;
+    case CAMERA_FISHEYE: scale = camera_fisheye_scale(k, count, sqrt(r2)); break;
+    case CAMERA_OPENCV: scale = 1 + r2 * (k[0] + r2 * k[1]); break;
+    case CAMERA_FULL_OPENCV:
+        scale = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
+        break;
+    }
+    if (m->kind == CAMERA_OPENCV || m->kind == CAMERA_FULL_OPENCV) {
+        tangential[0] = 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u);
+        tangential[1] = 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v);
+    }
+    pixel[0] = p[0] * (u * scale + tangential[0]) + p[m->focal_count];
+    pixel[1] = p[m->focal_count - 1] * (v * scale + tangential[1]) + p[m->focal_count + 1];
+}
+
+OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
+{
+    const struct camera_model *m = &camera_models[camera->model];
+    if (m->kind == CAMERA_FISHEYE) return 1; /* even with all k = 0 it is no pinhole */
+    for (int i = m->focal_count + 2; i < m->parameter_count; i++)
+        if (camera->parameter[i] != 0) return 1;
+    return 0;
+}
+
+/* ---------------------------------------------------------------- the ideal camera */
+
+enum {
+    CAMERA_SIDE_MAX = 32768, /* px; the same limit as for photographs */
+    CAMERA_SIDE_MIN = 16,
+    CAMERA_RAYS     = 128, /* towards each side of the picture */
+    CAMERA_STEPS    = 32,  /* along a ray, to find the first direction that was not seen */
+    CAMERA_SHRINK   = 64   /* px by which a side may be corrected in the end */
+};
+#define CAMERA_FOCAL_MIN 0.002 /* x the longer side: 179.5 degrees */
+#define CAMERA_GROWTH    2.0   /* a side is at most so many times farther out than the photograph's: COLMAP's limit too */
+
+enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
+
+/* Was this direction seen: within the centres of the outermost pixels, and before the fold? */
+static int camera_saw(const struct colmap_camera *camera, const double direction[2], double pixel[2])
+{
+    const double farther[2] = {direction[0] * 1.001, direction[1] * 1.001};
+    double       k[4], beyond[2], r2, beyond2;
+    camera_intrinsics(camera, k);
+    camera_distort(camera, direction, pixel);
+    camera_distort(camera, farther, beyond);
+    r2      = (pixel[0] - k[2]) * (pixel[0] - k[2]) + (pixel[1] - k[3]) * (pixel[1] - k[3]);
+    beyond2 = (beyond[0] - k[2]) * (beyond[0] - k[2]) + (beyond[1] - k[3]) * (beyond[1] - k[3]);
+    return pixel[0] >= 0.5 && pixel[0] <= camera->width - 0.5 && pixel[1] >= 0.5 && pixel[1] <= camera->height - 0.5 &&
+           beyond2 > r2;
+}
+
+/* Walks from the axis towards `target`; where sight ends goes to `end`. Returns what ended it, or -1: nothing did. */
+static int camera_walk(const struct colmap_camera *camera, const double target[2], double end[2])
+{
+    double pixel[2], good = 0, bad = 0;
+    for (int i = 1; i <= CAMERA_STEPS && bad == 0; i++) {
+        const double t = i * (1.0 / CAMERA_STEPS), direction[2] = {t * target[0], t * target[1]};
+        if (camera_saw(camera, direction, pixel)) good = t;
+        else bad = t;
+    }
+    if (bad == 0) return -1;
+    for (int i = 0; i < 40; i++) {
+        const double t = 0.5 * (good + bad), direction[2] = {t * target[0], t * target[1]};
+        if (camera_saw(camera, direction, pixel)) good = t;
+        else bad = t;
+    }
+    end[0] = bad * target[0];
+    end[1] = bad * target[1];
+    camera_distort(camera, end, pixel);
+    if (pixel[0] < 0.5) return CAMERA_LEFT;
+    if (pixel[0] > camera->width - 0.5) return CAMERA_RIGHT;
+    if (pixel[1] < 0.5) return CAMERA_TOP;
+    if (pixel[1] > camera->height - 0.5) return CAMERA_BOTTOM;
+    return CAMERA_FOLD;
+}
+
+/* Distance in px from the principal point to each side of a rectangle that holds no direction where sight ends.
+ * Where a border of the photograph ended it, the side of that name must stay nearer; where the fold did, which is a curve
+ * around the axis, all four are drawn in alike until the rectangle is inside of it. */
+static void camera_rectangle(const struct colmap_camera *camera, double side[4])
+{
+    double       k[4], folded = 1, fold_at[4 * CAMERA_RAYS][2];
+    int          folds = 0;
+    const double w = camera->width, h = camera->height;
+    camera_intrinsics(camera, k);
+    side[CAMERA_LEFT]   = CAMERA_GROWTH * k[2];
+    side[CAMERA_RIGHT]  = CAMERA_GROWTH * (w - k[2]);
+    side[CAMERA_TOP]    = CAMERA_GROWTH * k[3];
+    side[CAMERA_BOTTOM] = CAMERA_GROWTH * (h - k[3]);
+    for (int i = 0; i < 4 * CAMERA_RAYS; i++) {
+        const double along = (i / 4 + 0.5) / CAMERA_RAYS;
+        const double x     = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the photograph's border */
+        const double y     = (i % 4 < 2 ? i % 4 : along) * h - k[3];
+        double       end[2], target[2] = {CAMERA_GROWTH * x / k[0], CAMERA_GROWTH * y / k[1]};
+        switch (camera_walk(camera, target, end)) {
+        case CAMERA_LEFT: side[CAMERA_LEFT] = OXL_MIN(side[CAMERA_LEFT], -k[0] * end[0]); break;
+        case CAMERA_RIGHT: side[CAMERA_RIGHT] = OXL_MIN(side[CAMERA_RIGHT], k[0] * end[0]); break;
+        case CAMERA_TOP: side[CAMERA_TOP] = OXL_MIN(side[CAMERA_TOP], -k[1] * end[1]); break;
+        case CAMERA_BOTTOM: side[CAMERA_BOTTOM] = OXL_MIN(side[CAMERA_BOTTOM], k[1] * end[1]); break;
+        case CAMERA_FOLD:
+            fold_at[folds][0]   = k[0] * end[0];
+            fold_at[folds++][1] = k[1] * end[1];
+            break;
+        default: break;
+        }
+    }
+    for (int i = 0; i < folds; i++) {
+        const double x = fold_at[i][0] < 0 ? -fold_at[i][0] / side[CAMERA_LEFT] : fold_at[i][0] / side[CAMERA_RIGHT];
+        const double y = fold_at[i][1] < 0 ? -fold_at[i][1] / side[CAMERA_TOP] : fold_at[i][1] / side[CAMERA_BOTTOM];
+        folded         = OXL_MIN(folded, OXL_MAX(x, y));
+    }
+    for (int i = 0; i < 4; i++) side[i] *= folded;
+}
+
+/* Whole pixels; what is left over is shared by both sides. */
+static void camera_round(const double side[4], oxl_camera *c)
+{
+    c->width  = (int)OXL_CLAMP(side[CAMERA_LEFT] + side[CAMERA_RIGHT], 0, 2 * CAMERA_SIDE_MAX);
+    c->height = (int)OXL_CLAMP(side[CAMERA_TOP] + side[CAMERA_BOTTOM], 0, 2 * CAMERA_SIDE_MAX);
+    c->cx     = side[CAMERA_LEFT] - 0.5 * (side[CAMERA_LEFT] + side[CAMERA_RIGHT] - c->width);
+    c->cy     = side[CAMERA_TOP] - 0.5 * (side[CAMERA_TOP] + side[CAMERA_BOTTOM] - c->height);
+}
+
+static int camera_saw_pixel(const struct colmap_camera *camera, const oxl_camera *c, int x, int y)
+{
+    const double direction[2] = {(x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy};
+    double       pixel[2];
+    return camera_saw(camera, direction, pixel);
+}
+
+/* The rays were few: walks along the border pixel by pixel and takes a pixel off each side that holds one not seen.
+ * Returns 1 when there was none. */
+static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c, double side[4])
+{
+    int bad[4] = {0, 0, 0, 0};
+    for (int y = 0; y < c->height; y++) {
+        bad[CAMERA_LEFT] |= !camera_saw_pixel(camera, c, 0, y);
+        bad[CAMERA_RIGHT] |= !camera_saw_pixel(camera, c, c->width - 1, y);
+    }
+    for (int x = 0; x < c->width; x++) {
+        bad[CAMERA_TOP] |= !camera_saw_pixel(camera, c, x, 0);
+        bad[CAMERA_BOTTOM] |= !camera_saw_pixel(camera, c, x, c->height - 1);
+    }
+    for (int i = 0; i < 4; i++) side[i] -= bad[i];
+    return !(bad[0] || bad[1] || bad[2] || bad[3]);
+}
+
+static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *camera, const double k[4])
+{
+    const char  *name  = camera_models[camera->model].name;
+    const double least = CAMERA_FOCAL_MIN * OXL_MAX(camera->width, camera->height);
+    if (camera->width < 1 || camera->height < 1 || camera->width > CAMERA_SIDE_MAX || camera->height > CAMERA_SIDE_MAX)
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "cameras.txt:%d: camera %lld is %d x %d px, wanted 1 to %d a side\nfix: export the model again",
+                        camera->line, (long long)camera->id, camera->width, camera->height, CAMERA_SIDE_MAX);
+    if (!(k[0] >= least && k[0] <= 1e9 && k[1] >= least && k[1] <= 1e9))
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "cameras.txt:%d: camera %lld (%s) has the focal length %g, %g px, wanted %g (half a turn of view) to 1e9\n"
+            "fix: check the order of the parameters",
+            camera->line, (long long)camera->id, name, k[0], k[1], least);
+    if (!(fabs(k[2]) <= 1e9 && fabs(k[3]) <= 1e9))
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "cameras.txt:%d: camera %lld (%s) has its principal point at %g, %g\nfix: export the model again",
+                        camera->line, (long long)camera->id, name, k[2], k[3]);
+    if (camera_is_distorted(camera) && !(k[2] > 0 && k[2] < camera->width && k[3] > 0 && k[3] < camera->height))
+        return oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "cameras.txt:%d: camera %lld (%s) has its principal point at %g, %g, outside of its %d x %d px, and is distorted\n"
+            "fix: run COLMAP's image_undistorter and use what it writes",
+            camera->line, (long long)camera->id, name, k[2], k[3], camera->width, camera->height);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera, oxl_camera *out)
+{
+    double     k[4], side[4];
+    oxl_result rc;
+    *out = (oxl_camera){0};
+    camera_intrinsics(camera, k);
+    rc = camera_check(ctx, camera, k);
+    if (rc != OXL_OK) return rc;
+    *out = (oxl_camera){.width = camera->width, .height = camera->height, .fx = k[0], .fy = k[1], .cx = k[2], .cy = k[3]};
+    if (!camera_is_distorted(camera)) return OXL_OK;
+    camera_rectangle(camera, side);
+    for (int i = 0; i < CAMERA_SHRINK; i++) {
+        camera_round(side, out);
+        if (out->width < CAMERA_SIDE_MIN || out->height < CAMERA_SIDE_MIN) break;
+        if (camera_shrink(camera, out, side)) return OXL_OK;
+    }
+    *out = (oxl_camera){0};
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "cameras.txt:%d: the distortion of camera %lld (%s) leaves no picture of %d x %d px or more without blank pixels\n"
+        "fix: check its parameters, or run COLMAP's image_undistorter and use what it writes",
+        camera->line, (long long)camera->id, camera_models[camera->model].name, CAMERA_SIDE_MIN, CAMERA_SIDE_MIN);
+}
+
+/* ---------------------------------------------------------------- poses */
+
+OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9])
+{
+    const double norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+    const double s     = norm2 > 0 ? 2 / norm2 : 0; /* a zero quaternion: the identity */
+    const double w = q[0], x = q[1], y = q[2], z = q[3];
+    r[0] = 1 - s * (y * y + z * z);
+    r[1] = s * (x * y - w * z);
+    r[2] = s * (x * z + w * y);
+    r[3] = s * (x * y + w * z);
+    r[4] = 1 - s * (x * x + z * z);
+    r[5] = s * (y * z - w * x);
+    r[6] = s * (x * z - w * y);
+    r[7] = s * (y * z + w * x);
+    r[8] = 1 - s * (x * x + y * y);
+}
+
+OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3])
+{
+    const double *r = camera->rotation, *t = camera->translation;
+    for (int i = 0; i < 3; i++) out[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
+}
+
+OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera)
+{
+    oxl_camera half = *camera;
+    half.width /= 2, half.height /= 2;
+    half.fx /= 2, half.fy /= 2, half.cx /= 2, half.cy /= 2;
+    return half;
+}

@@ -1,0 +1,84 @@
+/* colmap.h - what the readers of COLMAP's three text files share: a window on a file, its lines, their fields, tables of ids.
+ *
+ * The doors are those of colmap_text.c, but for the last. colmap.c reads cameras.txt and images.txt, colmap_points.c the third.
+ */
+#ifndef OXL_COLMAP_H
+#define OXL_COLMAP_H
+
+#include "../internal.h"
+
+#include <inttypes.h>
+
+/* Open addressing over the rows of an array whose elements begin with their int64_t id. */
+struct colmap_index {
+    uint32_t *slot;  /* (slots) row + 1; 0: empty */
+    size_t    slots; /* a power of 2, at least twice the rows */
+};
+
+enum colmap_oddity { ODD_NO_POINTS_LINE, ODD_OBSERVATION, ODD_QUATERNION, ODD_POSITION, ODD_ERROR, ODD_TRACK, ODD_COUNT };
+
+#define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
+#define COLMAP_FIX_SAME   "export all three files from the same COLMAP model"
+
+enum { COLMAP_WINDOW = 8 << 20 }; /* bytes */
+
+struct colmap_reader {
+    oxl_context        *ctx;
+    struct colmap      *out;
+    char               *path;
+    struct os_reader    file;
+    oxl_result          rc;           /* of reading: not OXL_OK when the lines ended for another reason than the file's end */
+    char               *window;       /* a part of the file; a zero byte follows */
+    size_t              room;         /* bytes that the window can hold, with that zero */
+    size_t              window_size;  /* bytes of a file to hold at a time; a longer line widens the window */
+    uint64_t            offset;       /* of the window, in the file */
+    int                 at_end;       /* the window holds all that was left of the file */
+    const char         *limit;        /* end of what the window holds */
+    const char         *next;         /* first byte after this line */
+    const char         *cursor, *end; /* what is left of this line, without blanks at its ends */
+    int                 line;         /* from 1 */
+    uint64_t            announced;    /* rows, by the comment that COLMAP begins its files with; 0: it says nothing */
+    int                 is_quiet;     /* what there is to report is not said: `heard` is set instead */
+    int                 heard;
+    size_t              odd[ODD_COUNT];
+    struct colmap_index cameras, images;
+    size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
+};
+
+/* Begins with a file of the folder. colmap_compare: whether it held as many rows as it announces, or was cut. colmap_close says how many oddities went unsaid, and lets go of the file. */
+OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name);
+OXL_INTERNAL void       colmap_compare(struct colmap_reader *r, const char *what, size_t count);
+OXL_INTERNAL void       colmap_close(struct colmap_reader *r);
+
+OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* the file's first window; once more after a seek to 0 */
+
+/* Moves the window on, so that it begins at `next`; widens it when it is full from there on. */
+OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r);
+OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);   /* 0: there is none, or r->rc */
+OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next line that is neither blank nor a comment */
+
+/* What is wrong with the field at `token`: "seen ..., wanted WHAT, KIND". */
+OXL_INTERNAL oxl_result  colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind);
+OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_oddity kind);
+OXL_INTERNAL const char *colmap_seen(const char *p, const char *end, char out[64]); /* a field as messages show it */
+
+/* Fields. Readers leave the cursor behind theirs. */
+OXL_INTERNAL int        colmap_is_blank(char c);
+OXL_INTERNAL void       colmap_skip_blanks(struct colmap_reader *r);
+OXL_INTERNAL int        colmap_at_field_end(const struct colmap_reader *r);
+OXL_INTERNAL oxl_result colmap_real(struct colmap_reader *r, const char *what, double *out);
+OXL_INTERNAL oxl_result colmap_finite(struct colmap_reader *r, const char *what, double *out);
+OXL_INTERNAL oxl_result colmap_whole(struct colmap_reader *r, const char *what, int64_t low, int64_t high, int64_t *out);
+OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int64_t *out);
+
+/* Where the id is, or the empty slot where it belongs. */
+OXL_INTERNAL uint32_t  *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride, int64_t id);
+/* Enters the last of `count` + 1 rows; an id that is there already is an error. */
+OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
+                                     size_t count, const char *what);
+OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id); /* the error, at this line */
+
+/* colmap_points.c: the whole of points3D.txt, which is open. */
+OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
+
+#endif

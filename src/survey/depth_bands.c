@@ -1,0 +1,134 @@
+/* depth_bands.c - near, mid or far: the depth of what each pixel of a view shows, as the survey's points tell.
+ *
+ * A pixel is as far as the nearest point (in steps to the four neighbours) that the view saw by its track; farther than BANDS_REACH
+ * from all of them it counts for no band. Without tracks (scenes from arrays) a point is seen by every view that has it in its picture.
+ *
+ * Invariant: a function of the scene alone. A model's own depth would make each model choose the pixels that it is judged by.
+ */
+#include "../internal.h"
+
+#define BANDS_REACH (1.0 / 16) /* of the longer side */
+enum { BANDS_MOST = 1 << 22 }; /* points in views; where there are more, every k-th */
+
+static void bands_see(struct bands *b, const oxl_scene *scene, int view, const double world[3])
+{
+    const oxl_camera *c      = &oxl_scene_view(scene, view)->camera;
+    const double     *origin = oxl_scene_origin(scene);
+    double            x[3], u, v;
+    for (int i = 0; i < 3; i++) {
+        const double *r = c->rotation + 3 * i;
+        x[i]            = c->translation[i];
+        for (int k = 0; k < 3; k++) x[i] += r[k] * (world[k] - origin[k]);
+    }
+    if (!(x[2] > 0)) return;
+    u = c->fx * x[0] / x[2] + c->cx;
+    v = c->fy * x[1] / x[2] + c->cy;
+    if (!(u >= 0 && u < c->width && v >= 0 && v < c->height)) return;
+    b->sight[b->count++] = (struct bands_sight){view, (int)v * c->width + (int)u, (float)x[2]};
+}
+
+/* view: of an image of the survey; -1: not asked for, or none. */
+static void bands_by_tracks(struct bands *b, const oxl_scene *scene, const struct colmap *c, const int *view)
+{
+    const size_t step = c->track_count / BANDS_MOST + 1;
+    size_t       seen = 0;
+    for (size_t i = 0; i < c->point_count; i++)
+        for (uint32_t k = 0; k < c->point[i].track_count; k++) {
+            const int v = view[c->track[c->point[i].first_track + k].image_row];
+            if (seen++ % step == 0 && v >= 0) bands_see(b, scene, v, c->point[i].position);
+        }
+}
+
+static void bands_by_sight(struct bands *b, const oxl_scene *scene, const int *asked, int count)
+{
+    const size_t views = (size_t)oxl_scene_view_count(scene), step = oxl_scene_point_count(scene) * views / BANDS_MOST + 1;
+    for (size_t i = 0; i < oxl_scene_point_count(scene); i += step)
+        for (int k = 0; k < count; k++) {
+            const double *p = oxl_scene_points(scene)[i].position, *origin = oxl_scene_origin(scene);
+            bands_see(b, scene, asked[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
+        }
+}
+
+static int bands_compare(const void *a, const void *b)
+{
+    const struct bands_sight *x = a, *y = b;
+    const int                 d = (x->view > y->view) - (x->view < y->view);
+    if (d) return d;
+    return x->pixel != y->pixel ? (x->pixel > y->pixel) - (x->pixel < y->pixel) : (x->z > y->z) - (x->z < y->z);
+}
+
+OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count, struct bands *out)
+{
+    const struct colmap *c       = scene_colmap(scene);
+    const int            tracked = c && c->track_count > 0;
+    const size_t         most    = tracked ? c->track_count : oxl_scene_point_count(scene) * (size_t)count;
+    int                 *view    = oxl_alloc(ctx, (tracked ? c->image_count : 0) + 1, sizeof *view);
+    *out       = (struct bands){.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
+    out->sight = oxl_alloc(ctx, OXL_MIN(most, BANDS_MOST) + 1, sizeof *out->sight);
+    if (!view || !out->sight) {
+        oxl_free(ctx, view);
+        bands_free(ctx, out);
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of what %d views saw", count);
+    }
+    for (size_t i = 0; tracked && i < c->image_count; i++) view[i] = -1;
+    for (int k = 0; tracked && k < count; k++) view[scene_source_image(scene, asked[k]) - c->image] = asked[k];
+    if (tracked) bands_by_tracks(out, scene, c, view);
+    else bands_by_sight(out, scene, asked, count);
+    qsort(out->sight, out->count, sizeof *out->sight, bands_compare);
+    oxl_free(ctx, view);
+    return OXL_OK;
+}
+
+OXL_INTERNAL void bands_free(oxl_context *ctx, struct bands *b)
+{
+    oxl_free(ctx, b->sight);
+    *b = (struct bands){0};
+}
+
+/* The first of the view's; of nearest points in one pixel, the nearer shows. */
+static size_t bands_first(const struct bands *b, int view)
+{
+    size_t low = 0, high = b->count;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (b->sight[middle].view < view) low = middle + 1;
+        else high = middle;
+    }
+    return low;
+}
+
+static void bands_spread(int width, int height, int *queue, size_t waiting, uint8_t *band)
+{
+    const int reach = (int)(BANDS_REACH * OXL_MAX(width, height));
+    size_t    next  = 0;
+    for (int round = 0; round < reach; round++)
+        for (const size_t end = waiting; next < end; next++) {
+            const int at = queue[next], x = at % width, y = at / width;
+            const int to[4] = {y > 0 ? at - width : -1, x > 0 ? at - 1 : -1, x < width - 1 ? at + 1 : -1,
+                               y < height - 1 ? at + width : -1};
+            for (int k = 0; k < 4; k++)
+                if (to[k] >= 0 && !band[to[k]]) {
+                    band[to[k]]      = band[at];
+                    queue[waiting++] = to[k];
+                }
+        }
+}
+
+OXL_INTERNAL oxl_result bands_of_view(oxl_context *ctx, const struct bands *b, const oxl_scene *scene, int view, uint8_t *band)
+{
+    const oxl_camera *c       = &oxl_scene_view(scene, view)->camera;
+    const size_t      pixels  = (size_t)c->width * (size_t)c->height;
+    int              *queue   = oxl_alloc(ctx, pixels, sizeof *queue);
+    size_t            waiting = 0;
+    if (!queue) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", c->width, c->height);
+    memset(band, 0, pixels);
+    for (size_t i = bands_first(b, view); b->depth[0] > 0 && i < b->count && b->sight[i].view == view; i++) {
+        const struct bands_sight *s = &b->sight[i];
+        if (band[s->pixel]) continue;
+        band[s->pixel]   = (uint8_t)(1 + (s->z > b->depth[0]) + (s->z > b->depth[1]));
+        queue[waiting++] = s->pixel;
+    }
+    bands_spread(c->width, c->height, queue, waiting, band);
+    oxl_free(ctx, queue);
+    return OXL_OK;
+}

@@ -1,0 +1,649 @@
+/* image.c - photographs in (decode, undistort, reduce, mask), pictures out.
+ *
+ * JPEG and PNG are decoded by stb_image. Its SSE2 and NEON paths are written to give the very bytes of its plain C path
+ * (integer IDCT, fixed-point colour), so they stay on; a test holds them to it. stb takes its working memory from malloc,
+ * since its hooks know no context; all of it is given back before a function here returns, but for struct pixels, which lives
+ * until image_pixels_free.
+ *
+ * Invariant: a photograph's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
+ */
+#include "../internal.h"
+
+#ifdef __GNUC__
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpragmas"
+#pragma GCC diagnostic ignored "-Wpedantic"
+#pragma GCC diagnostic ignored "-Wunused-function"
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#pragma GCC diagnostic ignored "-Wunused-but-set-variable"
+#pragma GCC diagnostic ignored "-Wsign-compare"
+#pragma GCC diagnostic ignored "-Wmissing-field-initializers"
+#endif
+/* gcc finds functions that a header declares and does not define, past these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, the
+ * new name for one that is misspelt where it is defined (stb_image 2.27), and stdio in the writer, which we do not call. */
+#define STB_IMAGE_STATIC
+#define STB_IMAGE_IMPLEMENTATION
+#define STBI_NO_STDIO
+#define STBI_NO_GIF
+#define STBI_ONLY_JPEG
+#define STBI_ONLY_PNG
+#ifdef __TINYC__ /* says that it is x86-64, but has no intrinsics */
+#define STBI_NO_SIMD
+#endif
+#define stbi_set_unpremultiply_on_load_thread stbi__unpremultiply_on_load_thread
+#include <stb/stb_image.h>
+#define STB_IMAGE_WRITE_STATIC
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#include <stb/stb_image_write.h>
+#ifdef __GNUC__
+#pragma GCC diagnostic pop
+#endif
+
+enum {
+    IMAGE_SIDE_MAX    = 32768, /* px; a header that claims more is taken for damage */
+    IMAGE_SAMPLES_MAX = 16,    /* a side, for each pixel of an undistorted photograph; 16^2 x 255 x 2^16 fits 32 bits */
+    IMAGE_FRACTION    = 256    /* bilinear weights are whole numbers of 1/256 */
+};
+
+/* ---------------------------------------------------------------- decode */
+
+static int image_is_png(const struct os_file_map *file)
+{
+    return file->size > 8 && memcmp(file->data, "\x89PNG\r\n\x1a\n", 8) == 0;
+}
+
+static int image_is_jpeg(const struct os_file_map *file)
+{
+    return file->size > 4 && memcmp(file->data, "\xff\xd8\xff", 3) == 0;
+}
+
+/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class, 16 counts, as many symbols; again. */
+static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end)
+{
+    while (p < end) {
+        int symbols = 0;
+        for (int i = 1; i <= 16 && end - p >= 17; i++) symbols += p[i];
+        if (symbols > 256 || 17 + symbols > end - p) return 0;
+        p += 17 + symbols;
+    }
+    return 1;
+}
+
+/* What is wrong with a JPEG, as far as its segments show; NULL: nothing. stb 2.27 trusts the counts of a Huffman table, which
+ * then overrun its buffers, and takes a second frame header after it has taken memory for the first; and it calls a file that
+ * ends too early "expected marker". Steps from marker to marker; a preview within a segment is stepped over with it. */
+static const char *image_jpeg_fault(const struct os_file_map *file)
+{
+    const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
+    int                  frames = 0;
+    while (end - p >= 2) {
+        const int marker = p[1];
+        if (p[0] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) { /* coded data */
+            p++;
+            continue;
+        }
+        if (marker == 0xd9) return NULL;
+        if (end - p < 4 || 2 + (p[2] << 8 | p[3]) > end - p) break;
+        if (marker == 0xc4 && !image_jpeg_tables_fit(p + 4, p + 2 + (p[2] << 8 | p[3]))) return "a Huffman table is damaged";
+        if (marker >= 0xc0 && marker <= 0xc2 && frames++) return "it has two frame headers";
+        p += 2 + (p[2] << 8 | p[3]);
+    }
+    return "it ends too early";
+}
+
+static oxl_result image_check_header(oxl_context *ctx, const char *path, const struct os_file_map *file, int *width, int *height)
+{
+    const unsigned char *data = (const unsigned char *)file->data;
+    const char          *fault;
+    int                  channels;
+    *width = *height = 0;
+    if (file->size > INT_MAX)
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %zu bytes are too many for one image\nfix: re-encode it", path, file->size);
+    if (!image_is_png(file) && !image_is_jpeg(file))
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
+                        "under the same name in images.txt",
+                        path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
+    fault = image_is_jpeg(file) ? image_jpeg_fault(file) : NULL; /* before stb sees a byte */
+    if (fault)
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
+                        path, file->size, fault);
+    if (!stbi_info_from_memory(data, (int)file->size, width, height, &channels))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the header is damaged (%s)\nfix: copy the file again, or remove it", path,
+                        stbi_failure_reason());
+    if (*width < 1 || *height < 1 || *width > IMAGE_SIDE_MAX || *height > IMAGE_SIDE_MAX)
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: %d x %d px, wanted 1 to %d a side\nfix: reduce the photograph, or copy it again if it is damaged",
+                        path, *width, *height, IMAGE_SIDE_MAX);
+    return OXL_OK;
+}
+
+/* 16 bits to 8, to the nearest: 0..65535 onto 0..255. In place, the narrow values overtake none of the wide. */
+static uint8_t *image_narrow(uint16_t *wide, size_t count)
+{
+    uint8_t *narrow = (uint8_t *)wide;
+    for (size_t i = 0; wide && i < count; i++) {
+        uint16_t v;
+        memcpy(&v, narrow + 2 * i, sizeof v);
+        narrow[i] = (uint8_t)((v * 255u + 32767u) / 65535u);
+    }
+    return narrow;
+}
+
+static size_t image_be32(const unsigned char *p)
+{
+    return (size_t)p[0] << 24 | (size_t)p[1] << 16 | (size_t)p[2] << 8 | p[3];
+}
+
+/* The chunk that holds the palette of a PNG, from its length on; NULL: there is none before its pixels. */
+static const unsigned char *image_find_palette(const struct os_file_map *file)
+{
+    const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
+    if (!image_is_png(file) || file->size < 26 || file->data[25] != 3) return NULL; /* IHDR: colours by a palette */
+    while (end - p >= 12 && image_be32(p) <= (size_t)(end - p) - 12 && memcmp(p + 4, "IDAT", 4) != 0) {
+        if (memcmp(p + 4, "PLTE", 4) == 0) return p;
+        p += 12 + image_be32(p);
+    }
+    return NULL;
+}
+
+/* stb 2.27 looks up colours past the end of a short palette, in what happens to lie there. So it is given a file with all 256; those
+ * that were missing are black. */
+static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct os_file_map *file)
+{
+    enum { FULL = 3 * 256 };
+    const unsigned char *chunk = image_find_palette(file);
+    const size_t         used = chunk ? image_be32(chunk) : FULL, before = chunk ? (size_t)((const char *)chunk - file->data) : 0;
+    struct os_file_map   full;
+    char                *data;
+    if (used >= FULL || file->size > INT_MAX - FULL) return OXL_OK;
+    full.size = file->size + FULL - used;
+    full.data = data = oxl_calloc(ctx, full.size + 1, 1);
+    if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode it", path);
+    memcpy(data, file->data, before + 8 + used);
+    data[before + 2] = FULL >> 8, data[before + 3] = FULL & 255;
+    memcpy(data + before + 8 + FULL, file->data + before + 8 + used, file->size - before - 8 - used);
+    os_release_file(ctx, file);
+    *file = full;
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out)
+{
+    struct os_file_map file = {0};
+    oxl_result         rc   = os_read_file(ctx, path, &file);
+    const stbi_uc     *data;
+    int                w, h, in_file;
+    *out = (struct pixels){0};
+    if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, &w, &h);
+    if (rc == OXL_OK) rc = image_fill_palette(ctx, path, &file);
+    if (rc != OXL_OK) goto done;
+    data = (const stbi_uc *)file.data;
+    *out = (struct pixels){.width = w, .height = h, .channels = channels};
+    if (stbi_is_16_bit_from_memory(data, (int)file.size))
+        out->data =
+            image_narrow(stbi_load_16_from_memory(data, (int)file.size, &w, &h, &in_file, channels), (size_t)w * h * channels);
+    else out->data = stbi_load_from_memory(data, (int)file.size, &w, &h, &in_file, channels);
+    if (!out->data) {
+        const char *reason = stbi_failure_reason();
+        *out               = (struct pixels){0};
+        if (strcmp(reason, "outofmem") == 0) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to decode %d x %d px", path, w, h);
+        else
+            rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot be decoded (%s)\nfix: copy the file again, or remove it", path, reason);
+    }
+done:
+    os_release_file(ctx, &file);
+    return rc;
+}
+
+OXL_INTERNAL void image_pixels_free(oxl_context *ctx, struct pixels *p)
+{
+    (void)ctx;
+    stbi_image_free(p->data);
+    *p = (struct pixels){0};
+}
+
+OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height)
+{
+    struct os_file_map file = {0};
+    oxl_result         rc   = os_read_file(ctx, path, &file);
+    *width = *height = 0;
+    if (rc == OXL_OK) rc = image_check_header(ctx, path, &file, width, height);
+    os_release_file(ctx, &file);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- reduce */
+
+/* One output pixel along one axis covers [at n_in, (at + 1) n_in) in units of 1/n_out of an input pixel, so that all overlaps
+ * are whole numbers, with the sum n_in. */
+struct image_span {
+    int      first, last;               /* input pixels touched, both included */
+    unsigned weight_first, weight_last; /* of those two; the ones between weigh n_out */
+};
+
+static struct image_span image_span_of(int at, int n_in, int n_out)
+{
+    const int64_t     from = (int64_t)at * n_in, to = from + n_in;
+    struct image_span s = {.first = (int)(from / n_out), .last = (int)((to - 1) / n_out)};
+    s.weight_first      = (unsigned)(OXL_MIN(to, (int64_t)(s.first + 1) * n_out) - from);
+    s.weight_last       = (unsigned)(to - OXL_MAX(from, (int64_t)s.last * n_out));
+    return s;
+}
+
+static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
+{
+    return i == s->first ? s->weight_first : i == s->last ? s->weight_last : (unsigned)n_out;
+}
+
+/* What the rows of a photograph's output have in common: where its columns lie, and a line for each thread to add rows in. */
+struct image_reduction {
+    const struct pixels *in;
+    const struct photo  *out;
+    struct image_span   *column; /* (out->width) */
+    uint32_t            *line;   /* (threads, in->width, 3) */
+};
+
+/* The weighted sum of the rows under the span. Their weights add up to in->height, so 32 bits hold it. */
+static void image_add_rows(const struct image_reduction *r, const struct image_span *rows, uint32_t *restrict line)
+{
+    const size_t samples = 3 * (size_t)r->in->width;
+    memset(line, 0, samples * sizeof *line);
+    for (int i = rows->first; i <= rows->last; i++) {
+        const unsigned weight = image_span_weight(rows, i, r->out->height);
+        const uint8_t *row    = r->in->data + (size_t)i * samples;
+        for (size_t k = 0; k < samples; k++) line[k] += weight * row[k];
+    }
+}
+
+/* The mean of the photograph over each output pixel's area, exact before it is rounded. */
+static void image_reduce_row(const struct image_reduction *r, int y)
+{
+    const struct image_span rows  = image_span_of(y, r->in->height, r->out->height);
+    const uint64_t          total = (uint64_t)r->in->width * r->in->height;
+    const size_t            plane = (size_t)r->out->width * r->out->height;
+    uint32_t               *line  = r->line + 3 * (size_t)r->in->width * (size_t)base_thread();
+    image_add_rows(r, &rows, line);
+    for (int x = 0; x < r->out->width; x++) {
+        const struct image_span *s      = &r->column[x];
+        uint64_t                 sum[3] = {0, 0, 0};
+        for (int i = s->first; i <= s->last; i++)
+            for (int c = 0; c < 3; c++) sum[c] += (uint64_t)image_span_weight(s, i, r->out->width) * line[3 * (size_t)i + c];
+        for (int c = 0; c < 3; c++)
+            r->out->rgb[c * plane + (size_t)y * r->out->width + x] = (uint8_t)((sum[c] + total / 2) / total);
+    }
+}
+
+static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const struct photo *out)
+{
+    struct image_reduction r  = {.in = in, .out = out};
+    oxl_result             rc = OXL_OK;
+    r.column                  = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
+    r.line                    = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
+    if (!r.column || !r.line) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce a photograph of %d x %d px", in->width, in->height);
+        goto done;
+    }
+    for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < out->height; y++) image_reduce_row(&r, y);
+done:
+    oxl_free(ctx, r.column);
+    oxl_free(ctx, r.line);
+    return rc;
+}
+
+/* A pixel that touches a black one of the mask is masked: its colour has part of what is to be ignored. */
+static void image_reduce_mask_row(const struct pixels *mask, const struct photo *out, int y)
+{
+    const struct image_span rows = image_span_of(y, mask->height, out->height);
+    for (int x = 0; x < out->width; x++) {
+        const struct image_span columns = image_span_of(x, mask->width, out->width);
+        int                     counts  = 1;
+        for (int i = rows.first; i <= rows.last; i++)
+            for (int j = columns.first; j <= columns.last; j++) counts &= mask->data[(size_t)i * mask->width + j] != 0;
+        out->mask[(size_t)y * out->width + x] = counts ? 255 : 0;
+    }
+}
+
+/* ---------------------------------------------------------------- undistort */
+
+struct image_warp {
+    const struct pixels        *photo, *mask; /* mask->data may be NULL */
+    const struct colmap_camera *from;
+    const oxl_camera           *to;
+    double                      zoom[2]; /* photograph's px per px of `from`: 1 unless the file was resized */
+    int                         samples; /* a side of an output pixel */
+};
+
+/* Adds the bilinear sample at p (px), in units of 1/256^2, borders repeated. */
+static void image_add_bilinear(const struct pixels *in, const double p[2], uint32_t sum[3])
+{
+    const int    fx = (int)floor((p[0] - 0.5) * IMAGE_FRACTION + 0.5), fy = (int)floor((p[1] - 0.5) * IMAGE_FRACTION + 0.5);
+    const int    x = OXL_CLAMP(fx, 0, (in->width - 1) * IMAGE_FRACTION), y = OXL_CLAMP(fy, 0, (in->height - 1) * IMAGE_FRACTION);
+    const int    x0 = x / IMAGE_FRACTION, y0 = y / IMAGE_FRACTION;
+    const size_t right = x0 + 1 < in->width ? 3 : 0, down = y0 + 1 < in->height ? 3 * (size_t)in->width : 0;
+    const uint32_t wx = (uint32_t)(x % IMAGE_FRACTION), wy = (uint32_t)(y % IMAGE_FRACTION);
+    const uint8_t *a = in->data + 3 * ((size_t)y0 * in->width + x0);
+    for (int c = 0; c < 3; c++, a++)
+        sum[c] += (IMAGE_FRACTION - wy) * ((IMAGE_FRACTION - wx) * a[0] + wx * a[right]) +
+                  wy * ((IMAGE_FRACTION - wx) * a[down] + wx * a[down + right]);
+}
+
+/* Does the real camera's pixel at p (px of the photograph) lie in the photograph, and is it not masked? */
+static int image_counts(const struct image_warp *w, const double p[2])
+{
+    if (!(p[0] >= 0 && p[0] <= w->photo->width && p[1] >= 0 && p[1] <= w->photo->height)) return 0;
+    if (w->mask->data) {
+        const int x = OXL_MIN((int)(p[0] / w->photo->width * w->mask->width), w->mask->width - 1);
+        const int y = OXL_MIN((int)(p[1] / w->photo->height * w->mask->height), w->mask->height - 1);
+        return w->mask->data[(size_t)y * w->mask->width + x] != 0;
+    }
+    return 1;
+}
+
+/* Each pixel is the mean of samples x samples bilinear samples of the photograph, spread evenly over it. */
+static void image_warp_row(const struct image_warp *w, const struct photo *out, int y)
+{
+    const size_t   plane = (size_t)out->width * out->height;
+    const uint32_t total = (uint32_t)(w->samples * w->samples) * IMAGE_FRACTION * IMAGE_FRACTION;
+    for (int x = 0; x < out->width; x++) {
+        uint32_t sum[3] = {0, 0, 0};
+        int      counts = 1;
+        for (int i = 0; i < w->samples * w->samples; i++) {
+            const double u = x + (i % w->samples + 0.5) / w->samples, v = y + (i / w->samples + 0.5) / w->samples;
+            const double direction[2] = {(u - w->to->cx) / w->to->fx, (v - w->to->cy) / w->to->fy};
+            double       p[2];
+            camera_distort(w->from, direction, p);
+            p[0] *= w->zoom[0];
+            p[1] *= w->zoom[1];
+            counts &= image_counts(w, p);
+            if (counts) image_add_bilinear(w->photo, p, sum);
+        }
+        for (int c = 0; c < 3; c++)
+            out->rgb[c * plane + (size_t)y * out->width + x] = counts ? (uint8_t)(((uint64_t)sum[c] + total / 2) / total) : 0;
+        out->mask[(size_t)y * out->width + x] = counts ? 255 : 0;
+    }
+}
+
+static struct image_warp image_warp_of(const struct pixels *photo, const struct pixels *mask, const struct colmap_camera *from,
+                                       const oxl_camera *to)
+{
+    struct image_warp w = {.photo = photo, .mask = mask, .from = from, .to = to};
+    double            k[4], reduction;
+    camera_intrinsics(from, k);
+    w.zoom[0] = (double)photo->width / from->width;
+    w.zoom[1] = (double)photo->height / from->height;
+    reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy); /* photograph's px per output px at the axis */
+    w.samples = (int)ceil(OXL_CLAMP(reduction - 0.01, 1, IMAGE_SAMPLES_MAX));
+    return w;
+}
+
+/* ---------------------------------------------------------------- a training photograph */
+
+/* The photograph may have been resized after COLMAP saw it, not cropped or turned. */
+OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
+                                          const struct colmap_camera *from)
+{
+    const double zx = (double)width / from->width, zy = (double)height / from->height;
+    const int    turned = fabs((double)width / from->height / ((double)height / from->width) - 1) <= 0.01;
+    if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (cameras.txt:%d) has %d x %d, another shape\nfix: %s",
+                    path, width, height, (long long)from->id, from->line, from->width, from->height,
+                    turned ? "turn the photograph back: COLMAP saw it as it lies in the file"
+                           : "use the photographs that COLMAP was given");
+}
+
+static oxl_result image_photo_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask, struct photo *out)
+{
+    const size_t count = (size_t)to->width * to->height;
+    *out               = (struct photo){.width = to->width, .height = to->height};
+    out->rgb           = oxl_alloc(ctx, count, 3);
+    if (with_mask) out->mask = oxl_alloc(ctx, count, 1);
+    if (out->rgb && (out->mask || !with_mask)) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a photograph of %d x %d px", to->width, to->height);
+}
+
+/* A mask that masks nothing is not kept. */
+static void image_drop_empty_mask(oxl_context *ctx, struct photo *p)
+{
+    if (!p->mask || memchr(p->mask, 0, (size_t)p->width * p->height)) return;
+    oxl_free(ctx, p->mask);
+    p->mask = NULL;
+}
+
+/* Reduced and undistorted, a mask may be black all over that was not. */
+static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct photo *p)
+{
+    if (!p->mask || memchr(p->mask, 255, (size_t)p->width * p->height)) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s: all of it is black at %d x %d px, so nothing of the photograph counts\n"
+                    "fix: white (255) in a mask means that the pixel counts",
+                    path, p->width, p->height);
+}
+
+OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, const char *mask_path,
+                                         const struct colmap_camera *from, const oxl_camera *to, struct photo *out)
+{
+    const int         distorted = camera_is_distorted(from);
+    struct pixels     photo = {0}, mask = {0};
+    struct image_warp warp;
+    oxl_result        rc;
+    *out = (struct photo){0};
+    rc   = image_decode(ctx, path, 3, &photo);
+    if (rc == OXL_OK) rc = image_check_shape(ctx, path, photo.width, photo.height, from);
+    if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
+    if (rc == OXL_OK) rc = image_photo_alloc(ctx, to, distorted || mask.data, out);
+    if (rc != OXL_OK) goto done;
+    if (!distorted) rc = image_reduce(ctx, &photo, out);
+    if (rc != OXL_OK) goto done;
+    warp = image_warp_of(&photo, &mask, from, to);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < to->height; y++) {
+        if (distorted) image_warp_row(&warp, out, y);
+        else if (mask.data) image_reduce_mask_row(&mask, out, y);
+    }
+    image_drop_empty_mask(ctx, out);
+    if (mask_path) rc = image_check_mask(ctx, mask_path, out);
+done:
+    image_pixels_free(ctx, &photo);
+    image_pixels_free(ctx, &mask);
+    if (rc != OXL_OK) image_photo_free(ctx, out);
+    return rc;
+}
+
+OXL_INTERNAL void image_photo_free(oxl_context *ctx, struct photo *photo)
+{
+    oxl_free(ctx, photo->rgb);
+    oxl_free(ctx, photo->mask);
+    *photo = (struct photo){0};
+}
+
+OXL_INTERNAL void image_from_photo(const oxl_context *ctx, const struct photo *photo, float *rgb, float *weight)
+{
+    const int64_t count = (int64_t)photo->width * photo->height;
+#pragma omp parallel for simd schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < 3 * count; i++) rgb[i] = (float)photo->rgb[i] / 255.0f;
+    for (int64_t i = 0; weight && i < count; i++) weight[i] = !photo->mask || photo->mask[i] ? 1.0f : 0.0f;
+}
+
+/* In place, towards the front: a pixel is written when the four that it is the mean of have been read. */
+OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
+{
+    const size_t w = (size_t)width, small_w = w / 2, small_h = (size_t)height / 2;
+    for (size_t row = 0; row < 3 * small_h; row++) {
+        const float *in  = rgb + (row / small_h * (size_t)height + 2 * (row % small_h)) * w;
+        float       *out = rgb + row * small_w;
+        for (size_t x = 0; x < small_w; x++) out[x] = 0.25f * (in[2 * x] + in[2 * x + 1] + in[w + 2 * x] + in[w + 2 * x + 1]);
+    }
+    for (size_t row = 0; weight && row < small_h; row++) {
+        const float *in  = weight + 2 * row * w;
+        float       *out = weight + row * small_w;
+        for (size_t x = 0; x < small_w; x++) out[x] = in[2 * x] * in[2 * x + 1] * in[w + 2 * x] * in[w + 2 * x + 1];
+    }
+}
+
+/* ---------------------------------------------------------------- pictures out */
+
+static uint8_t image_to_byte(float v)
+{
+    if (!(v > 0)) return 0; /* not-a-number too */
+    return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
+}
+
+OXL_INTERNAL void image_to_photo(const oxl_image *image, struct photo *photo)
+{
+    const size_t count = (size_t)image->width * image->height;
+    for (size_t i = 0; i < 3 * count; i++) photo->rgb[i] = image_to_byte(image->rgb[i]);
+    for (size_t i = 0; photo->mask && i < count; i++) photo->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
+}
+
+/* One filter for all rows and a short search: to try all five and search longer takes 1.6 times as long and saves nothing (docs/SPEED.md).
+ * stb has these once for the whole program, so they are set once: threads that write PNGs side by side only read them. */
+OXL_INTERNAL void image_begin(void)
+{
+    enum { AVERAGE = 3, SEARCH = 5 };
+#ifdef _OPENMP
+#pragma omp critical(image_begin)
+#endif
+    if (stbi_write_force_png_filter != AVERAGE || stbi_write_png_compression_level != SEARCH) {
+        stbi_write_force_png_filter      = AVERAGE;
+        stbi_write_png_compression_level = SEARCH;
+    }
+}
+
+static unsigned char *image_encode_png(const uint8_t *bytes, int width, int height, int channels, int *size)
+{
+    return stbi_write_png_to_mem(bytes, channels * width, width, height, channels, size);
+}
+
+OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height)
+{
+    const size_t   count   = (size_t)width * height;
+    uint8_t       *bytes   = oxl_alloc(ctx, count, 3); /* interleaved */
+    unsigned char *encoded = NULL;
+    int            size    = 0;
+    oxl_result     rc      = OXL_OK;
+    for (size_t i = 0; bytes && i < count; i++)
+        for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_to_byte(rgb[c * count + i]);
+    if (bytes) encoded = image_encode_png(bytes, width, height, 3, &size);
+    if (!encoded) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode %d x %d px", path, width, height);
+        goto done;
+    }
+    rc = os_write_file(ctx, path, encoded, (size_t)size);
+done:
+    STBIW_FREE(encoded);
+    oxl_free(ctx, bytes);
+    return rc;
+}
+
+/* To stb, grey with alpha in 8 bits: the same two bytes a pixel, filtered and packed alike. The header then says 16 bits of grey. */
+OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height)
+{
+    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 }; /* where they stand in a PNG [RFC 2083] */
+    const size_t   count   = (size_t)width * (size_t)height;
+    uint8_t       *bytes   = oxl_alloc(ctx, count, 2);
+    unsigned char *encoded = NULL;
+    int            size    = 0;
+    oxl_result     rc      = OXL_OK;
+    for (size_t i = 0; bytes && i < count; i++)
+        bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
+    if (bytes) encoded = image_encode_png(bytes, width, height, 2, &size);
+    if (encoded) {
+        unsigned sum;
+        encoded[BITS] = 16, encoded[COLOUR] = 0;
+        sum = stbiw__crc32(encoded + HEADER, HEADER_SIZE);
+        for (int k = 0; k < 4; k++) encoded[SUM + k] = (unsigned char)(sum >> (24 - 8 * k));
+        rc = os_write_file(ctx, path, encoded, (size_t)size);
+    } else rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode %d x %d px", path, width, height);
+    STBIW_FREE(encoded);
+    oxl_free(ctx, bytes);
+    return rc;
+}
+
+/* Where stb hands over the parts of a JPEG. */
+struct image_sink {
+    oxl_context *ctx;
+    void        *data;
+    size_t       size, capacity;
+    oxl_result   rc;
+};
+
+static void image_take(void *user, void *part, int size)
+{
+    struct image_sink *s = user;
+    if (s->rc == OXL_OK) s->rc = oxl_reserve(s->ctx, &s->data, &s->capacity, s->size + (size_t)size, 1);
+    if (s->rc != OXL_OK) return;
+    memcpy((char *)s->data + s->size, part, (size_t)size);
+    s->size += (size_t)size;
+}
+
+/* ---------------------------------------------------------------- the public door */
+
+oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size)
+{
+    const size_t      count = (size_t)image->width * image->height;
+    struct image_sink sink  = {.ctx = ctx};
+    uint8_t          *bytes;
+    *out  = NULL;
+    *size = 0;
+    if (!image->rgb || count == 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the image to encode is empty");
+    bytes = oxl_alloc(ctx, count, 3); /* interleaved */
+    if (!bytes) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
+    for (size_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_to_byte(image->rgb[c * count + i]);
+    stbi_write_jpg_to_func(image_take, &sink, image->width, image->height, 3, bytes, OXL_MAX(1, OXL_MIN(quality, 100)));
+    oxl_free(ctx, bytes);
+    if (sink.rc != OXL_OK) {
+        oxl_free(ctx, sink.data);
+        return sink.rc;
+    }
+    *out  = sink.data;
+    *size = sink.size;
+    return OXL_OK;
+}
+
+oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out)
+{
+    *out = (oxl_image){0};
+    if (width < 1 || height < 1 || width > IMAGE_SIDE_MAX || height > IMAGE_SIDE_MAX)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "an image of %d x %d px, wanted 1 to %d a side", width, height, IMAGE_SIDE_MAX);
+    out->rgb = oxl_calloc(ctx, (size_t)width * height, 3 * sizeof *out->rgb);
+    if (!out->rgb) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", width, height);
+    out->width  = width;
+    out->height = height;
+    return OXL_OK;
+}
+
+void oxl_image_free(oxl_context *ctx, oxl_image *image)
+{
+    if (!image) return;
+    oxl_free(ctx, image->rgb);
+    oxl_free(ctx, image->weight);
+    *image = (oxl_image){0};
+}
+
+oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out)
+{
+    struct pixels pixels = {0};
+    oxl_result    rc;
+    *out = (oxl_image){0};
+    rc   = image_decode(ctx, path, 3, &pixels);
+    if (rc == OXL_OK) rc = oxl_image_create(ctx, pixels.width, pixels.height, out);
+    if (rc == OXL_OK) {
+        const size_t count = (size_t)pixels.width * pixels.height;
+        for (size_t i = 0; i < count; i++)
+            for (int c = 0; c < 3; c++) out->rgb[c * count + i] = (float)pixels.data[3 * i + c] / 255.0f;
+    }
+    image_pixels_free(ctx, &pixels);
+    return rc;
+}
+
+oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image)
+{
+    if (!image->rgb || image->width < 1 || image->height < 1)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the image to write is empty\nfix: fill it, as oxl_render and oxl_image_read do",
+                        path);
+    return image_write_png(ctx, path, image->rgb, image->width, image->height);
+}

@@ -1,0 +1,105 @@
+/* image_cache.c - which photographs are in memory: read when they are asked for, or ahead of that, and dropped when the cache is full.
+ *
+ * Those in memory take at most the cache, the one last asked for aside. Invariant: which are there never changes a result.
+ */
+#include "../internal.h"
+
+enum {
+    PHOTOS_AHEAD        = 16, /* read at once, at most */
+    PHOTOS_DECODE_BYTES = 6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
+};
+
+OXL_INTERNAL oxl_result photos_begin(oxl_context *ctx, size_t count, struct photos *out)
+{
+    *out = (struct photos){.photo = oxl_calloc(ctx, count + 1, sizeof *out->photo),
+                           .used  = oxl_calloc(ctx, count + 1, sizeof *out->used),
+                           .count = (int)count,
+                           .limit = SIZE_MAX};
+    return out->photo && out->used ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu photographs", count);
+}
+
+OXL_INTERNAL void photos_free(oxl_context *ctx, struct photos *photos)
+{
+    for (int i = 0; photos->photo && i < photos->count; i++) image_photo_free(ctx, &photos->photo[i]);
+    oxl_free(ctx, photos->photo);
+    oxl_free(ctx, photos->used);
+    *photos = (struct photos){0};
+}
+
+static size_t photos_size(const struct photo *photo)
+{
+    return (size_t)photo->width * photo->height * (photo->mask ? 4 : 3);
+}
+
+/* Drops the photographs asked for last, until the rest and `keep` fit. Every epoch asks for all of them in a new order, so the one just
+ * used is the one that will not be wanted for longest: with room for half of them this finds 50 % in memory, where dropping the oldest
+ * finds 15 %. */
+static void photos_make_room(oxl_context *ctx, struct photos *p, int keep, size_t limit)
+{
+    while (p->held > limit) {
+        int latest = -1;
+        for (int i = 0; i < p->count; i++)
+            if (i != keep && p->photo[i].rgb && (latest < 0 || p->used[i] > p->used[latest])) latest = i;
+        if (latest < 0) return;
+        p->held -= photos_size(&p->photo[latest]);
+        image_photo_free(ctx, &p->photo[latest]);
+    }
+}
+
+OXL_INTERNAL const struct photo *photos_get(oxl_context *ctx, oxl_scene *scene, int view)
+{
+    struct photos *p     = scene_photos(scene);
+    struct photo  *photo = &p->photo[view];
+    p->used[view]        = ++p->clock;
+    if (!photo->rgb) {
+        if (scene_load_photo(ctx, scene, view, photo) != OXL_OK) return NULL;
+        p->held += photos_size(photo);
+        photos_make_room(ctx, p, view, p->limit);
+    }
+    return photo;
+}
+
+OXL_INTERNAL double photos_bytes(double cache, double pixels, double file_pixels)
+{
+    const double one = PHOTOS_DECODE_BYTES * file_pixels, ahead = OXL_MIN(cache / 4, PHOTOS_AHEAD * one);
+    return OXL_MIN(3 * pixels + ahead, cache) + one;
+}
+
+/* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
+ * cache as they come from the file, which is *bytes. */
+static int photos_choose_ahead(const oxl_context *ctx, oxl_scene *scene, const int *view, int count, int *chosen, size_t *bytes)
+{
+    const struct photos *p = scene_photos(scene);
+    int                  n = 0;
+    *bytes                 = 0;
+    for (int i = 0; i < count && n < OXL_MIN(ctx->threads, PHOTOS_AHEAD); i++) {
+        const double more = PHOTOS_DECODE_BYTES * scene_file_pixels(scene, view[i]);
+        if (p->photo[view[i]].rgb) continue;
+        if ((double)*bytes + more > (double)(p->limit / 4)) break;
+        *bytes += (size_t)more;
+        chosen[n++] = view[i];
+    }
+    return n;
+}
+
+OXL_INTERNAL void photos_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
+{
+    struct photos *p                  = scene_photos(scene);
+    struct photo   read[PHOTOS_AHEAD] = {{0}};
+    int            chosen[PHOTOS_AHEAD], n;
+    size_t         bytes;
+    oxl_context    own = base_apart(ctx); /* its errors nobody hears: who asks for the photograph will */
+    if (!scene_colmap(scene) || count < 1 || p->photo[view[0]].rgb) return;
+    n = photos_choose_ahead(ctx, scene, view, count, chosen, &bytes);
+    if (n < 2) return;
+    photos_make_room(ctx, p, -1, p->limit - bytes);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(own)
+    for (int i = 0; i < n; i++) scene_load_photo(&own, scene, chosen[i], &read[i]);
+    for (int i = 0; i < n; i++) {
+        if (!read[i].rgb) continue;
+        p->photo[chosen[i]] = read[i];
+        p->used[chosen[i]]  = 0; /* wanted soon: the last to be dropped */
+        p->held += photos_size(&read[i]);
+    }
+    photos_make_room(ctx, p, -1, p->limit);
+}

@@ -1,0 +1,173 @@
+/* lint.c - what is wrong with a survey though each of its files can be read: poses that are not those of the points, photographs
+ * and masks that training could not use.
+ *
+ * A track says that a photograph saw its point, so the point lies before that camera and within its frame. Where the poses lead
+ * from camera to world, or cameras, poses and points come from different models or scales, many do not; in exports of COLMAP's
+ * own, none.
+ *
+ * Invariant: nothing here changes what is trained.
+ */
+#include "../internal.h"
+
+enum {
+    LINT_SAMPLE = 1 << 16, /* track entries looked at, spread evenly */
+    LINT_LEAST  = 4,       /* of one photograph, before it is spoken of */
+    LINT_NAMED  = 10       /* photographs and masks named, of a kind */
+};
+#define LINT_MARGIN 0.05 /* of the longer side: a point so far beside the frame still lies in it */
+#define LINT_MISSED 0.5  /* share of its points that a photograph misses, from which on its pose is doubted */
+
+/* ---------------------------------------------------------------- poses and points */
+
+struct lint_view {
+    size_t seen, missed; /* entries looked at; of them not in the photograph */
+};
+
+static int lint_is_in_frame(const oxl_scene *scene, int view, const double world[3])
+{
+    const struct colmap_camera *from = scene_source_camera(scene, view);
+    const oxl_camera           *c    = &oxl_scene_view(scene, view)->camera;
+    const double               *o = oxl_scene_origin(scene), *r = c->rotation;
+    const double                p[3]   = {world[0] - o[0], world[1] - o[1], world[2] - o[2]};
+    const double                margin = LINT_MARGIN * OXL_MAX(from->width, from->height);
+    double                      x[3], direction[2], pixel[2];
+    for (int k = 0; k < 3; k++) x[k] = r[3 * k] * p[0] + r[3 * k + 1] * p[1] + r[3 * k + 2] * p[2] + c->translation[k];
+    if (!(x[2] > 0)) return 0;
+    direction[0] = x[0] / x[2];
+    direction[1] = x[1] / x[2];
+    camera_distort(from, direction, pixel);
+    return pixel[0] >= -margin && pixel[0] <= from->width + margin && pixel[1] >= -margin && pixel[1] <= from->height + margin;
+}
+
+/* view_of: (images) each image's view, -1: none. */
+static void lint_count(const oxl_scene *scene, const int *view_of, struct lint_view *views)
+{
+    const struct colmap *c    = scene_colmap(scene);
+    const size_t         step = c->track_count / LINT_SAMPLE + 1;
+    size_t               at   = 0;
+    for (size_t i = 0; i < c->point_count; i++) {
+        const struct colmap_point *point = &c->point[i];
+        const int                  taken = scene_takes_point(point, oxl_scene_origin(scene));
+        for (uint32_t k = 0; k < point->track_count; k++) {
+            const int view = view_of[c->track[point->first_track + k].image_row];
+            if (at++ % step != 0 || view < 0 || !taken) continue;
+            views[view].seen++;
+            views[view].missed += !lint_is_in_frame(scene, view, point->position);
+        }
+    }
+}
+
+static int lint_is_odd(const struct lint_view *v)
+{
+    return v->seen >= LINT_LEAST && (double)v->missed > LINT_MISSED * (double)v->seen;
+}
+
+/* A few poses may be wrong where all others fit; when those do not fit either, the survey as a whole is doubted. */
+static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct lint_view *views, oxl_survey *s)
+{
+    const int count = oxl_scene_view_count(scene);
+    size_t    seen = 0, missed = 0;
+    int       odd = 0, named = 0;
+    for (int i = 0; i < count; i++) odd += lint_is_odd(&views[i]);
+    for (int i = 0; i < count; i++)
+        if (2 * odd > count || !lint_is_odd(&views[i])) seen += views[i].seen, missed += views[i].missed;
+    s->missed = seen ? (double)missed / (double)seen : 0;
+    for (int i = 0; i < count && s->missed <= LINT_DOUBT; i++)
+        if (lint_is_odd(&views[i]) && named++ < LINT_NAMED)
+            oxl_log(ctx, OXL_LOG_WARNING,
+                    "%s: %.0f %% of the points that it saw do not lie in it, so its pose is wrong\n"
+                    "fix: take it out of the model: colmap image_deleter",
+                    oxl_scene_view(scene, i)->name, 100.0 * (double)views[i].missed / (double)views[i].seen);
+    if (named > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more", named - LINT_NAMED);
+}
+
+OXL_INTERNAL oxl_result lint_sightings(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s)
+{
+    const struct colmap *c     = scene_colmap(scene);
+    const int            count = oxl_scene_view_count(scene);
+    struct lint_view    *views;
+    int                 *view_of;
+    oxl_result           rc = OXL_OK;
+    if (!c || c->track_count == 0) return OXL_OK;
+    views   = oxl_calloc(ctx, (size_t)count + 1, sizeof *views);
+    view_of = oxl_alloc(ctx, c->image_count + 1, sizeof *view_of);
+    if (!views || !view_of) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare %d poses with the points", count);
+        goto done;
+    }
+    for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
+    for (int i = 0; i < count; i++) view_of[scene_source_image(scene, i) - c->image] = i;
+    lint_count(scene, view_of, views);
+    lint_sum_up(ctx, scene, views, s);
+done:
+    oxl_free(ctx, views);
+    oxl_free(ctx, view_of);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- photographs and masks */
+
+/* The header and the segments of a photograph, all of a mask: damage in the pixels themselves is found when they are decoded. */
+static oxl_result lint_photograph(oxl_context *ctx, const oxl_scene *scene, int view)
+{
+    const char *name  = oxl_scene_view(scene, view)->name;
+    char       *path  = oxl_path_join(ctx, scene_images_folder(scene), name);
+    int         width = 0, height = 0;
+    oxl_result  rc = path ? image_size(ctx, path, &width, &height) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (rc == OXL_OK) rc = image_check_shape(ctx, path, width, height, scene_source_camera(scene, view));
+    oxl_free(ctx, path);
+    return rc;
+}
+
+/* *counts: the share that is not black. */
+static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, int *stretched, double *counts)
+{
+    const struct colmap_camera *from   = scene_source_camera(scene, view);
+    struct pixels               pixels = {0};
+    char                       *path;
+    oxl_result                  rc = scene_mask_path(ctx, scene, oxl_scene_view(scene, view)->name, &path);
+    size_t                      count, white = 0;
+    *counts = 1;
+    if (rc != OXL_OK || !path) return rc;
+    rc    = image_decode(ctx, path, 1, &pixels);
+    count = rc == OXL_OK ? (size_t)pixels.width * (size_t)pixels.height : 0;
+    for (size_t i = 0; i < count; i++) white += pixels.data[i] != 0;
+    if (count) *counts = (double)white / (double)count;
+    if (count && image_check_shape(ctx, path, pixels.width, pixels.height, from) != OXL_OK && ++*stretched <= LINT_NAMED)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: %d x %d px for a photograph of another shape, so it is stretched\n"
+                "fix: make it of the photograph's shape",
+                path, pixels.width, pixels.height);
+    if (count && white == 0)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: all of it is black, so nothing of the photograph counts\n"
+                      "fix: white (255) in a mask means that the pixel counts",
+                      path);
+    image_pixels_free(ctx, &pixels);
+    oxl_free(ctx, path);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result lint_photographs(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s)
+{
+    double masked = 0;
+    int    usable = 0, stretched = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        double     counts = 1;
+        oxl_result rc     = lint_photograph(ctx, scene, i);
+        if (rc == OXL_OK) rc = lint_mask(ctx, scene, i, &stretched, &counts);
+        masked += 1 - counts;
+        usable += rc == OXL_OK && !oxl_scene_view(scene, i)->is_test;
+        if (rc == OXL_OK) continue;
+        if (rc != OXL_ERR_INPUT) return rc;
+        if (s->unusable++ < LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s", oxl_error_text(ctx));
+    }
+    s->masked = s->masks > 0 ? masked / s->masks : 0;
+    if (s->unusable > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d photographs more", s->unusable - LINT_NAMED);
+    if (stretched > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d masks more", stretched - LINT_NAMED);
+    if (usable > 0 || s->train_views == 0) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "none of the %d photographs to train with can be used, for what is said above\n"
+                    "fix: mend them as it says there",
+                    s->train_views);
+}

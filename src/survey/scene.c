@@ -1,0 +1,698 @@
+/* scene.c - from the files to views, points and photographs.
+ *
+ * Everything is read in double and moved to an origin of the scene's own before any of it becomes float, so that a survey in
+ * UTM coordinates (4 200 000 m) trains as one near 0 does:  x_local = x_world - origin,  t_local = t + R origin.
+ * The test split and the extent are those of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
+ *
+ * Invariant: views are sorted by name, bytewise, and so is the test split, whatever the order in images.txt.
+ */
+#include "../internal.h"
+
+enum {
+    SCENE_GREY          = 128, /* of points whose colour is not known */
+    SCENE_NAMED_MISSING = 10,  /* missing photographs that are listed by name */
+    SCENE_HEADERS       = 16   /* cameras of which the first photograph's size is read: some surveys have one camera for each */
+};
+#define SCENE_FARTHEST       1e15 /* a point farther from the origin is no place */
+#define SCENE_EXTENT         1.1  /* x the radius of the training cameras [Kerbl 2023] */
+#define SCENE_EXTENT_LEAST   1e-3 /* x the median depth; below it, the cameras stand in one place */
+#define SCENE_NEAR           0.2  /* x the depth before which 1 % of the points lie */
+#define SCENE_NEAR_POINTLESS 0.01 /* x the extent, when there are no points */
+
+struct scene_source { /* indices in colmap.image, colmap.camera */
+    size_t image, camera;
+};
+
+struct oxl_scene {
+    oxl_view *view; /* (view_count) */
+    int       view_count;
+    double    origin[3], extent;
+
+    oxl_point *point;
+    size_t     point_count;
+    double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
+    size_t     depth_count;
+
+    struct photos photos; /* (view_count) */
+
+    struct scene_stats   stats;
+    int                  from_files;
+    struct colmap        colmap;         /* from files: kept for the partition; the views' names lie in it */
+    struct scene_source *source;         /* from files: (view_count) */
+    double              *on_disk;        /* from files: (cameras) px of a photograph's side for one in cameras.txt */
+    char                *images, *masks; /* from files: folders; masks NULL: none */
+};
+
+oxl_scene_options oxl_scene_options_default(void)
+{
+    return (oxl_scene_options){
+        .max_side = 1600, .test_every = 8, .image_cache_bytes = (size_t)1 << 30, .missing_share = 0.25, .read_images = 1};
+}
+
+void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
+{
+    if (!scene) return;
+    for (int i = 0; i < scene->view_count && !scene->from_files; i++) oxl_free(ctx, (char *)scene->view[i].name);
+    photos_free(ctx, &scene->photos);
+    oxl_free(ctx, scene->view);
+    oxl_free(ctx, scene->point);
+    oxl_free(ctx, scene->depth);
+    oxl_free(ctx, scene->source);
+    oxl_free(ctx, scene->on_disk);
+    oxl_free(ctx, scene->images);
+    oxl_free(ctx, scene->masks);
+    colmap_free(ctx, &scene->colmap);
+    oxl_free(ctx, scene);
+}
+
+static oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count)
+{
+    scene->view   = oxl_calloc(ctx, count + 1, sizeof *scene->view);
+    scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
+    if (scene->view && scene->source) return photos_begin(ctx, count, &scene->photos);
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
+}
+
+/* ---------------------------------------------------------------- look-ups */
+
+struct scene_key { /* for look-ups: ids are sparse and unordered */
+    int64_t id;
+    size_t  index;
+};
+
+static int scene_compare_keys(const void *a, const void *b)
+{
+    const struct scene_key *x = a, *y = b;
+    return (x->id > y->id) - (x->id < y->id);
+}
+
+static const struct scene_key *scene_find_key(const struct scene_key *keys, size_t count, int64_t id)
+{
+    const struct scene_key wanted = {.id = id};
+    return bsearch(&wanted, keys, count, sizeof *keys, scene_compare_keys);
+}
+
+/* ---------------------------------------------------------------- photographs that are not there */
+
+static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double share)
+{
+    char like[256];
+    if (!os_is_folder(scene->images))
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: there is no such folder, and the photographs should be in it\nfix: name theirs by --images",
+                        scene->images);
+    find_like(ctx, scene->images, first, like, sizeof like);
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%d of the %zu photographs of images.txt are not in %s, the first is %s; at most %.0f %% may be missing\n"
+                    "fix: %s%s%s",
+                    scene->stats.images_missing, scene->colmap.image_count, scene->images, first, 100 * share,
+                    scene->view_count == 0 ? "name by --images the folder that the names in images.txt start from"
+                                           : "put them there, or take them out of the model: colmap image_deleter",
+                    like[0] ? "; very like it is " : "", like);
+}
+
+/* ---------------------------------------------------------------- views */
+
+/* Reduced until the longer side is at most max_side, and to the size on disk when the photographs were made smaller. */
+static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_disk)
+{
+    oxl_camera   c       = *ideal;
+    const int    side    = OXL_MAX(c.width, c.height);
+    const double limited = max_side > 0 && max_side < side ? (double)max_side / side : 1, scale = OXL_MIN(limited, on_disk);
+    c.width  = OXL_MAX(1, (int)(ideal->width * scale + 0.5));
+    c.height = OXL_MAX(1, (int)(ideal->height * scale + 0.5));
+    c.fx *= (double)c.width / ideal->width;
+    c.cx *= (double)c.width / ideal->width;
+    c.fy *= (double)c.height / ideal->height;
+    c.cy *= (double)c.height / ideal->height;
+    return c;
+}
+
+/* Photograph's px per px of its camera in cameras.txt. A photograph that cannot be read is found out later. */
+static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera)
+{
+    int w, h;
+    if (image_size(ctx, path, &w, &h) != OXL_OK) return 1;
+    return OXL_MAX((double)w / camera->width, (double)h / camera->height);
+}
+
+struct scene_order { /* images by name; equal names by their place in the file */
+    const char *name;
+    size_t      image;
+};
+
+static int scene_compare_order(const void *a, const void *b)
+{
+    const struct scene_order *x = a, *y = b;
+    const int                 c = strcmp(x->name, y->name);
+    return c ? c : (x->image > y->image) - (x->image < y->image);
+}
+
+struct scene_build { /* what building the views needs beside the scene */
+    const oxl_scene_options *options;
+    struct scene_order      *order;  /* (images) */
+    struct scene_key        *camera; /* (cameras) by id */
+    oxl_camera              *ideal;  /* (cameras) undistorted and reduced; width 0: not yet */
+    int                      headers;
+};
+
+/* What is wrong with a line of the survey's files begins with the file's name; the folder is put before it. */
+static oxl_result scene_say_where(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
+{
+    char said[sizeof ctx->error];
+    memcpy(said, ctx->error, sizeof said);
+    return oxl_fail(ctx, rc, "%s/%s", scene->colmap.folder, said);
+}
+
+static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, struct scene_build *b, size_t camera,
+                                     const char *path)
+{
+    const struct colmap_camera *from = &scene->colmap.camera[camera];
+    oxl_result                  rc;
+    if (b->ideal[camera].width) return OXL_OK;
+    rc = camera_undistorted(ctx, from, &b->ideal[camera]);
+    if (rc != OXL_OK) return scene_say_where(ctx, scene, rc);
+    scene->on_disk[camera] = b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
+    b->ideal[camera]       = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
+    return OXL_OK;
+}
+
+static int scene_is_finite_pose(const struct colmap_image *image)
+{
+    double size = 0;
+    for (int i = 0; i < 4; i++) size += fabs(image->rotation[i]);
+    for (int i = 0; i < 3; i++) size += fabs(image->translation[i]);
+    return size <= 1e15;
+}
+
+static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scene_build *b, const struct scene_order *o,
+                                 int *missing)
+{
+    const struct colmap_image *image = &scene->colmap.image[o->image];
+    const struct scene_key    *key   = scene_find_key(b->camera, scene->colmap.camera_count, image->camera_id);
+    char                      *path  = oxl_path_join(ctx, scene->images, o->name);
+    oxl_view                  *view  = &scene->view[scene->view_count];
+    oxl_result                 rc    = OXL_OK;
+    if (!path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    else if (!key)
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s/images.txt:%d: camera id %lld is not in cameras.txt\nfix: export both from the same model",
+                      scene->colmap.folder, image->line, (long long)image->camera_id);
+    else if (b->options->read_images && !os_is_file(path)) {
+        if (++*missing <= SCENE_NAMED_MISSING) oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
+    } else if (!scene_is_finite_pose(image)) {
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s/images.txt:%d: the pose of %s is not finite, or beyond 1e15\n"
+                      "fix: remove the image, or export the model again",
+                      scene->colmap.folder, image->line, o->name);
+    } else if ((rc = scene_ideal_camera(ctx, scene, b, key->index, path)) == OXL_OK) {
+        *view = (oxl_view){.name = o->name, .camera = b->ideal[key->index]};
+        camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
+        memcpy(view->camera.translation, image->translation, sizeof image->translation);
+        scene->source[scene->view_count++] = (struct scene_source){o->image, key->index};
+    }
+    oxl_free(ctx, path);
+    return rc;
+}
+
+/* Of two that have one name, which pose is the photograph's? */
+static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, const struct scene_order *order)
+{
+    const struct colmap *c = &scene->colmap;
+    for (size_t i = 1; i < c->image_count; i++)
+        if (strcmp(order[i - 1].name, order[i].name) == 0)
+            return oxl_fail(ctx, OXL_ERR_INPUT,
+                            "%s/images.txt:%d: %s was there before, in line %d, wanted each photograph once\n"
+                            "fix: export the model once more, or take one of the two out: colmap image_deleter",
+                            c->folder, c->image[order[i].image].line, order[i].name, c->image[order[i - 1].image].line);
+    return OXL_OK;
+}
+
+static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct scene_build *b)
+{
+    const struct colmap *c       = &scene->colmap;
+    const char          *first   = NULL;
+    int                  missing = 0;
+    oxl_result           rc      = OXL_OK;
+    for (size_t i = 0; i < c->image_count; i++) b->order[i] = (struct scene_order){c->names + c->image[i].name, i};
+    for (size_t i = 0; i < c->camera_count; i++) b->camera[i] = (struct scene_key){c->camera[i].id, i};
+    qsort(b->order, c->image_count, sizeof *b->order, scene_compare_order);
+    qsort(b->camera, c->camera_count, sizeof *b->camera, scene_compare_keys);
+    rc = scene_check_names(ctx, scene, b->order);
+    for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) {
+        rc = scene_add_view(ctx, scene, b, &b->order[i], &missing);
+        if (missing && !first) first = b->order[i].name;
+    }
+    if (rc != OXL_OK) return rc;
+    scene->stats.images_missing = missing;
+    if (missing > SCENE_NAMED_MISSING)
+        oxl_log(ctx, OXL_LOG_WARNING, "... and %d more; %d of %zu photographs are missing in all", missing - SCENE_NAMED_MISSING,
+                missing, c->image_count);
+    if (missing && (scene->view_count == 0 || missing > b->options->missing_share * (double)c->image_count))
+        return scene_fail_missing(ctx, scene, first, b->options->missing_share);
+    return OXL_OK;
+}
+
+static oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const oxl_scene_options *options)
+{
+    const struct colmap *c = &scene->colmap;
+    struct scene_build   b = {.options = options};
+    oxl_result           rc;
+    if (c->image_count == 0 || c->image_count > INT_MAX / 2)
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "images.txt holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse",
+                        c->image_count);
+    b.order        = oxl_alloc(ctx, c->image_count, sizeof *b.order);
+    b.camera       = oxl_alloc(ctx, c->camera_count + 1, sizeof *b.camera);
+    b.ideal        = oxl_calloc(ctx, c->camera_count + 1, sizeof *b.ideal);
+    rc             = scene_alloc_views(ctx, scene, c->image_count);
+    scene->on_disk = oxl_calloc(ctx, c->camera_count + 1, sizeof *scene->on_disk);
+    if (rc == OXL_OK && !(b.order && b.camera && b.ideal && scene->on_disk))
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", c->image_count);
+    if (rc == OXL_OK) rc = scene_add_views(ctx, scene, &b);
+    for (size_t i = 0; rc == OXL_OK && i < c->camera_count; i++)
+        scene->stats.distorted_cameras += b.ideal[i].width && camera_is_distorted(&c->camera[i]);
+    oxl_free(ctx, b.order);
+    oxl_free(ctx, b.camera);
+    oxl_free(ctx, b.ideal);
+    return rc;
+}
+
+/* As 3DGS does: index 0, 8, 16... by name. A single view is for training. */
+static void scene_split(oxl_scene *scene, int test_every)
+{
+    for (int i = 0; i < scene->view_count && scene->view_count > 1 && test_every > 0; i++) {
+        scene->view[i].is_test = i % test_every == 0;
+        scene->stats.test_views += scene->view[i].is_test;
+    }
+}
+
+/* ---------------------------------------------------------------- masks */
+
+/* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out)
+{
+    const char *base = find_base_name(name), *dot = strrchr(base, '.');
+    const int   whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
+    for (int i = 0; i < 2 && scene->masks; i++) {
+        struct text t = {.ctx = ctx};
+        text_add(&t, "%s/%.*s.png", scene->masks, i == 0 ? whole : bare, name);
+        if (text_take(&t, out) != OXL_OK) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+        if (os_is_file(*out)) return OXL_OK;
+        oxl_free(ctx, *out);
+    }
+    *out = NULL;
+    return OXL_OK;
+}
+
+static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
+{
+    for (int i = 0; i < scene->view_count && scene->masks; i++) {
+        char            *path;
+        const oxl_result rc = scene_mask_path(ctx, scene, scene->view[i].name, &path);
+        if (rc != OXL_OK) return rc;
+        scene->stats.masks += path != NULL;
+        oxl_free(ctx, path);
+    }
+    if (scene->masks && scene->stats.masks == 0)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; wanted NAME.png, NAME as in images.txt", scene->masks);
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- origin, extent, depth */
+
+/* The median of the points, or of the camera centres when there are none; then everything moves there. */
+static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
+{
+    const struct colmap *c       = &scene->colmap;
+    double              *centres = oxl_alloc(ctx, (size_t)scene->view_count, 3 * sizeof *centres);
+    double               low[3], high[3];
+    oxl_result           rc;
+    if (!centres) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d camera centres", scene->view_count);
+    for (int i = 0; i < scene->view_count; i++) camera_position(&scene->view[i].camera, centres + 3 * i);
+    if (c->point_count) rc = measure_bounds(ctx, c->point->position, c->point_count, sizeof *c->point, low, scene->origin, high);
+    else rc = measure_bounds(ctx, centres, (size_t)scene->view_count, 3 * sizeof *centres, low, scene->origin, high);
+    oxl_free(ctx, centres);
+    for (int i = 0; i < scene->view_count && rc == OXL_OK; i++) {
+        oxl_camera *camera = &scene->view[i].camera;
+        for (int j = 0; j < 3; j++)
+            for (int k = 0; k < 3; k++) camera->translation[j] += camera->rotation[3 * j + k] * scene->origin[k];
+    }
+    return rc;
+}
+
+OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const double origin[3])
+{
+    double size = 0;
+    for (int k = 0; k < 3; k++) size += fabs(point->position[k] - origin[k]);
+    return size <= SCENE_FARTHEST; /* not when it is not a number */
+}
+
+/* GLOMAP and others write 0 0 0 for all. Gaussians that begin black would stay so: the colour's clamp at 0 stops its gradient. */
+static void scene_mend_colours(oxl_context *ctx, oxl_scene *scene)
+{
+    int coloured = 0;
+    for (size_t i = 0; i < scene->point_count && !coloured; i++)
+        for (int k = 0; k < 3; k++) coloured |= scene->point[i].rgb[k] != 0;
+    if (coloured || scene->point_count == 0) return;
+    for (size_t i = 0; i < scene->point_count; i++) memset(scene->point[i].rgb, SCENE_GREY, sizeof scene->point[i].rgb);
+    oxl_log(ctx, OXL_LOG_WARNING,
+            "the points have no colours (all are 0 0 0), so they start grey; colmap color_extractor gives them theirs");
+}
+
+static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
+{
+    const struct colmap *c = &scene->colmap;
+    scene->point           = oxl_alloc(ctx, c->point_count + 1, sizeof *scene->point);
+    if (!scene->point) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", c->point_count);
+    for (size_t i = 0; i < c->point_count; i++) {
+        const struct colmap_point *from  = &c->point[i];
+        oxl_point                  point = {.error = (float)from->error};
+        for (int k = 0; k < 3; k++) {
+            point.position[k] = from->position[k] - scene->origin[k];
+            point.rgb[k]      = from->rgb[k];
+        }
+        if (scene_takes_point(from, scene->origin)) scene->point[scene->point_count++] = point;
+    }
+    if (scene->point_count < c->point_count)
+        oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
+                c->point_count - scene->point_count, c->point_count);
+    if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "points3D.txt holds no points");
+    scene_mend_colours(ctx, scene);
+    return OXL_OK;
+}
+
+static void scene_fill_stats(oxl_scene *scene)
+{
+    struct scene_stats *s      = &scene->stats;
+    double              errors = 0;
+    for (size_t i = 0; i < scene->point_count; i++) errors += OXL_MAX(scene->point[i].error, 0); /* -1: not known */
+    s->views        = scene->view_count;
+    s->points       = scene->point_count;
+    s->observations = scene->colmap.track_count;
+    s->mean_track   = s->points ? (double)s->observations / (double)s->points : 0;
+    s->mean_error   = s->points ? errors / (double)s->points : 0;
+}
+
+/* What follows from views and points, wherever they came from. */
+static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
+{
+    struct measure_view *views = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *views);
+    double               middle[3], radius = 0;
+    size_t               count = 0;
+    oxl_result           rc = views ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure %d views", scene->view_count);
+    if (rc != OXL_OK) goto done;
+    for (int i = 0; i < scene->view_count; i++) {
+        const uint32_t image_row = scene->from_files ? (uint32_t)scene->source[i].image : (uint32_t)i;
+        if (!scene->view[i].is_test) views[count++] = (struct measure_view){image_row, &scene->view[i].camera};
+    }
+    rc = measure_camera_radius(ctx, views, count, &radius);
+    if (rc == OXL_OK)
+        rc = measure_depths(ctx, views, count, scene->point, scene->point_count, &scene->colmap, scene->origin, &scene->depth,
+                            &scene->depth_count);
+    if (rc == OXL_OK && scene->point_count)
+        rc = measure_bounds(ctx, scene->point->position, scene->point_count, sizeof *scene->point, scene->stats.bounds_min,
+                            middle, scene->stats.bounds_max);
+    scene->extent = SCENE_EXTENT * radius;
+    if (!(scene->extent > SCENE_EXTENT_LEAST * scene_depth_quantile(scene, 0.5)))
+        scene->extent = scene_depth_quantile(scene, 0.5);
+    if (!(scene->extent > 0)) scene->extent = 1;
+    scene_fill_stats(scene);
+done:
+    oxl_free(ctx, views);
+    return rc;
+}
+
+OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile)
+{
+    return measure_quantile(scene->depth, scene->depth_count, quantile);
+}
+
+OXL_INTERNAL double scene_near_plane(const oxl_scene *scene)
+{
+    return scene->depth_count ? SCENE_NEAR * scene_depth_quantile(scene, 0.01) : SCENE_NEAR_POINTLESS * scene->extent;
+}
+
+/* Each in the direction of a random pixel of a random view, at a depth between half and three extents. */
+OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out)
+{
+    oxl_point *points = oxl_alloc(ctx, count + 1, sizeof *points);
+    *out              = points;
+    if (!points) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu random points", count);
+    for (size_t i = 0; i < count; i++) {
+        const uint64_t    seed = ctx->options.seed;
+        const int         view = (int)(random_unit(random_bits(seed, i, 0)) * scene->view_count);
+        const oxl_camera *c    = &scene->view[view].camera;
+        const double      z    = scene->extent * (0.5 + 2.5 * random_unit(random_bits(seed, i, 1)));
+        const double      x    = (random_unit(random_bits(seed, i, 2)) * c->width - c->cx) / c->fx * z - c->translation[0];
+        const double      y    = (random_unit(random_bits(seed, i, 3)) * c->height - c->cy) / c->fy * z - c->translation[1];
+        const double     *r = c->rotation, depth = z - c->translation[2];
+        points[i] = (oxl_point){.rgb = {SCENE_GREY, SCENE_GREY, SCENE_GREY}};
+        for (int k = 0; k < 3; k++) points[i].position[k] = r[k] * x + r[3 + k] * y + r[6 + k] * depth; /* R^T (x_c - t) */
+    }
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- loading */
+
+static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
+{
+    oxl_result rc     = find_model(ctx, path, o->sparse, &scene->colmap);
+    scene->from_files = 1;
+    scene->images     = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, path, "images");
+    scene->masks      = o->masks ? oxl_strdup(ctx, o->masks) : oxl_path_join(ctx, path, "masks");
+    if (rc != OXL_OK) return rc;
+    if (!scene->images || !scene->masks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    scene->stats.images_listed = (int)scene->colmap.image_count;
+    if (os_is_folder(scene->masks)) return OXL_OK;
+    if (o->masks)
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: --masks names the folder of masks", o->masks);
+    oxl_free(ctx, scene->masks);
+    scene->masks = NULL;
+    return OXL_OK;
+}
+
+oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options, oxl_scene **out)
+{
+    const oxl_scene_options o     = options ? *options : oxl_scene_options_default();
+    oxl_scene              *scene = oxl_calloc(ctx, 1, sizeof *scene);
+    oxl_result              rc;
+    *out = NULL;
+    if (!scene) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
+    rc = scene_open(ctx, path, &o, scene);
+    if (rc == OXL_OK) rc = scene_build_views(ctx, scene, &o);
+    scene_set_cache(scene, o.image_cache_bytes);
+    if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
+    if (rc == OXL_OK) rc = scene_take_points(ctx, scene);
+    if (rc != OXL_OK) goto done;
+    scene_split(scene, o.test_every);
+    if (o.read_images) rc = scene_count_masks(ctx, scene);
+    if (rc == OXL_OK) rc = scene_measure(ctx, scene);
+    if (rc == OXL_OK && scene->view_count == 1)
+        oxl_log(ctx, OXL_LOG_WARNING, "only one photograph: there will be no depth in the scene");
+done:
+    if (rc != OXL_OK) oxl_scene_free(ctx, scene);
+    else *out = scene;
+    return rc;
+}
+
+static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_view *view, const oxl_image *image)
+{
+    const size_t  pixels = (size_t)image->width * image->height;
+    struct photo *photo  = &scene->photos.photo[scene->view_count];
+    char         *name   = oxl_strdup(ctx, view->name ? view->name : "");
+    if (!name) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a name");
+    scene->view[scene->view_count]      = *view;
+    scene->view[scene->view_count].name = name;
+    scene->stats.test_views += view->is_test != 0;
+    scene->view_count++; /* from here on, oxl_scene_free releases it */
+    if (!image->rgb || image->width < 1 || image->height < 1 || image->width != view->camera.width ||
+        image->height != view->camera.height)
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "view %s: an image of %d x %d px for a camera of %d x %d\nfix: give each view its own image", name,
+                        image->rgb ? image->width : 0, image->rgb ? image->height : 0, view->camera.width, view->camera.height);
+    *photo      = (struct photo){.width = image->width, .height = image->height};
+    photo->rgb  = oxl_alloc(ctx, pixels, 3);
+    photo->mask = image->weight ? oxl_alloc(ctx, pixels, 1) : NULL;
+    if (!photo->rgb || (image->weight && !photo->mask))
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of view %s", name);
+    image_to_photo(image, photo);
+    return OXL_OK;
+}
+
+oxl_result oxl_scene_from_arrays(oxl_context *ctx, const oxl_view *views, const oxl_image *images, int view_count,
+                                 const oxl_point *points, size_t point_count, oxl_scene **out)
+{
+    oxl_scene          *scene = oxl_calloc(ctx, 1, sizeof *scene);
+    struct scene_order *order = oxl_alloc(ctx, (size_t)OXL_MAX(view_count, 0) + 1, sizeof *order);
+    oxl_result          rc    = OXL_OK;
+    *out                      = NULL;
+    if (!scene || !order) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
+    else if (view_count < 1) rc = oxl_fail(ctx, OXL_ERR_USAGE, "a scene of %d views, wanted one or more", view_count);
+    if (rc == OXL_OK) rc = scene_alloc_views(ctx, scene, (size_t)view_count);
+    if (rc != OXL_OK) goto done;
+    scene->point = oxl_alloc(ctx, point_count + 1, sizeof *scene->point);
+    if (!scene->point) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu points", point_count);
+        goto done;
+    }
+    if (point_count) memcpy(scene->point, points, point_count * sizeof *points);
+    scene->point_count = point_count;
+    for (int i = 0; i < view_count; i++) order[i] = (struct scene_order){views[i].name ? views[i].name : "", (size_t)i};
+    qsort(order, (size_t)view_count, sizeof *order, scene_compare_order);
+    for (int i = 0; i < view_count && rc == OXL_OK; i++)
+        rc = scene_copy_view(ctx, scene, &views[order[i].image], &images[order[i].image]);
+    if (rc == OXL_OK) rc = scene_measure(ctx, scene);
+done:
+    oxl_free(ctx, order);
+    if (rc != OXL_OK) oxl_scene_free(ctx, scene);
+    else *out = scene;
+    return rc;
+}
+
+/* ---------------------------------------------------------------- photographs */
+
+OXL_INTERNAL struct photos *scene_photos(oxl_scene *scene)
+{
+    return &scene->photos;
+}
+
+OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
+{
+    if (scene->from_files) scene->photos.limit = bytes;
+}
+
+OXL_INTERNAL oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int view, struct photo *out)
+{
+    char      *path = oxl_path_join(ctx, scene->images, scene->view[view].name);
+    char      *mask = NULL;
+    oxl_result rc =
+        path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (rc == OXL_OK)
+        rc = image_load_photo(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera, out);
+    oxl_free(ctx, path);
+    oxl_free(ctx, mask);
+    return rc;
+}
+
+OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
+{
+    const struct colmap_camera *camera = scene->from_files ? scene_source_camera(scene, view) : NULL;
+    const double                side   = camera ? scene->on_disk[scene->source[view].camera] : 0;
+    return camera ? side * camera->width * side * camera->height : 0;
+}
+
+oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out)
+{
+    const struct photo *photo;
+    oxl_result          rc;
+    *out = (oxl_image){0};
+    if (view < 0 || view >= scene->view_count)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
+    photo = photos_get(ctx, scene, view);
+    if (!photo) return ctx->failed;
+    rc = oxl_image_create(ctx, photo->width, photo->height, out);
+    if (rc == OXL_OK && photo->mask) {
+        out->weight = oxl_alloc(ctx, (size_t)photo->width * photo->height, sizeof *out->weight);
+        if (!out->weight) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the mask of %s", scene->view[view].name);
+    }
+    if (rc == OXL_OK) image_from_photo(ctx, photo, out->rgb, out->weight);
+    else oxl_image_free(ctx, out);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- questions */
+
+int oxl_scene_view_count(const oxl_scene *scene)
+{
+    return scene->view_count;
+}
+
+OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view)
+{
+    int count = 0;
+    for (int i = 0; i < scene->view_count; i++)
+        if (split == OXL_SPLIT_ALL || (scene->view[i].is_test != 0) == (split == OXL_SPLIT_TEST)) view[count++] = i;
+    return count;
+}
+
+const oxl_view *oxl_scene_view(const oxl_scene *scene, int index)
+{
+    return index >= 0 && index < scene->view_count ? &scene->view[index] : NULL;
+}
+
+size_t oxl_scene_point_count(const oxl_scene *scene)
+{
+    return scene->point_count;
+}
+
+const oxl_point *oxl_scene_points(const oxl_scene *scene)
+{
+    return scene->point;
+}
+
+const double *oxl_scene_origin(const oxl_scene *scene)
+{
+    return scene->origin;
+}
+
+double oxl_scene_extent(const oxl_scene *scene)
+{
+    return scene->extent;
+}
+
+OXL_INTERNAL const struct scene_stats *scene_stats_of(const oxl_scene *scene)
+{
+    return &scene->stats;
+}
+
+OXL_INTERNAL const struct colmap *scene_colmap(const oxl_scene *scene)
+{
+    return scene->from_files ? &scene->colmap : NULL;
+}
+
+OXL_INTERNAL const struct colmap_image *scene_source_image(const oxl_scene *scene, int view)
+{
+    return &scene->colmap.image[scene->source[view].image];
+}
+
+OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view)
+{
+    return &scene->colmap.camera[scene->source[view].camera];
+}
+
+OXL_INTERNAL const char *scene_images_folder(const oxl_scene *scene)
+{
+    return scene->images;
+}
+
+OXL_INTERNAL const char *scene_masks_folder(const oxl_scene *scene)
+{
+    return scene->masks;
+}
+
+/* By fixed-point iteration: a lens moves a pixel by less than it lies off the axis. */
+oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3], double way[3])
+{
+    const struct colmap_camera *camera = scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
+    const oxl_camera           *c      = &scene->view[view].camera;
+    double                      k[4]   = {c->fx, c->fy, c->cx, c->cy}, d[2], pixel[2], length;
+    const double                width = camera ? camera->width : c->width, height = camera ? camera->height : c->height;
+    if (!(x >= 0 && x <= width && y >= 0 && y <= height))
+        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: pixel %g, %g lies outside of its %g x %g px\nfix: look the pixel up once more",
+                        scene->view[view].name, x, y, width, height);
+    if (camera) camera_intrinsics(camera, k);
+    d[0] = (x - k[2]) / k[0], d[1] = (y - k[3]) / k[1];
+    for (int i = 0; i < 1000 && camera; i++) {
+        camera_distort(camera, d, pixel);
+        d[0] += (x - pixel[0]) / k[0], d[1] += (y - pixel[1]) / k[1];
+    }
+    if (camera && !(fabs(pixel[0] - x) < 1e-3 && fabs(pixel[1] - y) < 1e-3))
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: no direction leads to pixel %g, %g: it lies beyond what the camera's lens model describes",
+                        scene->view[view].name, x, y);
+    camera_position(c, start);
+    length = sqrt(d[0] * d[0] + d[1] * d[1] + 1);
+    for (int i = 0; i < 3; i++) way[i] = (c->rotation[i] * d[0] + c->rotation[3 + i] * d[1] + c->rotation[6 + i]) / length;
+    return OXL_OK;
+}

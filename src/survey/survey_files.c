@@ -1,0 +1,159 @@
+/* survey_files.c - where a survey's files are: which of COLMAP's sub-models to take, and where a photograph that is missed may be.
+ *
+ * COLMAP's mapper writes sparse/0, sparse/1, ... when photographs fall apart into groups; the one with most images is the survey.
+ *
+ * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
+ */
+#include "../internal.h"
+
+/* ---------------------------------------------------------------- which sub-model */
+
+struct find_folders {
+    oxl_context *ctx;
+    char       **name;
+    size_t       count, capacity;
+    int          failed;
+};
+
+static void find_visit_folder(void *user, const char *name)
+{
+    struct find_folders *f = user;
+    if (oxl_reserve(f->ctx, (void **)&f->name, &f->capacity, f->count + 1, sizeof *f->name) != OXL_OK) f->failed = 1;
+    else if ((f->name[f->count] = oxl_strdup(f->ctx, name)) == NULL) f->failed = 1;
+    else f->count++;
+}
+
+static int find_compare_names(const void *a, const void *b)
+{
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+static int find_holds(oxl_context *ctx, const char *folder, const char *file)
+{
+    char     *path = oxl_path_join(ctx, folder, file);
+    const int held = path && os_is_file(path);
+    oxl_free(ctx, path);
+    return held;
+}
+
+/* Reads `folder` and keeps it in *best when it has more images than what is there. */
+static oxl_result find_try_model(oxl_context *ctx, const char *folder, struct colmap *best, char **best_folder, int *models)
+{
+    struct colmap    found;
+    const oxl_result rc = colmap_read(ctx, folder, 0, &found);
+    if (rc != OXL_OK) return rc;
+    ++*models;
+    if (*best_folder && found.image_count <= best->image_count) {
+        colmap_free(ctx, &found);
+        return OXL_OK;
+    }
+    oxl_free(ctx, *best_folder);
+    colmap_free(ctx, best);
+    *best        = found;
+    *best_folder = oxl_strdup(ctx, folder);
+    return *best_folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+}
+
+/* The folder itself and, when `inside`, each folder in it that holds a model. A folder of binary files alone is tried too:
+ * colmap_read then says how to convert it. */
+static oxl_result find_try_folder(oxl_context *ctx, const char *folder, int inside, const char *file, struct colmap *best,
+                                  char **best_folder, int *models)
+{
+    struct find_folders in = {.ctx = ctx};
+    oxl_result          rc = OXL_OK;
+    if (find_holds(ctx, folder, file)) rc = find_try_model(ctx, folder, best, best_folder, models);
+    if (rc == OXL_OK && inside && os_is_folder(folder)) rc = os_list_folder(ctx, folder, find_visit_folder, &in);
+    if (rc == OXL_OK && in.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to list %s", folder);
+    if (in.count) qsort(in.name, in.count, sizeof *in.name, find_compare_names);
+    for (size_t i = 0; i < in.count; i++) {
+        char *path = oxl_path_join(ctx, folder, in.name[i]);
+        if (rc == OXL_OK && path && find_holds(ctx, path, file)) rc = find_try_model(ctx, path, best, best_folder, models);
+        oxl_free(ctx, path);
+        oxl_free(ctx, in.name[i]);
+    }
+    oxl_free(ctx, in.name);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result find_model(oxl_context *ctx, const char *path, const char *sparse_option, struct colmap *out)
+{
+    static const char *const files[] = {"images.txt", "cameras.txt", "images.bin"}; /* the last two: for colmap_read's errors */
+    char                    *sparse  = sparse_option ? oxl_strdup(ctx, sparse_option) : oxl_path_join(ctx, path, "sparse");
+    const char              *asked   = sparse_option ? sparse_option : path;
+    char                    *folder  = NULL;
+    int                      models  = 0;
+    oxl_result               rc      = OXL_OK;
+    *out                             = (struct colmap){0};
+    if (!sparse) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (rc == OXL_OK && !os_is_folder(asked))
+        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", asked,
+                      sparse_option ? "--sparse names the folder of cameras.txt, images.txt and points3D.txt"
+                                    : "give the folder that holds images/ and sparse/");
+    for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(files); i++) {
+        rc = find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
+        if (rc == OXL_OK && models == 0 && !sparse_option) rc = find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
+    }
+    if (rc == OXL_OK && models == 0)
+        rc = oxl_fail(
+            ctx, OXL_ERR_INPUT,
+            "%s: no COLMAP text export (cameras.txt, images.txt, points3D.txt) in %s, in a folder there%s\n"
+            "fix: colmap model_converter --input_path MODEL --output_path %s --output_type TXT; or name the model's folder "
+            "by --sparse",
+            path, sparse, sparse_option ? "" : ", or beside it", sparse);
+    if (rc == OXL_OK && models > 1)
+        oxl_log(ctx, OXL_LOG_WARNING, "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", models,
+                folder, out->image_count);
+    oxl_free(ctx, sparse);
+    oxl_free(ctx, folder);
+    if (rc != OXL_OK) colmap_free(ctx, out);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- photographs that are not there */
+
+struct find_hunt {
+    oxl_context *ctx;
+    const char  *folder, *wanted; /* wanted: base name */
+    int          depth;
+    char         found[256]; /* path, "" while none */
+};
+
+OXL_INTERNAL const char *find_base_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+/* The same but for the extension and for small and capital letters? */
+static int find_is_like(const char *a, const char *b)
+{
+    const char *end_a = strrchr(a, '.'), *end_b = strrchr(b, '.');
+    size_t      n = end_a ? (size_t)(end_a - a) : strlen(a);
+    if (n != (end_b ? (size_t)(end_b - b) : strlen(b))) return 0;
+    for (size_t i = 0; i < n; i++) {
+        const int x = a[i] >= 'A' && a[i] <= 'Z' ? a[i] + 32 : a[i], y = b[i] >= 'A' && b[i] <= 'Z' ? b[i] + 32 : b[i];
+        if (x != y) return 0;
+    }
+    return 1;
+}
+
+static void find_visit_hunt(void *user, const char *name)
+{
+    struct find_hunt *h    = user;
+    char             *path = h->found[0] ? NULL : oxl_path_join(h->ctx, h->folder, name);
+    if (path && os_is_folder(path) && h->depth < 3) {
+        struct find_hunt deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
+        os_list_folder(h->ctx, path, find_visit_hunt, &deeper);
+        memcpy(h->found, deeper.found, sizeof h->found);
+    } else if (path && find_is_like(name, h->wanted)) {
+        snprintf(h->found, sizeof h->found, "%s", path);
+    }
+    oxl_free(h->ctx, path);
+}
+
+OXL_INTERNAL void find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size)
+{
+    struct find_hunt hunt = {.ctx = ctx, .folder = folder, .wanted = find_base_name(name)};
+    os_list_folder(ctx, folder, find_visit_hunt, &hunt);
+    snprintf(out, size, "%s", hunt.found);
+}

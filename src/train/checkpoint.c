@@ -1,0 +1,304 @@
+/* checkpoint.c - the state of a run in a file, so that a run that was killed goes on where it was.
+ *
+ *     8  "OXLSTATE"        8  version of this layout        8 + n  key: the options and the scene that the run depends on
+ *     ...  the state, as the modules' archive functions list it        8  FNV-1a of all bytes before it
+ *
+ * Everything is little endian. A module describes its state once, in one function that goes both ways (struct archive).
+ *
+ * Invariant: of checkpoint.oxl and checkpoint.prev.oxl at least one is whole once the first was written: a new file gets its name
+ * only when all of it is on the disk, and the one before it only loses its name to the second.
+ */
+#include "../internal.h"
+
+#include <errno.h>
+
+#define CHECKPOINT_MAGIC   UINT64_C(0x45544154534C584F) /* "OXLSTATE" */
+#define CHECKPOINT_VERSION 7
+#define CHECKPOINT_SEED    UINT64_C(0xCBF29CE484222325) /* Fowler, Noll & Vo: FNV-1a, 64 bits */
+#define CHECKPOINT_PRIME   UINT64_C(0x100000001B3)
+
+enum { CHECKPOINT_CHUNK = 1 << 16 };
+
+/* ---------------------------------------------------------------- bytes, both ways */
+
+static uint64_t checkpoint_hash(uint64_t sum, const unsigned char *bytes, size_t size)
+{
+    for (size_t i = 0; i < size; i++) sum = (sum ^ bytes[i]) * CHECKPOINT_PRIME;
+    return sum;
+}
+
+static void archive_fail(struct archive *a, oxl_result rc, const char *what)
+{
+    if (a->rc == OXL_OK) a->rc = oxl_fail(a->ctx, rc, "%s: %s", a->path, what);
+}
+
+/* A number as the disk has it, low byte first; its own inverse. */
+static void archive_swap(unsigned char *bytes, size_t size)
+{
+    const uint16_t one = 1;
+    if (*(const unsigned char *)&one == 1) return;
+    for (size_t i = 0; i < size / 2; i++) OXL_SWAP(unsigned char, bytes[i], bytes[size - 1 - i]);
+}
+
+static void archive_write(struct archive *a, const unsigned char *data, size_t count, size_t size)
+{
+    unsigned char chunk[4096];
+    const size_t  room = sizeof chunk / size;
+    for (size_t at = 0; at < count && a->rc == OXL_OK; at += room) {
+        const size_t n = OXL_MIN(room, count - at);
+        memcpy(chunk, data + at * size, n * size);
+        for (size_t i = 0; i < n; i++) archive_swap(chunk + i * size, size);
+        a->sum = checkpoint_hash(a->sum, chunk, n * size);
+        if (fwrite(chunk, size, n, a->file) != n) archive_fail(a, OXL_ERR_IO, "cannot write; the disk may be full");
+    }
+}
+
+OXL_INTERNAL int archive_holds(struct archive *a, size_t count, size_t size)
+{
+    if (a->reading && a->rc == OXL_OK && count > a->left / size) archive_fail(a, OXL_ERR_INPUT, "ends too early");
+    return a->rc == OXL_OK;
+}
+
+static void archive_read(struct archive *a, unsigned char *data, size_t count, size_t size)
+{
+    if (!archive_holds(a, count, size)) return;
+    if (fread(data, size, count, a->file) != count) archive_fail(a, OXL_ERR_IO, "cannot be read");
+    for (size_t i = 0; i < count; i++) archive_swap(data + i * size, size);
+    a->left -= count * size;
+}
+
+static void archive_numbers(struct archive *a, void *data, size_t count, size_t size)
+{
+    if (a->rc != OXL_OK) return;
+    if (a->reading) archive_read(a, data, count, size);
+    else archive_write(a, data, count, size);
+}
+
+/* ---------------------------------------------------------------- what modules call */
+
+OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value)
+{
+    archive_numbers(a, value, 1, sizeof *value);
+}
+
+OXL_INTERNAL void archive_int(struct archive *a, int *value)
+{
+    uint64_t bits = (uint64_t)(int64_t)*value;
+    archive_u64(a, &bits);
+    if (a->reading && a->rc == OXL_OK) *value = (int)(int64_t)bits;
+}
+
+OXL_INTERNAL void archive_size(struct archive *a, size_t *value)
+{
+    uint64_t bits = *value;
+    archive_u64(a, &bits);
+    if (a->reading && a->rc == OXL_OK) *value = (size_t)bits;
+    if (a->rc == OXL_OK && bits > SIZE_MAX) archive_fail(a, OXL_ERR_INPUT, "holds more than this machine can address");
+}
+
+OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count)
+{
+    archive_numbers(a, values, count, sizeof *values);
+}
+
+OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count)
+{
+    archive_numbers(a, values, count, sizeof *values);
+}
+
+OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) archive_int(a, &values[i]);
+}
+
+OXL_INTERNAL void archive_expect(struct archive *a, int is_so)
+{
+    if (a->reading && !is_so)
+        archive_fail(a, OXL_ERR_INPUT,
+                     "holds numbers that no run writes\nfix: remove this file and run again; the run starts anew");
+}
+
+OXL_INTERNAL void archive_text(struct archive *a, struct text *t)
+{
+    size_t size = t->size;
+    char  *data = NULL;
+    archive_size(a, &size);
+    if (!a->reading) {
+        archive_numbers(a, t->data, size, 1);
+        return;
+    }
+    if (!archive_holds(a, size, 1)) return;
+    data = oxl_calloc(a->ctx, size + 1, 1);
+    if (!data) archive_fail(a, OXL_ERR_MEMORY, "no memory for a text in it");
+    else archive_numbers(a, data, size, 1);
+    text_free(t);
+    if (data) text_add(t, "%s", data);
+    oxl_free(a->ctx, data);
+}
+
+OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model)
+{
+    size_t count = model->count, lobes = model->lobes;
+    int    degree = model->sh_degree;
+    archive_size(a, &count);
+    archive_size(a, &lobes);
+    archive_int(a, &degree);
+    if (a->reading) {
+        oxl_model_free(a->ctx, model);
+        if (archive_holds(a, count, OXL_SH * sizeof(float))) a->rc = oxl_model_create(a->ctx, count, degree, model);
+        if (a->rc == OXL_OK) a->rc = model_set_lobes(a->ctx, model, lobes);
+    }
+    archive_doubles(a, model->origin, 3);
+    for (int k = 0; k < oxl_model_planes(model) && a->rc == OXL_OK; k++) archive_floats(a, model->plane[k], count);
+    for (int k = OXL_LOBE; lobes && k < OXL_PLANES && a->rc == OXL_OK; k++) archive_floats(a, model->plane[k], lobes);
+    for (size_t i = 0; a->reading && a->rc == OXL_OK && i < count; i++) archive_expect(a, model_row_is_finite(model, i));
+}
+
+/* ---------------------------------------------------------------- writing */
+
+static void checkpoint_add_key(struct archive *a, const char *key)
+{
+    size_t length = strlen(key);
+    archive_size(a, &length);
+    archive_write(a, (const unsigned char *)key, length, 1);
+}
+
+static const char *const checkpoint_names[] = {"checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
+                                               "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_put_aside */
+
+static oxl_result checkpoint_paths(oxl_context *ctx, const char *folder, char *path[2])
+{
+    for (int i = 0; i < 2; i++) path[i] = oxl_path_join(ctx, folder, checkpoint_names[i]);
+    if (path[0] && path[1]) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
+}
+
+/* Work of another run, found in this one's way, is kept as NAME.other; the next such replaces it. */
+static oxl_result checkpoint_put_aside(oxl_context *ctx, const char *path)
+{
+    const size_t size  = strlen(path) + sizeof ".other";
+    char        *aside = oxl_alloc(ctx, size, 1);
+    oxl_result   rc    = OXL_OK;
+    if (!aside) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
+    snprintf(aside, size, "%s.other", path);
+    if (os_rename(path, aside) != 0)
+        rc = oxl_fail(ctx, OXL_ERR_IO,
+                      "%s is of a run with other options or of another version, and cannot be moved out of the way (%s)\n"
+                      "fix: move it, or name another folder by -o",
+                      path, strerror(errno));
+    else
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s is of a run with other options or of another version; it is kept as %s\n"
+                "fix: rename it back, and remove run.json, to go on with that run; or delete it",
+                path, aside);
+    oxl_free(ctx, aside);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
+                                         void *user)
+{
+    uint64_t         magic = CHECKPOINT_MAGIC, version = CHECKPOINT_VERSION;
+    char            *path[2] = {NULL, NULL};
+    struct os_writer writer;
+    struct archive   a  = {.ctx = ctx, .sum = CHECKPOINT_SEED};
+    oxl_result       rc = checkpoint_paths(ctx, folder, path);
+    if (rc == OXL_OK) rc = os_writer_open(ctx, path[0], &writer);
+    if (rc != OXL_OK) goto done;
+    a.path = path[0];
+    a.file = writer.file;
+    archive_u64(&a, &magic);
+    archive_u64(&a, &version);
+    checkpoint_add_key(&a, key);
+    state(&a, user);
+    {
+        uint64_t sum = a.sum;
+        archive_u64(&a, &sum);
+    }
+    if (a.rc == OXL_OK && fflush(writer.file) != 0) archive_fail(&a, OXL_ERR_IO, "cannot write; the disk may be full");
+    if (a.rc == OXL_OK) os_rename(path[0], path[1]); /* there is none before the first */
+    rc = os_writer_close(ctx, &writer, a.rc);
+done:
+    oxl_free(ctx, path[0]);
+    oxl_free(ctx, path[1]);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- reading */
+
+/* Reads the file through once: 1 when it ends in the sum of its bytes. */
+static int checkpoint_is_whole(FILE *file, uint64_t *size)
+{
+    unsigned char chunk[CHECKPOINT_CHUNK + 8];
+    uint64_t      sum = CHECKPOINT_SEED, stored = 0;
+    size_t        held = 0, got;
+    *size              = 0;
+    while ((got = fread(chunk + held, 1, CHECKPOINT_CHUNK, file)) > 0) { /* the last 8 bytes are held back */
+        const size_t body = held + got > 8 ? held + got - 8 : 0;
+        sum               = checkpoint_hash(sum, chunk, body);
+        *size += got;
+        held = held + got - body;
+        memmove(chunk, chunk + body, held);
+    }
+    for (size_t i = 0; i < 8; i++) stored |= (uint64_t)chunk[i] << 8 * i;
+    return held == 8 && *size >= 40 && stored == sum && !ferror(file);
+}
+
+/* 1: of this key; 0: of another one. */
+static int checkpoint_has_key(struct archive *a, const char *key)
+{
+    size_t length = 0;
+    int    same;
+    archive_size(a, &length);
+    same = a->rc == OXL_OK && length == strlen(key);
+    for (size_t i = 0; i < length && same; i++) {
+        char c = 0;
+        archive_numbers(a, &c, 1, 1);
+        same = a->rc == OXL_OK && c == key[i];
+    }
+    return same;
+}
+
+static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const char *key, checkpoint_state *state, void *user,
+                                      int *found)
+{
+    struct archive a     = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
+    uint64_t       magic = 0, version = 0;
+    int            other = 0;
+    if (!a.file) return OXL_OK;
+    if (!checkpoint_is_whole(a.file, &a.left)) {
+        oxl_log(ctx, OXL_LOG_WARNING, "%s is not whole: its checksum is wrong; the one before it is tried", path);
+        goto done;
+    }
+    rewind(a.file);
+    archive_u64(&a, &magic);
+    archive_u64(&a, &version);
+    other = magic != CHECKPOINT_MAGIC || version != CHECKPOINT_VERSION || !checkpoint_has_key(&a, key);
+    if (other) goto done;
+    state(&a, user);
+    *found = a.rc == OXL_OK;
+done:
+    fclose(a.file);
+    return other ? checkpoint_put_aside(ctx, path) : a.rc;
+}
+
+OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
+                                        void *user, int *found)
+{
+    char      *path[2] = {NULL, NULL};
+    oxl_result rc      = checkpoint_paths(ctx, folder, path);
+    *found             = 0;
+    for (int i = 0; i < 2 && rc == OXL_OK && !*found; i++) rc = checkpoint_read_one(ctx, path[i], key, state, user, found);
+    oxl_free(ctx, path[0]);
+    oxl_free(ctx, path[1]);
+    return rc;
+}
+
+OXL_INTERNAL void checkpoint_remove(oxl_context *ctx, const char *folder, int others)
+{
+    for (int i = 0; i < (others ? 4 : 2); i++) {
+        char *path = oxl_path_join(ctx, folder, checkpoint_names[i]);
+        if (path) os_remove(path);
+        oxl_free(ctx, path);
+    }
+}

@@ -1,0 +1,284 @@
+/* density.c - how many Gaussians, and where: clone, split, prune, reset (Kerbl et al. 2023, sec. 5).
+ *
+ * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers what it cannot explain: a small one is cloned, a large one
+ * replaced by two samples of itself. Faint ones are removed. After a reset the very large are split too, not removed as in Kerbl: in
+ * turbid water they are what draws the far, and with them gone nothing is left there to grow. Under water the gradients of what is
+ * far are too small: paper eq. 2 gives them a weight by depth. Sums are kept for each band of depths apart, so that the weights are
+ * chosen when they are needed, and what is read without them (the second lobes' criterion, eq. 4) costs nothing more.
+ *
+ * Invariants: children stand next to their parent, so rows that are near in memory stay near in space (packs out of sight are
+ * skipped whole); once rows have a second lobe none may grow, so those stay first. Every random number depends on seed, step and
+ * row alone. A row with a number that is not finite never survives.
+ */
+#include "../internal.h"
+#include "../core/vecmath.h"
+
+#define DENSITY_OPACITY_MIN   0.005 /* fainter ones are removed [Kerbl 2023] */
+#define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
+#define DENSITY_SPLIT_SCALE   0.01  /* x extent: smaller ones are cloned, larger ones split [Kerbl 2023] */
+#define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset; removed in [Kerbl 2023] */
+#define DENSITY_SPLIT_SHRINK  1.6   /* [Kerbl 2023] */
+
+enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_CLONE, DENSITY_SPLIT };
+
+struct density {
+    size_t capacity;
+    int    banded;
+    float  z_near, z_far; /* where the bands meet, camera z */
+    float *gradient; /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than z_near */
+    float *gradient_mid, *gradient_far; /* (count) banded: the same from z_near and from z_far on */
+    float *views;                       /* (count) how many saw it, from wherever */
+    uint8_t *verdict;                   /* (count) */
+};
+
+OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out)
+{
+    *out = oxl_calloc(ctx, 1, sizeof **out);
+    return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for density control");
+}
+
+static void density_release(oxl_context *ctx, struct density *d)
+{
+    float **const sums[] = {&d->gradient, &d->gradient_mid, &d->gradient_far, &d->views};
+    for (size_t k = 0; k < OXL_COUNT(sums); k++) {
+        oxl_free(ctx, *sums[k]);
+        *sums[k] = NULL;
+    }
+    oxl_free(ctx, d->verdict);
+    d->verdict  = NULL;
+    d->capacity = 0;
+}
+
+OXL_INTERNAL void density_free(oxl_context *ctx, struct density *d)
+{
+    if (!d) return;
+    density_release(ctx, d);
+    oxl_free(ctx, d);
+}
+
+static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t count)
+{
+    const size_t  capacity = count + count / 2;
+    float **const sums[]   = {&d->gradient, &d->views, &d->gradient_mid, &d->gradient_far};
+    const size_t  wanted   = d->banded ? 4 : 2;
+    int           given    = 1;
+    if (count <= d->capacity) return OXL_OK;
+    density_release(ctx, d);
+    for (size_t k = 0; k < wanted; k++) given &= (*sums[k] = oxl_alloc(ctx, capacity, sizeof **sums[k])) != NULL;
+    d->verdict  = oxl_alloc(ctx, capacity, sizeof *d->verdict);
+    d->capacity = given && d->verdict ? capacity : 0;
+    if (d->capacity) return OXL_OK;
+    density_release(ctx, d);
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the statistics of %zu Gaussians", count);
+}
+
+OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count)
+{
+    const oxl_result rc = density_reserve(ctx, d, count);
+    if (rc != OXL_OK) return rc;
+    memset(d->gradient, 0, count * sizeof *d->gradient);
+    memset(d->views, 0, count * sizeof *d->views);
+    if (d->banded) memset(d->gradient_mid, 0, count * sizeof *d->gradient_mid);
+    if (d->banded) memset(d->gradient_far, 0, count * sizeof *d->gradient_far);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far)
+{
+    density_release(ctx, d);
+    d->banded = z_near > 0 && z_far >= z_near;
+    d->z_near = (float)z_near;
+    d->z_far  = (float)z_far;
+    return density_clear(ctx, d, count);
+}
+
+OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count, struct density **out)
+{
+    oxl_result rc = density_create(ctx, out);
+    if (rc != OXL_OK) return rc;
+    (*out)->banded = from->banded;
+    (*out)->z_near = from->z_near;
+    (*out)->z_far  = from->z_far;
+    rc             = density_reserve(ctx, *out, count);
+    if (rc != OXL_OK) return rc;
+    memcpy((*out)->gradient, from->gradient, count * sizeof *from->gradient);
+    memcpy((*out)->views, from->views, count * sizeof *from->views);
+    if (from->banded) memcpy((*out)->gradient_mid, from->gradient_mid, count * sizeof *from->gradient_mid);
+    if (from->banded) memcpy((*out)->gradient_far, from->gradient_far, count * sizeof *from->gradient_far);
+    return OXL_OK;
+}
+
+OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t count)
+{
+    if (a->reading && a->rc == OXL_OK) a->rc = density_clear(a->ctx, d, count);
+    if (a->rc != OXL_OK) return;
+    archive_floats(a, d->gradient, count);
+    archive_floats(a, d->views, count);
+    if (d->banded) archive_floats(a, d->gradient_mid, count);
+    if (d->banded) archive_floats(a, d->gradient_far, count);
+}
+
+static struct renderer_sums density_sums(const struct density *d, size_t count)
+{
+    return (struct renderer_sums){count, d->banded, d->z_near, d->z_far, d->gradient, d->gradient_mid, d->gradient_far, d->views};
+}
+
+OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r, size_t count)
+{
+    const struct renderer_sums sums = density_sums(d, count);
+    return renderer_observe(ctx, r, &sums);
+}
+
+OXL_INTERNAL double density_mean_gradient(const struct density *d, size_t row)
+{
+    const double sum = d->gradient[row] + (d->banded ? (double)d->gradient_mid[row] + d->gradient_far[row] : 0);
+    return d->views[row] > 0 ? sum / d->views[row] : 0;
+}
+
+/* The weighted sum of the bands, in place of the nearest one's. */
+static void density_weigh(oxl_context *ctx, struct density *d, size_t count, const struct density_rules *rules)
+{
+    (void)ctx;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)count; i++)
+        d->gradient[i] = (float)(d->gradient[i] + rules->f_mid * d->gradient_mid[i] + rules->f_far * d->gradient_far[i]);
+}
+
+/* ---------------------------------------------------------------- verdicts */
+
+static double density_scale(const oxl_model *m, size_t i)
+{
+    const float a = m->plane[OXL_LOG_SCALE][i], b = m->plane[OXL_LOG_SCALE + 1][i], c = m->plane[OXL_LOG_SCALE + 2][i];
+    return vecmath_exp(OXL_MAX(OXL_MAX(a, b), c));
+}
+
+static enum density_verdict density_judge(const struct density *d, const oxl_model *m, size_t i,
+                                          const struct density_rules *rules)
+{
+    const double mean = d->views[i] > 0 ? d->gradient[i] / d->views[i] : 0;
+    if (!model_row_is_finite(m, i)) return DENSITY_REMOVE;
+    if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return DENSITY_REMOVE;
+    if (rules->split_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_SPLIT;
+    if (!(mean >= rules->gradient)) return DENSITY_KEEP;
+    return density_scale(m, i) <= DENSITY_SPLIT_SCALE * rules->extent ? DENSITY_CLONE : DENSITY_SPLIT;
+}
+
+/* Under a cap, only the first `room` growing rows by gradient may grow. Found by bisection on the threshold: no sort, no ties lost. */
+static void density_cap(struct density *d, size_t count, size_t kept, size_t growing, size_t cap)
+{
+    const size_t room = cap > kept ? cap - kept : 0;
+    double       low = 0, high = 1e30;
+    if (growing <= room) return;
+    for (int round = 0; round < 100 && room > 0; round++) {
+        const double middle = round < 50 ? sqrt((low > 1e-12 ? low : 1e-12) * high) : (low + high) / 2;
+        size_t       above  = 0;
+        for (size_t i = 0; i < count; i++) above += d->verdict[i] >= DENSITY_CLONE && d->gradient[i] / d->views[i] >= middle;
+        if (above > room) low = middle;
+        else high = middle;
+    }
+    for (size_t i = 0; i < count; i++)
+        if (d->verdict[i] >= DENSITY_CLONE && (room == 0 || !(d->gradient[i] / d->views[i] >= high)))
+            d->verdict[i] = DENSITY_KEEP;
+}
+
+/* ---------------------------------------------------------------- the new rows */
+
+/* Box & Muller 1958. */
+static double density_normal(uint64_t seed, uint64_t step, uint64_t index)
+{
+    const double u = 1 - random_unit(random_bits(seed, step, 2 * index)), v = random_unit(random_bits(seed, step, 2 * index + 1));
+    return sqrt(-2 * vecmath_log(u)) * vecmath_cos(6.283185307179586 * v);
+}
+
+/* A sample of the Gaussian `row`, shrunk: mean + R (scale x normal). */
+static void density_sample(const oxl_model *from, size_t row, oxl_model *to, size_t at, const struct density_rules *rules,
+                           uint64_t child)
+{
+    double q[4], r[9], offset[3];
+    for (int k = 0; k < 4; k++) q[k] = from->plane[OXL_ROTATION + k][row];
+    camera_rotation_from_quaternion(q, r);
+    for (int a = 0; a < 3; a++) {
+        const uint64_t index = (2 * (uint64_t)row + child) * 3 + (uint64_t)a;
+        offset[a] = vecmath_exp(from->plane[OXL_LOG_SCALE + a][row]) * density_normal(rules->seed, (uint64_t)rules->step, index);
+        to->plane[OXL_LOG_SCALE + a][at] -= (float)vecmath_log(DENSITY_SPLIT_SHRINK);
+    }
+    for (int a = 0; a < 3; a++)
+        to->plane[OXL_MEAN + a][at] += (float)(r[3 * a] * offset[0] + r[3 * a + 1] * offset[1] + r[3 * a + 2] * offset[2]);
+}
+
+/* Copies each surviving row once or twice. `fresh`: the new rows of a moment start at 0. */
+static void density_copy_plane(const struct density *d, const float *from, size_t count, float *to, int fresh)
+{
+    size_t at = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (d->verdict[i] == DENSITY_REMOVE) continue;
+        to[at++] = fresh && d->verdict[i] == DENSITY_SPLIT ? 0 : from[i];
+        if (d->verdict[i] >= DENSITY_CLONE) to[at++] = fresh ? 0 : from[i];
+    }
+}
+
+static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh,
+                                  const struct density_rules *rules)
+{
+    oxl_model  next;
+    size_t     at = 0, lobes = 0;
+    oxl_result rc = oxl_model_create(ctx, new_count, model->sh_degree, &next);
+    for (size_t i = 0; i < model->lobes; i++) lobes += d->verdict[i] != DENSITY_REMOVE;
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, &next, lobes);
+    if (rc != OXL_OK) oxl_model_free(ctx, &next);
+    if (rc != OXL_OK) return rc;
+    memcpy(next.origin, model->origin, sizeof next.origin);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int k = 0; k < oxl_model_planes(model); k++) density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
+    for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
+        density_copy_plane(d, model->plane[k], model->lobes, next.plane[k], fresh);
+    for (size_t i = 0; i < model->count && !fresh; i++) {
+        if (d->verdict[i] == DENSITY_SPLIT) {
+            density_sample(model, i, &next, at, rules, 0);
+            density_sample(model, i, &next, at + 1, rules, 1);
+        }
+        at += d->verdict[i] == DENSITY_REMOVE ? 0 : d->verdict[i] == DENSITY_KEEP ? 1 : 2;
+    }
+    oxl_model_free(ctx, model);
+    *model = next;
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
+                                        oxl_model *second, const struct density_rules *rules, struct density_change *out)
+{
+    size_t     kept = 0, growing = 0;
+    oxl_result rc = OXL_OK;
+    *out          = (struct density_change){0};
+    if (d->banded) density_weigh(ctx, d, model->count, rules);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_judge(d, model, (size_t)i, rules);
+    for (size_t i = 0; i < model->count; i++) kept += d->verdict[i] != DENSITY_REMOVE, growing += d->verdict[i] >= DENSITY_CLONE;
+    if (model->lobes > 0 && growing > 0)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu of %zu Gaussians would be cloned or split while %zu have a second lobe", growing,
+                        model->count, model->lobes);
+    if (rules->cap) density_cap(d, model->count, kept, growing, rules->cap);
+    for (size_t i = 0; i < model->count; i++) {
+        out->removed += d->verdict[i] == DENSITY_REMOVE;
+        out->cloned += d->verdict[i] == DENSITY_CLONE;
+        out->split += d->verdict[i] == DENSITY_SPLIT;
+    }
+    if (out->removed + out->cloned + out->split > 0) {
+        const size_t count = model->count - out->removed + out->cloned + out->split;
+        rc                 = density_rebuild(ctx, d, first, count, 1, rules);
+        if (rc == OXL_OK) rc = density_rebuild(ctx, d, second, count, 1, rules);
+        if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0, rules);
+    }
+    return rc == OXL_OK ? density_clear(ctx, d, model->count) : rc;
+}
+
+/* ---------------------------------------------------------------- reset */
+
+OXL_INTERNAL void density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min)
+{
+    const float ceiling = (float)vecmath_logit(DENSITY_OPACITY_RESET * OXL_MAX(alpha_min, 1.0 / 255));
+    for (size_t i = 0; i < model->count; i++)
+        if (model->plane[OXL_OPACITY][i] > ceiling) model->plane[OXL_OPACITY][i] = ceiling;
+    memset(first->plane[OXL_OPACITY], 0, model->count * sizeof(float));
+    memset(second->plane[OXL_OPACITY], 0, model->count * sizeof(float));
+}

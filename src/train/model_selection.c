@@ -1,0 +1,536 @@
+/* model_selection.c - model only what the scene requires: SH bands and second lobes are kept where photographs that were not trained on say
+ * that they pay.
+ *
+ * Some training views stand aside until the last decision is made, and train from then on like all others. A decision is a trial: a
+ * fortieth of the run is trained from the same state in each way, and the way that is good enough for less goes on. (To leave bands
+ * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
+ * decision is noted with its evidence (run.json).
+ *
+ * With stop_early they judge when the run ends, too, and never train.
+ *
+ * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the photographs
+ * that they are trained on.
+ *
+ * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial makes it again.
+ */
+#include "train.h"
+#include "../core/vecmath.h"
+
+#define DECIDE_BANDS_EARN 0.1        /* dB that bands must bring together over fewer of them */
+#define DECIDE_LOBES_EARN 0.05       /* dB that second lobes must bring */
+#define DECIDE_WATCH      (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
+#define DECIDE_LOOK       (1.0 / 20) /* of the run: between looks whether it should end early */
+#define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long each way of a trial is trained */
+enum {
+    DECIDE_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
+    DECIDE_VIEWS_MOST  = 8,  /* that stand aside */
+    DECIDE_PATIENCE    = 3,  /* looks that have not gained, before it does */
+    DECIDE_RECOVERY    = 500 /* steps after an opacity reset whose losses tell of the reset alone */
+};
+
+/* What was chosen, and why: one member of the object. */
+static void decide_note(struct train *t, const char *what, const char *chosen, const char *why)
+{
+    struct text *d = &t->decisions;
+    if (d->size > 0) text_add(d, ", ");
+    text_add_json_string(d, what);
+    text_add(d, ": {\"chosen\": ");
+    text_add_json_string(d, chosen);
+    text_add(d, ", \"evidence\": ");
+    text_add_json_string(d, why);
+    text_add(d, "}");
+}
+
+static int decide_has_noted(const struct train *t, const char *quoted)
+{
+    return !t->decisions.failed && strstr(t->decisions.data, quoted) != NULL;
+}
+
+/* ---------------------------------------------------------------- views that stand aside */
+
+static int decide_bands_at(const oxl_train_options *o)
+{
+    return o->sh_degree < 0 ? (int)(o->densify_until * o->iterations) : 0;
+}
+
+static int decide_lobes_at(const oxl_train_options *o)
+{
+    return o->dog == OXL_DOG_OFF ? 0 : (int)(o->dog_from * o->iterations);
+}
+
+/* The step after which no view stands aside any more. */
+static int decide_last(const struct train *t)
+{
+    const int lobes = t->options->dog == OXL_DOG_AUTO ? decide_lobes_at(t->options) : 0;
+    const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
+    if (t->options->stop_early) return t->options->iterations;
+    return OXL_MAX(keep, OXL_MAX(lobes, decide_bands_at(t->options)));
+}
+
+OXL_INTERNAL int decide_holds(int index, int views)
+{
+    const int held = OXL_CLAMP(views / 8, 1, DECIDE_VIEWS_MOST), stride = views / held;
+    return views > 1 && index % stride == stride / 2 && index / stride < held;
+}
+
+/* Training views in the order of their names; those that decisions are judged by stand aside. */
+OXL_INTERNAL oxl_result decide_begin(struct train *t)
+{
+    const int views = train_training_views(t->scene), holds = decide_last(t) > 0 && views >= DECIDE_VIEWS_LEAST;
+    int       index = 0;
+    t->sh_degree    = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
+    t->view         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
+    t->held         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
+    if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
+        if (oxl_scene_view(t->scene, i)->is_test) continue;
+        if (holds && decide_holds(index++, views)) t->held[t->held_views++] = i;
+        else t->view[t->views++] = i;
+    }
+    if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
+    return OXL_OK;
+}
+
+static void decide_release_views(struct train *t)
+{
+    if (t->step < decide_last(t) || t->trial_is_next) return;
+    while (t->held_views > 0) t->view[t->views++] = t->held[--t->held_views];
+}
+
+/* One that cannot be read is named and cannot judge, from then on: every mean is over the same views. */
+static void decide_drop_view(struct train *t, int slot)
+{
+    faults_of_photo(t->ctx, &t->faults);
+    t->held_views--;
+    memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
+}
+
+/* Not a number where no view is left to judge by. */
+OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr)
+{
+    struct renderer_loss one;
+    oxl_result           rc = OXL_OK;
+    *loss = *psnr = 0;
+    for (int i = 0; i < t->held_views && rc == OXL_OK;) {
+        rc = train_photo(t, t->held[i]);
+        if (rc == OXL_ERR_INPUT) {
+            decide_drop_view(t, i);
+            rc = OXL_OK;
+            continue;
+        }
+        if (rc == OXL_OK) rc = train_compare_view(t, t->held[i++], &one);
+        if (rc != OXL_OK) break;
+        *loss += one.total;
+        *psnr -= 4.342944819032518 * vecmath_log(one.mse > 1e-10 ? one.mse : 1e-10);
+    }
+    *loss = t->held_views > 0 ? *loss / t->held_views : NAN;
+    *psnr = t->held_views > 0 ? *psnr / t->held_views : NAN;
+    return rc;
+}
+
+/* ---------------------------------------------------------------- a trial: the same steps from the same state */
+
+struct decide_branch { /* what a step changes */
+    oxl_model       model, first, second;
+    struct density *density;
+    int            *view, views, step;
+    double          loss, psnr;
+};
+
+static void decide_branch_free(struct train *t, struct decide_branch *b)
+{
+    oxl_model_free(t->ctx, &b->model);
+    oxl_model_free(t->ctx, &b->first);
+    oxl_model_free(t->ctx, &b->second);
+    density_free(t->ctx, b->density);
+    oxl_free(t->ctx, b->view);
+    *b = (struct decide_branch){0};
+}
+
+static oxl_result decide_branch_copy(const struct train *t, struct decide_branch *out)
+{
+    oxl_result rc;
+    *out      = (struct decide_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
+    out->view = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
+    if (!out->view)
+        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
+    memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
+    rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
+    return rc;
+}
+
+static oxl_result decide_branch_swap(struct train *t, struct decide_branch *b)
+{
+    const oxl_result rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc != OXL_OK) return rc;
+    OXL_SWAP(oxl_model, *t->model, b->model);
+    OXL_SWAP(oxl_model, t->first, b->first);
+    OXL_SWAP(oxl_model, t->second, b->second);
+    OXL_SWAP(struct density *, t->density, b->density);
+    OXL_SWAP(int *, t->view, b->view);
+    OXL_SWAP(int, t->views, b->views);
+    OXL_SWAP(int, t->step, b->step);
+    OXL_SWAP(double, t->loss, b->loss);
+    OXL_SWAP(double, t->psnr, b->psnr);
+    return train_resize(t);
+}
+
+/* Leaves t in the state `start`, and what t was in `aside`; start stays. */
+static oxl_result decide_branch_restart(struct train *t, struct decide_branch *start, struct decide_branch *aside)
+{
+    oxl_result rc;
+    decide_branch_free(t, aside);
+    rc = decide_branch_swap(t, start);
+    if (rc != OXL_OK) return rc;
+    *aside = *start;
+    return decide_branch_copy(t, start);
+}
+
+static int decide_steps(const struct train *t, double share)
+{
+    return OXL_MAX(1, (int)(share * t->options->iterations));
+}
+
+/* Trains on for the length of a trial, and judges what came of it. */
+static oxl_result decide_try(struct train *t, double *psnr)
+{
+    const int  end = OXL_MIN(t->step + decide_steps(t, DECIDE_TRIAL), t->options->iterations);
+    oxl_result rc  = OXL_OK;
+    double     loss;
+    while (rc == OXL_OK && t->step < end) {
+        t->step++;
+        rc = train_photograph(t);
+        if (rc == OXL_OK && train_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
+    }
+    return rc == OXL_OK ? decide_judge(t, &loss, psnr) : rc;
+}
+
+/* ---------------------------------------------------------------- SH bands */
+
+static oxl_result decide_set_degree(struct train *t, int degree)
+{
+    oxl_model *all[3] = {t->model, &t->first, &t->second};
+    oxl_result rc     = renderer_fetch(t->ctx, t->renderer);
+    for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
+    return rc == OXL_OK ? train_resize(t) : rc;
+}
+
+static void decide_note_bands(struct train *t, int most, const double psnr[4])
+{
+    char why[256], chosen[16];
+    int  used = snprintf(why, sizeof why, "%d training views that stood aside, after %d steps: degree %d %.2f dB", t->held_views,
+                         decide_steps(t, DECIDE_TRIAL), most, psnr[most]);
+    for (int d = 0; d < most && d <= t->sh_degree; d++)
+        used += snprintf(why + used, sizeof why - (size_t)used, ", degree %d %.2f", d, psnr[d]);
+    snprintf(why + used, sizeof why - (size_t)used, "; the first within %.2g dB is enough", DECIDE_BANDS_EARN);
+    snprintf(chosen, sizeof chosen, "%d", t->sh_degree);
+    decide_note(t, "sh_degree", chosen, why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: SH degree %d: %s", t->step, t->sh_degree, why);
+}
+
+/* All bands first, then none, one... until that is enough: t is that branch in the end. */
+static oxl_result decide_try_bands(struct train *t, struct decide_branch *start, struct decide_branch *all, double psnr[4])
+{
+    struct decide_branch other = {0};
+    const int            most  = t->model->sh_degree;
+    oxl_result           rc    = decide_try(t, &psnr[most]);
+    t->sh_degree               = most;
+    if (rc == OXL_OK) rc = decide_branch_restart(t, start, all);
+    for (int d = 0; d < most && rc == OXL_OK; d++) {
+        if (d > 0) rc = decide_branch_restart(t, start, &other);
+        if (rc == OXL_OK) rc = decide_set_degree(t, d);
+        if (rc == OXL_OK) rc = decide_try(t, &psnr[d]);
+        if (rc == OXL_OK && psnr[d] >= psnr[most] - DECIDE_BANDS_EARN) {
+            t->sh_degree = d;
+            break;
+        }
+    }
+    decide_branch_free(t, &other);
+    return rc == OXL_OK && t->sh_degree == most ? decide_branch_swap(t, all) : rc;
+}
+
+OXL_INTERNAL void decide_bands(struct train *t)
+{
+    if (t->step == decide_bands_at(t->options) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_BANDS;
+    decide_release_views(t);
+}
+
+/* ---------------------------------------------------------------- which Gaussians get a second lobe */
+
+/* A threshold at or below 0 is a quantile: -0.9 lets the upper tenth have lobes. */
+static oxl_result decide_threshold(const struct train *t, double *out)
+{
+    const float  threshold = t->options->dog_threshold;
+    const size_t count     = t->model->count;
+    double      *gradient;
+    *out = threshold;
+    if (t->options->dog == OXL_DOG_ALL) *out = -1;
+    if (threshold > 0 || t->options->dog == OXL_DOG_ALL) return OXL_OK;
+    gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
+    if (!gradient) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
+    for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
+    *out = measure_pick(gradient, count, -threshold);
+    oxl_free(t->ctx, gradient);
+    return OXL_OK;
+}
+
+/* Those that the loss still pulls about get a second lobe: decided once [OceanXL sec. 3.2]. */
+static oxl_result decide_give_lobes(struct train *t)
+{
+    const oxl_train_options *o         = t->options;
+    uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
+    size_t                   given     = 0;
+    double                   threshold = 0;
+    oxl_result rc = active ? renderer_fetch(t->ctx, t->renderer) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    if (rc == OXL_OK) rc = decide_threshold(t, &threshold);
+    if (rc != OXL_OK) goto done;
+    for (size_t i = 0; i < t->model->count; i++) {
+        active[i] = density_mean_gradient(t->density, i) > threshold;
+        given += active[i];
+    }
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->model->count);
+    if (given > 0)
+        rc = model_activate_lobes(t->ctx, t->model, &t->first, &t->second, active, o->dog_opacity_factor, o->dog_scale_factor);
+    if (rc == OXL_OK && given > 0) rc = train_resize(t);
+done:
+    oxl_free(t->ctx, active);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result decide_lobes(struct train *t)
+{
+    const int  last = decide_lobes_at(t->options), watch = decide_steps(t, DECIDE_WATCH);
+    oxl_result rc = OXL_OK;
+    if (t->step <= last - watch || t->step > last) return OXL_OK;
+    if (t->step == last - watch + 1) {
+        rc = renderer_fetch(t->ctx, t->renderer);
+        if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
+    }
+    if (rc == OXL_OK) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc != OXL_OK || t->step < last) return rc;
+    if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
+    return t->options->dog == OXL_DOG_AUTO ? OXL_OK : decide_give_lobes(t);
+}
+
+/* ---------------------------------------------------------------- weights by depth (ucd.c) */
+
+/* Nothing else may be decided before the trial ends, and no reset of opacities be just made up for: that alone is what the
+ * losses would tell of. */
+static int decide_weights_can_be_tried_at(const oxl_train_options *o, int begin)
+{
+    const int end = begin + UCD_SPANS * o->densify_every, bands = decide_bands_at(o), lobes = decide_lobes_at(o);
+    if (end > (int)(o->densify_until * o->iterations)) return 0;
+    for (int step = begin; step < end; step++)
+        if (step == bands || step == lobes) return 0;
+    for (int step = OXL_MAX(1, begin - DECIDE_RECOVERY); step < end; step++)
+        if (train_resets_opacity_at(o, step)) return 0;
+    return 1;
+}
+
+OXL_INTERNAL int decide_tries_weights(const struct train *t)
+{
+    return ucd_tries(&t->ucd) && decide_weights_can_be_tried_at(t->options, t->step);
+}
+
+/* Densifications with the point asked for, and all steps up to the one after. */
+static oxl_result decide_try_point(struct train *t, double *cost)
+{
+    const int    span = t->options->densify_every, end = t->step + UCD_SPANS * span - 1;
+    const double before = (double)t->model->count, f[2] = {t->ucd.f[0], t->ucd.f[1]};
+    double       sum = 0;
+    oxl_result   rc;
+    ucd_ask(&t->ucd, t->ucd.f);
+    rc = train_densify(t, t->ucd.f);
+    while (rc == OXL_OK && t->step < end) {
+        t->step++;
+        rc = train_step(t);
+        if (rc == OXL_OK && train_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
+        if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
+    }
+    memcpy(t->ucd.f, f, sizeof t->ucd.f);
+    if (rc == OXL_OK) *cost = ucd_tell(&t->ucd, sum / (span / 2), (double)t->model->count / before - 1);
+    return rc;
+}
+
+/* Both points of a pair: t is the better branch in the end. */
+static oxl_result decide_try_weights(struct train *t, struct decide_branch *start, struct decide_branch *other)
+{
+    const struct ucd before  = t->ucd;
+    double           cost[2] = {0, 0};
+    oxl_result       rc;
+    spsa_skip(&t->ucd.spsa); /* a pair that was broken off began from another state */
+    rc = decide_try_point(t, &cost[0]);
+    if (rc == OXL_OK) rc = decide_branch_restart(t, start, other);
+    t->ucd.densified = before.densified;
+    if (rc == OXL_OK) rc = decide_try_point(t, &cost[1]);
+    if (rc != OXL_OK) t->ucd = before;
+    if (rc != OXL_OK) return rc;
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs were %.5f and %.5f", t->step, t->ucd.f[0],
+            t->ucd.f[1], cost[0], cost[1]);
+    return cost[0] < cost[1] ? decide_branch_swap(t, other) : OXL_OK;
+}
+
+/* ---------------------------------------------------------------- trials */
+
+static void decide_note_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
+{
+    char why[256];
+    snprintf(why, sizeof why,
+             "%d training views that stood aside, after %d steps: %.2f dB with second lobes, %.2f without; %.1f %% more bytes; "
+             "worth it from +%.2g dB",
+             t->held_views, decide_steps(t, DECIDE_TRIAL), psnr[1], psnr[0], 100 * (bytes[1] / bytes[0] - 1), DECIDE_LOBES_EARN);
+    decide_note(t, "dog", kept ? "selective" : "off", why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: second lobes %s: %s", t->step, kept ? "stay" : "go", why);
+}
+
+/* Without lobes first, then with them: t is the better one in the end. */
+static oxl_result decide_try_lobes(struct train *t, struct decide_branch *start, struct decide_branch *other, double psnr[2])
+{
+    double     bytes[2];
+    oxl_result rc = decide_try(t, &psnr[0]);
+    if (rc == OXL_OK) rc = decide_branch_restart(t, start, other);
+    if (rc == OXL_OK) rc = decide_give_lobes(t);
+    if (rc == OXL_OK) rc = decide_try(t, &psnr[1]);
+    if (rc != OXL_OK) return rc;
+    bytes[0] = (double)t->model->count * prune_row_bytes(t->model->sh_degree, 0);
+    bytes[1] = bytes[0] + (double)t->model->lobes * (prune_row_bytes(0, 1) - prune_row_bytes(0, 0));
+    decide_note_lobes(t, psnr[1] >= psnr[0] + DECIDE_LOBES_EARN, psnr, bytes);
+    return psnr[1] >= psnr[0] + DECIDE_LOBES_EARN ? OXL_OK : decide_branch_swap(t, other);
+}
+
+OXL_INTERNAL oxl_result decide_trial(struct train *t)
+{
+    struct decide_branch start, other = {0};
+    double               psnr[4] = {0, 0, 0, 0};
+    const int            most    = t->model->sh_degree;
+    oxl_result           rc      = decide_branch_copy(t, &start);
+    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_WEIGHTS) rc = decide_try_weights(t, &start, &other);
+    else if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = decide_try_lobes(t, &start, &other, psnr);
+    else if (rc == OXL_OK) rc = decide_try_bands(t, &start, &other, psnr);
+    if (rc == OXL_OK) {
+        if (t->trial_is_next == TRAIN_TRIES_BANDS) decide_note_bands(t, most, psnr);
+        t->trial_is_next = TRAIN_TRIES_NOTHING;
+        decide_release_views(t);
+    } else if (start.second.memory) { /* as if it had not begun */
+        t->sh_degree = start.model.sh_degree;
+        if (decide_branch_swap(t, &start) != OXL_OK) rc = OXL_ERR_MEMORY;
+    }
+    decide_branch_free(t, &start);
+    decide_branch_free(t, &other);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- what trials take */
+
+static int decide_pairs_of_weights(const oxl_train_options *o)
+{
+    struct ucd u    = {.learns = o->ucd.mode != OXL_UCD_OFF && o->ucd.learn};
+    int        step = 1;
+    if (u.learns) ucd_begin_search(&u, train_densifications(o), 0);
+    while (u.learns && step <= o->densify_until * o->iterations) {
+        const int densifies = train_densifies_at(o, step);
+        const int tries     = densifies && ucd_tries(&u) && decide_weights_can_be_tried_at(o, step);
+        u.densified += tries ? UCD_SPANS : densifies;
+        u.spsa.pair += tries;
+        step += tries ? UCD_SPANS * o->densify_every : 1;
+    }
+    return u.spsa.pair;
+}
+
+/* In a trial of bands all but one of four ways are trained beside the run, in one of lobes one of two, and one of each pair of weights
+ * by depth; half of these count where the photographs have yet to tell whether there are weights at all. */
+OXL_INTERNAL int decide_steps_beside(const oxl_train_options *o, int views)
+{
+    const int each    = OXL_MAX(1, (int)(DECIDE_TRIAL * o->iterations));
+    const int pairs   = decide_pairs_of_weights(o); /* none where a span would not fit into the run, be it longer than an int */
+    const int weights = pairs > 0 ? pairs * (UCD_SPANS * o->densify_every - 1) / (o->ucd.mode == OXL_UCD_AUTO ? 2 : 1) : 0;
+    if (views < DECIDE_VIEWS_LEAST) return weights;
+    return weights + each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO ? 1 : 0));
+}
+
+/* ---------------------------------------------------------------- an end before the last step */
+
+/* The last step that changes how many Gaussians, lobes or bands there are, or the photographs' size. */
+static int decide_settled(const struct train *t)
+{
+    const oxl_train_options *o      = t->options;
+    const double             coarse = train_coarse_share(o, INT_MAX, INT_MAX), bands = t->sh_degree * (double)o->bands_every;
+    const int                share = (int)(OXL_MIN(1, OXL_MAX(o->densify_until, OXL_MAX(coarse, bands))) * o->iterations);
+    const int                keep  = o->keep.kind == OXL_KEEP_ALL ? 0 : t->prune.end;
+    return OXL_MAX(share, OXL_MAX(keep, decide_lobes_at(t->options)));
+}
+
+static void decide_note_stop(struct train *t)
+{
+    char why[160], chosen[16];
+    snprintf(chosen, sizeof chosen, "%d", t->step);
+    snprintf(why, sizeof why, "the loss of %d training views that stood aside has not fallen since step %d, of %d", t->held_views,
+             t->held_since, t->options->iterations);
+    decide_note(t, "iterations", chosen, why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: the run ends: %s", t->step, why);
+}
+
+OXL_INTERNAL oxl_result decide_stop(struct train *t)
+{
+    const int  every = decide_steps(t, DECIDE_LOOK);
+    double     loss, psnr;
+    oxl_result rc;
+    if (!t->options->stop_early || t->held_views == 0 || t->trial_is_next) return OXL_OK;
+    if (t->step % every != 0 || t->step <= decide_settled(t) || t->step == t->options->iterations) return OXL_OK;
+    rc = decide_judge(t, &loss, &psnr);
+    if (rc != OXL_OK || t->held_views == 0) return rc;
+    if (t->held_since == 0 || loss < t->held_least) t->held_least = loss, t->held_since = t->step;
+    t->ended = t->step - t->held_since >= DECIDE_PATIENCE * every;
+    if (t->ended) decide_note_stop(t);
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- at the end, and in between */
+
+OXL_INTERNAL void decide_end(struct train *t)
+{
+    const oxl_train_options *o = t->options;
+    char                     chosen[64], why[320];
+    ucd_describe(&t->ucd, why, sizeof why);
+    snprintf(chosen, sizeof chosen, t->ucd.on ? "%.3g,%.3g" : "off", t->ucd.f[0], t->ucd.f[1]);
+    decide_note(t, "ucd", chosen, why);
+    prune_describe(&t->prune, why, sizeof why);
+    snprintf(chosen, sizeof chosen, "%zu", t->model->count);
+    decide_note(t, "keep", chosen, why);
+    snprintf(chosen, sizeof chosen, "%d", t->model->sh_degree);
+    if (!decide_has_noted(t, "\"sh_degree\""))
+        decide_note(t, "sh_degree", chosen,
+                    o->sh_degree < 0 ? "too few training views to spare one to judge by" : "as asked for");
+    if (o->stop_early && !t->ended) {
+        snprintf(chosen, sizeof chosen, "%d", t->step);
+        decide_note(t, "iterations", chosen,
+                    t->held_since > 0                                     ? "no three looks in a row without a gain"
+                    : train_training_views(t->scene) < DECIDE_VIEWS_LEAST ? "too few training views to spare one to judge by"
+                                                                          : "no look was taken");
+    }
+    snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
+    if (!decide_has_noted(t, "\"dog\""))
+        decide_note(t, "dog", chosen,
+                    o->dog == OXL_DOG_AUTO ? "too few training views to spare one to judge by" : "as asked for");
+}
+
+OXL_INTERNAL void decide_archive(struct archive *a, struct train *t)
+{
+    archive_int(a, &t->sh_degree);
+    archive_int(a, &t->trial_is_next);
+    archive_int(a, &t->held_views);
+    archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_WEIGHTS);
+    archive_expect(a, t->held_views >= 0 && t->held_views <= train_training_views(t->scene));
+    if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
+    for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)
+        archive_expect(a, t->held[i] >= 0 && t->held[i] < oxl_scene_view_count(t->scene));
+    archive_doubles(a, &t->held_least, 1);
+    archive_int(a, &t->held_since);
+    archive_int(a, &t->ended);
+    archive_expect(a, t->held_since >= 0 && t->held_since <= t->step && (t->ended == 0 || t->ended == 1));
+    archive_text(a, &t->decisions);
+}

@@ -1,0 +1,364 @@
+/* prune.c - Wise Adaptive Pruning: drops that shrink, with refinement between them (paper sec. 3.2 and 4; "Prune Wisely, Reconstruct
+ * Sharply", arXiv 2602.24136, and its code, for the schedule; Speedy-Splat, arXiv 2412.00578, for the score).
+ *
+ * When density control is over, a window of a quarter of the run opens. In it go 1/2, 1/4, 1/8, 1/16 and 1/16 of what is too much:
+ * the first at once, each further one when the mean L1 of training has come down to 0.99 of what it was before the last, or when
+ * 1500 of 40 000 iterations have passed in vain.
+ *
+ * Who goes: those that matter least to the picture,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
+ * drawn image, pixels where the photograph has fine detail counting up to 1.3 times. A Gaussian seen by few views has a small sum
+ * however much it matters there, which is the paper's failure case; so U is divided by the number of views that it shows in.
+ *
+ * Invariants: the window ends with exactly the number asked for (or what there is, when that is less). Rows keep their order. The
+ * choice is a function of the model, the scene and the options: ties go by row.
+ */
+#include "../internal.h"
+
+#define PRUNE_WAIT     (200.0 / 40000) /* of the run, between the end of density control and the window [paper sec. 4] */
+#define PRUNE_WINDOW   0.25            /* of the run [paper sec. 4: 10 000 of 40 000] */
+#define PRUNE_EVERY    (1.0 / 80)      /* of the run, between checks: 500 of 40 000 ["Prune Wisely", code] */
+#define PRUNE_PATIENCE 3               /* checks without a drop: 1500 of 40 000 */
+#define PRUNE_RECOVERY 0.99            /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
+#define PRUNE_DETAIL   0.10f           /* what full detail adds to a pixel's weight ["Prune Wisely"] */
+#define PRUNE_EPSILON  0.01            /* auto: the held-out views' loss may rise by this share */
+#define PRUNE_FILE     2048            /* bytes of a PLY that are not rows: its header */
+enum {
+    PRUNE_EVERY_LEAST = 25, /* steps: in fewer no Gaussian has adapted */
+    PRUNE_AUTO_SHARE  = 8,  /* auto: each drop takes one eighth of what is left */
+    PRUNE_GUARD = 3,   /* views: one that fewer see is judged as if these had; a speck in front of one camera is not precious */
+    PRUNE_VIEWS = 100, /* a score is taken of so many views, or of 1 for each */
+    PRUNE_STEPS_A_VIEW = 40 /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
+};
+static const int prune_drops[] = {8, 12, 14, 15, 16}; /* sixteenths of what is to go, gone after each drop */
+
+/* ---------------------------------------------------------------- what to keep */
+
+/* Decimal units, as file sizes are printed; with an i, binary ones. 0: not a unit. */
+static double prune_unit(const char *s)
+{
+    static const char letters[] = "kmgt";
+    const char       *letter    = *s ? strchr(letters, *s | 0x20) : NULL;
+    double            unit      = 1;
+    int               binary;
+    if (!letter) return 0;
+    binary = s[1] == 'i';
+    for (const char *c = letters; c <= letter; c++) unit *= binary ? 1024 : 1000;
+    s += 1 + binary;
+    return *s == 0 || ((*s | 0x20) == 'b' && s[1] == 0) ? unit : 0;
+}
+
+oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out)
+{
+    const char *at = text, *end = text + strlen(text);
+    double      value;
+    *out = (oxl_keep){OXL_KEEP_ALL, 0};
+    if (strcmp(text, "auto") == 0) *out = (oxl_keep){OXL_KEEP_AUTO, 0};
+    if (strcmp(text, "auto") == 0 || strcmp(text, "all") == 0) return OXL_OK;
+    if (parse_double(&at, end, &value) && value > 0 && value <= 1e15) {
+        if (*at && prune_unit(at) > 0) *out = (oxl_keep){OXL_KEEP_BYTES, value * prune_unit(at)};
+        else if (!*at && value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
+        else if (!*at && value == 1) return OXL_OK;
+        else if (!*at) *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
+    }
+    if (out->kind != OXL_KEEP_ALL) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE, "cannot keep '%s'\nfix: a share as 0.5, a number as 400000, a size as 80MB, or auto",
+                    text);
+}
+
+OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes)
+{
+    return 4.0 * (14 + 3 * (sh_degree + 1) * (sh_degree + 1)) + (lobes ? 20 : 0); /* as model_file.c writes them */
+}
+
+static size_t prune_target(const struct prune *p, size_t count)
+{
+    double target = (double)count;
+    if (p->keep.kind == OXL_KEEP_FRACTION) target = floor(p->keep.value * (double)count + 0.5);
+    if (p->keep.kind == OXL_KEEP_COUNT) target = p->keep.value;
+    if (p->keep.kind == OXL_KEEP_BYTES) target = floor((p->keep.value - PRUNE_FILE) / p->row_bytes);
+    return (size_t)OXL_CLAMP(target, 1.0, (double)count);
+}
+
+/* ---------------------------------------------------------------- when */
+
+OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes)
+{
+    *p       = (struct prune){.keep = keep, .row_bytes = row_bytes, .detail = PRUNE_DETAIL, .guard = 1};
+    p->start = (int)OXL_MIN(densified + OXL_MAX(1, PRUNE_WAIT * iterations), iterations);
+    p->end   = (int)OXL_MIN(p->start + PRUNE_WINDOW * iterations, iterations);
+    p->every = (int)OXL_MAX(PRUNE_EVERY * iterations + 0.5, OXL_MIN(views, (p->end - p->start) / 20)); /* sees each view once */
+    p->every = OXL_MAX(p->every, PRUNE_EVERY_LEAST);
+    p->patience = OXL_MIN(PRUNE_PATIENCE * p->every, (p->end - p->start) / (int)OXL_COUNT(prune_drops));
+    p->views    = OXL_MAX(PRUNE_VIEWS, iterations / PRUNE_STEPS_A_VIEW);
+}
+
+OXL_INTERNAL int prune_checks(const struct prune *p, int step)
+{
+    if (p->keep.kind == OXL_KEEP_ALL || step < p->start || step > p->end) return 0;
+    return (step - p->start) % p->every == 0 || (step == p->end && p->keep.kind != OXL_KEEP_AUTO);
+}
+
+OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
+{
+    if (step <= p->start - p->every || step > p->end || !(l1 <= DBL_MAX)) return;
+    p->l1_sum += l1;
+    p->l1_count++;
+}
+
+/* One eighth more, as long as views that are not trained on do not suffer and there is time left to refine. */
+static size_t prune_due_auto(struct prune *p, int step, size_t count, double held)
+{
+    if (p->held == 0) p->held = held; /* not always at the start of the window: a trial may be under way there */
+    if (step > p->end - p->patience || !(held <= (1 + PRUNE_EPSILON) * p->held)) return 0;
+    p->drops++;
+    return count / PRUNE_AUTO_SHARE;
+}
+
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held)
+{
+    const int    last_drop = (int)OXL_COUNT(prune_drops) - 1;
+    const double mean      = p->l1_count ? p->l1_sum / p->l1_count : 0;
+    size_t       excess, goal;
+    if (!prune_checks(p, step)) return 0;
+    p->l1_sum   = 0;
+    p->l1_count = 0;
+    if (p->keep.kind == OXL_KEEP_AUTO) return prune_due_auto(p, step, count, held);
+    if (p->first_count == 0) {
+        p->first_count = count;
+        p->target      = prune_target(p, count);
+    } else if (!(mean <= PRUNE_RECOVERY * p->stamp) && step - p->last < p->patience && step < p->end) return 0;
+    if (p->drops > last_drop) return 0;
+    excess   = p->first_count - p->target;
+    p->drops = step == p->end ? last_drop + 1 : p->drops + 1;
+    p->stamp = mean;
+    p->last  = step;
+    goal     = p->first_count - excess * (size_t)prune_drops[p->drops - 1] / 16;
+    return count > goal ? count - goal : 0;
+}
+
+OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
+{
+    if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as asked for");
+    else if (p->keep.kind != OXL_KEEP_AUTO)
+        snprintf(out, size, "%zu of %zu after density control: as asked for", p->target, p->first_count);
+    else
+        snprintf(out, size,
+                 "%d drops of an eighth, while the loss of training views that stood aside rose by at most %.2g from %.4f",
+                 p->drops, PRUNE_EPSILON, p->held);
+}
+
+OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
+{
+    archive_int(a, &p->drops);
+    archive_int(a, &p->last);
+    archive_int(a, &p->l1_count);
+    archive_size(a, &p->first_count);
+    archive_size(a, &p->target);
+    archive_doubles(a, &p->stamp, 1);
+    archive_doubles(a, &p->l1_sum, 1);
+    archive_doubles(a, &p->held, 1);
+    archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
+}
+
+/* ---------------------------------------------------------------- fine detail of a photograph */
+
+enum {
+    PRUNE_FINE   = 1, /* px: half width of the blur that takes away noise, */
+    PRUNE_COARSE = 12 /* and of the one that takes away shading: left is about the band 0.04 to 0.45 of "Prune Wisely" */
+};
+#define PRUNE_DETAIL_MOST 3.0f /* x the mean [D] */
+
+/* The sum over the columns x-r..x+r of sums over rows, all of whole numbers; *area gets how many pixels that is. */
+static double prune_box(const int32_t *sum, int width, int rows, int r, int x)
+{
+    const int first = OXL_MAX(x - r, 0), last = OXL_MIN(x + r, width - 1);
+    return (double)(sum[last + 1] - sum[first]) / ((double)rows * (last - first + 1));
+}
+
+/* sum[x] becomes the sum over the columns before x of the rows y-r..y+r; returns how many rows there are. */
+static int prune_sum_rows(const struct photo *p, int y, int r, int32_t *sum)
+{
+    const size_t pixels = (size_t)p->width * (size_t)p->height;
+    const int    first = OXL_MAX(y - r, 0), last = OXL_MIN(y + r, p->height - 1);
+    memset(sum, 0, ((size_t)p->width + 1) * sizeof *sum);
+    for (int row = first; row <= last; row++) {
+        const uint8_t *line = p->rgb + (size_t)row * p->width;
+        for (int x = 0; x < p->width; x++) sum[x + 1] += line[x] + line[pixels + x] + line[2 * pixels + x];
+    }
+    for (int x = 0; x < p->width; x++) sum[x + 1] += sum[x];
+    return last - first + 1;
+}
+
+/* Energy of the detail in row y: (fine blur - coarse blur)^2, 0 where masked. sum: 2 (width+1). Returns the row's sum. */
+static double prune_detail_row(const struct photo *p, int y, int32_t *sum, float *out)
+{
+    int32_t  *coarse    = sum + p->width + 1;
+    const int fine_rows = prune_sum_rows(p, y, PRUNE_FINE, sum), coarse_rows = prune_sum_rows(p, y, PRUNE_COARSE, coarse);
+    double    total = 0;
+    for (int x = 0; x < p->width; x++) {
+        const double d =
+            prune_box(sum, p->width, fine_rows, PRUNE_FINE, x) - prune_box(coarse, p->width, coarse_rows, PRUNE_COARSE, x);
+        out[x] = p->mask && p->mask[(size_t)y * p->width + x] < 128 ? 0 : (float)(d * d);
+        total += out[x];
+    }
+    return total;
+}
+
+/* (H,W) energy of fine detail over its mean, at most 3; all 0 for a photograph without detail. */
+OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, float *out)
+{
+    const size_t each = 2 * ((size_t)p->width + 1), pixels = (size_t)p->width * (size_t)p->height;
+    int32_t     *sum   = oxl_alloc(ctx, (size_t)ctx->threads * each, sizeof *sum);
+    double      *row   = oxl_alloc(ctx, (size_t)p->height, sizeof *row);
+    double       total = 0;
+    float        scale;
+    oxl_result   rc = OXL_OK;
+    if (!sum || !row) {
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the detail of a photograph");
+        goto done;
+    }
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int y = 0; y < p->height; y++) {
+        int32_t *own = sum + (size_t)base_thread() * each;
+        row[y]       = prune_detail_row(p, y, own, out + (size_t)y * p->width);
+    }
+    for (int y = 0; y < p->height; y++) total += row[y];
+    scale = total > 0 ? (float)((double)pixels / total) : 0;
+    for (size_t i = 0; i < pixels; i++) out[i] = OXL_MIN(scale * out[i], PRUNE_DETAIL_MOST);
+done:
+    oxl_free(ctx, sum);
+    oxl_free(ctx, row);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- who matters */
+
+struct prune_pass { /* over the views */
+    float *one;     /* (count) the score in the view at hand */
+    float *views;   /* (count) in how many views it shows */
+    float *drgb;    /* (3,H,W) weights of the pixels: dS/d(image) */
+    size_t drgb_capacity;
+};
+
+/* What each pixel of a view counts. */
+static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view, float detail, struct prune_pass *pass)
+{
+    const oxl_camera   *camera = &oxl_scene_view(scene, view)->camera;
+    const size_t        pixels = (size_t)camera->width * (size_t)camera->height;
+    const struct photo *photo  = NULL;
+    oxl_result          rc     = oxl_reserve(ctx, (void **)&pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
+    if (rc != OXL_OK) return rc;
+    memset(pass->drgb, 0, pixels * sizeof *pass->drgb);
+    if (detail > 0 && !(photo = photos_get(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+    if (photo) rc = prune_detail(ctx, photo, pass->drgb); /* a photograph that cannot be read was named when it was trained on */
+    for (size_t i = 0; i < pixels; i++) {
+        const int counts = !photo || !photo->mask || photo->mask[i] >= 128;
+        pass->drgb[i]    = counts ? 1 + detail * pass->drgb[i] : 0;
+    }
+    for (int c = 1; c < 3; c++) memcpy(pass->drgb + c * pixels, pass->drgb, pixels * sizeof *pass->drgb);
+    return rc;
+}
+
+static oxl_result prune_score_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                   const oxl_render_options *options, struct prune_pass *pass, float *score)
+{
+    oxl_result rc = renderer_forward(ctx, r, model, camera, options);
+    memset(pass->one, 0, model->count * sizeof *pass->one);
+    if (rc == OXL_OK) rc = renderer_score(ctx, r, pass->drgb, pass->one);
+    if (rc != OXL_OK) return rc;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)model->count; i++) {
+        score[i] += pass->one[i];
+        pass->views[i] += pass->one[i] > 0;
+    }
+    return OXL_OK;
+}
+
+/* The k-th of `wanted` views out of the training views; a different choice for each drop. */
+static int prune_is_sampled(const struct prune *p, int index, int views)
+{
+    const int stride = (views + p->views - 1) / p->views;
+    return index % stride == p->drops % stride;
+}
+
+/* Judged by its own views; what no sampled view shows may show in another, so it is not judged at all. */
+static void prune_finish_scores(const struct prune *p, int all_views, size_t count, const float *views, float *score)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (p->guard) score[i] /= OXL_MAX(views[i], PRUNE_GUARD);
+        if (!all_views && views[i] == 0) score[i] = FLT_MAX;
+        if (!(score[i] <= FLT_MAX)) score[i] = 0;
+    }
+}
+
+OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
+                                    const oxl_model *model, const oxl_render_options *options, float *score)
+{
+    struct prune_pass pass  = {.one   = oxl_alloc(ctx, model->count, sizeof *pass.one),
+                               .views = oxl_calloc(ctx, model->count, sizeof *pass.views)};
+    int               views = 0, index = 0;
+    oxl_result        rc = OXL_OK;
+    if (!pass.one || !pass.views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the scores of %zu Gaussians", model->count);
+    memset(score, 0, model->count * sizeof *score);
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
+    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
+        const oxl_view *view = oxl_scene_view(scene, i);
+        if (view->is_test || !prune_is_sampled(p, index++, views)) continue;
+        rc = prune_weigh_view(ctx, scene, i, p->detail, &pass);
+        if (rc == OXL_OK) rc = prune_score_view(ctx, r, model, &view->camera, options, &pass, score);
+    }
+    if (rc == OXL_OK) prune_finish_scores(p, views <= p->views, model->count, pass.views, score);
+    oxl_free(ctx, pass.one);
+    oxl_free(ctx, pass.views);
+    oxl_free(ctx, pass.drgb);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- the drop */
+
+static uint32_t prune_key(float score) /* not negative: its bits are in order */
+{
+    uint32_t bits;
+    memcpy(&bits, &score, sizeof bits);
+    return bits;
+}
+
+/* keep[i] = 0 for the `drop` lowest scores, by row where they are equal. The highest key below which no more than `drop` rows lie is
+ * found bit by bit: no sort, no memory. */
+OXL_INTERNAL void prune_select(const float *score, size_t count, size_t drop, uint8_t *keep)
+{
+    uint32_t limit = 0;
+    size_t   below = 0;
+    for (int bit = 31; bit >= 0; bit--) {
+        const uint32_t next = limit | (uint32_t)1 << bit;
+        size_t         n    = 0;
+        for (size_t i = 0; i < count; i++) n += prune_key(score[i]) < next;
+        if (n <= drop) limit = next, below = n;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t key  = prune_key(score[i]);
+        const int      tied = key == limit && below < drop;
+        keep[i]             = key >= limit && !tied;
+        below += tied;
+    }
+}
+
+OXL_INTERNAL oxl_result prune_apply(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
+                                    const oxl_render_options *options, oxl_model *model, oxl_model *first, oxl_model *second)
+{
+    float     *score = oxl_alloc(ctx, model->count, sizeof *score);
+    uint8_t   *keep  = oxl_alloc(ctx, model->count, sizeof *keep);
+    oxl_result rc    = OXL_OK;
+    if (!score || !keep) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", model->count);
+    if (rc == OXL_OK) rc = prune_score(ctx, p, r, scene, model, options, score);
+    if (rc == OXL_OK) rc = renderer_fetch(ctx, r);
+    if (rc == OXL_OK) {
+        prune_select(score, model->count, drop, keep);
+        model_keep_rows(model, keep);
+        model_keep_rows(first, keep);
+        model_keep_rows(second, keep);
+    }
+    oxl_free(ctx, score);
+    oxl_free(ctx, keep);
+    return rc;
+}

@@ -1,0 +1,131 @@
+/* spsa.c - learn the two depth weights from noisy costs, without a gradient (paper sec. 3.2; Spall 1998, "Implementation of the
+ * simultaneous perturbation algorithm for stochastic optimization", IEEE Trans. AES 34(3)).
+ *
+ * Pair k shifts both weights at once by c_k times random signs, once there and once back, and asks for the cost of either point;
+ * their difference, over the distance of the two points, is the gradient's estimate. To the costs that are told comes one that is
+ * known: doubt/2 (f - home)^2. Where the costs are flat, and between few pairs of much noise they are, a search without it stays where
+ * it began, or wanders. With its curvature known the best gain is so too, a_k = 1 / (doubt (k + 2)) [Spall 1998, III.B: exponent 1]:
+ *     f <- project(f - a_k ((cost+ - cost-) / (point+ - point-) + doubt (f - home))),   c_k = c / (k + 1)^0.101,
+ * after a first step that forgets where the search began: f is the mean of home and of where each pair alone would put it,
+ * home - slope / doubt.
+ * Every second pair goes at a right angle to the one before it, so that what either sees of the other weight cancels (Bhatnagar 2003,
+ * "Two-timescale simultaneous perturbation stochastic approximation using deterministic perturbation sequences").
+ * Which of the two points is asked for first is random, so a cost that drifts with time favours neither.
+ *
+ * The search moves in f_mid and f_far - f_mid: so each has a bound of its own, and neither is stuck where f_far = f_mid.
+ *
+ * Invariants: f_far >= f_mid >= 1 and both at most the cap, for the estimate and for every point asked for. What is asked for is a
+ * function of the seed and of the costs told.
+ */
+#include "../internal.h"
+#include "../core/vecmath.h"
+
+#define SPSA_SHIFT_DECAY    0.101
+#define SPSA_SHIFT          1.0 /* c: what a difference over less tells is lost in the noise of a cost (docs/ABLATION.md) */
+#define SPSA_SWAY           1.0 /* no pair alone puts a weight farther from home: in the first, the loss still falls fast */
+#define SPSA_STREAM         (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
+#define SPSA_DISTANCE_LEAST 0.5 /* x c_k: where the projection left less between the two points, a difference tells nothing */
+
+static double spsa_power(double base, double exponent)
+{
+    return vecmath_exp(exponent * vecmath_log(base));
+}
+
+/* Into 1 <= f_mid <= f_far <= cap, one after the other: only the order is the paper's. */
+static void spsa_project(double cap, double f[2])
+{
+    f[0] = OXL_CLAMP(f[0], 1.0, cap);
+    f[1] = OXL_CLAMP(f[1], f[0], cap);
+}
+
+/* f moved by so much in f_mid and in f_far - f_mid. */
+static void spsa_move(double cap, const double f[2], double by_mid, double by_beyond, double out[2])
+{
+    const double mid = OXL_CLAMP(f[0] + by_mid, 1.0, cap), beyond = OXL_MAX(0, f[1] - f[0] + by_beyond);
+    out[0] = mid;
+    out[1] = OXL_MIN(mid + beyond, cap);
+}
+
+static double spsa_shift(const struct spsa *s)
+{
+    return SPSA_SHIFT / spsa_power(s->pair + 1, SPSA_SHIFT_DECAY);
+}
+
+/* The two points of the pair that begins. */
+static void spsa_open_pair(struct spsa *s)
+{
+    const uint64_t bits   = random_bits(s->seed, SPSA_STREAM, (uint64_t)s->pair);
+    const uint64_t signs  = s->pair % 2 ? s->signs ^ 1 : bits >> 62;
+    const double   shift  = spsa_shift(s);
+    const double   mid    = signs & 2 ? shift : -shift;
+    const double   beyond = signs & 1 ? shift : -shift;
+    spsa_move(s->cap, s->f, mid, beyond, s->point[0]);
+    spsa_move(s->cap, s->f, -mid, -beyond, s->point[1]);
+    s->signs = signs;
+    s->first = (int)(bits >> 61 & 1);
+    s->told  = 0;
+}
+
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double doubt, double cap, uint64_t seed)
+{
+    memset(s, 0, sizeof *s);
+    s->cap   = OXL_MAX(cap, 1.0);
+    s->seed  = seed;
+    s->doubt = doubt;
+    memcpy(s->f, start, sizeof s->f);
+    memcpy(s->home, home, sizeof s->home);
+    spsa_project(s->cap, s->f);
+    spsa_open_pair(s);
+}
+
+OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2])
+{
+    memcpy(f, s->point[s->told ? !s->first : s->first], 2 * sizeof *f);
+}
+
+static void spsa_step(struct spsa *s)
+{
+    const double *p = s->point[0], *q = s->point[1], least = SPSA_DISTANCE_LEAST * spsa_shift(s);
+    const double  distance[2] = {p[0] - q[0], (p[1] - p[0]) - (q[1] - q[0])}; /* as projected, not as meant */
+    for (int i = 0; i < 2; i++) {
+        const double slope = fabs(distance[i]) >= least ? (s->cost[0] - s->cost[1]) / distance[i] : 0;
+        s->sway[i] += OXL_CLAMP(-slope / s->doubt, -SPSA_SWAY, SPSA_SWAY);
+    }
+    spsa_move(s->cap, s->home, s->sway[0] / (s->pair + 2), s->sway[1] / (s->pair + 2), s->f);
+}
+
+OXL_INTERNAL int spsa_tell(struct spsa *s, double cost)
+{
+    if (!(fabs(cost) <= DBL_MAX)) {
+        spsa_skip(s);
+        return 0;
+    }
+    s->cost[s->told ? !s->first : s->first] = cost;
+    if (!s->told++) return 0;
+    spsa_step(s);
+    s->pair++;
+    spsa_open_pair(s);
+    return 1;
+}
+
+OXL_INTERNAL void spsa_skip(struct spsa *s)
+{
+    s->told = 0; /* one half tells nothing */
+}
+
+OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
+{
+    archive_doubles(a, s->f, 2);
+    archive_doubles(a, s->point[0], 4);
+    archive_doubles(a, s->cost, 2);
+    archive_doubles(a, &s->cap, 1);
+    archive_doubles(a, s->home, 2);
+    archive_doubles(a, s->sway, 2);
+    archive_doubles(a, &s->doubt, 1);
+    archive_u64(a, &s->seed);
+    archive_u64(a, &s->signs);
+    archive_int(a, &s->pair);
+    archive_int(a, &s->told);
+    archive_int(a, &s->first);
+    archive_expect(a, s->pair >= 0 && s->pair < INT_MAX / 2 && (s->told | 1) == 1 && (s->first | 1) == 1);
+}

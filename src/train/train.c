@@ -1,0 +1,757 @@
+/* train.c - the loop: one photograph a step, drawn, compared, walked back, stepped (Kerbl et al. 2023, Alg. 1).
+ *
+ * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
+ */
+#include "train.h"
+#include "../core/vecmath.h"
+
+#define TRAIN_WARM_UP 500 /* iterations before the first densification, unless a quarter of the run is less */
+#define TRAIN_RESET_LEAST \
+    3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
+#define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
+#define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
+#define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
+#define TRAIN_COARSE_AUTO   0.25  /* of the run, for larger ones */
+#define TRAIN_HASTE_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
+#define TRAIN_HASTE_OPACITY 0.7   /* and their opacities multiplied, */
+#define TRAIN_OPACITY_MOST  0.3   /* up to this */
+#define TRAIN_CALM          7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
+#define TRAIN_BETA_LEAST    0.5  /* of the mean gradient */
+#define TRAIN_BETA_MOST     0.99999                      /* of the mean of its square: 1 less it, as floats, keeps three digits */
+#define TRAIN_UNHURRIED     30000                        /* iterations that the rates were chosen for [Kerbl 2023] */
+#define TRAIN_TILES         (UINT64_C(0x54494c45) << 32) /* random numbers apart from those of steps and epochs */
+#define TRAIN_FAINT         0.8                          /* of the run: until then alpha_min holds */
+#define TRAIN_SETTLED       0.1                          /* times the usual steps at the end of a run */
+#define TRAIN_AHEAD         64   /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
+#define TRAIN_SAVE_STEPS    500  /* a checkpoint after so many iterations, */
+#define TRAIN_SAVE_SECONDS  60.0 /* or so long, whichever comes first */
+#define TRAIN_SMOOTHING     0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+
+oxl_train_options oxl_train_options_default(oxl_preset preset)
+{
+    oxl_train_options o = {.iterations          = 7000,
+                           .sh_degree           = -1,
+                           .ssim_weight         = 0.2f,
+                           .ssim_every          = 1,
+                           .exp_degree          = 3,
+                           .alpha_min           = 1.0f / 255,
+                           .tile_share          = 1,
+                           .bands_every         = 1.0f / 30,
+                           .rate_mean_first     = 1.6e-4f,
+                           .rate_mean_last      = 1.6e-6f,
+                           .rate_log_scale      = 0.005f,
+                           .rate_rotation       = 0.001f,
+                           .rate_opacity        = 0.025f,
+                           .rate_sh0            = 0.0025f,
+                           .rate_sh             = 0.0025f / 20,
+                           .haste               = 0.35f,
+                           .settle              = 0.2f,
+                           .densify_from        = 0.025f,
+                           .densify_until       = 0.5f,
+                           .densify_every       = 100,
+                           .densify_gradient    = 2e-4f,
+                           .reset_opacity_every = 0.1f,
+                           .ucd                 = oxl_ucd_default(),
+                           .dog_from            = 0.785f,
+                           .dog_threshold       = 2e-4f,
+                           .dog_opacity_factor  = 0.1f,
+                           .dog_scale_factor    = 1.6f};
+    if (preset == OXL_PRESET_DRAFT)
+        o.iterations = 2000, o.densify_gradient = 4e-4f, /* half the growth: 2000 iterations cannot train more */
+            o.coarse = -1;
+    if (preset == OXL_PRESET_PAPER) o.iterations = 40000, o.sh_degree = 3, o.haste = 0, o.exp_degree = 5;
+    return o;
+}
+
+static double train_seconds(const struct train *t)
+{
+    return t->seconds + os_seconds() - t->begun;
+}
+
+/* ---------------------------------------------------------------- the schedule */
+
+OXL_INTERNAL double train_haste(const oxl_train_options *o)
+{
+    return o->iterations < TRAIN_UNHURRIED ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_UNHURRIED / o->iterations)) : 1;
+}
+
+/* The same for what helps runs below TRAIN_CALM alone: Adam's means, and scales once more (docs/TRADEOFF.md). */
+static double train_rush(const oxl_train_options *o)
+{
+    return o->iterations < TRAIN_CALM ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_CALM / o->iterations)) : 1;
+}
+
+OXL_INTERNAL float train_scale_rate(const oxl_train_options *o)
+{
+    return (float)(train_haste(o) * sqrt(train_rush(o)) * o->rate_log_scale);
+}
+
+/* 0 until the run settles, 1 at its end. */
+static double train_settled(const struct train *t)
+{
+    const double left = 1 - (double)(t->step - 1) / OXL_MAX(1, t->options->iterations - 1);
+    return left < t->options->settle ? 1 - left / t->options->settle : 0;
+}
+
+/* What viewers leave out in the run's last part, whether it settles or not. */
+static float train_alpha_min(const struct train *t)
+{
+    return t->step <= TRAIN_FAINT * t->options->iterations ? t->options->alpha_min : 0;
+}
+
+static struct renderer_pace train_pace(const struct train *t)
+{
+    const oxl_train_options *o     = t->options;
+    const double             haste = train_haste(o), rush = train_rush(o);
+    const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
+    const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
+    const float              mean = (float)(haste * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    struct renderer_pace     pace = {.beta = RENDERER_BETAS, .step = t->step};
+    pace.beta[0]                  = OXL_MAX(TRAIN_BETA_LEAST, 1 - (1 - pace.beta[0]) * rush * rush);
+    pace.beta[1]                  = OXL_MIN(TRAIN_BETA_MOST, 1 - (1 - pace.beta[1]) / (rush * sqrt(rush)));
+    for (int k = 0; k < OXL_PLANES; k++)
+        pace.rate[k] = k < OXL_LOG_SCALE  ? mean
+                       : k < OXL_ROTATION ? train_scale_rate(o)
+                       : k < OXL_OPACITY  ? (float)(haste * o->rate_rotation)
+                       : k < OXL_SH       ? o->rate_opacity
+                       : k < OXL_SH + 3   ? o->rate_sh0
+                       : k < OXL_LOBE     ? (float)(sqrt(haste) * o->rate_sh)
+                       : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
+                                          : MODEL_LOBE_RATE_SCALE;
+    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] *= (float)vecmath_exp(train_settled(t) * vecmath_log(TRAIN_SETTLED));
+    return pace;
+}
+
+/* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
+ * photographs must be learned before gradients say where detail is missing, and a reset must be made up for. */
+OXL_INTERNAL int train_densifies_at(const oxl_train_options *o, int step)
+{
+    const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(TRAIN_WARM_UP, 0.25 * o->iterations));
+    return step >= from && step <= o->densify_until * o->iterations && step % o->densify_every == 0;
+}
+
+static int train_densifies(const struct train *t)
+{
+    return train_densifies_at(t->options, t->step);
+}
+
+OXL_INTERNAL int train_resets_opacity_at(const oxl_train_options *o, int step)
+{
+    const int every = (int)OXL_MAX(TRAIN_RESET_LEAST, o->reset_opacity_every * o->iterations);
+    return o->reset_opacity_every > 0 && step <= o->densify_until * o->iterations && step % every == 0;
+}
+
+/* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
+static void train_shuffle(struct train *t, int epoch)
+{
+    for (int i = t->views - 1; i > 0; i--) {
+        const int j = (int)(random_bits(t->ctx->options.seed, (uint64_t)epoch, (uint64_t)i) % (uint64_t)(i + 1));
+        OXL_SWAP(int, t->view[i], t->view[j]);
+    }
+}
+
+/* ---------------------------------------------------------------- one photograph */
+
+OXL_INTERNAL double train_coarse_share(const oxl_train_options *o, int width, int height)
+{
+    if (o->coarse >= 0) return o->coarse;
+    return OXL_MAX(width, height) >= TRAIN_COARSE_SIDE ? TRAIN_COARSE_AUTO : 0;
+}
+
+/* Whether the step is one of the run's first share, at half the sides. */
+static int train_is_coarse(const struct train *t, const oxl_camera *camera)
+{
+    const double share = train_coarse_share(t->options, camera->width, camera->height);
+    return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
+}
+
+/* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
+static oxl_result train_photo_at_hand(struct train *t, int view)
+{
+    const struct photo *photo = photos_get(t->ctx, t->scene, view);
+    oxl_result          rc;
+    size_t              pixels;
+    if (!photo) return t->ctx->failed;
+    pixels    = (size_t)photo->width * (size_t)photo->height;
+    rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+    t->masked = photo->mask != NULL;
+    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    if (rc != OXL_OK) return rc;
+    image_from_photo(t->ctx, photo, t->target, t->masked ? t->weight : NULL);
+    if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
+{
+    const struct photo *photo = NULL;
+    t->halved                 = train_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    if (t->robust.points > 0) return train_photo_at_hand(t, view);
+    if (!renderer_has_photo(t->renderer, view) && !(photo = photos_get(t->ctx, t->scene, view))) return t->ctx->failed;
+    return renderer_take_photo(t->ctx, t->renderer, view, photo, t->halved);
+}
+
+/* From a place in the epoch on, those that a device does not hold. */
+static void train_read_ahead(struct train *t, int slot)
+{
+    int view[TRAIN_AHEAD], count = 0;
+    for (int i = slot; i < t->views && count < TRAIN_AHEAD; i++)
+        if (!renderer_has_photo(t->renderer, t->view[i])) view[count++] = t->view[i];
+    if (count > 0 && view[0] == t->view[slot]) photos_ahead(t->ctx, t->scene, view, count);
+}
+
+/* The next view whose photograph can be read; one that cannot is named and left out from then on. */
+static oxl_result train_next_photo(struct train *t, int *view)
+{
+    while (t->views > 0) {
+        const int  slot = (t->step - 1) % t->views;
+        oxl_result rc;
+        if (slot == 0) train_shuffle(t, (t->step - 1) / t->views);
+        *view = t->view[slot];
+        train_read_ahead(t, slot);
+        rc = train_photo(t, *view);
+        if (rc != OXL_ERR_INPUT) return rc;
+        faults_of_photo(t->ctx, &t->faults);
+        t->view[slot] = t->view[--t->views];
+    }
+    return oxl_fail(t->ctx, OXL_ERR_INPUT,
+                    "none of the training photographs can be read\nfix: oceanxl check looks at each and says what is wrong");
+}
+
+/* What the photograph has and the scene has not. */
+static oxl_result train_put_aside(struct train *t, const oxl_camera *camera)
+{
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    const float *drawn  = NULL;
+    oxl_result   rc     = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    const int    masked = t->masked;
+    t->masked           = 1;
+    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &drawn);
+    if (rc != OXL_OK) return rc;
+    return robust_weigh(t->ctx, &t->robust, t->scene, camera, t->render.near_plane, drawn, t->target, !t->trial_is_next, masked,
+                        t->weight);
+}
+
+/* The model drawn from a view, against its photograph as train_photo has left it. */
+static oxl_result train_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
+{
+    const oxl_camera *whole  = &oxl_scene_view(t->scene, view)->camera;
+    const oxl_camera  camera = t->halved ? camera_halve(whole) : *whole;
+    oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
+    if (rc == OXL_OK && learns && t->robust.points > 0) rc = train_put_aside(t, &camera);
+    if (rc != OXL_OK) return rc;
+    if (t->robust.points > 0)
+        return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
+    return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
+}
+
+/* With the whole loss, for judgement. */
+OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss)
+{
+    return train_compare(t, view, 0, t->options->ssim_weight, loss);
+}
+
+/* Forward, loss, backward, step. */
+static oxl_result train_on_view(struct train *t, int view)
+{
+    const char           *name = oxl_scene_view(t->scene, view)->name;
+    struct renderer_pace  pace;
+    struct renderer_loss  loss;
+    struct renderer_aside aside;
+    oxl_result            rc;
+    t->last_loss        = NAN;
+    t->render.alpha_min = train_alpha_min(t);
+    rc                  = train_compare(t, view, 1, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
+    if (rc != OXL_OK) return rc;
+    if (!(loss.total <= DBL_MAX)) {
+        rc = renderer_fetch(t->ctx, t->renderer);
+        if (rc == OXL_OK) rc = renderer_fetch_rows(t->ctx, t->renderer);
+        if (rc != OXL_OK) return rc;
+        faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
+        return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
+    }
+    renderer_choose_tiles(t->renderer, t->options->tile_share, random_bits(t->ctx->options.seed, TRAIN_TILES, (uint64_t)t->step));
+    rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
+    if (rc != OXL_OK) return rc;
+    pace = train_pace(t);
+    rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &pace, &aside);
+    if (rc == OXL_OK && aside.rows > 0) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc != OXL_OK) return rc;
+    faults_of_rows(t->ctx, &t->faults, t->step, name, aside, t->model, &t->first, &t->second);
+    {
+        const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
+        const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
+        t->last_loss      = t->options->ssim_every > 1 ? loss.l1 : loss.total;
+        prune_observe(&t->prune, t->step, loss.l1);
+        t->loss += k * (loss.total - t->loss);
+        t->psnr += k * (psnr - t->psnr);
+    }
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- how many Gaussians */
+
+OXL_INTERNAL double train_pixels(const oxl_scene *scene)
+{
+    double pixels = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_view *view = oxl_scene_view(scene, i);
+        if (!view->is_test) pixels += (double)view->camera.width * view->camera.height;
+    }
+    return pixels;
+}
+
+/* More Gaussians than the photographs can determine learn the photographs by heart. Never below the number of points. */
+OXL_INTERNAL size_t train_cap_of(size_t points, double pixels, const oxl_train_options *options)
+{
+    if (options->max_gaussians > 0) return (size_t)options->max_gaussians;
+    return OXL_MAX(points, (size_t)(pixels / TRAIN_PIXELS_EACH));
+}
+
+OXL_INTERNAL size_t train_cap(const oxl_scene *scene, const oxl_train_options *options)
+{
+    return train_cap_of(oxl_scene_point_count(scene), train_pixels(scene), options);
+}
+
+OXL_INTERNAL oxl_result train_resize(struct train *t)
+{
+    oxl_result rc;
+    oxl_model_free(t->ctx, &t->gradient);
+    rc = oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, &t->gradient);
+    return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
+}
+
+OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2])
+{
+    const oxl_train_options *o     = t->options;
+    struct density_rules     rules = {.gradient    = o->densify_gradient,
+                                      .f_mid       = f[0],
+                                      .f_far       = f[1],
+                                      .extent      = oxl_scene_extent(t->scene),
+                                      .split_large = t->resets > 0,
+                                      .cap         = train_cap(t->scene, o),
+                                      .seed        = t->ctx->options.seed,
+                                      .step        = t->step};
+    struct density_change    change;
+    oxl_result               rc;
+    rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    if (rc == OXL_OK) rc = train_resize(t);
+    if (rc == OXL_OK && t->model->count == 0) {
+        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
+                      t->step);
+    }
+    if (rc != OXL_OK) return rc;
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu cloned, %zu split, %zu removed, %zu left", t->step, change.cloned, change.split,
+            change.removed, t->model->count);
+    return OXL_OK;
+}
+
+static oxl_result train_density(struct train *t)
+{
+    oxl_result rc = OXL_OK;
+    if (t->step > t->options->densify_until * t->options->iterations) return OXL_OK;
+    rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc == OXL_OK && train_densifies(t)) {
+        if (!t->trial_is_next && decide_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
+        else rc = train_densify(t, t->ucd.f);
+        t->ucd.densified++;
+    }
+    if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step)) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step)) {
+        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+        t->resets++;
+    }
+    return rc;
+}
+
+/* ---------------------------------------------------------------- pruning */
+
+static oxl_result train_prune(struct train *t)
+{
+    double     held = NAN, psnr;
+    size_t     drop;
+    oxl_result rc = OXL_OK;
+    if (!prune_checks(&t->prune, t->step)) return OXL_OK;
+    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = decide_judge(t, &held, &psnr);
+    if (rc != OXL_OK) return rc;
+    t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
+    drop               = prune_due(&t->prune, t->step, t->model->count, held);
+    if (drop == 0) return OXL_OK;
+    rc = prune_apply(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, &t->first, &t->second);
+    if (rc == OXL_OK) rc = train_resize(t);
+    if (rc == OXL_OK)
+        oxl_log(t->ctx, OXL_LOG_INFO, "step %d: the %zu Gaussians that matter least are dropped, %zu are left", t->step, drop,
+                t->model->count);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- bands of spherical harmonics */
+
+/* One more SH band each such share of the run, up to the degree that it is to have. */
+static oxl_result train_bands(struct train *t)
+{
+    const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->bands_every * t->options->iterations) + 1e-6));
+    oxl_result rc     = OXL_OK;
+    if (wanted <= t->model->sh_degree) return OXL_OK;
+    rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
+    return rc == OXL_OK ? train_resize(t) : rc;
+}
+
+/* ---------------------------------------------------------------- the run */
+
+/* From points taken evenly from the file's order, when there may not be one for each. */
+static oxl_result train_first_of_some(struct train *t, const oxl_point *points, size_t count)
+{
+    const size_t most = (size_t)t->options->max_gaussians;
+    oxl_point   *some = oxl_alloc(t->ctx, most, sizeof *some);
+    oxl_result   rc;
+    if (!some) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for %zu points", most);
+    for (size_t i = 0; i < most; i++) some[i] = points[(size_t)((double)i * (double)count / (double)most)];
+    oxl_log(t->ctx, OXL_LOG_WARNING, "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
+            count);
+    rc = oxl_model_from_points(t->ctx, some, most, 0, t->model);
+    oxl_free(t->ctx, some);
+    return rc;
+}
+
+/* A run in haste starts with what others take time to learn: Gaussians narrower and more opaque than Kerbl's. */
+static void train_hurry(struct train *t)
+{
+    const double haste = train_haste(t->options), narrower = TRAIN_HASTE_WIDTH * vecmath_log(haste);
+    const double opacity = OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_HASTE_OPACITY * vecmath_log(haste)), TRAIN_OPACITY_MOST);
+    if (!(haste > 1)) return;
+    for (size_t i = 0; i < t->model->count; i++) {
+        for (int a = 0; a < 3; a++) t->model->plane[OXL_LOG_SCALE + a][i] -= (float)narrower;
+        t->model->plane[OXL_OPACITY][i] = (float)vecmath_logit(opacity);
+    }
+}
+
+/* One Gaussian a point; without points, random ones in front of the cameras. */
+static oxl_result train_fresh_model(struct train *t)
+{
+    const oxl_point *points = oxl_scene_points(t->scene);
+    const size_t     count  = oxl_scene_point_count(t->scene);
+    oxl_point       *random = NULL;
+    oxl_result       rc;
+    if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
+        return train_first_of_some(t, points, count);
+    if (count > 0) return oxl_model_from_points(t->ctx, points, count, 0, t->model);
+    oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones", TRAIN_RANDOM_POINTS);
+    rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
+    if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, t->model);
+    oxl_free(t->ctx, random);
+    return rc;
+}
+
+/* Or a model that is there already. */
+static oxl_result train_first_model(struct train *t)
+{
+    oxl_result rc;
+    if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
+    rc = train_fresh_model(t);
+    if (rc == OXL_OK) train_hurry(t);
+    return rc;
+}
+
+OXL_INTERNAL int train_densifications(const oxl_train_options *options)
+{
+    int count = 0;
+    for (int step = 1; step <= options->iterations; step++) count += train_densifies_at(options, step);
+    return count;
+}
+
+OXL_INTERNAL int train_may_try(const oxl_train_options *o)
+{
+    return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO ||
+           (o->ucd.mode != OXL_UCD_OFF && o->ucd.learn && train_densifications(o) >= UCD_DENSIFICATIONS);
+}
+
+OXL_INTERNAL int train_training_views(const oxl_scene *scene)
+{
+    int views = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
+    return views;
+}
+
+/* What decides about the number of Gaussians, and on what evidence. */
+static oxl_result train_begin_control(struct train *t)
+{
+    const oxl_train_options *o     = t->options;
+    const int                until = (int)(o->densify_until * o->iterations), views = train_training_views(t->scene);
+    char                     words[320];
+    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd, train_densifications(o));
+    if (rc != OXL_OK) return rc;
+    ucd_describe(&t->ucd, words, sizeof words);
+    if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
+    if (t->ucd.on) rc = density_set_bands(t->ctx, t->density, t->model->count, t->ucd.z_near, t->ucd.z_far);
+    prune_begin(&t->prune, o->keep, o->iterations, until, views, prune_row_bytes(3, o->dog != OXL_DOG_OFF));
+    return rc;
+}
+
+static oxl_result train_begin(struct train *t)
+{
+    oxl_context *ctx = t->ctx;
+    oxl_result   rc  = train_first_model(t);
+    if (rc != OXL_OK) return rc;
+    memcpy(t->model->origin, oxl_scene_origin(t->scene), sizeof t->model->origin);
+    t->render            = oxl_render_options_default();
+    t->render.near_plane = (float)scene_near_plane(t->scene);
+    t->render.exp_degree = t->options->exp_degree;
+    memcpy(t->render.background, t->options->background, sizeof t->render.background);
+    rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->first);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->second);
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, &t->first, t->model->lobes);
+    if (rc == OXL_OK) rc = model_set_lobes(ctx, &t->second, t->model->lobes);
+    if (rc == OXL_OK) rc = train_resize(t);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
+    if (rc == OXL_OK) rc = density_create(ctx, &t->density);
+    if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->model->count);
+    if (rc != OXL_OK) return rc;
+    memset(t->first.plane[OXL_ROTATION], 0, t->first.capacity * sizeof(float));
+    memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
+    rc = train_begin_control(t);
+    if (rc == OXL_OK) rc = robust_begin(ctx, &t->robust, t->scene, t->options->robust);
+    return rc == OXL_OK ? decide_begin(t) : rc;
+}
+
+static void train_end(struct train *t)
+{
+    oxl_context *ctx = t->ctx;
+    oxl_model_free(ctx, &t->first);
+    oxl_model_free(ctx, &t->second);
+    oxl_model_free(ctx, &t->gradient);
+    renderer_free(ctx, t->renderer);
+    density_free(ctx, t->density);
+    robust_free(ctx, &t->robust);
+    oxl_free(ctx, t->target);
+    oxl_free(ctx, t->weight);
+    oxl_free(ctx, t->view);
+    oxl_free(ctx, t->held);
+    text_free(&t->decisions);
+}
+
+/* ---------------------------------------------------------------- checkpoints */
+
+static int train_alike(const oxl_model *a, const oxl_model *b)
+{
+    return a->count == b->count && a->sh_degree == b->sh_degree && a->lobes == b->lobes;
+}
+
+/* Means of squares are not negative. */
+static int train_are_squares(const oxl_model *second)
+{
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; second->plane[k] && i < (k < OXL_LOBE ? second->count : second->lobes); i++)
+            if (!(second->plane[k][i] >= 0)) return 0;
+    return 1;
+}
+
+/* All that the steps to come depend on; the gradient is made anew in each. */
+static void train_archive(struct archive *a, void *user)
+{
+    struct train *t     = user;
+    size_t        views = (size_t)t->views;
+    double        spent = train_seconds(t);
+    archive_int(a, &t->step);
+    archive_int(a, &t->resets);
+    archive_doubles(a, &t->loss, 1);
+    archive_doubles(a, &t->psnr, 1);
+    archive_doubles(a, &spent, 1);
+    faults_archive(a, &t->faults);
+    archive_size(a, &views);
+    archive_expect(a, t->step >= 0 && t->step <= t->options->iterations && t->resets >= 0);
+    archive_expect(a, views <= (size_t)train_training_views(t->scene));
+    if (a->rc == OXL_OK) archive_ints(a, t->view, views);
+    for (size_t i = 0; i < views && a->rc == OXL_OK; i++)
+        archive_expect(a, t->view[i] >= 0 && t->view[i] < oxl_scene_view_count(t->scene));
+    archive_model(a, t->model);
+    archive_model(a, &t->first);
+    archive_model(a, &t->second);
+    archive_expect(a, t->model->count > 0 && train_alike(t->model, &t->first) && train_alike(t->model, &t->second));
+    if (a->reading && a->rc == OXL_OK) archive_expect(a, train_are_squares(&t->second));
+    density_archive(a, t->density, t->model->count);
+    ucd_archive(a, &t->ucd);
+    prune_archive(a, &t->prune);
+    robust_archive(a, &t->robust);
+    decide_archive(a, t);
+    archive_expect(a,
+                   views + (size_t)t->held_views <= (size_t)train_training_views(t->scene)); /* those held come back to `view` */
+    archive_text(a, t->place->log);
+    archive_text(a, t->place->notes);
+    if (!a->reading || a->rc != OXL_OK) return;
+    t->views   = (int)views;
+    t->seconds = spent;
+    a->rc      = train_resize(t);
+}
+
+static oxl_result train_save(struct train *t)
+{
+    const oxl_result rc = renderer_fetch(t->ctx, t->renderer);
+    t->saved_step       = t->step;
+    t->saved_at         = os_seconds();
+    if (rc != OXL_OK || !t->place) return rc;
+    return checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t);
+}
+
+static int train_save_is_due(const struct train *t)
+{
+    return t->place && t->step < t->options->iterations &&
+           (t->step - t->saved_step >= TRAIN_SAVE_STEPS || os_seconds() - t->saved_at >= TRAIN_SAVE_SECONDS);
+}
+
+static oxl_result train_resume(struct train *t)
+{
+    int        found = 0;
+    oxl_result rc    = OXL_OK;
+    t->saved_at      = t->begun;
+    if (t->place) rc = checkpoint_read(t->ctx, t->place->folder, t->place->key, train_archive, t, &found);
+    if (rc == OXL_OK && found) oxl_log(t->ctx, OXL_LOG_INFO, "going on after iteration %d", t->step);
+    t->saved_step = t->step;
+    return rc;
+}
+
+/* ---------------------------------------------------------------- the loop */
+
+OXL_INTERNAL int train_report(const struct train *t, int trial)
+{
+    const oxl_callback *callback = t->callback;
+    const double        seconds = train_seconds(t), here = os_seconds() - t->begun;
+    oxl_progress        progress = {.iteration    = t->step,
+                                    .iterations   = t->options->iterations,
+                                    .gaussians    = t->model->count,
+                                    .loss         = t->loss,
+                                    .psnr         = t->psnr,
+                                    .f_mid        = t->ucd.on ? t->ucd.f[0] : 1,
+                                    .f_far        = t->ucd.on ? t->ucd.f[1] : 1,
+                                    .seconds      = seconds,
+                                    .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
+                                    .model        = t->model,
+                                    .faults       = t->faults,
+                                    .trial        = trial};
+    return callback && callback->progress && callback->progress(callback->user, &progress);
+}
+
+OXL_INTERNAL oxl_result train_photograph(struct train *t)
+{
+    int        view = -1;
+    oxl_result rc   = train_next_photo(t, &view);
+    return rc == OXL_OK ? train_on_view(t, view) : rc;
+}
+
+OXL_INTERNAL oxl_result train_step(struct train *t)
+{
+    oxl_result rc = train_bands(t);
+    if (rc == OXL_OK) rc = train_photograph(t);
+    if (rc == OXL_OK) rc = train_density(t);
+    if (rc == OXL_OK) rc = train_prune(t);
+    if (rc == OXL_OK) rc = decide_lobes(t);
+    if (rc == OXL_OK) decide_bands(t);
+    return rc == OXL_OK ? decide_stop(t) : rc;
+}
+
+OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
+{
+    if (!(o->ssim_every >= 1 && (o->coarse >= 0 || o->coarse == -1) && o->coarse <= 1 && o->bands_every > 0))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
+                        "0 to 1, more than 0",
+                        o->ssim_every, o->coarse, o->bands_every);
+    if (!(o->alpha_min >= 0 && o->alpha_min <= MODEL_OPACITY / 2))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "contributions below %g left out: wanted 0 to %g, half the opacity that Gaussians begin with",
+                        o->alpha_min, MODEL_OPACITY / 2);
+    if (!(o->tile_share > 0 && o->tile_share <= 1))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "gradients of %g of the tiles: wanted more than 0, at most 1", o->tile_share);
+    if (o->exp_degree != 3 && o->exp_degree != 5)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "2^x by a polynomial of degree %d: wanted 3 or 5", o->exp_degree);
+    if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);
+    if (!(o->settle >= 0 && o->settle <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "settle %g: wanted 0 to 1", o->settle);
+    if (o->iterations >= 1 && o->sh_degree >= -1 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3 or -1 (auto), at least 1",
+                    o->iterations, o->sh_degree, o->densify_every);
+}
+
+/* Whatever ends the loop early, the state is saved: an order to stop, the time allowed. */
+static oxl_result train_stop(struct train *t)
+{
+    const oxl_result rc = train_save(t);
+    return rc == OXL_OK ? OXL_ERR_INTERRUPTED : rc;
+}
+
+static oxl_result train_loop(struct train *t)
+{
+    const oxl_train_options *o  = t->options;
+    oxl_result               rc = OXL_OK;
+    t->first_step               = t->step;
+    if (t->step > 0 && train_report(t, 0)) return OXL_ERR_INTERRUPTED;
+    while (rc == OXL_OK && t->step < o->iterations && !t->ended) {
+        if (t->trial_is_next) {
+            rc = decide_trial(t);
+            if (rc == OXL_ERR_INTERRUPTED || (rc == OXL_OK && train_report(t, 0))) return train_stop(t);
+            continue;
+        }
+        t->step++;
+        rc = train_step(t);
+        if (rc != OXL_OK) break;
+        if (train_report(t, 0)) return train_stop(t);
+        if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations && !t->ended) {
+            oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t->step, o->iterations);
+            return train_save(t);
+        }
+        if (train_save_is_due(t)) rc = train_save(t);
+    }
+    if (rc == OXL_OK) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) decide_end(t);
+    if (rc == OXL_OK && t->robust.points > 0) {
+        char words[160];
+        robust_describe(&t->robust, words, sizeof words);
+        oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
+    }
+    return rc;
+}
+
+/* What was decided, for the one who asked where the run has its place. */
+static void train_hand_over(struct train *t)
+{
+    struct text *out = t->place ? t->place->decisions : NULL;
+    if (out && t->decisions.data) text_add(out, "%s", t->decisions.data);
+    if (out) out->failed |= t->decisions.failed;
+}
+
+OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                                  const oxl_callback *callback, const struct train_place *place, oxl_model *out)
+{
+    struct train t  = {.ctx       = ctx,
+                       .scene     = scene,
+                       .options   = options,
+                       .model     = out,
+                       .begun     = os_seconds(),
+                       .place     = place,
+                       .callback  = callback,
+                       .decisions = {.ctx = ctx}};
+    oxl_result   rc = train_check(ctx, options), ended = OXL_OK;
+    *out = (oxl_model){0};
+    if (rc == OXL_OK) rc = train_begin(&t);
+    if (rc == OXL_OK) rc = train_resume(&t);
+    if (rc == OXL_OK) rc = train_loop(&t);
+    if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = faults_end(ctx, &t.faults, out);
+    if (ended != OXL_OK) rc = ended;
+    if (place && place->faults) *place->faults = t.faults;
+    if (place && place->trained) *place->trained = rc == OXL_OK && (t.ended || t.step == options->iterations);
+    if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
+    else if (rc != OXL_OK) oxl_model_free(ctx, out);
+    train_hand_over(&t);
+    train_end(&t);
+    return rc;
+}
+
+oxl_result oxl_train(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options, const oxl_callback *callback,
+                     oxl_model *out)
+{
+    return train_run(ctx, scene, options, callback, NULL, out);
+}
