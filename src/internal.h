@@ -690,7 +690,7 @@ struct density_rules {
     double   gradient;     /* grow at this mean |dL/d(u,v)|, in units of half an image */
     double   f_mid, f_far; /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
     double   extent;       /* of the scene */
-    int      split_large;  /* after the first opacity reset */
+    int      split_large;  /* after the first reset interval [Kerbl 2023] */
     size_t   cap;          /* on the number of Gaussians; 0: none */
     uint64_t seed;
     int      step;

@@ -447,6 +447,27 @@ TEST(train_refuses_options_that_make_no_sense)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* ---------------------------------------------------------------- schedule */
+
+/* Scores and the last densification see opacities that have recovered: 1000 iterations or 2.5 % of the run after a reset. */
+TEST(train_resets_no_opacity_shortly_before_density_control_ends_or_pruning_starts)
+{
+    static const oxl_preset presets[] = {OXL_PRESET_DRAFT, OXL_PRESET_STANDARD, OXL_PRESET_PAPER};
+    for (size_t k = 0; k < OXL_COUNT(presets); k++)
+        for (int n = 500; n <= 60000; n += n < 3000 ? 100 : 500) {
+            oxl_train_options o = oxl_train_options_default(presets[k]);
+            struct prune      p;
+            int               last = 0, count = 0;
+            o.iterations = n;
+            prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, n, (int)(o.densify_until * n), 100, 248);
+            for (int step = 1; step <= n; step++)
+                if (train_resets_opacity_at(&o, step)) last = step, count++;
+            CHECK(last == 0 || last + OXL_MAX(1000, 0.025 * n) <= o.densify_until * n);
+            CHECK(last == 0 || last + OXL_MAX(1000, 0.025 * n) <= p.start);
+            CHECK(n < 30000 || count == 4); /* of Kerbl's schedule none but the last is gone */
+        }
+}
+
 /* ---------------------------------------------------------------- less work a step */
 
 /* 60 steps: each option leaves a model of its own that has still learned the scene, whatever the number of threads. */

@@ -1,7 +1,7 @@
 /* density.c - how many Gaussians, and where: clone, split, prune, reset (Kerbl et al. 2023, sec. 5).
  *
  * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers what it cannot explain: a small one is cloned, a large one
- * replaced by two samples of itself. Faint ones are removed. After a reset the very large are split too, not removed as in Kerbl: in
+ * replaced by two samples of itself. Faint ones are removed. After the first reset interval the very large are split too, not removed as in Kerbl: in
  * turbid water they are what draws the far, and with them gone nothing is left there to grow. Under water the gradients of what is
  * far are too small: paper eq. 2 gives them a weight by depth. Sums are kept for each band of depths apart, so that the weights are
  * chosen when they are needed, and what is read without them (the second lobes' criterion, eq. 4) costs nothing more.
@@ -16,7 +16,7 @@
 #define DENSITY_OPACITY_MIN   0.005 /* fainter ones are removed [Kerbl 2023] */
 #define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
 #define DENSITY_SPLIT_SCALE   0.01  /* x extent: smaller ones are cloned, larger ones split [Kerbl 2023] */
-#define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset; removed in [Kerbl 2023] */
+#define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset interval; removed in [Kerbl 2023] */
 #define DENSITY_SPLIT_SHRINK  1.6   /* [Kerbl 2023] */
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_CLONE, DENSITY_SPLIT };

@@ -7,7 +7,9 @@
 
 #define TRAIN_WARM_UP 500 /* iterations before the first densification, unless a quarter of the run is less */
 #define TRAIN_RESET_LEAST \
-    3000 /* iterations between opacity resets: a model needs about a thousand to recover from one [Kerbl 2023] */
+    3000 /* iterations between opacity resets [Kerbl 2023] */
+#define TRAIN_RESET_RECOVERY       1000  /* iterations that a model needs after a reset until its loss is what it was, */
+#define TRAIN_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
 #define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
 #define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
 #define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
@@ -135,10 +137,17 @@ static int train_densifies(const struct train *t)
     return train_densifies_at(t->options, t->step);
 }
 
+static int train_reset_interval(const oxl_train_options *o)
+{
+    return (int)OXL_MAX(TRAIN_RESET_LEAST, o->reset_opacity_every * o->iterations);
+}
+
+/* None so late that density control ends, and pruning takes its scores, before opacities have recovered. */
 OXL_INTERNAL int train_resets_opacity_at(const oxl_train_options *o, int step)
 {
-    const int every = (int)OXL_MAX(TRAIN_RESET_LEAST, o->reset_opacity_every * o->iterations);
-    return o->reset_opacity_every > 0 && step <= o->densify_until * o->iterations && step % every == 0;
+    const double recovery = OXL_MAX(TRAIN_RESET_RECOVERY, TRAIN_RESET_RECOVERY_SHARE * o->iterations);
+    return o->reset_opacity_every > 0 && step + recovery <= o->densify_until * o->iterations &&
+           step % train_reset_interval(o) == 0;
 }
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
@@ -328,7 +337,7 @@ OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2])
                                       .f_mid       = f[0],
                                       .f_far       = f[1],
                                       .extent      = oxl_scene_extent(t->scene),
-                                      .split_large = t->resets > 0,
+                                      .split_large = o->reset_opacity_every > 0 && t->step > train_reset_interval(o),
                                       .cap         = train_cap(t->scene, o),
                                       .seed        = t->ctx->options.seed,
                                       .step        = t->step};
@@ -358,10 +367,8 @@ static oxl_result train_density(struct train *t)
         t->ucd.densified++;
     }
     if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step)) rc = renderer_fetch(t->ctx, t->renderer);
-    if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step)) {
+    if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step))
         density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
-        t->resets++;
-    }
     return rc;
 }
 
@@ -557,13 +564,12 @@ static void train_archive(struct archive *a, void *user)
     size_t        views = (size_t)t->views;
     double        spent = train_seconds(t);
     archive_int(a, &t->step);
-    archive_int(a, &t->resets);
     archive_doubles(a, &t->loss, 1);
     archive_doubles(a, &t->psnr, 1);
     archive_doubles(a, &spent, 1);
     faults_archive(a, &t->faults);
     archive_size(a, &views);
-    archive_expect(a, t->step >= 0 && t->step <= t->options->iterations && t->resets >= 0);
+    archive_expect(a, t->step >= 0 && t->step <= t->options->iterations);
     archive_expect(a, views <= (size_t)train_training_views(t->scene));
     if (a->rc == OXL_OK) archive_ints(a, t->view, views);
     for (size_t i = 0; i < views && a->rc == OXL_OK; i++)

@@ -26,7 +26,6 @@ struct train {
     double                    held_least; /* stop_early: the least mean loss of theirs so far, */
     int                       held_since; /* and of which step; 0: none was taken */
     int                       ended;      /* by it: before all iterations were done */
-    int                       resets;
     float                    *target, *weight; /* with robust.points: the photograph of this step: (3,H,W), (H,W) */
     int                       masked;          /* whether weight holds its mask */
     size_t                    target_capacity, weight_capacity;
