@@ -2,7 +2,9 @@
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values); antimatter15's .splat.
  *
- *     element dog   byte  0  vertex_index    uint     4  opacity_factor  float     8  scale_factor  3 float
+ *     element dog   byte  0  opacity_factor  float     4  scale_factor  3 float
+ *
+ * Row i of element dog belongs to vertex i. A file may name the vertex instead, in a property vertex_index (earlier versions did).
  *
  * Invariant: a number that is not finite goes neither in nor out. Reading drops such rows and says how many; writing refuses
  * them, since they are the trainer's fault, to be mended there.
@@ -17,7 +19,7 @@ enum {
     MODELFILE_COLUMNS     = 62,  /* of the standard layout */
     MODELFILE_ROWS        = 256, /* converted at a time */
     MODELFILE_SPLAT_BYTES = 32,
-    MODELFILE_LOBE_BYTES  = 20
+    MODELFILE_LOBE_BYTES  = 16
 };
 
 static oxl_result modelfile_no_memory(oxl_context *ctx, const char *path)
@@ -161,7 +163,7 @@ static oxl_result modelfile_write_header(oxl_context *ctx, const struct os_write
                      "o' = o sigmoid(opacity_factor), s' = s exp(scale_factor)");
     text_add(&t, "\nelement vertex %zu\n", model->count);
     for (int c = 0; c < columns; c++) text_add(&t, "property float %s\n", column[c].name);
-    if (model->lobes) text_add(&t, "element dog %zu\nproperty uint vertex_index\n", model->lobes);
+    if (model->lobes) text_add(&t, "element dog %zu\n", model->lobes);
     for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++) text_add(&t, "property float %s\n", MODELFILE_LOBE[k]);
     text_add(&t, "end_header\n");
     rc = t.failed ? modelfile_no_memory(ctx, w->path) : modelfile_put(ctx, w, t.data, t.size);
@@ -192,8 +194,7 @@ static oxl_result modelfile_write_lobes(oxl_context *ctx, const struct os_writer
     oxl_result rc = OXL_OK;
     for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
         unsigned char row[MODELFILE_LOBE_BYTES];
-        modelfile_put_bits(row, (uint32_t)i);
-        for (int k = 0; k < MODEL_LOBE_PLANES; k++) modelfile_put_float(row + 4 + 4 * k, model->plane[OXL_LOBE + k][i]);
+        for (int k = 0; k < MODEL_LOBE_PLANES; k++) modelfile_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
         rc = modelfile_put(ctx, w, row, sizeof row);
     }
     return rc;
@@ -286,7 +287,7 @@ static oxl_result modelfile_read_vertices(oxl_context *ctx, const struct ply *pl
     return rc;
 }
 
-/* The rows of element dog: index (rows) as double, factor (4, rows). */
+/* The rows of element dog: index (rows) as double, the row itself where the file has no vertex_index; factor (4, rows). */
 static oxl_result modelfile_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index, float *factor)
 {
     const struct ply_element *dog    = &ply->element[element];
@@ -296,9 +297,13 @@ static oxl_result modelfile_read_factors(oxl_context *ctx, const struct ply *ply
     for (int k = -1; k < MODEL_LOBE_PLANES; k++) {
         const char *name = k < 0 ? "vertex_index" : MODELFILE_LOBE[k];
         const int   at   = ply_find_property(dog, name);
+        if (k < 0 && at < 0) {
+            for (size_t i = 0; i < (size_t)dog->rows; i++) index[i] = (double)i;
+            continue;
+        }
         if (at < 0) {
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s: element dog has no property '%s', wanted vertex_index, opacity_factor and scale_factor_0 to _2\n"
+                          "%s: element dog has no property '%s', wanted opacity_factor and scale_factor_0 to _2\n"
                           "fix: write the file again with oceanxl, or leave element dog out",
                           ply->path, name);
             goto done;
