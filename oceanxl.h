@@ -238,7 +238,7 @@ OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);
 
 /* PLY: any property order and type, ascii and both endians in; the standard 62 float columns, little endian, out. Second lobes
- * follow in an element of their own, `dog`: uint vertex_index, float opacity_factor, scale_factor_0..2, raw. Reading brings
+ * follow in an element of their own, `dog`: float opacity_factor, scale_factor_0..2, raw; its row i belongs to vertex i, unless a property vertex_index says otherwise. Reading brings
  * rows with a lobe to the front; both parts keep their order. A file NAME_standard.ply is written without lobes, for any viewer.
  * .splat (32 bytes a Gaussian) by its file extension, both ways; it has no SH bands past 0 and no lobes. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
@@ -377,12 +377,12 @@ typedef struct oxl_train_options {
     int      densify_every;               /* 100 */
     float    densify_gradient;            /* 2e-4 (draft 4e-4), of dL/d(mean) in units of half an image */
     float    reset_opacity_every;         /* 0.1 of the run */
-    oxl_ucd  ucd;                         /* (off) */
+    oxl_ucd  ucd;                         /* (auto) */
     oxl_keep keep;                        /* (all) */
     int      robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned (0) */
     /* difference-of-Gaussians lobes */
     oxl_dog  dog;           /* (off) */
-    float    dog_from;      /* fraction of the run (0.77) at whose end of watching they are given out */
+    float    dog_from;      /* fraction of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] (0.55) */
     float    dog_threshold; /* of the mean gradient, in units of half an image (2e-4); at most 0: minus the share left without */
     float    dog_opacity_factor, dog_scale_factor; /* of a fresh lobe (0.1, 1.6) */
 } oxl_train_options;

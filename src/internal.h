@@ -710,6 +710,8 @@ OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t ro
 /* Judges every row, rebuilds the model and its moments, clears the statistics. */
 OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
                                         oxl_model *second, const struct density_rules *rules, struct density_change *out);
+/* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
+OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);
 OXL_INTERNAL void       density_archive(struct archive *a, struct density *d, size_t count);
 
@@ -810,7 +812,6 @@ struct prune {
     oxl_keep keep;
     double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
     float    detail;              /* what fine detail adds to a pixel's weight; 0: photographs are not looked at */
-    int      guard;               /* what few views see is judged by those alone */
     int      views;               /* a score is taken of at most so many, spread evenly */
     int      start, end;          /* the window: steps */
     int      every, patience;     /* steps between checks; without a drop */
@@ -829,11 +830,11 @@ OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of e
 OXL_INTERNAL int    prune_checks(const struct prune *p, int step); /* whether prune_due would look: then `auto` needs `held` */
 /* After the step: how many of `count` Gaussians are to go now. held: mean loss of the training views that stand aside; auto alone reads it. */
 OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held);
-/* Removes the `drop` that matter least, from the moments too. */
-OXL_INTERNAL oxl_result prune_apply(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
-                                    const oxl_render_options *options, oxl_model *model, oxl_model *first, oxl_model *second);
+/* keep (count): 0 for the `drop` that matter least, else 1. */
+OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
+                                     const oxl_render_options *options, const oxl_model *model, uint8_t *keep);
 OXL_INTERNAL void       prune_archive(struct archive *a, struct prune *p);
-/* Parts of prune_apply: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by row where equal. */
+/* Parts of prune_choose: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by row where equal. */
 OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
                                     const oxl_model *model, const oxl_render_options *options, float *score);
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);

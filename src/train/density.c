@@ -108,6 +108,14 @@ OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *fro
     return OXL_OK;
 }
 
+OXL_INTERNAL void density_keep_rows(struct density *d, const uint8_t *keep, size_t count)
+{
+    float *const sums[] = {d->gradient, d->views, d->gradient_mid, d->gradient_far};
+    for (size_t k = 0; k < (d->banded ? 4 : 2); k++)
+        for (size_t i = 0, at = 0; i < count; i++)
+            if (keep[i]) sums[k][at++] = sums[k][i];
+}
+
 OXL_INTERNAL void density_archive(struct archive *a, struct density *d, size_t count)
 {
     if (a->reading && a->rc == OXL_OK) a->rc = density_clear(a->ctx, d, count);

@@ -16,8 +16,9 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define DECIDE_BANDS_EARN 0.1        /* dB that bands must bring together over fewer of them */
-#define DECIDE_LOBES_EARN 0.05       /* dB that second lobes must bring */
+#define DECIDE_BANDS_EARN 0.1  /* dB that bands must bring together over fewer of them */
+#define DECIDE_LOBES_EARN 0.05 /* dB that second lobes must bring */
+#define DECIDE_NOISE      6e-5 /* mean squared error of 2 grey levels, a JPEG image's own: what lies below it is no evidence */
 #define DECIDE_WATCH      (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
 #define DECIDE_LOOK       (1.0 / 20) /* of the run: between looks whether it should end early */
 #define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long each way of a trial is trained */
@@ -121,7 +122,7 @@ OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr
         if (rc == OXL_OK) rc = train_compare_view(t, t->held[i++], &one);
         if (rc != OXL_OK) break;
         *loss += one.total;
-        *psnr -= 4.342944819032518 * vecmath_log(one.mse > 1e-10 ? one.mse : 1e-10);
+        *psnr -= 4.342944819032518 * vecmath_log(one.mse + DECIDE_NOISE);
     }
     *loss = t->held_views > 0 ? *loss / t->held_views : NAN;
     *psnr = t->held_views > 0 ? *psnr / t->held_views : NAN;
@@ -301,17 +302,21 @@ done:
     return rc;
 }
 
+/* A trial may go past the steps at which gradients are first watched or lobes given: then the next step does it. */
 OXL_INTERNAL oxl_result decide_lobes(struct train *t)
 {
     const int  last = decide_lobes_at(t->options), watch = decide_steps(t, DECIDE_WATCH);
-    oxl_result rc = OXL_OK;
-    if (t->step <= last - watch || t->step > last) return OXL_OK;
-    if (t->step == last - watch + 1) {
+    const int  densified = (int)(t->options->densify_until * t->options->iterations);
+    oxl_result rc        = OXL_OK;
+    if (last == 0 || t->lobes == LOBES_DECIDED || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
+    if (t->lobes == LOBES_IDLE) {
         rc = renderer_fetch(t->ctx, t->renderer);
         if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
+        t->lobes = LOBES_WATCHED;
     }
     if (rc == OXL_OK) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
     if (rc != OXL_OK || t->step < last) return rc;
+    t->lobes = LOBES_DECIDED;
     if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : decide_give_lobes(t);
 }
@@ -522,6 +527,8 @@ OXL_INTERNAL void decide_archive(struct archive *a, struct train *t)
 {
     archive_int(a, &t->sh_degree);
     archive_int(a, &t->trial_is_next);
+    archive_int(a, &t->lobes);
+    archive_expect(a, t->lobes >= LOBES_IDLE && t->lobes <= LOBES_DECIDED);
     archive_int(a, &t->held_views);
     archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_WEIGHTS);
     archive_expect(a, t->held_views >= 0 && t->held_views <= train_training_views(t->scene));

@@ -5,29 +5,29 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define TRAIN_WARM_UP 500 /* iterations before the first densification, unless a quarter of the run is less */
-#define TRAIN_RESET_LEAST \
-    3000 /* iterations between opacity resets [Kerbl 2023] */
+#define TRAIN_WARM_UP              500   /* iterations before the first densification, unless a quarter of the run is less */
+#define TRAIN_RESET_LEAST          3000  /* iterations between opacity resets [Kerbl 2023] */
 #define TRAIN_RESET_RECOVERY       1000  /* iterations that a model needs after a reset until its loss is what it was, */
 #define TRAIN_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
-#define TRAIN_PIXELS_EACH   60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
-#define TRAIN_RANDOM_POINTS 10000 /* to start from when the scene has none */
-#define TRAIN_COARSE_SIDE   640   /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
-#define TRAIN_COARSE_AUTO   0.25  /* of the run, for larger ones */
-#define TRAIN_HASTE_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
-#define TRAIN_HASTE_OPACITY 0.7   /* and their opacities multiplied, */
-#define TRAIN_OPACITY_MOST  0.3   /* up to this */
-#define TRAIN_CALM          7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
-#define TRAIN_BETA_LEAST    0.5  /* of the mean gradient */
-#define TRAIN_BETA_MOST     0.99999                      /* of the mean of its square: 1 less it, as floats, keeps three digits */
-#define TRAIN_UNHURRIED     30000                        /* iterations that the rates were chosen for [Kerbl 2023] */
-#define TRAIN_TILES         (UINT64_C(0x54494c45) << 32) /* random numbers apart from those of steps and epochs */
-#define TRAIN_FAINT         0.8                          /* of the run: until then alpha_min holds */
-#define TRAIN_SETTLED       0.1                          /* times the usual steps at the end of a run */
-#define TRAIN_AHEAD         64   /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
-#define TRAIN_SAVE_STEPS    500  /* a checkpoint after so many iterations, */
-#define TRAIN_SAVE_SECONDS  60.0 /* or so long, whichever comes first */
-#define TRAIN_SMOOTHING     0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+#define TRAIN_PIXELS_EACH          60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
+#define TRAIN_RANDOM_POINTS        10000 /* to start from when the scene has none */
+#define TRAIN_COARSE_SIDE          640 /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
+#define TRAIN_COARSE_AUTO          0.25 /* of the run, for larger ones */
+#define TRAIN_HASTE_WIDTH          0.3  /* powers of haste: what the first Gaussians' widths are divided by */
+#define TRAIN_HASTE_OPACITY        0.7  /* and their opacities multiplied, */
+#define TRAIN_OPACITY_MOST         0.3  /* up to this */
+#define TRAIN_CALM                 7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
+#define TRAIN_BETA_LEAST           0.5     /* of the mean gradient */
+#define TRAIN_BETA_MOST            0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
+#define TRAIN_UNHURRIED            30000   /* iterations that the rates were chosen for [Kerbl 2023] */
+#define TRAIN_TILES                (UINT64_C(0x54494c45) << 32)   /* random numbers apart from those of steps and epochs */
+#define TRAIN_ORDER                (UINT64_C(0x5649455753) << 24) /* the order of views: a stream apart from density control's */
+#define TRAIN_FAINT                0.8                            /* of the run: until then alpha_min holds */
+#define TRAIN_SETTLED              0.1                            /* times the usual steps at the end of a run */
+#define TRAIN_AHEAD                64 /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
+#define TRAIN_SAVE_STEPS           500  /* a checkpoint after so many iterations, */
+#define TRAIN_SAVE_SECONDS         60.0 /* or so long, whichever comes first */
+#define TRAIN_SMOOTHING            0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 
 oxl_train_options oxl_train_options_default(oxl_preset preset)
 {
@@ -54,7 +54,7 @@ oxl_train_options oxl_train_options_default(oxl_preset preset)
                            .densify_gradient    = 2e-4f,
                            .reset_opacity_every = 0.1f,
                            .ucd                 = oxl_ucd_default(),
-                           .dog_from            = 0.785f,
+                           .dog_from            = 0.55f,
                            .dog_threshold       = 2e-4f,
                            .dog_opacity_factor  = 0.1f,
                            .dog_scale_factor    = 1.6f};
@@ -154,7 +154,7 @@ OXL_INTERNAL int train_resets_opacity_at(const oxl_train_options *o, int step)
 static void train_shuffle(struct train *t, int epoch)
 {
     for (int i = t->views - 1; i > 0; i--) {
-        const int j = (int)(random_bits(t->ctx->options.seed, (uint64_t)epoch, (uint64_t)i) % (uint64_t)(i + 1));
+        const int j = (int)(random_bits(t->ctx->options.seed ^ TRAIN_ORDER, (uint64_t)epoch, (uint64_t)i) % (uint64_t)(i + 1));
         OXL_SWAP(int, t->view[i], t->view[j]);
     }
 }
@@ -291,7 +291,7 @@ static oxl_result train_on_view(struct train *t, int view)
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
         t->last_loss      = t->options->ssim_every > 1 ? loss.l1 : loss.total;
-        prune_observe(&t->prune, t->step, loss.l1);
+        if (!t->trial_is_next) prune_observe(&t->prune, t->step, loss.l1);
         t->loss += k * (loss.total - t->loss);
         t->psnr += k * (psnr - t->psnr);
     }
@@ -374,6 +374,25 @@ static oxl_result train_density(struct train *t)
 
 /* ---------------------------------------------------------------- pruning */
 
+/* Gaussians, with their moments and statistics. */
+static oxl_result train_drop(struct train *t, size_t drop)
+{
+    const size_t count = t->model->count;
+    uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
+    oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
+    if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
+    if (rc == OXL_OK) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) {
+        model_keep_rows(t->model, keep);
+        model_keep_rows(&t->first, keep);
+        model_keep_rows(&t->second, keep);
+        density_keep_rows(t->density, keep, count);
+        rc = train_resize(t);
+    }
+    oxl_free(t->ctx, keep);
+    return rc;
+}
+
 static oxl_result train_prune(struct train *t)
 {
     double     held = NAN, psnr;
@@ -385,8 +404,7 @@ static oxl_result train_prune(struct train *t)
     t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
     drop               = prune_due(&t->prune, t->step, t->model->count, held);
     if (drop == 0) return OXL_OK;
-    rc = prune_apply(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, &t->first, &t->second);
-    if (rc == OXL_OK) rc = train_resize(t);
+    rc = train_drop(t, drop);
     if (rc == OXL_OK)
         oxl_log(t->ctx, OXL_LOG_INFO, "step %d: the %zu Gaussians that matter least are dropped, %zu are left", t->step, drop,
                 t->model->count);
@@ -653,8 +671,8 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
     oxl_result rc = train_bands(t);
     if (rc == OXL_OK) rc = train_photograph(t);
     if (rc == OXL_OK) rc = train_density(t);
+    if (rc == OXL_OK) rc = decide_lobes(t); /* it reads the step's statistics, a row each: before rows go */
     if (rc == OXL_OK) rc = train_prune(t);
-    if (rc == OXL_OK) rc = decide_lobes(t);
     if (rc == OXL_OK) decide_bands(t);
     return rc == OXL_OK ? decide_stop(t) : rc;
 }
@@ -672,6 +690,11 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
                         o->alpha_min, MODEL_OPACITY / 2);
     if (!(o->tile_share > 0 && o->tile_share <= 1))
         return oxl_fail(ctx, OXL_ERR_USAGE, "gradients of %g of the tiles: wanted more than 0, at most 1", o->tile_share);
+    if (o->dog != OXL_DOG_OFF && !(o->dog_from > o->densify_until && o->dog_from <= 1))
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "second lobes from %g of the run: wanted more than %g, the end of density control, and at most 1\n"
+                        "fix: rows with a second lobe cannot be cloned or split; give lobes later or end density control earlier",
+                        o->dog_from, o->densify_until);
     if (o->exp_degree != 3 && o->exp_degree != 5)
         return oxl_fail(ctx, OXL_ERR_USAGE, "2^x by a polynomial of degree %d: wanted 3 or 5", o->exp_degree);
     if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);

@@ -6,6 +6,8 @@
 
 enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_BANDS, TRAIN_TRIES_LOBES, TRAIN_TRIES_WEIGHTS };
 
+enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are watched before lobes are given out */
+
 struct train {
     oxl_context              *ctx;
     oxl_scene                *scene;
@@ -18,14 +20,15 @@ struct train {
     struct prune              prune;
     struct robust             robust;
     int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
+    int                       lobes;         /* enum train_lobes */
     int                       trial_is_next; /* enum train_trial: before the next step */
     int                      *view;          /* (views) training views in this epoch's order */
     int                       views, step;
     int                      *held; /* (held_views) training views that stand aside, for decisions to be judged by */
     int                       held_views;
-    double                    held_least; /* stop_early: the least mean loss of theirs so far, */
-    int                       held_since; /* and of which step; 0: none was taken */
-    int                       ended;      /* by it: before all iterations were done */
+    double                    held_least;      /* stop_early: the least mean loss of theirs so far, */
+    int                       held_since;      /* and of which step; 0: none was taken */
+    int                       ended;           /* by it: before all iterations were done */
     float                    *target, *weight; /* with robust.points: the photograph of this step: (3,H,W), (H,W) */
     int                       masked;          /* whether weight holds its mask */
     size_t                    target_capacity, weight_capacity;
