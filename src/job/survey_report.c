@@ -7,7 +7,7 @@
 #include "../internal.h"
 #include "../core/simd.h"
 
-/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/SPEED.md. */
+/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/log/SPEED.md. */
 #define SURVEY_PAIRS_PER_PIXEL 40.0   /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
 #define SURVEY_PAIR_RATE       1.0e9  /* pairs a second and thread, AVX2 or better */
 #define SURVEY_PAIR_RATE_BASE  0.2e9  /* the same without */
