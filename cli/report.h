@@ -43,7 +43,7 @@ struct report {
 /* OUT/name as text in fresh memory, or NULL; size may be NULL. */
 char *report_read(const struct report *r, const char *name, size_t *size);
 
-/* "block 3", "all together"; returns out. */
+/* "block 3", "refinement"; returns out. */
 const char *report_part(const struct report *r, int part, char out[40]);
 #define REPORT_PART(r, part) report_part(r, part, (char[40]){0})
 
