@@ -377,7 +377,7 @@ static void report_block_rows(struct report *r)
     struct study_text *t = &r->page;
     study_add(t,
               "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
-              "<th class=\"n\">predicted<th class=\"n\">memory<th class=\"n\">predicted</tr>\n");
+              "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
     for (int k = 0; k < r->parts; k++) {
         const char *b = r->block[k].json;
         study_add(
