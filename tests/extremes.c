@@ -141,8 +141,8 @@ int main(int argc, char **argv)
     printf(
         "# Numerical stability at the extremes\n"
         "\n"
-        "**Result.** Each row compares the float kernels with double and states a bound; the last column states whether it holds and all values are finite. Errors are largest far from the\n"
-        "model's origin, which is why models have a local one.\n"
+        "**Result.** Each row compares the float kernels with double and states a bound; the last column states whether it holds and all values are finite.\n"
+        "Errors are largest far from the model's origin, which is why models have a local one.\n"
         "\n"
         "`make extremes` writes this page and fails if a bound does not hold. `build/test` asserts the same bounds except for the slow rows (the two large\n"
         "images, Adam past 20 000 steps, the long run). Float kernels: %s. The reference is the same source in double (`tests/reference.c`), which is\n"
