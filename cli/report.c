@@ -1,4 +1,4 @@
-/* report.c - what a run left in its folder, as one page: for the one who made it, and for the one who has to trust it.
+/* report.c - report.html: quality, decisions with evidence, curves and the command that repeats a run, on one page.
  *
  * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey's text files for the map.
  * Invariant: every figure on the page stands in one of these files; what is not there is left out or said to be missing.

@@ -1,6 +1,6 @@
 /* report_map.c - the survey from above (frame.c): its points in their colours, the cameras on top.
  *
- * The points become one picture, so the page does not grow with them; cameras are drawn on it, so they can be told apart at any size.
+ * The points become one image, so the page does not grow with them; cameras are drawn on it, so they can be told apart at any size.
  */
 #include "report.h"
 
@@ -140,7 +140,7 @@ static void map_figure(struct report *r, const oxl_scene *scene)
                  "yellow: held-out views.</figcaption></figure>\n");
 }
 
-/* The survey as the run read it, without its photographs. */
+/* The survey as the run read it, without its images. */
 static oxl_scene *map_load(struct report *r)
 {
     static const char *const names[3]   = {"images_folder", "sparse_folder", "masks_folder"};

@@ -1,6 +1,6 @@
-/* report_views.c - every judged view by PSNR; the worst, beside the photograph and with a map of the error.
+/* report_views.c - every evaluated view by PSNR; the worst beside their images, with an error map.
  *
- * Pictures are those of OUT/renders, made smaller for the page. The error is the mean over the channels of |drawn - photograph|.
+ * Images are those of OUT/renders, reduced for the page. The error is the mean over the channels of |rendered - image|.
  */
 #include "report.h"
 

@@ -1,6 +1,6 @@
 /* survey_report.c - what a survey holds, and what training it would take: the first message of `train`, the whole of `check`.
  *
- * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is told from steps that are tried (predict_time.c);
+ * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is predicted from steps that are tried (predict_time.c);
  * where that would take too long, and between blocks, from such arithmetic too.
  * Invariant: nothing here changes what is trained.
  */
@@ -11,7 +11,7 @@
 #define SURVEY_PAIRS_PER_PIXEL 40.0   /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
 #define SURVEY_PAIR_RATE       1.0e9  /* pairs a second and thread, AVX2 or better */
 #define SURVEY_PAIR_RATE_BASE  0.2e9  /* the same without */
-#define SURVEY_PIXEL_COST      1.0e-7 /* s: SSIM there and back, photograph to float */
+#define SURVEY_PIXEL_COST      1.0e-7 /* s: SSIM forward and backward, image to float */
 #define SURVEY_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
 #define SURVEY_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
 #define SURVEY_SPLAT_BYTES     300.0  /* a Gaussian beside its parameters: projection, tile lists, gradient slots */

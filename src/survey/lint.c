@@ -1,7 +1,7 @@
-/* lint.c - what is wrong with a survey though each of its files can be read: poses that are not those of the points, photographs
- * and masks that training could not use.
+/* lint.c - faults of a survey whose files can all be read: poses that do not fit the points, images and masks that training
+ * cannot use.
  *
- * A track says that a photograph saw its point, so the point lies before that camera and within its frame. Where the poses lead
+ * A track states that an image shows its point, so the point lies in front of that camera and within its frame. Where the poses lead
  * from camera to world, or cameras, poses and points come from different models or scales, many do not; in exports of COLMAP's
  * own, none.
  *
@@ -11,16 +11,16 @@
 
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries looked at, spread evenly */
-    LINT_LEAST  = 4,       /* of one photograph, before it is spoken of */
-    LINT_NAMED  = 10       /* photographs and masks named, of a kind */
+    LINT_LEAST  = 4,       /* of one image, before it is judged */
+    LINT_NAMED  = 10       /* images and masks named, of a kind */
 };
 #define LINT_MARGIN 0.05 /* of the longer side: a point so far beside the frame still lies in it */
-#define LINT_MISSED 0.5  /* share of its points that a photograph misses, from which on its pose is doubted */
+#define LINT_MISSED 0.5  /* share of its points outside an image, from which on its pose counts as wrong */
 
 /* ---------------------------------------------------------------- poses and points */
 
 struct lint_view {
-    size_t seen, missed; /* entries looked at; of them not in the photograph */
+    size_t seen, missed; /* entries looked at; of them outside the image */
 };
 
 static int lint_is_in_frame(const oxl_scene *scene, int view, const double world[3])
@@ -105,9 +105,9 @@ done:
     return rc;
 }
 
-/* ---------------------------------------------------------------- photographs and masks */
+/* ---------------------------------------------------------------- images and masks */
 
-/* The header and the segments of a photograph, all of a mask: damage in the pixels themselves is found when they are decoded. */
+/* The header and the segments of an image, all of a mask: damage in the pixels themselves is found when they are decoded. */
 static oxl_result lint_photograph(oxl_context *ctx, const oxl_scene *scene, int view)
 {
     const char *name  = oxl_scene_view(scene, view)->name;
