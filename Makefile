@@ -137,7 +137,7 @@ $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 	  fuzz/fuzz.c $(filter-out cli/arguments.c,$(TOOLS)) -o $@ -lm
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
-floaters: $(BUILD)/floaters ## build/floaters PICTURES SURVEY: what hangs in a model's pictures that is not in a synthetic survey (docs/ROBUST.md)
+floaters: $(BUILD)/floaters ## build/floaters PICTURES SURVEY: what hangs in a model's pictures that is not in a synthetic survey (docs/log/ROBUST.md)
 $(BUILD)/floaters: SOURCE = bench/floaters.c
 $(BUILD)/cost: SOURCE = bench/cost.c
 $(BUILD)/oracle: SOURCE = tests/oracle.c

@@ -104,7 +104,7 @@ OXL_API int oxl_is_terminal(int stream);
 
 /* For the first lines of main(): threads that wait for others are to sleep, after a short look (GNU's runtime). OpenMP's own way, trying
  * again and again, makes a run take three times as long on a machine that does something else; to sleep at once costs a tenth or more
- * on one that does not (docs/SPEED.md). The OpenMP runtime reads its settings before main(): so the program is started again in its own
+ * on one that does not (docs/log/SPEED.md). The OpenMP runtime reads its settings before main(): so the program is started again in its own
  * place, with OMP_WAIT_POLICY=passive and GOMP_SPINCOUNT. With the first of them set, without OpenMP or off Linux it just returns. */
 OXL_API void oxl_wait_asleep(char **argv);
 

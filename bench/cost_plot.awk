@@ -1,4 +1,4 @@
-# cost_plot.awk - awk -f tools/cost_plot.awk docs/cost.tsv > docs/cost.svg
+# cost_plot.awk - awk -f bench/cost_plot.awk docs/log/cost.tsv > docs/log/cost.svg
 #
 # Milliseconds of a training step over what is varied, both axes logarithmic, a panel each; and the slope, by least squares.
 function log10(x) { return log(x) / log(10) }

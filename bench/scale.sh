@@ -4,7 +4,7 @@
 # For each number of points a synthetic survey (1000 points a photograph, but 20 photographs at least), cut into 1, 4, 16 and 64
 # blocks, and as by default. Surveys and blocks go to FOLDER and are removed: 10^7 points take 3 GB of text and up to 6 GB of blocks.
 # A survey that stands in FOLDER/survey.POINTS is taken as it is, and stays. A table on standard output, tabs between, as in
-# docs/scale.tsv. Wants GNU time and awk.
+# docs/log/scale.tsv. Wants GNU time and awk.
 set -eu
 program=$1 folder=$2
 shift 2

@@ -1,4 +1,4 @@
-# scale_plot.awk - awk -f tools/scale_plot.awk docs/scale.tsv > docs/scale.svg
+# scale_plot.awk - awk -f bench/scale_plot.awk docs/log/scale.tsv > docs/log/scale.svg
 #
 # CPU seconds and peak memory of `oceanxl partition` over the points of the survey, both axes logarithmic, a line for each wanted
 # number of blocks. The legend has the slope between the two largest surveys.

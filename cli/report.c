@@ -1,4 +1,4 @@
-/* report.c - what a run left in its folder, as one page: for the one who made it, and for the one who has to trust it.
+/* report.c - report.html: quality, decisions with evidence, curves and the command that repeats a run, on one page.
  *
  * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey's text files for the map.
  * Invariant: every figure on the page stands in one of these files; what is not there is left out or said to be missing.
@@ -82,7 +82,7 @@ static void report_read_log(struct report *r, struct report_block *b, char *text
 const char *report_part(const struct report *r, int part, char out[40])
 {
     if (part < r->blocks) snprintf(out, 40, "block %d", part);
-    else snprintf(out, 40, "all together");
+    else snprintf(out, 40, "refinement");
     return out;
 }
 
@@ -144,15 +144,15 @@ static void report_tiles(struct report *r)
     study_add(t, "<div class=\"tiles\">\n");
     snprintf(figure, sizeof figure, "%s dB", STUDY_FIXED(report_metric(r, "psnr"), 2));
     if (r->metrics) {
-        report_tile(t, figure, "PSNR, mean of the views");
-        report_tile(t, STUDY_FIXED(report_metric(r, "ssim"), 3), "SSIM");
+        report_tile(t, figure, "mean PSNR");
+        report_tile(t, STUDY_FIXED(report_metric(r, "ssim"), 3), "mean SSIM");
         report_tile(t, PAGE_COUNT(report_metric(r, "gaussians")), "Gaussians");
         report_tile(t, PAGE_BYTES(report_metric(r, "bytes")), "scene.ply");
-        report_tile(t, PAGE_SECONDS(report_metric(r, "seconds")), "of training");
-        report_tile(t, PAGE_BYTES(report_metric(r, "peak_rss_bytes")), "memory at the peak");
+        report_tile(t, PAGE_SECONDS(report_metric(r, "seconds")), "training time");
+        report_tile(t, PAGE_BYTES(report_metric(r, "peak_rss_bytes")), "peak memory");
     }
-    report_tile(t, PAGE_COUNT(json_number(r->survey, "images") - json_number(r->survey, "images_missing")), "photographs");
-    report_tile(t, PAGE_COUNT(json_number(r->survey, "points")), "points to start from");
+    report_tile(t, PAGE_COUNT(json_number(r->survey, "images") - json_number(r->survey, "images_missing")), "images");
+    report_tile(t, PAGE_COUNT(json_number(r->survey, "points")), "initial points");
     study_add(t, "</div>\n");
 }
 
@@ -165,7 +165,7 @@ static void report_head(struct report *r)
     study_add(t, "<header><span class=\"pale\">OceanXL report</span><h1>");
     page_text(t, name);
     study_add(t, "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
-              finished ? "good" : "warn", finished ? "finished" : "not finished: run the same command again, and it goes on",
+              finished ? "good" : "warn", finished ? "finished" : "not finished: run the same command again to resume",
               PAGE_COUNT(json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
     report_tiles(r);
 }
@@ -196,7 +196,7 @@ static void report_item(void *user, int block, const char *text)
     struct report_list *list = user;
     struct study_text  *t    = &list->r->page;
     if (list->words && !strstr(text, list->words)) return;
-    if (list->count++ == REPORT_EVIDENCE) study_add(t, "<details><summary>more such lines</summary>");
+    if (list->count++ == REPORT_EVIDENCE) study_add(t, "<details><summary>more</summary>");
     if (list->count > REPORT_NOTES) return;
     study_add(t, "<small>");
     if (block >= 0 && list->r->blocks > 1) study_add(t, "%s: ", REPORT_PART(list->r, block));
@@ -227,21 +227,21 @@ static void report_found(struct report *r)
     char              *cameras = json_string(json_member(r->survey, "cameras_text"));
     const double       missing = json_number(r->survey, "images_missing");
     study_add(t, "<dl>\n");
-    report_term(t, "Photographs");
-    study_add(t, "%s to train with, %s held out", PAGE_COUNT(json_number(r->survey, "train_views")),
+    report_term(t, "Images");
+    study_add(t, "%s training views, %s held-out views", PAGE_COUNT(json_number(r->survey, "train_views")),
               PAGE_COUNT(json_number(r->survey, "test_views")));
-    if (missing > 0) study_add(t, "; <b class=\"warn\">%s are missing</b>", PAGE_COUNT(missing));
+    if (missing > 0) study_add(t, "; <b class=\"warn\">%s missing</b>", PAGE_COUNT(missing));
     if (json_number(r->survey, "masks") > 0) study_add(t, "; %s masks", PAGE_COUNT(json_number(r->survey, "masks")));
     study_add(t, "</dd>\n");
     report_term(t, "Cameras");
-    page_text(t, cameras ? cameras : "not known");
+    page_text(t, cameras ? cameras : "unknown");
     study_add(t, "<small>trained at up to %s x %s px</small></dd>\n", PAGE_COUNT(json_number(r->survey, "width")),
               PAGE_COUNT(json_number(r->survey, "height")));
     report_term(t, "Points");
-    study_add(t, "%s, each in %s photographs on average<small>reprojection error %s px</small></dd>\n",
+    study_add(t, "%s, each in %s images on average<small>reprojection error %s px</small></dd>\n",
               PAGE_COUNT(json_number(r->survey, "points")), STUDY_FIXED(json_number(r->survey, "mean_track"), 1),
               STUDY_FIXED(json_number(r->survey, "mean_error"), 2));
-    report_term(t, "Place");
+    report_term(t, "Origin");
     study_add(t, "world = model + (");
     for (int k = 0; k < 3 && origin; k++) {
         study_add(t, "%s%s", k ? ", " : "", STUDY_FIXED(json_number_at(&origin), 6));
@@ -256,7 +256,7 @@ static void report_found(struct report *r)
 static const char *report_word(const struct report *r, const char *name, const char *const *words, int count)
 {
     const double value = json_number(r->job, name);
-    return value >= 0 && value < count ? words[(int)value] : "not known";
+    return value >= 0 && value < count ? words[(int)value] : "unknown";
 }
 
 /* A number of the job as it stands there: every digit that it needs. */
@@ -307,7 +307,7 @@ static void report_decisions(struct report *r)
     struct study_text *t      = &r->page;
     char              *preset = json_string(json_member(r->run, "preset"));
     char               words[80];
-    page_section(t, "What was decided, and why");
+    page_section(t, "Decisions and evidence");
     study_add(t, "<dl>\n");
     report_term(t, "Preset");
     page_text(t, preset ? preset : "");
@@ -316,11 +316,11 @@ static void report_decisions(struct report *r)
     if (json_number(r->job, "stop_early") > 0) report_decision(r, "Early end (--stop-early)", "on", end, 1);
     snprintf(words, sizeof words, "%s",
              json_number(r->job, "sh_degree") < 0 ? "auto" : STUDY_FIXED(json_number(r->job, "sh_degree"), 0));
-    report_decision(r, "Colour bands (--sh-degree)", words, bands, 1);
-    snprintf(words, sizeof words, "%d, cuts %s", r->blocks, report_word(r, "cut", REPORT_CUTS, 2));
+    report_decision(r, "SH degree (--sh-degree)", words, bands, 1);
+    snprintf(words, sizeof words, "%d, %s cuts", r->blocks, report_word(r, "cut", REPORT_CUTS, 2));
     report_decision(r, "Blocks", r->blocks == 1 ? "1" : words, partition, 6);
     report_ucd(r, words);
-    report_decision(r, "More where water takes contrast (--ucd)", words, ucd, 1);
+    report_decision(r, "Depth weights of densification (--ucd)", words, ucd, 1);
     report_keep(r, words);
     report_decision(r, "Pruning (--keep)", words, keep, 1);
     report_decision(r, "Second lobes (--dog)", report_word(r, "dog", REPORT_DOGS, 4), dog, 1);
@@ -347,13 +347,14 @@ static void report_own_warnings(struct report *r, struct report_list *list)
     const double predicted = report_metric(r, "predicted_memory_bytes"), peak = report_metric(r, "peak_rss_bytes");
     char         words[160];
     if (!json_is_true(r->run, "finished"))
-        report_warning(list, -1, "the run is not finished; run the same command again, and it goes on");
+        report_warning(list, -1, "the run is not finished; run the same command again to resume");
     for (int k = 0; k < r->parts && r->blocks > 1; k++)
         if (!json_is_true(r->block[k].json, "finished")) report_warning(list, k, "not finished");
     if (r->metrics && json_number(r->survey, "test_views") <= 0)
-        report_warning(list, -1, "no view was held out: the figures are of photographs that training has seen (--test-every 8)");
+        report_warning(list, -1,
+                       "no view is held out: the metrics are of training views (--test-every 8 holds out every 8th image)");
     if (peak > 1.5 * predicted) {
-        snprintf(words, sizeof words, "it took %s of memory, %s were predicted", PAGE_BYTES(peak), PAGE_BYTES(predicted));
+        snprintf(words, sizeof words, "peak memory %s, predicted %s", PAGE_BYTES(peak), PAGE_BYTES(predicted));
         report_warning(list, -1, words);
     }
 }
@@ -376,7 +377,7 @@ static void report_block_rows(struct report *r)
     struct study_text *t = &r->page;
     study_add(t,
               "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
-              "<th class=\"n\">predicted<th class=\"n\">memory<th class=\"n\">predicted</tr>\n");
+              "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
     for (int k = 0; k < r->parts; k++) {
         const char *b = r->block[k].json;
         study_add(
@@ -388,7 +389,7 @@ static void report_block_rows(struct report *r)
     }
     study_add(
         t,
-        "</table></div>\n<p><small>Memory is the peak of the process that trained the block, all that it did before included.</small></p>\n");
+        "</table></div>\n<p><small>Memory: peak of the process that trained the block, including its earlier work.</small></p>\n");
 }
 
 static void report_seam(struct report *r)
@@ -398,15 +399,15 @@ static void report_seam(struct report *r)
     if (!isfinite(near_psnr) || !isfinite(elsewhere)) return;
     study_add(
         &r->page,
-        "<h3>Seams</h3>\n<p>Within %s %% of a block's size from the borders: <b>%s dB</b>, over %s px; elsewhere: <b>%s dB</b>. ",
+        "<h3>Seams</h3>\n<p>PSNR within %s %% of a block's size from a border: <b>%s dB</b> (%s px); elsewhere: <b>%s dB</b>. ",
         STUDY_FIXED(100 * json_number(seam, "width"), 0), STUDY_FIXED(near_psnr, 2), PAGE_COUNT(json_number(seam, "near_pixels")),
         STUDY_FIXED(elsewhere, 2));
-    study_add(&r->page, "The difference is %s dB.</p>\n", STUDY_FIXED(near_psnr - elsewhere, 2));
+    study_add(&r->page, "Difference: %s dB.</p>\n", STUDY_FIXED(near_psnr - elsewhere, 2));
 }
 
 static void report_sizes(struct report *r)
 {
-    page_section(&r->page, r->blocks > 1 ? "Blocks, seams, sizes, times" : "Sizes and times");
+    page_section(&r->page, r->blocks > 1 ? "Blocks and seams" : "Time and memory");
     report_block_rows(r);
     report_seam(r);
     study_add(&r->page, "</section>\n");
@@ -516,8 +517,8 @@ static void report_repeat(struct report *r)
     struct study_text *t           = &r->page;
     char              *version     = json_string(json_member(r->run, "oceanxl"));
     char              *instruction = json_string(json_member(r->run, "instructions"));
-    page_section(t, "To repeat it");
-    study_add(t, "<p>The same survey, options and seed give the same bytes, with any number of threads.</p>\n<pre>");
+    page_section(t, "Reproduction");
+    study_add(t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
     report_command(r);
     study_add(t, "oceanxl eval ");
     report_shell(t, r->out);
@@ -525,9 +526,9 @@ static void report_repeat(struct report *r)
     report_shell(t, r->scene ? r->scene : "SCENE");
     study_add(t, "\n</pre>\n<p><small>OceanXL ");
     page_text(t, version ? version : "");
-    study_add(t, ", %s threads, instructions ", PAGE_COUNT(json_number(r->run, "threads")));
+    study_add(t, ", %s threads, instruction set ", PAGE_COUNT(json_number(r->run, "threads")));
     page_text(t, instruction ? instruction : "");
-    study_add(t, ". All options stand in run.json, the line \"job\".</small></p>\n</section>\n");
+    study_add(t, ". All options are in run.json, line \"job\".</small></p>\n</section>\n");
     free(version);
     free(instruction);
 }
@@ -539,7 +540,7 @@ static void report_compose(struct report *r)
     report_head(r);
     report_warnings(r);
     views_section(r);
-    page_section(&r->page, "What went in");
+    page_section(&r->page, "Survey");
     map_section(r);
     report_found(r);
     study_add(&r->page, "</section>\n");
@@ -561,7 +562,7 @@ static oxl_result report_save(struct report *r, char *error, size_t error_size)
     synth_file_open(&file, path);
     synth_file_bytes(&file, r->page.data, r->page.used);
     if (synth_file_close(&file)) return OXL_OK;
-    snprintf(error, error_size, "report: cannot write %s\nfix: look for room on the disk, and for permission", path);
+    snprintf(error, error_size, "report: cannot write %s\nfix: check free disk space and permissions", path);
     return OXL_ERR_IO;
 }
 
@@ -571,14 +572,14 @@ oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t e
     oxl_result    rc = OXL_OK;
     r.run            = report_read(&r, "run.json", NULL);
     if (!json_member(r.run, "job")) {
-        snprintf(error, error_size, "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s comes first", out, out);
+        snprintf(error, error_size, "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
         free(r.run);
         return OXL_ERR_INPUT;
     }
     report_open(&r);
     if (!r.page.failed) report_compose(&r);
     if (r.page.failed) {
-        snprintf(error, error_size, "report: no memory for the page of %s", out);
+        snprintf(error, error_size, "report: out of memory for the page of %s", out);
         rc = OXL_ERR_MEMORY;
     }
     if (rc == OXL_OK) rc = report_save(&r, error, error_size);

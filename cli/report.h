@@ -4,7 +4,7 @@
  *     report_page.c    the page's frame: style, escaping, base64, figures with units
  *     report_chart.c   curves over the iterations as inline SVG
  *     report_map.c     cameras and points from above
- *     report_views.c   views by PSNR; the worst beside their photographs, with a map of the error
+ *     report_views.c   views by PSNR; the worst beside their images, with an error map
  */
 #ifndef REPORT_H
 #define REPORT_H
@@ -33,7 +33,7 @@ struct report {
     oxl_context         *ctx;
     const char          *out;           /* folder */
     char                *run, *scene;   /* run.json; the survey's folder as it was given */
-    char                *metrics;       /* metrics.json, or NULL: not judged yet */
+    char                *metrics;       /* metrics.json, or NULL: not evaluated yet */
     const char          *job, *survey;  /* within run */
     int                  blocks, parts; /* parts: the blocks, and all together if they were refined so */
     struct report_block *block;
@@ -43,7 +43,7 @@ struct report {
 /* OUT/name as text in fresh memory, or NULL; size may be NULL. */
 char *report_read(const struct report *r, const char *name, size_t *size);
 
-/* "block 3", "all together"; returns out. */
+/* "block 3", "refinement"; returns out. */
 const char *report_part(const struct report *r, int part, char out[40]);
 #define REPORT_PART(r, part) report_part(r, part, (char[40]){0})
 

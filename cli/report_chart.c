@@ -25,10 +25,10 @@ static const struct curve {
     int                from_zero;
 } CURVES[] = {
     {"Loss, smoothed", "", {REPORT_LOSS, REPORT_LOSS}, 1, 1},
-    {"PSNR of training photographs, smoothed", ", dB", {REPORT_PSNR, REPORT_PSNR}, 1, 0},
+    {"PSNR of training views, smoothed", ", dB", {REPORT_PSNR, REPORT_PSNR}, 1, 0},
     {"Gaussians", ", thousand", {REPORT_GAUSSIANS, REPORT_GAUSSIANS}, 1e3, 1},
-    {"Depth weights f_mid, and f_far dashed", "", {REPORT_F_MID, REPORT_F_FAR}, 1, 0},
-    {"Memory of the process, peak so far", ", MB", {REPORT_MEMORY, REPORT_MEMORY}, 1e6, 1},
+    {"Depth weights f_mid and f_far (dashed)", "", {REPORT_F_MID, REPORT_F_FAR}, 1, 0},
+    {"Peak memory of the process", ", MB", {REPORT_MEMORY, REPORT_MEMORY}, 1e6, 1},
 };
 
 struct curve_axis {
@@ -139,9 +139,9 @@ void chart_section(struct report *r)
     struct study_text *t    = &r->page;
     int                rows = 0;
     for (int k = 0; k < r->parts; k++) rows += r->block[k].rows;
-    page_section(t, "How training went");
+    page_section(t, "Training curves");
     if (rows == 0) study_add(t, "<p>There is no log.csv yet.</p>\n");
-    else study_add(t, "<p class=\"pale\">Along the bottom: iterations, of one photograph each.</p>\n<div class=\"charts\">\n");
+    else study_add(t, "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
     for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++)
         if (!curve_is_flat(r, &CURVES[i])) curve_draw(t, r, &CURVES[i]);
     if (rows > 0) study_add(t, "</div>\n");
@@ -151,6 +151,6 @@ void chart_section(struct report *r)
             study_add(t, "<b style=\"color:var(--s%d)\">&#9644; %s</b> &nbsp; ", k, REPORT_PART(r, k));
         study_add(t, "</small></p>\n");
     } else if (rows > 0 && r->parts > CURVE_NAMED)
-        study_add(t, "<p><small>One line for each of the %d blocks.</small></p>\n", r->blocks);
+        study_add(t, "<p><small>One line per block, %d blocks.</small></p>\n", r->blocks);
     study_add(t, "</section>\n");
 }

@@ -1,6 +1,6 @@
 /* report_map.c - the survey from above (frame.c): its points in their colours, the cameras on top.
  *
- * The points become one picture, so the page does not grow with them; cameras are drawn on it, so they can be told apart at any size.
+ * The points become one image, so the page does not grow with them; cameras are drawn on it, so they can be told apart at any size.
  */
 #include "report.h"
 
@@ -136,12 +136,11 @@ static void map_figure(struct report *r, const oxl_scene *scene)
     study_add(t, "\"/>\n");
     map_cameras(t, &m);
     map_ruler(t, &m);
-    study_add(
-        t, "</svg>\n<figcaption>From above: the points that training starts from, in their colours; white: cameras of training, "
-           "yellow: cameras held out.</figcaption></figure>\n");
+    study_add(t, "</svg>\n<figcaption>View from above. Initial points in their colours; white: training views, "
+                 "yellow: held-out views.</figcaption></figure>\n");
 }
 
-/* The survey as the run read it, without its photographs. */
+/* The survey as the run read it, without its images. */
 static oxl_scene *map_load(struct report *r)
 {
     static const char *const names[3]   = {"images_folder", "sparse_folder", "masks_folder"};
@@ -166,10 +165,10 @@ static void map_partition(struct report *r)
     size_t size = 0;
     char  *svg  = r->blocks > 1 ? report_read(r, "partition.svg", &size) : NULL;
     if (svg && size < 3000000) {
-        study_add(&r->page, "<figure><img alt=\"The survey in blocks\" src=\"");
+        study_add(&r->page, "<figure><img alt=\"Blocks of the survey\" src=\"");
         page_data(&r->page, "image/svg+xml", svg, size);
-        study_add(&r->page, "\"><figcaption>partition.svg: how the survey was cut into blocks.</figcaption></figure>\n");
-    } else if (svg) study_add(&r->page, "<p>How it was cut into blocks: partition.svg, too large to be repeated here.</p>\n");
+        study_add(&r->page, "\"><figcaption>partition.svg: the blocks of the survey.</figcaption></figure>\n");
+    } else if (svg) study_add(&r->page, "<p>The blocks are drawn in partition.svg, which is too large to embed here.</p>\n");
     free(svg);
 }
 
@@ -177,7 +176,7 @@ void map_section(struct report *r)
 {
     oxl_scene *scene = r->scene ? map_load(r) : NULL;
     if (scene && oxl_scene_point_count(scene) > 0) map_figure(r, scene);
-    else study_add(&r->page, "<p class=\"pale\">No map: the survey's text files are no longer where they were.</p>\n");
+    else study_add(&r->page, "<p class=\"pale\">No map: the survey's text files are not found.</p>\n");
     oxl_scene_free(r->ctx, scene);
     map_partition(r);
 }

@@ -82,7 +82,7 @@ void page_close(struct study_text *t, const char *version)
 {
     study_add(t, "<footer>Written by OceanXL ");
     page_text(t, version);
-    study_add(t, ". This file needs no network: keep it, send it, print it.</footer>\n</main>\n</body>\n</html>\n");
+    study_add(t, ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
 void page_section(struct study_text *t, const char *title)

@@ -1,6 +1,6 @@
-/* report_views.c - every judged view by PSNR; the worst, beside the photograph and with a map of the error.
+/* report_views.c - every evaluated view by PSNR; the worst beside their images, with an error map.
  *
- * Pictures are those of OUT/renders, made smaller for the page. The error is the mean over the channels of |drawn - photograph|.
+ * Images are those of OUT/renders, reduced for the page. The error is the mean over the channels of |rendered - image|.
  */
 #include "report.h"
 
@@ -134,12 +134,12 @@ static void views_show(struct report *r, const struct views_row *row)
     study_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", STUDY_FIXED(row->psnr, 2), STUDY_FIXED(row->ssim, 3));
     if (!views_picture(r, row->name, ".png", &drawn) || !views_picture(r, row->name, ".photo.png", &photo) ||
         drawn.width != photo.width || drawn.height != photo.height)
-        study_add(t, "<p class=\"pale\">Its pictures are not in renders/.</p>\n");
+        study_add(t, "<p class=\"pale\">Its images are not in renders/.</p>\n");
     else if (views_reduce(r, &drawn) == OXL_OK && views_reduce(r, &photo) == OXL_OK &&
              views_error(r, &drawn, &photo, &error) == OXL_OK) {
         study_add(t, "<div class=\"three\">\n");
-        views_figure(r, &photo, "Photograph", row->name);
-        views_figure(r, &drawn, "The model", row->name);
+        views_figure(r, &photo, "Image", row->name);
+        views_figure(r, &drawn, "Rendered", row->name);
         views_figure(r, &error, "Error", row->name);
         study_add(t, "</div>\n");
     } else t->failed = 1;
@@ -154,8 +154,10 @@ static void views_legend(struct study_text *t)
     for (int k = 0; k < 5; k++)
         study_add(t, ",rgb(%d,%d,%d)", (int)(255 * VIEWS_RAMP[k][0]), (int)(255 * VIEWS_RAMP[k][1]),
                   (int)(255 * VIEWS_RAMP[k][2]));
-    study_add(t, ")\"></div>\n<p><small>The error's colours, from none to %d %% of full white and more.</small></p>\n",
-              (int)(100 * VIEWS_ERROR_FULL));
+    study_add(
+        t,
+        ")\"></div>\n<p><small>Error: mean absolute difference of the three channels, from 0 to %d %% of full white and above.</small></p>\n",
+        (int)(100 * VIEWS_ERROR_FULL));
 }
 
 /* ---------------------------------------------------------------- the section */
@@ -183,15 +185,16 @@ void views_section(struct report *r)
     struct views       v     = views_read(r);
     char              *split = json_string(json_member(r->metrics, "split"));
     const int          held  = split && strcmp(split, "test") == 0;
-    page_section(t, "How well it foresees photographs");
-    if (v.count == 0) study_add(t, "<p>Not judged yet: metrics.json is not there.</p>\n");
+    page_section(t, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
+    if (v.count == 0) study_add(t, "<p>Not evaluated yet: there is no metrics.json.</p>\n");
     else {
         study_add(
             t,
-            "<p>%s PSNR is the error in decibels, 3 dB more is half the squared error; SSIM says how alike structures are, 1 is equal. "
-            "The worst come first.</p>\n",
-            held ? "These photographs were held out: training has not seen them."
-                 : "<b class=\"warn\">These are photographs of training: none was held out, so they flatter.</b>");
+            "<p>%s PSNR is the error in decibels: 3 dB more is half the squared error. SSIM compares structure: 1 is identical. "
+            "Worst first.</p>\n",
+            held
+                ? "Training has not seen these images."
+                : "<b class=\"warn\">These are training views, because none is held out: expect lower quality on new views.</b>");
         views_rows(t, &v, 0, v.count < VIEWS_OPEN ? v.count : VIEWS_OPEN);
         if (v.count > VIEWS_OPEN) {
             study_add(t, "<details><summary>%d more views</summary>\n", v.count - VIEWS_OPEN);
@@ -199,7 +202,7 @@ void views_section(struct report *r)
             study_add(t, "</details>\n");
         }
         study_add(t, "</section>\n");
-        page_section(t, "The worst views");
+        page_section(t, "Worst views");
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, &v.row[i]);
         views_legend(t);
     }

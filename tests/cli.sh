@@ -124,7 +124,7 @@ promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply sc
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250
 promise partition_leaves_its_list_and_picture 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
-promise a_block_is_a_survey_of_its_own 0 "0 held out" "$program" check cut/blocks/001 --test-every 0
+promise a_block_is_a_survey_of_its_own 0 "0 held-out views" "$program" check cut/blocks/001 --test-every 0
 promise partition_prints_json 0 '"midpoint": {"blocks": ' on_stdout "$program" partition survey -o cut --block-points 250 --json
 promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none
 promise ablate_compares_rows 0 "V1 +BSP" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet

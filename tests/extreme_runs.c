@@ -130,7 +130,7 @@ struct extreme_survey {
 
 /* A unit that is no power of two rounds every number anew, and training lets that grow, by --haste more than without. */
 static const struct extreme_survey EXTREME_SURVEYS[] = {
-    {"survey: as it is", 0, 1, 0, 0, -1, 0},
+    {"survey: unchanged", 0, 1, 0, 0, -1, 0},
     {"survey: 1e6 m from the origin", 1e6, 1, 0, 0, -1, 1e-3},
     {"survey: 1e7 m from the origin", 1e7, 1, 0, 0, -1, 1e-3},
     {"survey: in units of 1e-3", 0, 1e-3, 0, 0, -1, 1e-2},
@@ -138,8 +138,8 @@ static const struct extreme_survey EXTREME_SURVEYS[] = {
     {"survey: one point", 0, 1, 1, 0, -1, -1},
     {"survey: all views in one place", 0, 1, 0, 1, -1, -1},
     {"survey: all points in one place", 0, 1, -1, 0, -1, -1},
-    {"survey: photographs all black", 0, 1, 0, 0, 0, -1},
-    {"survey: photographs all white", 0, 1, 0, 0, 1, -1},
+    {"survey: all images black", 0, 1, 0, 0, 0, -1},
+    {"survey: all images white", 0, 1, 0, 0, 1, -1},
 };
 
 /* A coloured wall of EXTREME_GRID^2 patches. */

@@ -455,7 +455,7 @@ TEST(job_keeps_what_the_log_said_also_over_an_interruption)
     const char           *survey   = job_test_survey();
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback) == OXL_ERR_INTERRUPTED);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/run.json"), "{\"level\": \"info\", \"text\": \"photographs "));
+    CHECK(job_test_has(test_path("out/run.json"), "{\"level\": \"info\", \"text\": \"images "));
     CHECK(job_test_has(test_path("out/run.json"), "stay one block"));
     CHECK(!job_test_has(test_path("out/run.json"), "going on after iteration"));
     CHECK(
@@ -567,7 +567,7 @@ TEST(survey_counts_what_the_files_hold)
     CHECK_CLOSE(s.mean_track, 2, 1e-12);
     CHECK_CLOSE(s.mean_error, 0.5, 1e-6);
     CHECK_CLOSE(s.bounds_max[2], 4, 1e-6);
-    CHECK_TEXT(s.text, "9 listed, 0 missing; 7 to train with, 2 held out");
+    CHECK_TEXT(s.text, "9 listed, 0 missing; 7 training views, 2 held-out views");
     CHECK_TEXT(s.text, "PINHOLE 48 x 32");
     CHECK_TEXT(s.text, "warning: only 60 points");
     CHECK_OK(oxl_survey_to_json(test_ctx, &s, &json));

@@ -47,7 +47,7 @@ TEST(lint_says_that_poses_and_points_do_not_belong_together)
     }
     CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
     CHECK(s.missed == 1);
-    CHECK_TEXT(s.text, "warning: 100 % of the points do not lie in the photographs that saw them");
+    CHECK_TEXT(s.text, "warning: 100 % of the track entries project outside their images");
     CHECK(!strstr(lint_heard, "its pose is wrong")); /* all are */
 }
 
@@ -58,7 +58,7 @@ TEST(lint_names_the_photograph_whose_pose_is_wrong)
     job_test_replace(test_path("survey/sparse/0/images.txt"), "4 1 0 0 0 -0.300", "4 1 0 0 0 1000");
     CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
     CHECK(s.missed == 0); /* of the others */
-    CHECK_TEXT(lint_heard, "3.png: 100 % of the points that it saw do not lie in it, so its pose is wrong");
+    CHECK_TEXT(lint_heard, "3.png: 100 % of the points in its tracks project outside this image, so its pose is wrong");
     CHECK(!strstr(lint_heard, "2.png"));
 }
 
@@ -84,17 +84,17 @@ TEST(lint_counts_photographs_and_masks_that_cannot_be_used)
     CHECK_OK(oxl_check(test_ctx, survey, NULL, &s));
     CHECK(s.unusable == 3 && s.masks == 3);
     CHECK_CLOSE(s.masked, 0.5, 1e-12);
-    CHECK_TEXT(s.text, "masks: 3, 50 % of them black, ignored");
-    CHECK_TEXT(s.text, "warning: 3 of 9 photographs cannot be used");
+    CHECK_TEXT(s.text, "3 masks (50 % of their pixels black, ignored)");
+    CHECK_TEXT(s.text, "warning: 3 of 9 images cannot be used");
     CHECK_TEXT(lint_heard, "2.png: 32 x 48 px, but camera 1 (cameras.txt:1) has 48 x 32, another shape\nfix: turn");
     CHECK_TEXT(lint_heard, "8.png: neither a JPEG nor a PNG");
-    CHECK_TEXT(lint_heard, "masks/5.png: all of it is black");
-    CHECK_TEXT(lint_heard, "masks/7.png: 16 x 16 px for a photograph of another shape");
+    CHECK_TEXT(lint_heard, "masks/5.png: the mask is all black");
+    CHECK_TEXT(lint_heard, "masks/7.png: 16 x 16 px, but its image has another aspect ratio");
     for (int i = 0; i < JOB_VIEWS; i++) {
         char name[64];
         snprintf(name, sizeof name, "survey/images/%d.png", i);
         test_write(name, "no picture");
     }
     CHECK(oxl_check(test_ctx, test_path("survey"), NULL, &s) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "none of the 7 photographs to train with can be used");
+    CHECK_TEXT(oxl_error_text(test_ctx), "none of the 7 training views can be used");
 }

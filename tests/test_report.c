@@ -69,7 +69,7 @@ TEST(report_escapes_every_name)
     CHECK(!strstr(page, "<b>&\""));
     CHECK(!strstr(page, "<warning>"));
     CHECK(!strstr(page, "<where>"));
-    CHECK_TEXT(page, "alt=\"Photograph of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
+    CHECK_TEXT(page, "alt=\"Image of &lt;b&gt;&amp;&quot;.jpg\" src=\"data:image/jpeg;base64,/9j/");
     CHECK_TEXT(page, "<li>a &lt;warning&gt; &amp; more</li>");
     free(page);
 }
@@ -80,10 +80,10 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     const char *worst;
     report_test_run();
     page = report_test_page();
-    CHECK_TEXT(page, "The difference is -1.50 dB");
+    CHECK_TEXT(page, "Difference: -1.50 dB");
     CHECK_TEXT(page, "<tr><td>block 0<td class=\"n\">");
     CHECK_TEXT(page, "<tr><td>block 1<td class=\"n\">");
-    CHECK(!strstr(page, "<tr><td>block 2") && !strstr(page, "all together"));
+    CHECK(!strstr(page, "<tr><td>block 2") && !strstr(page, "refinement"));
     CHECK_TEXT(page, "partition in 2D: l3/l2 = 0.1 is below 0.3");
     CHECK_TEXT(page, "Depth weights f_mid");
     CHECK_TEXT(page, "22\xE2\x80\xAF"
@@ -99,14 +99,14 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     free(page);
 }
 
-TEST(report_of_blocks_that_were_refined_together_shows_that_as_one_more)
+TEST(report_of_blocks_shows_their_refinement_as_one_more_row)
 {
     char *page;
     report_test_run();
     test_write("out/blocks/together/block.json", "{\"finished\": true, \"gaussians\": 22400, \"iterations_done\": 77}");
     page = report_test_page();
-    CHECK_TEXT(page, "<tr><td>all together<td class=\"n\">77<td");
-    CHECK_TEXT(page, "&#9644; all together</b>");
+    CHECK_TEXT(page, "<tr><td>refinement<td class=\"n\">77<td");
+    CHECK_TEXT(page, "&#9644; refinement</b>");
     free(page);
 }
 
@@ -127,15 +127,15 @@ TEST(report_says_what_is_missing)
     CHECK_TEXT(error, "holds no run.json");
     report_test_run();
     page = report_test_page();
-    CHECK_TEXT(page, "Its pictures are not in renders/.");
-    CHECK_TEXT(page, "No map: the survey's text files are no longer where they were.");
+    CHECK_TEXT(page, "Its images are not in renders/.");
+    CHECK_TEXT(page, "No map: the survey's text files are not found.");
     free(page);
     test_write("out/run.json", "{\"finished\": false, \"blocks\": 3, " REPORT_TEST_JOB "}");
     remove(test_path("out/metrics.json"));
     page = report_test_page();
     CHECK_TEXT(page, "not finished: run the same command again");
     CHECK_TEXT(page, "<li>block 2: not finished</li>");
-    CHECK_TEXT(page, "Not judged yet");
+    CHECK_TEXT(page, "Not evaluated yet");
     free(page);
 }
 

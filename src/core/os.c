@@ -105,7 +105,7 @@ int oxl_is_terminal(int stream)
     return isatty(stream) != 0;
 }
 
-#define OS_SPINS "500" /* looks before a thread sleeps (docs/SPEED.md) */
+#define OS_SPINS "500" /* looks before a thread sleeps (docs/log/SPEED.md) */
 
 void oxl_wait_asleep(char **argv)
 {

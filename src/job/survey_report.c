@@ -1,17 +1,17 @@
 /* survey_report.c - what a survey holds, and what training it would take: the first message of `train`, the whole of `check`.
  *
- * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is told from steps that are tried (predict_time.c);
+ * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is predicted from steps that are tried (predict_time.c);
  * where that would take too long, and between blocks, from such arithmetic too.
  * Invariant: nothing here changes what is trained.
  */
 #include "../internal.h"
 #include "../core/simd.h"
 
-/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/SPEED.md. */
+/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/log/SPEED.md. */
 #define SURVEY_PAIRS_PER_PIXEL 40.0   /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
 #define SURVEY_PAIR_RATE       1.0e9  /* pairs a second and thread, AVX2 or better */
 #define SURVEY_PAIR_RATE_BASE  0.2e9  /* the same without */
-#define SURVEY_PIXEL_COST      1.0e-7 /* s: SSIM there and back, photograph to float */
+#define SURVEY_PIXEL_COST      1.0e-7 /* s: SSIM forward and backward, image to float */
 #define SURVEY_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
 #define SURVEY_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
 #define SURVEY_SPLAT_BYTES     300.0  /* a Gaussian beside its parameters: projection, tile lists, gradient slots */
@@ -24,7 +24,7 @@ static int survey_is_distorted(const struct colmap *c)
     return count;
 }
 
-/* "3 cameras, the first OPENCV 1920 x 1080, 2 distorted (mended on load)" */
+/* "3 cameras, the first OPENCV 1920 x 1080, distorted (undistorted on load)" */
 static void survey_cameras(const struct colmap *c, oxl_survey *s)
 {
     const struct colmap_camera *first = c && c->camera_count ? c->camera : NULL;
@@ -33,7 +33,7 @@ static void survey_cameras(const struct colmap *c, oxl_survey *s)
     s->cameras_distorted = survey_is_distorted(c);
     snprintf(s->cameras_text, sizeof s->cameras_text, "%d%s %s %d x %d, %s", s->cameras,
              s->cameras == 1 ? " camera," : " cameras, the first", camera_model_at(first->model)->name, first->width,
-             first->height, s->cameras_distorted ? "distorted (mended on load)" : "free of distortion");
+             first->height, s->cameras_distorted ? "distorted (undistorted on load)" : "without distortion");
 }
 
 /* The size that most of the memory is for. */
@@ -137,24 +137,23 @@ static void survey_say_duration(oxl_survey *s, double seconds)
 
 static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
 {
-    survey_say(s, "photographs  %d listed, %d missing; %d to train with, %d held out for the test; masks: %d", s->images,
+    survey_say(s, "images       %d listed, %d missing; %d training views, %d held-out views; %d masks", s->images,
                s->images_missing, s->train_views, s->test_views, s->masks);
-    if (s->masked > 0) survey_say(s, ", %.0f %% of them black, ignored", 100 * s->masked);
+    if (s->masked > 0) survey_say(s, " (%.0f %% of their pixels black, ignored)", 100 * s->masked);
     survey_say(s, "\n");
     survey_say(s, "cameras      %s; trained at %d x %d\n", s->cameras_text[0] ? s->cameras_text : "given by the caller", s->width,
                s->height);
     if (s->points > 0)
-        survey_say(s, "points       %zu, each in %.1f photographs on average, reprojection error %.2f px\n", s->points,
-                   s->mean_track, s->mean_error);
+        survey_say(s, "points       %zu, each in %.1f images on average, reprojection error %.2f px\n", s->points, s->mean_track,
+                   s->mean_error);
     if (s->points > 0)
-        survey_say(s,
-                   "place        %.4g x %.4g x %.4g units (1st to 99th percentile of the points); extent of the cameras %.4g\n",
+        survey_say(s, "extent       %.4g x %.4g x %.4g units (1st to 99th percentile of the points); cameras %.4g\n",
                    s->bounds_max[0] - s->bounds_min[0], s->bounds_max[1] - s->bounds_min[1], s->bounds_max[2] - s->bounds_min[2],
                    s->extent);
     survey_say(s, s->gaussians < 1e4 ? "prediction   %.0f Gaussians" : "prediction   %.0f thousand Gaussians",
                s->gaussians < 1e4 ? s->gaussians : s->gaussians / 1e3);
     survey_say(s, ", %.2f GB of memory", s->memory / 1e9);
-    if (s->memory_free > 0) survey_say(s, " (%.1f GB are free)", s->memory_free / 1e9);
+    if (s->memory_free > 0) survey_say(s, " (%.1f GB free)", s->memory_free / 1e9);
     survey_say(s, ", ");
     survey_say_duration(s, s->seconds);
     survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
@@ -163,24 +162,25 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
 static void survey_write_warnings(oxl_survey *s)
 {
     if (s->images_missing > 0)
-        survey_say(s, "warning: %d of %d photographs are not on disk and are left out\n", s->images_missing, s->images);
-    if (s->unusable > 0)
-        survey_say(s, "warning: %d of %d photographs cannot be used and will be left out\n", s->unusable, s->images);
+        survey_say(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing, s->images);
+    if (s->unusable > 0) survey_say(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
     if (s->missed > LINT_DOUBT)
         survey_say(s,
-                   "warning: %.0f %% of the points do not lie in the photographs that saw them; are cameras.txt, images.txt and "
-                   "points3D.txt of one model, and the poses from world to camera?\n",
+                   "warning: %.0f %% of the track entries project outside their images; check that cameras.txt, images.txt and "
+                   "points3D.txt are of one model and that poses are world to camera\n",
                    100 * s->missed);
     if (s->points == 0)
-        survey_say(s, "warning: no points: training starts from random ones and may fail; export points3D.txt too\n");
-    else if (s->points < 500) survey_say(s, "warning: only %zu points; was this the right sub-model?\n", s->points);
+        survey_say(s, "warning: no points: training starts from random points and may fail; export points3D.txt too\n");
+    else if (s->points < 500) survey_say(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
     if (s->mean_error > 2)
-        survey_say(s, "warning: a reprojection error of %.1f px blurs everything (good: under 1); run bundle_adjuster\n",
+        survey_say(s,
+                   "warning: a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster\n",
                    s->mean_error);
-    if (s->train_views < 10) survey_say(s, "warning: with only %d to train with, expect holes\n", s->train_views);
-    if (s->test_views == 0) survey_say(s, "warning: nothing is held out, so the metrics are of training photographs\n");
+    if (s->train_views < 10) survey_say(s, "warning: only %d training views; expect holes\n", s->train_views);
+    if (s->test_views == 0) survey_say(s, "warning: no view is held out, so the metrics are of training views\n");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
-        survey_say(s, "warning: memory may not suffice; try --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
+        survey_say(
+            s, "warning: memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
 }
 
 /* ---------------------------------------------------------------- doors */

@@ -498,7 +498,7 @@ OXL_INTERNAL void image_to_photo(const oxl_image *image, struct photo *photo)
     for (size_t i = 0; photo->mask && i < count; i++) photo->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
 }
 
-/* One filter for all rows and a short search: to try all five and search longer takes 1.6 times as long and saves nothing (docs/SPEED.md).
+/* One filter for all rows and a short search: to try all five and search longer takes 1.6 times as long and saves nothing (docs/log/SPEED.md).
  * stb has these once for the whole program, so they are set once: threads that write PNGs side by side only read them. */
 OXL_INTERNAL void image_begin(void)
 {

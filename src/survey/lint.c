@@ -1,7 +1,7 @@
-/* lint.c - what is wrong with a survey though each of its files can be read: poses that are not those of the points, photographs
- * and masks that training could not use.
+/* lint.c - faults of a survey whose files can all be read: poses that do not fit the points, images and masks that training
+ * cannot use.
  *
- * A track says that a photograph saw its point, so the point lies before that camera and within its frame. Where the poses lead
+ * A track states that an image shows its point, so the point lies in front of that camera and within its frame. Where the poses lead
  * from camera to world, or cameras, poses and points come from different models or scales, many do not; in exports of COLMAP's
  * own, none.
  *
@@ -11,16 +11,16 @@
 
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries looked at, spread evenly */
-    LINT_LEAST  = 4,       /* of one photograph, before it is spoken of */
-    LINT_NAMED  = 10       /* photographs and masks named, of a kind */
+    LINT_LEAST  = 4,       /* of one image, before it is judged */
+    LINT_NAMED  = 10       /* images and masks named, of a kind */
 };
 #define LINT_MARGIN 0.05 /* of the longer side: a point so far beside the frame still lies in it */
-#define LINT_MISSED 0.5  /* share of its points that a photograph misses, from which on its pose is doubted */
+#define LINT_MISSED 0.5  /* share of its points outside an image, from which on its pose counts as wrong */
 
 /* ---------------------------------------------------------------- poses and points */
 
 struct lint_view {
-    size_t seen, missed; /* entries looked at; of them not in the photograph */
+    size_t seen, missed; /* entries looked at; of them outside the image */
 };
 
 static int lint_is_in_frame(const oxl_scene *scene, int view, const double world[3])
@@ -75,8 +75,8 @@ static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct l
     for (int i = 0; i < count && s->missed <= LINT_DOUBT; i++)
         if (lint_is_odd(&views[i]) && named++ < LINT_NAMED)
             oxl_log(ctx, OXL_LOG_WARNING,
-                    "%s: %.0f %% of the points that it saw do not lie in it, so its pose is wrong\n"
-                    "fix: take it out of the model: colmap image_deleter",
+                    "%s: %.0f %% of the points in its tracks project outside this image, so its pose is wrong\n"
+                    "fix: remove it from the model with colmap image_deleter",
                     oxl_scene_view(scene, i)->name, 100.0 * (double)views[i].missed / (double)views[i].seen);
     if (named > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more", named - LINT_NAMED);
 }
@@ -92,7 +92,7 @@ OXL_INTERNAL oxl_result lint_sightings(oxl_context *ctx, const oxl_scene *scene,
     views   = oxl_calloc(ctx, (size_t)count + 1, sizeof *views);
     view_of = oxl_alloc(ctx, c->image_count + 1, sizeof *view_of);
     if (!views || !view_of) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare %d poses with the points", count);
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "out of memory comparing %d poses with the points", count);
         goto done;
     }
     for (size_t i = 0; i < c->image_count; i++) view_of[i] = -1;
@@ -105,15 +105,15 @@ done:
     return rc;
 }
 
-/* ---------------------------------------------------------------- photographs and masks */
+/* ---------------------------------------------------------------- images and masks */
 
-/* The header and the segments of a photograph, all of a mask: damage in the pixels themselves is found when they are decoded. */
+/* The header and the segments of an image, all of a mask: damage in the pixels themselves is found when they are decoded. */
 static oxl_result lint_photograph(oxl_context *ctx, const oxl_scene *scene, int view)
 {
     const char *name  = oxl_scene_view(scene, view)->name;
     char       *path  = oxl_path_join(ctx, scene_images_folder(scene), name);
     int         width = 0, height = 0;
-    oxl_result  rc = path ? image_size(ctx, path, &width, &height) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    oxl_result  rc = path ? image_size(ctx, path, &width, &height) : oxl_fail(ctx, OXL_ERR_MEMORY, "out of memory for a path");
     if (rc == OXL_OK) rc = image_check_shape(ctx, path, width, height, scene_source_camera(scene, view));
     oxl_free(ctx, path);
     return rc;
@@ -135,13 +135,13 @@ static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, 
     if (count) *counts = (double)white / (double)count;
     if (count && image_check_shape(ctx, path, pixels.width, pixels.height, from) != OXL_OK && ++*stretched <= LINT_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: %d x %d px for a photograph of another shape, so it is stretched\n"
-                "fix: make it of the photograph's shape",
+                "%s: %d x %d px, but its image has another aspect ratio, so the mask is stretched\n"
+                "fix: give the mask the aspect ratio of its image",
                 path, pixels.width, pixels.height);
     if (count && white == 0)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s: all of it is black, so nothing of the photograph counts\n"
-                      "fix: white (255) in a mask means that the pixel counts",
+                      "%s: the mask is all black, so it excludes the whole image\n"
+                      "fix: use white (255) for the pixels that count",
                       path);
     image_pixels_free(ctx, &pixels);
     oxl_free(ctx, path);
@@ -163,11 +163,11 @@ OXL_INTERNAL oxl_result lint_photographs(oxl_context *ctx, const oxl_scene *scen
         if (s->unusable++ < LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s", oxl_error_text(ctx));
     }
     s->masked = s->masks > 0 ? masked / s->masks : 0;
-    if (s->unusable > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d photographs more", s->unusable - LINT_NAMED);
-    if (stretched > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d masks more", stretched - LINT_NAMED);
+    if (s->unusable > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more images", s->unusable - LINT_NAMED);
+    if (stretched > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more masks", stretched - LINT_NAMED);
     if (usable > 0 || s->train_views == 0) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "none of the %d photographs to train with can be used, for what is said above\n"
-                    "fix: mend them as it says there",
+                    "none of the %d training views can be used; the warnings above give the reasons\n"
+                    "fix: correct the files named there",
                     s->train_views);
 }

@@ -14,7 +14,7 @@
  *     core   odd, and e > ROBUST_TIMES m
  *     aside  core; or next to one, with e > ROBUST_ERROR / 2 and 2 e > ROBUST_TIMES m
  *     usual  <- usual + ROBUST_RATE (min(e, ROBUST_MOST) - usual), for each point in view
- * Squares without points around are never put aside. docs/ROBUST.md has what this brings and costs, and what was tried instead.
+ * Squares without points around are never put aside. docs/log/ROBUST.md has what this brings and costs, and what was tried instead.
  *
  * Invariant: weights and usual errors are a function of the model, the view and the usual errors before; no sum depends on the number
  * of threads.
