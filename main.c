@@ -135,7 +135,8 @@ static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, o
     *o                       = a->job;
     *run                     = NULL;
     if (!a->job.restart) rc = oxl_job_resume(ctx, a->path[0], a->out, o, run);
-    if (a->given[0] && o->preset && strcmp(o->preset, a->given[0]) == 0) changes.given[0] = NULL; /* setting it would undo the rest */
+    if (a->given[0] && o->preset && strcmp(o->preset, a->given[0]) == 0)
+        changes.given[0] = NULL; /* setting it would undo the rest */
     if (rc == OXL_OK) arguments_apply(&changes, o);
     return rc;
 }
@@ -477,8 +478,8 @@ int main(int argc, char **argv)
     console.quiet = a.quiet;
     console.live  = oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
-    options.log   = on_log;
-    options.user  = &console;
+    options.log  = on_log;
+    options.user = &console;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
     options.backend = (oxl_backend)a.backend;

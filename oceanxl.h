@@ -466,41 +466,42 @@ OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
 
 /* One row for each option of the training job: src/job/options.c holds the table. Defaults, parsing, range checks, run.json, the command
  * line, its help, the manual page and docs/OPTIONS.md are made from it. A program may keep a table of the same type for options of its own. */
-typedef enum oxl_option_kind {    /* what the field holds, and its text */
-    OXL_OPTION_FLAG,    /* int, 0 or 1: no text, or true | false */
-    OXL_OPTION_INT,     /* int */
-    OXL_OPTION_LONG,    /* long */
-    OXL_OPTION_SEED,    /* uint64_t */
-    OXL_OPTION_FLOAT,   /* float: 0.05 or 1/255 */
-    OXL_OPTION_DOUBLE,  /* double */
-    OXL_OPTION_CHOICE,  /* an enum that counts from 0: a word of `value` */
-    OXL_OPTION_BYTES,   /* size_t: 1000000, 512M, 4G; K, M, G, T are powers of 1024 */
-    OXL_OPTION_SECONDS, /* double: 90s, 20m, 8h, 1d */
-    OXL_OPTION_TEXT,    /* const char *, borrowed; NULL: not given */
-    OXL_OPTION_RGB,     /* float[3]: 0,0.1,0.2 */
-    OXL_OPTION_PLACE,   /* double[3]: X,Y,Z */
-    OXL_OPTION_SIZE,    /* int[2]: 400x260 */
-    OXL_OPTION_PRESET,  /* const char *; setting it sets all options of the job to the preset's defaults */
-    OXL_OPTION_UCD,     /* oxl_ucd, but for its bands, as oxl_ucd_parse reads it */
-    OXL_OPTION_KEEP,    /* oxl_keep, as oxl_keep_parse reads it */
-    OXL_OPTION_LIMIT    /* float: 0.0002; or 90%, held as -0.9 */
+typedef enum oxl_option_kind {                     /* what the field holds, and its text */
+                               OXL_OPTION_FLAG,    /* int, 0 or 1: no text, or true | false */
+                               OXL_OPTION_INT,     /* int */
+                               OXL_OPTION_LONG,    /* long */
+                               OXL_OPTION_SEED,    /* uint64_t */
+                               OXL_OPTION_FLOAT,   /* float: 0.05 or 1/255 */
+                               OXL_OPTION_DOUBLE,  /* double */
+                               OXL_OPTION_CHOICE,  /* an enum that counts from 0: a word of `value` */
+                               OXL_OPTION_BYTES,   /* size_t: 1000000, 512M, 4G; K, M, G, T are powers of 1024 */
+                               OXL_OPTION_SECONDS, /* double: 90s, 20m, 8h, 1d */
+                               OXL_OPTION_TEXT,    /* const char *, borrowed; NULL: not given */
+                               OXL_OPTION_RGB,     /* float[3]: 0,0.1,0.2 */
+                               OXL_OPTION_PLACE,   /* double[3]: X,Y,Z */
+                               OXL_OPTION_SIZE,    /* int[2]: 400x260 */
+                               OXL_OPTION_PRESET, /* const char *; setting it sets all options of the job to the preset's defaults */
+                               OXL_OPTION_UCD,    /* oxl_ucd, but for its bands, as oxl_ucd_parse reads it */
+                               OXL_OPTION_KEEP, /* oxl_keep, as oxl_keep_parse reads it */
+                               OXL_OPTION_LIMIT /* float: 0.0002; or 90%, held as -0.9 */
 } oxl_option_kind;
 
 typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_EXPERT } oxl_option_tier;
 
-enum {                          /* what an option of the job is for: bits of oxl_option.use */
-    OXL_OPTION_OF_SURVEY   = 1, /* reading a survey */
-    OXL_OPTION_OF_TRAINING = 2, /* training, in a run or in a study */
-    OXL_OPTION_OF_RUN      = 4, /* one run, or what predicts it */
-    OXL_OPTION_OF_OUT      = 8, /* what is in OUT already */
-    OXL_OPTION_OF_BLOCK    = 16,
-    OXL_OPTION_OF_MERGE    = 32,
-    OXL_OPTION_OF_RESULT   = 64 /* the bytes of every block depend on it: it stands in run.json's "job", named as here with _ for - */
+enum {                             /* what an option of the job is for: bits of oxl_option.use */
+       OXL_OPTION_OF_SURVEY   = 1, /* reading a survey */
+       OXL_OPTION_OF_TRAINING = 2, /* training, in a run or in a study */
+       OXL_OPTION_OF_RUN      = 4, /* one run, or what predicts it */
+       OXL_OPTION_OF_OUT      = 8, /* what is in OUT already */
+       OXL_OPTION_OF_BLOCK    = 16,
+       OXL_OPTION_OF_MERGE    = 32,
+       OXL_OPTION_OF_RESULT =
+           64 /* the bytes of every block depend on it: it stands in run.json's "job", named as here with _ for - */
 };
 
 typedef struct oxl_option {
-    const char     *name;      /* "sh-degree" */
-    const char     *value;     /* "auto|0..3"; NULL: a flag. A number whose value begins with WORD| takes that word too, held as -1 */
+    const char     *name;  /* "sh-degree" */
+    const char     *value; /* "auto|0..3"; NULL: a flag. A number whose value begins with WORD| takes that word too, held as -1 */
     oxl_option_kind kind;
     size_t          at;        /* offset of the field: in oxl_job_options; in what the program's own table is about */
     double          low, high; /* of numbers, both allowed */
@@ -512,18 +513,18 @@ typedef struct oxl_option {
 } oxl_option;
 
 OXL_API int               oxl_option_count(void);
-OXL_API const oxl_option *oxl_option_at(int index);           /* 0 .. count - 1; 0 is the preset */
-OXL_API const oxl_option *oxl_option_find(const char *name);  /* by its name or former name; NULL: there is none */
+OXL_API const oxl_option *oxl_option_at(int index);          /* 0 .. count - 1; 0 is the preset */
+OXL_API const oxl_option *oxl_option_find(const char *name); /* by its name or former name; NULL: there is none */
 /* Reads text into the option's field; the text is kept (borrowed) for folders. OXL_ERR_USAGE: the field is as it was, and error, which may
  * be NULL, names the option, what was seen, what is wanted and a fix. */
-OXL_API oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error, size_t error_size);
+OXL_API oxl_result  oxl_option_set(const oxl_option *option, void *options, const char *text, char *error, size_t error_size);
 /* The shortest text that oxl_option_set reads back to the same value; "" for a folder that was not given. Returns out. */
 OXL_API const char *oxl_option_get(const oxl_option *option, const void *options, char *out, size_t size);
 /* Its member in run.json: sh_degree, images_folder. Returns out. */
 OXL_API const char *oxl_option_member(const oxl_option *option, char out[40]);
 /* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
-OXL_API oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options);
-OXL_API oxl_result oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
+OXL_API oxl_result  oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options);
+OXL_API oxl_result  oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
 
 /* What a survey holds and what training it would take: a lint report. */
 typedef struct oxl_survey {

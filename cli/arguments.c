@@ -62,7 +62,7 @@ static int is_removed(const char *name)
 /* word: as typed, without a value. */
 static int unknown_option(const char *word, const struct arguments *a, char *error, size_t size)
 {
-    const char *name  = word + strspn(word, "-"), *nearest = NULL;
+    const char *name = word + strspn(word, "-"), *nearest = NULL;
     char        other[40], best[40];
     int         least = 4; /* further away it would be a guess */
     if (a->command == COMMAND_ABLATE && cli_is_set_by_rows(name)) {
@@ -177,7 +177,8 @@ static void parse_first(int argc, char **argv, struct arguments *a)
     a->version = strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0;
     a->manual  = strcmp(argv[1], "--man") == 0;
     a->page    = strcmp(argv[1], "--options-page") == 0;
-    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0) parse_help(argc, argv, &at, a);
+    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0)
+        parse_help(argc, argv, &at, a);
 }
 
 int arguments_parse(int argc, char **argv, struct arguments *a, char *error, size_t size)

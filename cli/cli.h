@@ -168,9 +168,9 @@ struct arguments { /* as given, or the default; NULL: not given */
     const char     *flight, *bar;         /* --path of render, --scale-bar */
     const char     *out, *rows;
     synth_options   synth;
-    oxl_job_options job;               /* the preset's defaults, and what was given */
+    oxl_job_options job;                    /* the preset's defaults, and what was given */
     const char     *given[CLI_JOB_OPTIONS]; /* text of each option of the job, in the library's order */
-    char            note[160];         /* a former name was used; "" */
+    char            note[160];              /* a former name was used; "" */
 };
 struct arguments arguments_default(void);
 

@@ -25,7 +25,8 @@ static const struct {
     {"report.html", "all of it on one page, with charts, a map and the worst views"},
     {"renders/", "NAME.png and NAME.photo.png of each held-out view"},
     {"partition.txt, partition.svg", "the blocks, of a survey that was split"},
-    {"blocks/KKK/", "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained, and a COLMAP text export"},
+    {"blocks/KKK/",
+     "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained, and a COLMAP text export"},
     {"blocks/together/", "the refinement of the merged model"},
 };
 
@@ -243,12 +244,13 @@ static void page_option(FILE *to, int index)
 
 void help_page(FILE *to)
 {
-    fputs("# Options and outputs\n\n"
-          "Made by `make man` from the tables in `src/job/options.c` (the training job) and `cli/options.c` (the program): change it "
-          "there.\n"
-          "Defaults and ranges are in parentheses. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
-          "A run that goes on keeps the options in OUT/run.json.\n",
-          to);
+    fputs(
+        "# Options and outputs\n\n"
+        "Made by `make man` from the tables in `src/job/options.c` (the training job) and `cli/options.c` (the program): change it "
+        "there.\n"
+        "Defaults and ranges are in parentheses. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
+        "A run that goes on keeps the options in OUT/run.json.\n",
+        to);
     for (int g = 0; g < cli_option_count(); g++) {
         if (!help_group_begins(g)) continue;
         fprintf(to, "\n## %s\n\n", cli_option_at(g)->group);

@@ -58,14 +58,17 @@ static const struct cli_command CLI_COMMANDS[] = {
 
 /* ---------------------------------------------------------------- options of the program */
 
-#define STUDIES    (IN(ABLATE) | IN(TRADEOFF))
-#define TRAINS     (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
-#define DRAWS      (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
-#define EVERYWHERE (~0u)
+#define STUDIES     (IN(ABLATE) | IN(TRADEOFF))
+#define TRAINS      (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
+#define DRAWS       (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
+#define EVERYWHERE  (~0u)
 #define FIELD(name) offsetof(struct arguments, name)
-#define NO_TEXT     {NULL, NULL, NULL}
-#define LEAST       1e-9 /* metres: of what is not 0 */
-#define MOST        1e15 /* metres, seconds: what is beyond was not meant */
+#define NO_TEXT          \
+    {                    \
+        NULL, NULL, NULL \
+    }
+#define LEAST 1e-9 /* metres: of what is not 0 */
+#define MOST  1e15 /* metres, seconds: what is beyond was not meant */
 
 /* Defaults are in arguments_default; `use` has a bit for each command. */
 /* clang-format off */

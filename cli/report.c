@@ -285,9 +285,9 @@ static void report_decisions(struct report *r)
 {
     static const char *const partition[] = {"partition in ", "stay one block", " blocks of ",
                                             "joined",        "see too little", "--ram "};
-    struct study_text *t      = &r->page;
-    char              *preset = json_string(json_member(r->run, "preset")), *split = report_value(r->job, "split");
-    char               words[80];
+    struct study_text       *t           = &r->page;
+    char                    *preset = json_string(json_member(r->run, "preset")), *split = report_value(r->job, "split");
+    char                     words[80];
     page_section(t, "What was decided, and why");
     study_add(t, "<dl>\n");
     report_term(t, "Preset");

@@ -132,8 +132,8 @@ enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
 OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
 OXL_INTERNAL void   format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
-OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value);              /* that reads back as the same double */
-OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);                  /* that reads back as the same float */
+OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value); /* that reads back as the same double */
+OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);     /* that reads back as the same float */
 
 /* ---------------------------------------------------------------- context.c again: random numbers */
 
@@ -909,8 +909,8 @@ enum { RUN_VALUES = 96, RUN_DIFFERENCES = 10 /* options; lines about them */ };
 
 struct oxl_run { /* read back from run.json */
     int      finished;
-    float    refine;       /* not in the line: blocks do not depend on it */
-    char    *line, *found; /* "job": {...}, "found": {...}; line NULL: there was no run */
+    float    refine;                             /* not in the line: blocks do not depend on it */
+    char    *line, *found;                       /* "job": {...}, "found": {...}; line NULL: there was no run */
     char    *scene, *preset, *value[RUN_VALUES]; /* value: of the options as text, in the table's order; NULL: not there */
     uint64_t seed;
 };
@@ -920,7 +920,7 @@ OXL_INTERNAL void       run_free(oxl_context *ctx, struct oxl_run *run);
 OXL_INTERNAL void       run_options(const struct oxl_run *run, oxl_job_options *o); /* o borrows run's strings */
 /* A line for each member of "job" and "found" that differs between two runs. */
 OXL_INTERNAL oxl_result run_differences(struct text *t, const char *there, const char *here);
-OXL_INTERNAL double     run_number(const char *text, const char *name);             /* what follows "name": , or 0 */
+OXL_INTERNAL double     run_number(const char *text, const char *name); /* what follows "name": , or 0 */
 
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 

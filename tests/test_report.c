@@ -6,10 +6,10 @@
 #include "../cli/report_page.c"
 #include "../cli/report_views.c"
 
-#define REPORT_TEST_JOB                                                                                                                \
-    "\"job\": {\"version\": \"0\", \"seed\": 3, \"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"iterations\": 12, "     \
-    "\"sh_degree\": 3, \"ucd\": \"1.5,2,fixed\", \"keep\": 0.5, \"dog\": \"selective\", \"dog_threshold\": \"90%\", \"partition\": \"2d\", "   \
-    "\"split\": \"midpoint\", \"coarse\": 0.125, \"mask_transients\": true, \"cooldown\": 0.5, \"alpha_min\": 0.04, \"lr_sh\": 0.001, "     \
+#define REPORT_TEST_JOB                                                                                                                      \
+    "\"job\": {\"version\": \"0\", \"seed\": 3, \"scene\": \"no <where> & 'here'\", \"images_folder\": null, \"iterations\": 12, "           \
+    "\"sh_degree\": 3, \"ucd\": \"1.5,2,fixed\", \"keep\": 0.5, \"dog\": \"selective\", \"dog_threshold\": \"90%\", \"partition\": \"2d\", " \
+    "\"split\": \"midpoint\", \"coarse\": 0.125, \"mask_transients\": true, \"cooldown\": 0.5, \"alpha_min\": 0.04, \"lr_sh\": 0.001, "      \
     "\"densify_gradient\": 4e-4, \"max_gaussians\": 0, \"masks_folder\": \"m & n\"}"
 
 /* The page of the test's folder OUT, in memory to be freed. */

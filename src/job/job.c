@@ -224,7 +224,10 @@ static oxl_result job_refuse(struct job *job, const struct oxl_run *run)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
                       "%s holds the unfinished work of a run with other options or of another survey:\n%s"
                       "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
-                      job->out, !run->line[0] ? "  its run.json is cut short\n" : t.data ? t.data : "");
+                      job->out,
+                      !run->line[0] ? "  its run.json is cut short\n"
+                      : t.data      ? t.data
+                                    : "");
     text_free(&t);
     text_free(&there);
     return rc;
@@ -238,8 +241,7 @@ static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
                         "%s holds the finished result of another survey, %s\n"
                         "fix: name another folder by -o; --restart replaces it",
                         job->out, run->scene);
-    if (!run->finished && job_has_blocks(job) && !job->options.restart)
-        return job_refuse(job, run);
+    if (!run->finished && job_has_blocks(job) && !job->options.restart) return job_refuse(job, run);
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run)) job_drop_checkpoints(job);
     job_remove(job, "run.json");
     job_remove(job, "metrics.json");

@@ -191,12 +191,15 @@ static oxl_result run_compare(struct run_comparison *c, const char *member, cons
 
 OXL_INTERNAL oxl_result run_differences(struct text *t, const char *there, const char *here)
 {
-    static const char *const others[][2] = {{"version", "version"},         {"scene", "survey"},
-                                            {"seed", "--seed"},             {"device", "device"},
-                                            {"images", "images of the survey"}, {"points", "points of the survey"},
+    static const char *const others[][2] = {{"version", "version"},
+                                            {"scene", "survey"},
+                                            {"seed", "--seed"},
+                                            {"device", "device"},
+                                            {"images", "images of the survey"},
+                                            {"points", "points of the survey"},
                                             {"extent", "extent of the survey"}};
-    struct run_comparison c  = {t, there, here, 0};
-    oxl_result            rc = OXL_OK;
+    struct run_comparison    c           = {t, there, here, 0};
+    oxl_result               rc          = OXL_OK;
     for (int i = 0; i < oxl_option_count() && rc == OXL_OK; i++) {
         char member[40], label[48];
         if (!(oxl_option_at(i)->use & OXL_OPTION_OF_RESULT)) continue;

@@ -15,9 +15,9 @@
 /* ---------------------------------------------------------------- the table */
 
 #define OPTION_AT(member) offsetof(oxl_job_options, member)
-#define EACH(text)                     \
-    {                                  \
-        text, text, text               \
+#define EACH(text)       \
+    {                    \
+        text, text, text \
     }
 #define PRESETS(draft, standard, paper) \
     {                                   \
@@ -297,9 +297,9 @@ static int option_read_preset(const oxl_option *o, const char *text, void *optio
 static int option_read_number(const oxl_option *o, const char *text, double *out)
 {
     static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
-    const size_t        word    = option_word(o);
-    float               single  = 0;
-    int                 is_one  = 0;
+    const size_t        word   = option_word(o);
+    float               single = 0;
+    int                 is_one = 0;
     if (word > 0 && strlen(text) == word && strncmp(text, o->value, word) == 0) return *out = -1, 1;
     switch (o->kind) {
     case OXL_OPTION_INT:
@@ -371,7 +371,9 @@ static void option_explain(const oxl_option *o, const char *text, char *error, s
     char        wanted[160];
     option_wanted(o, wanted);
     snprintf(error, size, "option %s%s: '%.80s' seen, %s wanted\nfix: %s%s %s", dashes, o->name, text, wanted, dashes, o->name,
-             example ? example : o->value ? o->value : "");
+             example    ? example
+             : o->value ? o->value
+                        : "");
 }
 
 oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error, size_t error_size)
@@ -387,7 +389,7 @@ oxl_result oxl_option_set(const oxl_option *option, void *options, const char *t
 static void option_get_percent(float value, char *out, size_t size)
 {
     char digits[NUMBER_TEXT_MAX];
-    for (int precision = 1; precision <= 17; precision++) {
+    for (int precision = 3; precision <= 17; precision++) { /* 100 has three digits */
         const char *at = digits;
         double      v;
         format_digits(digits, 100 * fabs((double)value), precision);
@@ -463,8 +465,8 @@ static void option_get_number(const oxl_option *o, const void *field, char *out,
 
 const char *oxl_option_get(const oxl_option *o, const void *options, char *out, size_t size)
 {
-    const void *field = (const char *)options + o->at;
-    const float *f    = field;
+    const void  *field = (const char *)options + o->at;
+    const float *f     = field;
     switch (o->kind) {
     case OXL_OPTION_FLAG: snprintf(out, size, *(const int *)field ? "true" : "false"); break;
     case OXL_OPTION_TEXT: snprintf(out, size, "%s", *(const char *const *)field ? *(const char *const *)field : ""); break;
