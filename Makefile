@@ -134,7 +134,7 @@ FUZZ_SANITIZE := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-
 $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 	@mkdir -p $(@D)
 	$(FUZZ_CC) -std=c99 -O1 -g $(FLOATS) -DOXL_NO_SIMD -Wno-unknown-pragmas -fsanitize=fuzzer $(FUZZ_SANITIZE) -I. \
-	  fuzz/fuzz.c $(filter-out cli/arguments.c,$(TOOLS)) -o $@ -lm
+	  fuzz/fuzz.c $(filter-out cli/arguments.c cli/options.c,$(TOOLS)) -o $@ -lm
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
 floaters: $(BUILD)/floaters ## build/floaters PICTURES SURVEY: what hangs in a model's pictures that is not in a synthetic survey (docs/log/ROBUST.md)
@@ -197,9 +197,11 @@ demo: ## a synthetic survey, made, trained and judged: pictures in demo/out (a f
 	@$(MAKE) --no-print-directory all
 	@scripts/demo.sh $(BUILD)/oceanxl demo
 
-man: $(BUILD)/oceanxl ## docs/oceanxl.1, the manual page, from the tables in cli/arguments.c (the tests tell when it is not current)
+man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of options (the tests tell when they are not current)
 	$(BUILD)/oceanxl --man > $(BUILD)/oceanxl.1
 	mv $(BUILD)/oceanxl.1 docs/oceanxl.1
+	$(BUILD)/oceanxl --options-page > $(BUILD)/OPTIONS.md
+	mv $(BUILD)/OPTIONS.md docs/OPTIONS.md
 
 install: all $(BUILD)/liboceanxl.a ## program, manual page, header and static library under DESTDIR/PREFIX
 	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib $(DESTDIR)$(PREFIX)/share/man/man1

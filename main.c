@@ -127,66 +127,18 @@ static void print_error(const char *text)
 
 /* ---------------------------------------------------------------- from arguments to options */
 
-/* What was said overrides what was there. */
-static oxl_result override_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o)
-{
-    oxl_result rc = OXL_OK;
-    if (a->images) o->scene.images = a->images;
-    if (a->sparse) o->scene.sparse = a->sparse;
-    if (a->masks) o->scene.masks = a->masks;
-    if (a->max_side >= 0) o->scene.max_side = a->max_side;
-    if (a->test_every >= 0) o->scene.test_every = a->test_every;
-    if (a->image_cache >= 0) o->scene.image_cache_bytes = (size_t)a->image_cache;
-    if (a->iterations >= 0) o->train.iterations = a->iterations;
-    if (a->max_gaussians >= 0) o->train.max_gaussians = a->max_gaussians;
-    if (a->sh_degree >= -1) o->train.sh_degree = a->sh_degree;
-    if (a->max_time >= 0) o->train.max_seconds = a->max_time;
-    if (a->block_points >= 0) o->partition.block_points = a->block_points;
-    if (a->axes >= 0) o->partition.kind = (oxl_partition_kind)a->axes;
-    if (a->cut >= 0) o->partition.cut = (oxl_cut)a->cut;
-    if (a->dog >= 0) o->train.dog = (oxl_dog)a->dog;
-    if (a->dog_threshold >= -1) o->train.dog_threshold = (float)a->dog_threshold;
-    if (a->ssim_every >= 0) o->train.ssim_every = a->ssim_every;
-    if (a->exp_degree >= 0) o->train.exp_degree = a->exp_degree;
-    if (a->alpha_min >= 0) o->train.alpha_min = (float)a->alpha_min;
-    if (a->tile_share >= 0) o->train.tile_share = (float)a->tile_share;
-    if (a->coarse >= -1) o->train.coarse = (float)a->coarse;
-    if (a->bands_every >= 0) o->train.bands_every = (float)a->bands_every;
-    if (a->refine >= 0) o->refine = (float)a->refine;
-    if (a->haste >= 0) o->train.haste = (float)a->haste;
-    if (a->settle >= 0) o->train.settle = (float)a->settle;
-    if (a->ram >= 0) o->ram = (size_t)a->ram;
-    if (a->block >= 0) o->block = a->block;
-    if (a->seed >= 0) o->seed = (uint64_t)a->seed;
-    if (a->robust) o->train.robust = 1;
-    if (a->stop_early) o->train.stop_early = 1;
-    o->restart = a->restart;
-    if (a->ucd) rc = oxl_ucd_parse(ctx, a->ucd, &o->train.ucd);
-    if (a->keep && rc == OXL_OK) rc = oxl_keep_parse(ctx, a->keep, &o->train.keep);
-    return rc;
-}
-
-static oxl_result job_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o)
-{
-    *o = oxl_job_options_default(a->preset >= 0 ? (oxl_preset)a->preset : OXL_PRESET_DRAFT);
-    return override_options(ctx, a, o);
-}
-
 /* A run that is there already keeps its options, unless another preset is asked for. */
 static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o, oxl_run **run)
 {
-    const oxl_job_options fresh = oxl_job_options_default(a->preset >= 0 ? (oxl_preset)a->preset : OXL_PRESET_DRAFT);
-    oxl_result            rc    = OXL_OK;
-    *o                          = fresh;
-    *run                        = NULL;
-    if (!a->restart) rc = oxl_job_resume(ctx, a->path[0], a->out, o, run);
-    if (a->preset >= 0 && (!o->preset || strcmp(o->preset, fresh.preset) != 0)) *o = fresh;
-    return rc == OXL_OK ? override_options(ctx, a, o) : rc;
-}
-
-static oxl_split split_of(const struct arguments *a)
-{
-    return a->split >= 0 ? (oxl_split)a->split : OXL_SPLIT_TEST;
+    struct arguments changes = *a;
+    oxl_result       rc      = OXL_OK;
+    *o                       = a->job;
+    *run                     = NULL;
+    if (!a->job.restart) rc = oxl_job_resume(ctx, a->path[0], a->out, o, run);
+    if (a->given[0] && o->preset && strcmp(o->preset, a->given[0]) == 0)
+        changes.given[0] = NULL; /* setting it would undo the rest */
+    if (rc == OXL_OK) arguments_apply(&changes, o);
+    return rc;
 }
 
 /* ---------------------------------------------------------------- commands */
@@ -209,8 +161,8 @@ static void print_resume(const struct arguments *a)
     fprintf(stderr, "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the model so far\n     go on: ", out);
     if (a->out) fprintf(stderr, "oceanxl train %s -o %s", a->path[0], out);
     else fprintf(stderr, "oceanxl merge %s", out);
-    if (a->out && a->block >= 0) fprintf(stderr, " --block %d", a->block);
-    if (a->refine >= 0) fprintf(stderr, " --refine %g", a->refine);
+    if (a->out && a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
+    if (arguments_given(a, "refine")) fprintf(stderr, " --refine %s", arguments_given(a, "refine"));
     fputc('\n', stderr);
 }
 
@@ -246,9 +198,9 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
     }
     oxl_run_free(ctx, &run);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
-    if (rc == OXL_OK && a->block < 0) rc = report_write(ctx, a->out, console->error, sizeof console->error);
+    if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, console->error, sizeof console->error);
     if (rc != OXL_OK) return rc;
-    if (a->block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->block);
+    if (a->job.block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->job.block);
     else print_results(a);
     return rc;
 }
@@ -260,7 +212,7 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
     oxl_result         rc;
     merged.out = a->path[0];
     catch_signals();
-    rc = oxl_merge(ctx, a->path[0], (float)a->refine, &callback);
+    rc = oxl_merge(ctx, a->path[0], arguments_given(a, "refine") ? a->job.refine : -1, &callback);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK) rc = report_write(ctx, a->path[0], console->error, sizeof console->error);
@@ -277,11 +229,9 @@ static oxl_result run_report(oxl_context *ctx, const struct arguments *a, struct
 
 static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_job_options options;
-    oxl_survey      survey;
-    char           *json = NULL;
-    oxl_result      rc   = job_options(ctx, a, &options);
-    if (rc == OXL_OK) rc = oxl_check(ctx, a->path[0], &options, &survey);
+    oxl_survey survey;
+    char      *json = NULL;
+    oxl_result rc   = oxl_check(ctx, a->path[0], &a->job, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
     oxl_text_free(ctx, json);
@@ -290,11 +240,9 @@ static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
 
 static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_job_options      options;
     oxl_partition_report report = {0};
     char                *json   = NULL;
-    oxl_result           rc     = job_options(ctx, a, &options);
-    if (rc == OXL_OK) rc = oxl_partition(ctx, a->path[0], a->out, &options, &report);
+    oxl_result           rc     = oxl_partition(ctx, a->path[0], a->out, &a->job, &report);
     if (rc == OXL_OK && a->json) rc = oxl_partition_to_json(ctx, &report, &json);
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
@@ -308,10 +256,8 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
 
 static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene)
 {
-    oxl_job_options options;
-    oxl_result      rc = oxl_model_read(ctx, a->path[0], model);
-    if (rc == OXL_OK) rc = job_options(ctx, a, &options);
-    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options.scene, scene);
+    oxl_result rc = oxl_model_read(ctx, a->path[0], model);
+    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &a->job.scene, scene);
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene)); /* a block's or another program's has its own */
     return rc;
 }
@@ -332,7 +278,7 @@ static int on_synth(void *user, const char *what, long done, long total)
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const oxl_pictures   what   = {split_of(a), 0, a->depth, a->scale};
+    const oxl_pictures   what   = {(oxl_split)a->split, 0, a->depth, a->scale};
     const ortho_options  ortho  = {a->out, a->pixel, a->scale, a->depth};
     const flight_options flight = {a->out, a->flight, a->frames, on_synth, console};
     oxl_model            model  = {0};
@@ -373,7 +319,7 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
     oxl_metrics metrics = {0};
     char       *json    = NULL;
     oxl_result  rc      = load(ctx, a, &model, &scene);
-    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, split_of(a), &metrics);
+    if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);
     if (rc == OXL_OK && !json) print_metrics(scene, &metrics);
@@ -386,15 +332,15 @@ static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
 
 static oxl_result run_measure(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    oxl_job_options options;
-    oxl_scene      *scene = NULL;
-    oxl_result      rc    = job_options(ctx, a, &options);
+    oxl_scene_options options = a->job.scene;
+    oxl_scene        *scene   = NULL;
+    oxl_result        rc;
     if (!a->bar) {
         snprintf(console->error, sizeof console->error, "measure wants --scale-bar ENDS\nfix: oceanxl measure --help shows one");
         return OXL_ERR_USAGE;
     }
-    options.scene.read_images = 0;
-    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[0], &options.scene, &scene);
+    options.read_images = 0;
+    rc                  = oxl_scene_load(ctx, a->path[0], &options, &scene);
     if (rc == OXL_OK) rc = scale_measure(ctx, scene, a->bar, a->length, stdout, console->error, sizeof console->error);
     oxl_scene_free(ctx, scene);
     return rc;
@@ -419,7 +365,6 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     options.write_images = !a->no_images;
     options.progress     = on_synth;
     options.user         = console;
-    if (a->seed >= 0) options.seed = (uint64_t)a->seed;
     if (a->threads > 0) options.threads = a->threads;
     catch_signals();
     rc = synth_run(ctx, &options, console->error, sizeof console->error);
@@ -428,20 +373,17 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-/* What both studies train with: the options of a job, and a log and a progress line on this console. */
-static oxl_result study_begins(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_job_options *job,
-                               oxl_context_options *context, oxl_callback *callback)
+/* What both studies train with: a log and a progress line on this console. */
+static void study_begins(const struct arguments *a, struct console *console, oxl_context_options *context, oxl_callback *callback)
 {
-    const oxl_result rc = job_options(ctx, a, job);
-    *context            = oxl_context_options_default();
-    context->log        = on_log;
-    context->user       = console;
-    context->backend    = (oxl_backend)a->backend;
-    context->device     = a->device;
+    *context         = oxl_context_options_default();
+    context->log     = on_log;
+    context->user    = console;
+    context->backend = (oxl_backend)a->backend;
+    context->device  = a->device;
     if (a->threads > 0) context->threads = a->threads;
     *callback = (oxl_callback){on_progress, console};
-    if (rc == OXL_OK) catch_signals();
-    return rc;
+    catch_signals();
 }
 
 static oxl_result study_ends(struct console *console, oxl_result rc)
@@ -452,25 +394,24 @@ static oxl_result study_ends(struct console *console, oxl_result rc)
     return rc;
 }
 
-static oxl_result run_ablate(oxl_context *ctx, const struct arguments *a, struct console *console)
+static oxl_result run_ablate(const struct arguments *a, struct console *console)
 {
-    ablate_options options = {.scene = a->path[0], .out = a->out, .rows = a->rows, .seeds = a->seeds};
-    oxl_result     rc      = study_begins(ctx, a, console, &options.job, &options.context, &options.callback);
-    if (rc == OXL_OK) rc = ablate_run(&options, stdout, console->error, sizeof console->error);
-    return study_ends(console, rc);
+    ablate_options options = {.scene = a->path[0], .out = a->out, .rows = a->rows, .seeds = a->seeds, .job = a->job};
+    study_begins(a, console, &options.context, &options.callback);
+    return study_ends(console, ablate_run(&options, stdout, console->error, sizeof console->error));
 }
 
-static oxl_result run_tradeoff(oxl_context *ctx, const struct arguments *a, struct console *console)
+static oxl_result run_tradeoff(const struct arguments *a, struct console *console)
 {
     tradeoff_options options = {.scene         = a->path[0],
                                 .out           = a->out,
                                 .rows          = a->rows,
                                 .seeds         = a->seeds,
                                 .budget        = a->budget,
-                                .side_is_given = a->max_side >= 0};
-    oxl_result       rc      = study_begins(ctx, a, console, &options.job, &options.context, &options.callback);
-    if (rc == OXL_OK) rc = tradeoff_run(&options, stdout, console->error, sizeof console->error);
-    return study_ends(console, rc);
+                                .side_is_given = arguments_given(a, "max-side") != NULL,
+                                .job           = a->job};
+    study_begins(a, console, &options.context, &options.callback);
+    return study_ends(console, tradeoff_run(&options, stdout, console->error, sizeof console->error));
 }
 
 static oxl_result run_devices(oxl_context *ctx)
@@ -496,8 +437,8 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_MERGE: return run_merge(ctx, a, console);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
     case COMMAND_REPORT: return run_report(ctx, a, console);
-    case COMMAND_ABLATE: return run_ablate(ctx, a, console);
-    case COMMAND_TRADEOFF: return run_tradeoff(ctx, a, console);
+    case COMMAND_ABLATE: return run_ablate(a, console);
+    case COMMAND_TRADEOFF: return run_tradeoff(a, console);
     default: return OXL_ERR_USAGE;
     }
 }
@@ -528,17 +469,19 @@ int main(int argc, char **argv)
         print_error(error);
         return EXIT_USAGE;
     }
-    if (a.help) arguments_help(stdout, a.command);
+    if (a.help) help_print(stdout, a.command, a.help[0] != 0);
     if (a.version) puts("oceanxl " OXL_VERSION);
-    if (a.manual) arguments_manual(stdout);
-    if (a.help || a.version || a.manual) return EXIT_DONE;
+    if (a.manual) help_manual(stdout);
+    if (a.page) help_page(stdout);
+    if (a.help || a.version || a.manual || a.page) return EXIT_DONE;
     oxl_wait_asleep(argv);
     console.quiet = a.quiet;
     console.live  = oxl_is_terminal(2);
-    options.log   = on_log;
-    options.user  = &console;
+    if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
+    options.log  = on_log;
+    options.user = &console;
     if (a.threads > 0) options.threads = a.threads;
-    if (a.seed >= 0) options.seed = (uint64_t)a.seed;
+    if (a.job.seed) options.seed = a.job.seed;
     options.backend = (oxl_backend)a.backend;
     options.device  = a.device;
     rc              = oxl_context_create(&options, &ctx);

@@ -71,6 +71,7 @@
 #include "src/job/survey_report.c"     /* what a survey holds, and what training it would take */
 #include "src/job/partition_balance.c" /* how even the blocks are, and what each will take */
 #include "src/job/budget.c"            /* --ram: what fits into how much memory */
+#include "src/job/options.c"           /* the options of a job: one table, and what is made from it */
 #include "src/job/manifest.c"          /* run.json: what a result depends on */
 #include "src/job/block.c"             /* the training of one block in its folder */
 #include "src/job/render_files.c"      /* what the model draws, as files */

@@ -162,15 +162,16 @@ typedef struct oxl_point {
 
 typedef struct oxl_scene oxl_scene;
 
+/* Defaults and ranges of options: src/job/options.c, docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
     const char *images;            /* folder of the photographs; NULL: SCENE/images */
     const char *sparse;            /* folder of the three text files; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
     const char *masks;             /* folder of masks; NULL: SCENE/masks when it is there */
-    int         max_side;          /* photographs are reduced until their longer side is at most this, px (1600) */
-    int         test_every;        /* every n-th view by name is held out; 0: none (8) */
-    size_t      image_cache_bytes; /* decoded photographs kept in memory; the others are decoded again (1 GiB) */
-    double      missing_share;     /* fail when more than this share of the photographs is not on disk (0.25) */
-    int         read_images;       /* 0: text files alone, for check and partition (1) */
+    int         max_side;          /* photographs are reduced until their longer side is at most this, px */
+    int         test_every;        /* every n-th view by name is held out; 0: none */
+    size_t      image_cache_bytes; /* decoded photographs kept in memory; the others are decoded again */
+    double      missing_share;     /* fail when more than this share of the photographs is not on disk */
+    int         read_images;       /* 0: text files alone, for check and partition */
 } oxl_scene_options;
 
 OXL_API oxl_scene_options oxl_scene_options_default(void);
@@ -323,7 +324,7 @@ typedef struct oxl_keep {
     double        value;
 } oxl_keep;
 
-/* "0.5", "400000", "80MB" (KB, MB, GB, TB; KiB...), "auto", "all". */
+/* "0.5", "400000", "80MB" (B, KB, MB, GB, TB; KiB...), "auto", "all". */
 OXL_API oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out);
 
 /* Underwater-Compensated Densification: more Gaussians where water takes contrast [OceanXL eq. 2]. */
@@ -346,7 +347,7 @@ typedef struct oxl_ucd {
 } oxl_ucd;
 
 OXL_API oxl_ucd    oxl_ucd_default(void);
-/* "on", "off", "auto", "1.5,2" (on, and the search starts there), "1.5,2,fixed". */
+/* "on", "off", "auto", "1.5,2" (on, and the search starts there), "1.5,2,fixed", "auto,1.5,2". */
 OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out);
 
 typedef struct oxl_train_options {
@@ -355,36 +356,36 @@ typedef struct oxl_train_options {
     int max_gaussians; /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
     double   max_seconds; /* stop in good order after this long; 0: no limit */
     float    background[3];
-    float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) (0.2) */
+    float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
-    int      ssim_every; /* SSIM counts in every n-th step, the others have L1 alone (1) */
-    int      stop_early; /* 1: ends when training views that stand aside for it have not gained for 3/20 of the run (0) */
-    float    coarse; /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more (0, draft -1) */
-    int      exp_degree;  /* 3: of the polynomial that the CPU takes for 2^x, as in oxl_render_options (3, paper 5) */
-    float    alpha_min;   /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 (1/255) */
-    float    tile_share;  /* of the tiles of 16 x 16 px, by chance: those whose gradient the CPU takes in a step (1) */
-    float    bands_every; /* share of the run after which there is one more band of spherical harmonics (1/30) */
+    int      ssim_every;  /* SSIM counts in every n-th step, the others have L1 alone */
+    int      stop_early;  /* 1: ends when training views that stand aside for it have not gained for 3/20 of the run */
+    float    coarse;      /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
+    int      exp_degree;  /* 3: of the polynomial that the CPU takes for 2^x, as in oxl_render_options */
+    float    alpha_min;   /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
+    float    tile_share;  /* of the tiles of 16 x 16 px, by chance: those whose gradient the CPU takes in a step */
+    float    bands_every; /* share of the run after which there is one more band of spherical harmonics */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
     /* Those are of 30 000 iterations. With h = (30 000 / n)^haste, in a run of n < 30 000, they are h times as large for means, scales
      * and rotations, sqrt(h) times for bands above 0; and the first Gaussians are narrower and more opaque than Kerbl's. In a run
      * of n < 7000, with r = (7000 / n)^haste, scales take sqrt(r) times that again, the mean gradient forgets r^2 times as much in a
-     * step (up to a half), and the mean of its square r^-1.5 times as much (0.35, paper 0; docs/TRADEOFF.md). */
+     * step (up to a half), and the mean of its square r^-1.5 times as much (docs/TRADEOFF.md). */
     float    haste;
-    float    settle; /* last share of the run, over which all steps shrink to a tenth; 0: none (0.2; docs/TRADEOFF.md) */
+    float    settle; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
     /* density control, as fractions of the run and steps */
-    float    densify_from, densify_until; /* 0.025, 0.5 */
-    int      densify_every;               /* 100 */
-    float    densify_gradient;            /* 2e-4 (draft 4e-4), of dL/d(mean) in units of half an image */
-    float    reset_opacity_every;         /* 0.1 of the run */
-    oxl_ucd  ucd;                         /* (auto) */
-    oxl_keep keep;                        /* (all) */
-    int      robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned (0) */
+    float    densify_from, densify_until; /* shares of the run */
+    int      densify_every;               /* steps */
+    float    densify_gradient;            /* of dL/d(mean) in units of half an image */
+    float    reset_opacity_every;         /* share of the run */
+    oxl_ucd  ucd;
+    oxl_keep keep;
+    int      robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
     /* difference-of-Gaussians lobes */
-    oxl_dog  dog;           /* (off) */
-    float    dog_from;      /* fraction of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] (0.55) */
-    float    dog_threshold; /* of the mean gradient, in units of half an image (2e-4); at most 0: minus the share left without */
-    float    dog_opacity_factor, dog_scale_factor; /* of a fresh lobe (0.1, 1.6) */
+    oxl_dog  dog;
+    float    dog_from;      /* share of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] */
+    float    dog_threshold; /* of the mean gradient, in units of half an image; at most 0: minus the share left without */
+    float    dog_opacity_factor, dog_scale_factor; /* of a fresh lobe */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
@@ -438,9 +439,9 @@ typedef enum oxl_cut {
 } oxl_cut;
 
 typedef struct oxl_partition_options {
-    int                block_points; /* a block of more points than this is cut (40000) */
-    oxl_partition_kind kind;         /* (auto) */
-    oxl_cut            cut;          /* (balanced) */
+    int                block_points; /* a block of more points than this is cut */
+    oxl_partition_kind kind;
+    oxl_cut            cut;
 } oxl_partition_options;
 
 OXL_API oxl_partition_options oxl_partition_options_default(void);
@@ -452,15 +453,79 @@ typedef struct oxl_job_options {
     oxl_train_options     train;
     oxl_partition_options partition;
     const char           *preset;  /* where they came from; run.json repeats it */
-    int                   renders; /* 1: pictures of the held-out views go to OUT/renders (1) */
-    size_t                ram;     /* bytes that the run may take at its peak; blocks, cache and Gaussians follow; 0: any (0) */
-    int                   block;   /* train this block alone and do not merge; -1: all (-1) */
-    float                 refine;  /* merged blocks are refined together for this share of their steps; 0: not (0.1) */
-    int                   restart; /* 1: give up unfinished work of other options in OUT (0) */
-    uint64_t              seed;    /* 0: the context's (0) */
+    int                   renders; /* 1: pictures of the held-out views go to OUT/renders */
+    size_t                ram;     /* bytes that the run may take at its peak; blocks, cache and Gaussians follow; 0: any */
+    int                   block;   /* train this block alone and do not merge; -1: all */
+    float                 refine;  /* merged blocks are refined together for this share of their steps; 0: not */
+    int                   restart; /* 1: give up unfinished work of other options in OUT */
+    uint64_t              seed;    /* 0: the context's */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
+
+/* ---------------------------------------------------------------- options by name */
+
+/* One row for each option of the training job: src/job/options.c holds the table. Defaults, parsing, range checks, run.json, the command
+ * line, its help, the manual page and docs/OPTIONS.md are made from it. A program may keep a table of the same type for options of its own. */
+typedef enum oxl_option_kind {                     /* what the field holds, and its text */
+                               OXL_OPTION_FLAG,    /* int, 0 or 1: no text, or true | false */
+                               OXL_OPTION_INT,     /* int */
+                               OXL_OPTION_LONG,    /* long */
+                               OXL_OPTION_SEED,    /* uint64_t */
+                               OXL_OPTION_FLOAT,   /* float: 0.05 or 1/255 */
+                               OXL_OPTION_DOUBLE,  /* double */
+                               OXL_OPTION_CHOICE,  /* an enum that counts from 0: a word of `value` */
+                               OXL_OPTION_BYTES,   /* size_t: 1000000, 512M, 4G; K, M, G, T are powers of 1024 */
+                               OXL_OPTION_SECONDS, /* double: 90s, 20m, 8h, 1d */
+                               OXL_OPTION_TEXT,    /* const char *, borrowed; NULL: not given */
+                               OXL_OPTION_RGB,     /* float[3]: 0,0.1,0.2 */
+                               OXL_OPTION_PLACE,   /* double[3]: X,Y,Z */
+                               OXL_OPTION_SIZE,    /* int[2]: 400x260 */
+                               OXL_OPTION_PRESET, /* const char *; setting it sets all options of the job to the preset's defaults */
+                               OXL_OPTION_UCD,    /* oxl_ucd, but for its bands, as oxl_ucd_parse reads it */
+                               OXL_OPTION_KEEP, /* oxl_keep, as oxl_keep_parse reads it */
+                               OXL_OPTION_LIMIT /* float: 0.0002; or 90%, held as -0.9 */
+} oxl_option_kind;
+
+typedef enum oxl_option_tier { OXL_TIER_BASIC = 0, OXL_TIER_ADVANCED, OXL_TIER_EXPERT } oxl_option_tier;
+
+enum {                             /* what an option of the job is for: bits of oxl_option.use */
+       OXL_OPTION_OF_SURVEY   = 1, /* reading a survey */
+       OXL_OPTION_OF_TRAINING = 2, /* training, in a run or in a study */
+       OXL_OPTION_OF_RUN      = 4, /* one run, or what predicts it */
+       OXL_OPTION_OF_OUT      = 8, /* what is in OUT already */
+       OXL_OPTION_OF_BLOCK    = 16,
+       OXL_OPTION_OF_MERGE    = 32,
+       OXL_OPTION_OF_RESULT =
+           64 /* the bytes of every block depend on it: it stands in run.json's "job", named as here with _ for - */
+};
+
+typedef struct oxl_option {
+    const char     *name;  /* "sh-degree" */
+    const char     *value; /* "auto|0..3"; NULL: a flag. A number whose value begins with WORD| takes that word too, held as -1 */
+    oxl_option_kind kind;
+    size_t          at;        /* offset of the field: in oxl_job_options; in what the program's own table is about */
+    double          low, high; /* of numbers, both allowed */
+    const char     *preset[3]; /* default as text, by oxl_preset; NULL: 0 */
+    oxl_option_tier tier;
+    unsigned        use;
+    const char     *group, *help; /* help with the unit, without the default */
+    const char     *alias;        /* former name, still read; NULL: none */
+} oxl_option;
+
+OXL_API int               oxl_option_count(void);
+OXL_API const oxl_option *oxl_option_at(int index);          /* 0 .. count - 1; 0 is the preset */
+OXL_API const oxl_option *oxl_option_find(const char *name); /* by its name or former name; NULL: there is none */
+/* Reads text into the option's field; the text is kept (borrowed) for folders. OXL_ERR_USAGE: the field is as it was, and error, which may
+ * be NULL, names the option, what was seen, what is wanted and a fix. */
+OXL_API oxl_result  oxl_option_set(const oxl_option *option, void *options, const char *text, char *error, size_t error_size);
+/* The shortest text that oxl_option_set reads back to the same value; "" for a folder that was not given. Returns out. */
+OXL_API const char *oxl_option_get(const oxl_option *option, const void *options, char *out, size_t size);
+/* Its member in run.json: sh_degree, images_folder. Returns out. */
+OXL_API const char *oxl_option_member(const oxl_option *option, char out[40]);
+/* OXL_ERR_USAGE when a value is out of its range; names the first such option. */
+OXL_API oxl_result  oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options);
+OXL_API oxl_result  oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options);
 
 /* What a survey holds and what training it would take: a lint report. */
 typedef struct oxl_survey {

@@ -205,7 +205,7 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
            1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
 }
 
-/* What --robust adds in each step: the drawn image comes home, the photograph and its weights go there. */
+/* What --mask-transients adds in each step: the drawn image comes home, the photograph and its weights go there. */
 static double device_robust(oxl_context *ctx, const struct device_run *r)
 {
     const size_t         pixels = (size_t)r->camera.width * (size_t)r->camera.height;
@@ -246,7 +246,7 @@ static void device_bench(oxl_context *ctx, size_t count, int width, int height, 
     }
     qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
     device_table(ctx->vulkan, &r, seconds, most);
-    printf("  %-18s %9.3f ms more, without the CPU's work\n", "with --robust", 1e3 * device_robust(ctx, &r));
+    printf("  %-18s %9.3f ms more, without the CPU's work\n", "with --mask-transients", 1e3 * device_robust(ctx, &r));
     device_end(ctx, &r);
 }
 

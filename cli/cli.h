@@ -131,9 +131,11 @@ typedef struct tradeoff_options {
  * stops it, or with a larger budget, the next call goes on from there. On failure the text says why. */
 oxl_result tradeoff_run(const tradeoff_options *options, FILE *to, char *error, size_t error_size);
 
-/* ---------------------------------------------------------------- arguments.c: the command line's words */
+/* ---------------------------------------------------------------- options.c: commands and options */
 
 enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_INPUT = 3, EXIT_BUDGET = 4, EXIT_STOPPED = 130 };
+
+enum { CLI_JOB_OPTIONS = 96 };
 
 enum command {
     COMMAND_NONE,
@@ -152,37 +154,53 @@ enum command {
     COMMAND_MEASURE
 };
 
-struct arguments { /* negative numbers and NULL: not given */
-    enum command command;
-    const char  *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
-    int          path_count;
-    int          help, version, quiet, json, depth, no_images, restart, robust, stop_early, manual;
-    int          preset, split; /* enum oxl_preset, enum oxl_split */
-    int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
-    int          block_points;
-    int          backend, device, devices; /* enum oxl_backend, from 0 */
-    int          iterations, max_gaussians, sh_degree, max_side, test_every, threads, block, seeds;
-    double       max_time, budget; /* s */
-    double       image_cache, ram; /* bytes */
-    double       seed;
-    int          dog;           /* enum oxl_dog */
-    double       dog_threshold; /* -2: not given */
-    int          ssim_every, exp_degree;
-    double       alpha_min, tile_share;
-    double       coarse, bands_every; /* shares of the run */
-    double       haste, settle, refine;
-    const char  *ucd, *keep; /* as oxl_ucd_parse and oxl_keep_parse take them */
-    int          ortho, frames;
-    double       pixel, scale, length; /* of --ortho; metres a unit; metres */
-    const char  *flight, *bar;         /* --path of render, --scale-bar */
-    const char  *out, *images, *sparse, *masks, *rows;
-
-    synth_options synth; /* holds its defaults where nothing was given */
+struct arguments { /* as given, or the default; NULL: not given */
+    enum command    command;
+    const char     *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
+    int             path_count;
+    const char     *help; /* "", or "all" */
+    int             version, manual, page, quiet, json, depth, no_images, devices;
+    int             split, backend;         /* enum oxl_split, enum oxl_backend */
+    int             device, threads, seeds; /* -1: the best, all */
+    double          budget;                 /* s */
+    int             ortho, frames;
+    double          pixel, scale, length; /* of --ortho; metres a unit; metres. 0: not given */
+    const char     *flight, *bar;         /* --path of render, --scale-bar */
+    const char     *out, *rows;
+    synth_options   synth;
+    oxl_job_options job;                    /* the preset's defaults, and what was given */
+    const char     *given[CLI_JOB_OPTIONS]; /* text of each option of the job, in the library's order */
+    char            note[160];              /* a former name was used; "" */
 };
+struct arguments arguments_default(void);
+
+struct cli_command {
+    const char  *name;
+    enum command command;
+    int          paths;
+    const char  *usage, *purpose, *example, *more;
+};
+const struct cli_command *cli_command_at(int index); /* NULL past the last */
+
+/* The program's options and the job's, as one list. */
+int               cli_option_count(void);
+const oxl_option *cli_option_at(int index);
+int               cli_option_of_job(int index); /* its place in the library's table; -1: the field is in struct arguments */
+int               cli_option_is_of(int index, enum command command);
+int               cli_is_set_by_rows(const char *name);               /* options that tell the rows of ablate apart */
+const char       *cli_option_word(const oxl_option *o, char out[40]); /* "--name", "-o"; returns out */
+
+/* ---------------------------------------------------------------- arguments.c: the command line's words */
 
 /* 0, or 1 with a text that says what is wrong. */
-int  arguments_parse(int argc, char **argv, struct arguments *out, char *error, size_t error_size);
-void arguments_help(FILE *to, enum command command); /* COMMAND_NONE: the overview */
-void arguments_manual(FILE *to);                     /* docs/oceanxl.1: roff, man(7) */
+int         arguments_parse(int argc, char **argv, struct arguments *out, char *error, size_t error_size);
+void        arguments_apply(const struct arguments *a, oxl_job_options *o); /* what was given overrides what is there */
+const char *arguments_given(const struct arguments *a, const char *name);   /* text of an option of the job; NULL: not given */
+
+/* ---------------------------------------------------------------- help.c: what is made from the tables */
+
+void help_print(FILE *to, enum command command, int all); /* COMMAND_NONE: the overview */
+void help_manual(FILE *to);                               /* docs/oceanxl.1: roff, man(7) */
+void help_page(FILE *to);                                 /* docs/OPTIONS.md */
 
 #endif

@@ -253,42 +253,17 @@ static void report_found(struct report *r)
 
 /* ---------------------------------------------------------------- decisions */
 
-static const char *report_word(const struct report *r, const char *name, const char *const *words, int count)
+/* A member of run.json's "job" as text in fresh memory; NULL: not there, or null. */
+static char *report_value(const char *object, const char *name)
 {
-    const double value = json_number(r->job, name);
-    return value >= 0 && value < count ? words[(int)value] : "unknown";
+    const char  *value  = json_member(object, name);
+    const size_t length = value ? strcspn(value, ",} \n") : 0;
+    char        *text   = json_string(value);
+    if (text || !value || strncmp(value, "null", 4) == 0) return text;
+    text = calloc(length + 1, 1);
+    if (text) memcpy(text, value, length);
+    return text;
 }
-
-/* A number of the job as it stands there: every digit that it needs. */
-static void report_digits(const struct report *r, const char *name, char out[32])
-{
-    const char *value = json_member(r->job, name);
-    snprintf(out, 32, "%.*s", value ? (int)strcspn(value, ",} \n") : 0, value ? value : "");
-}
-
-/* --ucd, --keep as they would be typed. */
-static void report_ucd(const struct report *r, char out[80])
-{
-    const int mode = (int)json_number(r->job, "ucd");
-    char      mid[32], far[32];
-    report_digits(r, "ucd_mid", mid);
-    report_digits(r, "ucd_far", far);
-    if (mode == OXL_UCD_ON && json_number(r->job, "ucd_learn") <= 0) snprintf(out, 80, "%s,%s,fixed", mid, far);
-    else snprintf(out, 80, "%s", mode == OXL_UCD_OFF ? "off" : mode == OXL_UCD_ON ? "on" : "auto");
-}
-
-static void report_keep(const struct report *r, char out[80])
-{
-    const int kind = (int)json_number(r->job, "keep");
-    char      value[32];
-    report_digits(r, "keep_value", value);
-    if (kind == OXL_KEEP_FRACTION || kind == OXL_KEEP_COUNT) snprintf(out, 80, "%s", value);
-    else if (kind == OXL_KEEP_BYTES) snprintf(out, 80, "%sKB", STUDY_FIXED(json_number(r->job, "keep_value") / 1e3, 3));
-    else snprintf(out, 80, "%s", kind == OXL_KEEP_AUTO ? "auto" : "all");
-}
-
-static const char *const REPORT_DOGS[] = {"off", "selective", "all", "auto"}, *const REPORT_AXES[] = {"auto", "2d", "3d", "none"},
-                         *const REPORT_CUTS[] = {"balanced", "midpoint"};
 
 static void report_decision(struct report *r, const char *term, const char *chosen, const char *const *evidence, int count)
 {
@@ -298,34 +273,36 @@ static void report_decision(struct report *r, const char *term, const char *chos
     study_add(&r->page, "</dd>\n");
 }
 
+/* What an option of the job was set to, and the lines that say what came of it. */
+static void report_chosen(struct report *r, const char *term, const char *member, const char *evidence)
+{
+    char *value = report_value(r->job, member);
+    report_decision(r, term, value ? value : "unknown", &evidence, 1);
+    free(value);
+}
+
 static void report_decisions(struct report *r)
 {
     static const char *const partition[] = {"partition in ", "stay one block", " blocks of ",
                                             "joined",        "see too little", "--ram "};
-    static const char *const ucd[] = {"depth weights"}, *const keep[] = {"are dropped"}, *const dog[] = {"second lobe"},
-                             *const bands[] = {"SH degree"}, *const end[] = {"the run ends"};
-    struct study_text *t      = &r->page;
-    char              *preset = json_string(json_member(r->run, "preset"));
-    char               words[80];
+    struct study_text       *t           = &r->page;
+    char                    *preset = json_string(json_member(r->run, "preset")), *split = report_value(r->job, "split");
+    char                     words[80];
     page_section(t, "Decisions and evidence");
     study_add(t, "<dl>\n");
     report_term(t, "Preset");
     page_text(t, preset ? preset : "");
     study_add(t, "<small>%s iterations, seed %s</small></dd>\n", PAGE_COUNT(json_number(r->job, "iterations")),
               STUDY_FIXED(json_number(r->job, "seed"), 0));
-    if (json_number(r->job, "stop_early") > 0) report_decision(r, "Early end (--stop-early)", "on", end, 1);
-    snprintf(words, sizeof words, "%s",
-             json_number(r->job, "sh_degree") < 0 ? "auto" : STUDY_FIXED(json_number(r->job, "sh_degree"), 0));
-    report_decision(r, "SH degree (--sh-degree)", words, bands, 1);
-    snprintf(words, sizeof words, "%d, %s cuts", r->blocks, report_word(r, "cut", REPORT_CUTS, 2));
+    report_chosen(r, "SH degree (--sh-degree)", "sh_degree", "SH degree");
+    snprintf(words, sizeof words, "%d, %s cuts", r->blocks, split ? split : "unknown");
     report_decision(r, "Blocks", r->blocks == 1 ? "1" : words, partition, 6);
-    report_ucd(r, words);
-    report_decision(r, "Depth weights of densification (--ucd)", words, ucd, 1);
-    report_keep(r, words);
-    report_decision(r, "Pruning (--keep)", words, keep, 1);
-    report_decision(r, "Second lobes (--dog)", report_word(r, "dog", REPORT_DOGS, 4), dog, 1);
+    report_chosen(r, "Depth weights of densification (--ucd)", "ucd", "depth weights");
+    report_chosen(r, "Pruning (--keep)", "keep", "are dropped");
+    report_chosen(r, "Second lobes (--dog)", "dog", "second lobe");
     study_add(t, "</dl>\n</section>\n");
     free(preset);
+    free(split);
 }
 
 /* ---------------------------------------------------------------- warnings */
@@ -432,82 +409,33 @@ static void report_shell(struct study_text *t, const char *word)
     page_text(t, "'");
 }
 
-static void report_number_option(struct report *r, const char *option, const char *name, double fresh)
+/* The option, unless it has the preset's default. */
+static void report_option(struct report *r, const oxl_option *o, const oxl_job_options *fresh)
 {
-    const double value = json_number(r->job, name);
-    if (isfinite(value) && value != fresh) study_add(&r->page, " %s %s", option, STUDY_FIXED(value, 0));
-}
-
-/* A share or a weight, with every digit that it needs. */
-static void report_share_option(struct report *r, const char *option, const char *name, float fresh)
-{
-    const double value = json_number(r->job, name);
-    char         digits[32];
-    report_digits(r, name, digits);
-    if (isfinite(value) && (float)value != fresh) study_add(&r->page, " %s %s", option, value < 0 ? "auto" : digits);
-}
-
-static void report_word_option(struct report *r, const char *option, const char *word, const char *fresh)
-{
-    if (strcmp(word, fresh) == 0) return;
-    study_add(&r->page, " %s ", option);
-    report_shell(&r->page, word);
-}
-
-static void report_folder_option(struct report *r, const char *option, const char *name)
-{
-    char *folder = json_string(json_member(r->job, name));
-    if (folder) report_word_option(r, option, folder, "");
-    free(folder);
+    oxl_job_options job = *fresh;
+    char            member[40], usual[128], seen[128];
+    char           *text = report_value(strcmp(o->name, "refine") == 0 ? r->run : r->job, oxl_option_member(o, member));
+    if (text && oxl_option_set(o, &job, text, NULL, 0) == OXL_OK &&
+        strcmp(oxl_option_get(o, &job, seen, sizeof seen), oxl_option_get(o, fresh, usual, sizeof usual)) != 0) {
+        study_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
+        if (o->kind != OXL_OPTION_FLAG) report_shell(&r->page, o->kind == OXL_OPTION_TEXT ? text : seen);
+    }
+    free(text);
 }
 
 /* The command that gives the same bytes: every option that differs from the preset's. */
 static void report_command(struct report *r)
 {
-    const double    refine = json_number(r->run, "refine");
     char           *preset = json_string(json_member(r->run, "preset"));
-    const int       which  = preset && strcmp(preset, "paper") == 0 ? 2 : preset && strcmp(preset, "standard") == 0 ? 1 : 0;
-    oxl_job_options fresh  = oxl_job_options_default((oxl_preset)which);
-    const double    limit  = json_number(r->job, "dog_threshold");
-    char            words[80], digits[32];
+    oxl_job_options fresh  = oxl_job_options_default(OXL_PRESET_DRAFT);
+    oxl_option_set(oxl_option_at(0), &fresh, preset ? preset : "", NULL, 0);
+    fresh.seed = 1;
     study_add(&r->page, "oceanxl train ");
     report_shell(&r->page, r->scene ? r->scene : "SCENE");
     study_add(&r->page, " -o ");
     report_shell(&r->page, r->out);
     study_add(&r->page, " --preset %s", fresh.preset);
-    report_folder_option(r, "--images", "images_folder");
-    report_folder_option(r, "--sparse", "sparse_folder");
-    report_folder_option(r, "--masks", "masks_folder");
-    report_number_option(r, "--seed", "seed", 1);
-    report_number_option(r, "--iterations", "iterations", fresh.train.iterations);
-    if (json_number(r->job, "sh_degree") >= 0) report_number_option(r, "--sh-degree", "sh_degree", fresh.train.sh_degree);
-    else if (fresh.train.sh_degree >= 0) study_add(&r->page, " --sh-degree auto");
-    if (json_number(r->job, "robust") > 0) study_add(&r->page, " --robust");
-    if (json_number(r->job, "stop_early") > 0) study_add(&r->page, " --stop-early");
-    report_number_option(r, "--ssim-every", "ssim_every", fresh.train.ssim_every);
-    report_number_option(r, "--exp", "exp_degree", fresh.train.exp_degree);
-    report_share_option(r, "--alpha-min", "alpha_min", fresh.train.alpha_min);
-    report_share_option(r, "--tile-share", "tile_share", fresh.train.tile_share);
-    report_share_option(r, "--coarse", "coarse", fresh.train.coarse);
-    report_share_option(r, "--sh-every", "bands_every", fresh.train.bands_every);
-    report_share_option(r, "--haste", "haste", fresh.train.haste);
-    report_share_option(r, "--settle", "settle", fresh.train.settle);
-    report_number_option(r, "--max-gaussians", "max_gaussians", fresh.train.max_gaussians);
-    report_number_option(r, "--max-side", "max_side", fresh.scene.max_side);
-    report_number_option(r, "--test-every", "test_every", fresh.scene.test_every);
-    report_number_option(r, "--block-points", "block_points", fresh.partition.block_points);
-    if (isfinite(refine) && (float)refine != fresh.refine) study_add(&r->page, " --refine %g", refine);
-    report_number_option(r, "--ram", "ram", 0);
-    report_word_option(r, "--partition", report_word(r, "partition", REPORT_AXES, 4), "auto");
-    report_word_option(r, "--split", report_word(r, "cut", REPORT_CUTS, 2), "balanced");
-    report_ucd(r, words);
-    report_word_option(r, "--ucd", words, fresh.train.ucd.mode == OXL_UCD_AUTO ? "auto" : fresh.train.ucd.mode ? "on" : "off");
-    report_keep(r, words);
-    report_word_option(r, "--keep", words, "all");
-    report_word_option(r, "--dog", report_word(r, "dog", REPORT_DOGS, 4), "off");
-    report_digits(r, "dog_threshold", digits);
-    if (limit < 0) study_add(&r->page, " --dog-threshold %s%%", STUDY_FIXED(-100 * limit, 6));
-    else if (fabs(limit - (double)fresh.train.dog_threshold) > 1e-9) study_add(&r->page, " --dog-threshold %s", digits);
+    for (int i = 1; i < oxl_option_count(); i++) report_option(r, oxl_option_at(i), &fresh);
     study_add(&r->page, "\n");
     free(preset);
 }

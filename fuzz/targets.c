@@ -8,6 +8,7 @@
 #ifndef FUZZ_TARGETS_C
 #define FUZZ_TARGETS_C
 #include "../cli/arguments.c"
+#include "../cli/options.c"
 
 #define FUZZ_MEMORY ((size_t)64 << 20) /* bytes; inputs are of a few thousand */
 
@@ -301,8 +302,6 @@ static void fuzz_options(oxl_context *ctx, const uint8_t *data, size_t size)
     int              argc = 1;
     struct arguments a;
     char             error[600];
-    oxl_keep         keep;
-    oxl_ucd          ucd;
     fuzz_promise(text != NULL, "memory for the words");
     if (size) memcpy(text, data, size);
     for (char *word = text; argc < WORDS && word < text + size; word += strlen(word) + 1) {
@@ -313,8 +312,7 @@ static void fuzz_options(oxl_context *ctx, const uint8_t *data, size_t size)
     if (arguments_parse(argc, argv, &a, error, sizeof error)) {
         fuzz_promise(error[0] != 0, "a refusal has a text");
     } else {
-        if (a.keep) fuzz_explained(ctx, oxl_keep_parse(ctx, a.keep, &keep));
-        if (a.ucd) fuzz_explained(ctx, oxl_ucd_parse(ctx, a.ucd, &ucd));
+        fuzz_promise(oxl_job_options_check(ctx, &a.job) == OXL_OK, "what was parsed is in range");
     }
     oxl_free(ctx, text);
 }

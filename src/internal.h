@@ -104,6 +104,7 @@ struct text {
 OXL_INTERNAL void       text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
 OXL_INTERNAL void       text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
 OXL_INTERNAL void       text_add_number(struct text *t, double value);       /* shortest that reads back; null when not finite */
+OXL_INTERNAL void       text_add_float(struct text *t, float value);         /* shortest that reads back as this float */
 OXL_INTERNAL void       text_free(struct text *t);
 /* Hands the text over as fresh memory and empties t; OXL_ERR_MEMORY when it had failed to grow. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
@@ -130,6 +131,9 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
 enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
 OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
+OXL_INTERNAL void   format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
+OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value); /* that reads back as the same double */
+OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);     /* that reads back as the same float */
 
 /* ---------------------------------------------------------------- context.c again: random numbers */
 
@@ -902,20 +906,22 @@ OXL_INTERNAL int        decide_steps_beside(const oxl_train_options *options, in
 
 /* ---------------------------------------------------------------- manifest.c: run.json, what a result depends on */
 
-#define RUN_REFINE_MOST 1000.0 /* x the blocks' steps */
+enum { RUN_VALUES = 96, RUN_DIFFERENCES = 10 /* options; lines about them */ };
 
 struct oxl_run { /* read back from run.json */
     int      finished;
-    float    refine;       /* not in the line: blocks do not depend on it */
-    char    *line, *found; /* "job": {...}, "found": {...}; line NULL: there was no run */
-    char    *scene, *preset, *path[3];
+    float    refine;                             /* not in the line: blocks do not depend on it */
+    char    *line, *found;                       /* "job": {...}, "found": {...}; line NULL: there was no run */
+    char    *scene, *preset, *value[RUN_VALUES]; /* value: of the options as text, in the table's order; NULL: not there */
     uint64_t seed;
 };
 OXL_INTERNAL void       run_describe(struct text *t, const char *scene, const oxl_job_options *o); /* "job": {...} */
 OXL_INTERNAL oxl_result run_read(oxl_context *ctx, const char *folder, struct oxl_run *out);
 OXL_INTERNAL void       run_free(oxl_context *ctx, struct oxl_run *run);
 OXL_INTERNAL void       run_options(const struct oxl_run *run, oxl_job_options *o); /* o borrows run's strings */
-OXL_INTERNAL double     run_number(const char *text, const char *name);             /* what follows "name": , or 0 */
+/* A line for each member of "job" and "found" that differs between two runs. */
+OXL_INTERNAL oxl_result run_differences(struct text *t, const char *there, const char *here);
+OXL_INTERNAL double     run_number(const char *text, const char *name); /* what follows "name": , or 0 */
 
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 

@@ -48,6 +48,13 @@ promise help_starts_with_the_purpose 0 "from a COLMAP text export" on_stdout "$p
 promise help_of_a_command_shows_one_to_copy 0 "oceanxl train survey -o out" on_stdout "$program" train --help
 promise version_is_printed 0 "oceanxl $(sed -n 's/^#define OXL_VERSION "\(.*\)"$/\1/p' "$docs/../oceanxl.h")" on_stdout "$program" --version
 promise man_is_the_page_in_docs 0 "" sh -c "'$program' --man | cmp - '$docs/oceanxl.1' || { echo 'fix: make man'; false; }"
+promise options_page_is_the_one_in_docs 0 "" sh -c "'$program' --options-page | cmp - '$docs/OPTIONS.md' || { echo 'fix: make man'; false; }"
+promise options_page_is_short 0 "" sh -c "test \$('$program' --options-page | wc -w) -le 2500"
+promise help_shows_basic_options 0 "" sh -c "'$program' train --help | grep -q -- --iterations && ! '$program' train --help | grep -q -- --lr-scale"
+promise help_all_shows_every_option 0 "--lr-scale" on_stdout "$program" train --help all
+promise former_names_are_read_with_a_word 3 "--haste is the former name of --short-run-exponent" on_stderr "$program" check nowhere --haste 0
+promise removed_options_are_said_to_be 2 "option '--ssim-every' was removed" on_stderr "$program" train survey -o out --ssim-every=2
+promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
 promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
@@ -84,17 +91,23 @@ promise renders_show_the_held_out_views 0 "" files 2 out/renders "*.photo.png"
 promise a_pipe_sees_plain_lines 0 "ETA" sh -c "'$program' train survey -o lines --iterations 60 2>&1 | tr '\\r' '#' | grep -v '#'"
 promise any_number_of_threads_will_do 0 "" "$program" check survey --threads 100000
 promise a_message_has_its_fix_below_it 0 "     fix: " on_stderr sh -c "cp -r survey hurt; for i in hurt/images/*; do : >\$i; break; done; '$program' check hurt"
+promise a_preset_does_not_undo_what_stands_before_it 0 '"iterations": 40,' sh -c "'$program' train survey -o order --iterations 40 --preset paper --quiet >said.txt && cat order/run.json"
 promise quiet_is_quiet 0 "" sh -c "'$program' train survey -o silent --iterations 20 --quiet 2>said.txt && test -s silent/scene.ply && ! test -s said.txt"
 promise report_is_written_by_train 0 "</html>" tail -n 1 out/report.html
 promise report_is_written_anew 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"
 promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report survey
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
+promise run_json_has_floats_as_short_as_they_are 0 '"refine": 0.1,' grep '"refine"' out/run.json
+promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
 promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
 promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
     "for t in 1 3; do '$program' train survey -o same\$t --iterations 60 --threads \$t --quiet >/dev/null || exit 1; done; cmp same1/scene.ply same3/scene.ply"
 promise another_seed_gives_other_bytes 1 "differ" sh -c "'$program' train survey -o other --iterations 60 --seed 2 --quiet >/dev/null; cmp same1/scene.ply other/scene.ply"
 promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o short --iterations 1000000 --max-time 1s
 promise ctrl_c_leaves_a_model 130 "holds the model so far" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
+promise a_refused_resume_names_the_options 2 "  --cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
+promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 there, 0.1 here" sh -c \
+    "'$program' train survey -o stopped --preset draft --cooldown 0.1 2>said.txt; code=\$?; cat said.txt; grep -q iterations: said.txt && exit 9; exit \$code"
 promise ctrl_c_left_the_model 0 "Gaussians" "$program" info stopped/scene.ply
 promise info_counts_gaussians 0 '"gaussians": ' on_stdout "$program" info out/scene.ply --json
 promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.ply survey
@@ -117,7 +130,7 @@ promise measure_wants_a_bar 2 "--scale-bar" "$program" measure survey
 promise no_vulkan_is_told 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend vulkan
 promise no_vulkan_to_list_is_told 1 "Vulkan" env OXL_VULKAN_LIBRARY=none "$program" info --devices
 promise backend_auto_makes_do_with_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend auto
-promise another_backend_is_refused 2 "cpu|vulkan|auto" "$program" eval out/scene.ply survey --backend cuda
+promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
 promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.ply metric.ply --scale 2
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat

@@ -128,7 +128,7 @@ struct extreme_survey {
     double      image; /* asserted: the largest mean difference of a picture from that of the plain survey; -1: finite alone */
 };
 
-/* A unit that is no power of two rounds every number anew, and training lets that grow, by --haste more than without. */
+/* A unit that is no power of two rounds every number anew, and training lets that grow, by --short-run-exponent more than without. */
 static const struct extreme_survey EXTREME_SURVEYS[] = {
     {"survey: unchanged", 0, 1, 0, 0, -1, 0},
     {"survey: 1e6 m from the origin", 1e6, 1, 0, 0, -1, 1e-3},

@@ -382,6 +382,7 @@ TEST(job_does_not_overwrite_the_unfinished_work_of_other_options)
     options.train.iterations++;
     CHECK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "--restart");
+    CHECK_TEXT(oxl_error_text(test_ctx), "survey:\n  --iterations: 12 there, 13 here\nfix: "); /* and nothing else */
     CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl")));
     options.restart = 1;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
@@ -600,7 +601,7 @@ TEST(run_numbers_that_no_option_can_hold_are_not_taken)
     struct oxl_run        run;
     test_write(
         "run.json",
-        "{\n  \"job\": {\"cut\": 77, \"ucd\": -1, \"iterations\": 3e9, \"ram\": -1, \"keep\": nan, \"max_side\": 900}\n}\n");
+        "{\n  \"job\": {\"split\": 77, \"ucd\": -1, \"iterations\": 3e9, \"ram\": -1, \"keep\": nan, \"max_side\": 900}\n}\n");
     CHECK_OK(run_read(test_ctx, test_folder(), &run));
     run_options(&run, &o);
     CHECK(o.partition.cut == plain.partition.cut && o.train.ucd.mode == plain.train.ucd.mode && o.ram == plain.ram);

@@ -25,11 +25,6 @@ enum {
 #define PARTITION_FLAT   0.3  /* l3 / l2 below it: 2D [OceanXL] */
 #define PARTITION_MARGIN 0.05 /* of a box's size, on each side [BlockGaussian] */
 
-oxl_partition_options oxl_partition_options_default(void)
-{
-    return (oxl_partition_options){.block_points = 40000};
-}
-
 OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3])
 {
     for (int i = 0; i < 3; i++) {

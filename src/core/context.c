@@ -109,6 +109,7 @@ OXL_INTERNAL oxl_context base_apart(oxl_context *ctx)
 OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 {
     va_list args;
+    if (!ctx) return rc; /* whoever has no context wants no text */
     va_start(args, format);
     vsnprintf(ctx->error, sizeof ctx->error, format, args);
     va_end(args);
@@ -240,6 +241,13 @@ OXL_INTERNAL void text_add_number(struct text *t, double value)
     for (char *c = digits; *c; c++)
         if (*c == ',') *c = '.';
     text_add(t, "%s", digits);
+}
+
+OXL_INTERNAL void text_add_float(struct text *t, float value)
+{
+    char digits[NUMBER_TEXT_MAX];
+    format_float(digits, value);
+    text_add(t, "%s", fabsf(value) <= FLT_MAX ? digits : "null");
 }
 
 OXL_INTERNAL void text_free(struct text *t)

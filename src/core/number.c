@@ -339,3 +339,45 @@ OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
     out[size] = 0;
     return size;
 }
+
+/* ---------------------------------------------------------------- the shortest text */
+
+/* As %.*g in every locale. */
+OXL_INTERNAL void format_digits(char out[NUMBER_TEXT_MAX], double value, int precision)
+{
+    snprintf(out, NUMBER_TEXT_MAX, "%.*g", precision, value);
+    for (; *out; out++)
+        if (*out == ',') *out = '.';
+}
+
+static double number_read(const char *text)
+{
+    double value = 0;
+    parse_double(&text, text + strlen(text), &value);
+    return value;
+}
+
+static int number_format_whole(char out[NUMBER_TEXT_MAX], double value)
+{
+    if (!(fabs(value) < 1e15) || value != floor(value)) return 0;
+    format_int64(out, (int64_t)value);
+    return 1;
+}
+
+OXL_INTERNAL void format_shortest(char out[NUMBER_TEXT_MAX], double value)
+{
+    if (number_format_whole(out, value)) return;
+    for (int precision = 1; precision <= 17; precision++) {
+        format_digits(out, value, precision);
+        if (number_read(out) == value) return;
+    }
+}
+
+OXL_INTERNAL void format_float(char out[NUMBER_TEXT_MAX], float value)
+{
+    if (number_format_whole(out, (double)value)) return;
+    for (int precision = 1; precision <= 9; precision++) {
+        format_digits(out, (double)value, precision);
+        if ((float)number_read(out) == value) return;
+    }
+}

@@ -29,18 +29,6 @@ struct job {
     uint64_t            seed; /* of the context, to be given back */
 };
 
-oxl_job_options oxl_job_options_default(oxl_preset preset)
-{
-    static const char *const names[] = {"draft", "standard", "paper"};
-    return (oxl_job_options){.scene     = oxl_scene_options_default(),
-                             .train     = oxl_train_options_default(preset),
-                             .partition = oxl_partition_options_default(),
-                             .preset    = names[preset],
-                             .block     = -1,
-                             .refine    = 0.1f,
-                             .renders   = 1};
-}
-
 /* ---------------------------------------------------------------- files of OUT */
 
 static oxl_result job_no_memory(struct job *job)
@@ -149,7 +137,7 @@ static oxl_result job_write_run(struct job *job, int finished)
         text_add_number(&t, job->origin[k]);
     }
     text_add(&t, "],\n  \"refined\": %s,\n  \"refine\": ", job->refined ? "true" : "false");
-    text_add_number(&t, (double)job->options.refine);
+    text_add_float(&t, job->options.refine);
     text_add(&t, ",\n  %s,\n  %s,\n", job->line.data, job->found.data);
     if (finished) rc = job_add_decisions(job, &t);
     text_add(&t, "  \"survey\": ");
@@ -225,6 +213,26 @@ static int job_is_of_another_run(const struct job *job, const struct oxl_run *ru
     return strcmp(run->line, job->line.data) || !run->found || strcmp(run->found, job->found.data);
 }
 
+/* Says which options, or what of the survey, are not the same. */
+static oxl_result job_refuse(struct job *job, const struct oxl_run *run)
+{
+    struct text t = {.ctx = job->ctx}, there = t;
+    oxl_result  rc;
+    text_add(&there, "%s, %s", run->line, run->found ? run->found : "");
+    rc = there.failed ? OXL_ERR_MEMORY : run_differences(&t, there.data, job->key.data);
+    if (rc == OXL_OK)
+        rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
+                      "%s holds the unfinished work of a run with other options or of another survey:\n%s"
+                      "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
+                      job->out,
+                      !run->line[0] ? "  its run.json is cut short\n"
+                      : t.data      ? t.data
+                                    : "");
+    text_free(&t);
+    text_free(&there);
+    return rc;
+}
+
 /* The work of another run is not thrown away by a slip of the hand; a finished one of this survey has given what it had to give. */
 static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
 {
@@ -233,12 +241,7 @@ static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
                         "%s holds the finished result of another survey, %s\n"
                         "fix: name another folder by -o; --restart replaces it",
                         job->out, run->scene);
-    if (!run->finished && job_has_blocks(job) && !job->options.restart)
-        return oxl_fail(job->ctx, OXL_ERR_USAGE,
-                        "%s holds the unfinished work of a run with other options or of another survey:\n"
-                        "there: %.250s\nhere:  %.250s\n"
-                        "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
-                        job->out, run->line[0] ? run->line : "run.json ends before it says", job->line.data);
+    if (!run->finished && job_has_blocks(job) && !job->options.restart) return job_refuse(job, run);
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run)) job_drop_checkpoints(job);
     job_remove(job, "run.json");
     job_remove(job, "metrics.json");
@@ -770,10 +773,8 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
 
 static oxl_result job_check(struct job *job)
 {
-    const double refine = job->options.refine;
-    if (job->line.failed) return job_no_memory(job);
-    if (refine >= 0 && refine <= RUN_REFINE_MOST) return train_check(job->ctx, &job->options.train);
-    return oxl_fail(job->ctx, OXL_ERR_USAGE, "refine %g: wanted 0 to %g, a share of the blocks' steps", refine, RUN_REFINE_MOST);
+    const oxl_result rc = job->line.failed ? job_no_memory(job) : oxl_job_options_check(job->ctx, &job->options);
+    return rc == OXL_OK ? train_check(job->ctx, &job->options.train) : rc;
 }
 
 static void job_end(struct job *job)

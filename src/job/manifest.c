@@ -5,147 +5,50 @@
  */
 #include "../internal.h"
 
-#include <stddef.h>
-
-enum run_kind { RUN_INT, RUN_CHOICE, RUN_FLOAT, RUN_DOUBLE, RUN_SIZE };
-
-/* Each option once, for both ways. */
-static const struct run_field {
-    const char   *name;
-    enum run_kind kind;
-    size_t        at;   /* in oxl_job_options */
-    int           last; /* of a choice: its enum counts from 0 to here */
-} RUN_FIELDS[] = {
-#define RUN_FIELD(name, kind, member)                    \
-    {                                                    \
-        name, kind, offsetof(oxl_job_options, member), 0 \
-    }
-#define RUN_ENUM(name, member, last)                              \
-    {                                                             \
-        name, RUN_CHOICE, offsetof(oxl_job_options, member), last \
-    }
-    RUN_FIELD("max_side", RUN_INT, scene.max_side),
-    RUN_FIELD("test_every", RUN_INT, scene.test_every),
-    RUN_FIELD("iterations", RUN_INT, train.iterations),
-    RUN_FIELD("sh_degree", RUN_INT, train.sh_degree),
-    RUN_FIELD("max_gaussians", RUN_INT, train.max_gaussians),
-    RUN_FIELD("background_r", RUN_FLOAT, train.background[0]),
-    RUN_FIELD("background_g", RUN_FLOAT, train.background[1]),
-    RUN_FIELD("background_b", RUN_FLOAT, train.background[2]),
-    RUN_FIELD("ssim_weight", RUN_FLOAT, train.ssim_weight),
-    RUN_FIELD("ssim_every", RUN_INT, train.ssim_every),
-    RUN_FIELD("exp_degree", RUN_INT, train.exp_degree),
-    RUN_FIELD("stop_early", RUN_INT, train.stop_early),
-    RUN_FIELD("coarse", RUN_FLOAT, train.coarse),
-    RUN_FIELD("alpha_min", RUN_FLOAT, train.alpha_min),
-    RUN_FIELD("tile_share", RUN_FLOAT, train.tile_share),
-    RUN_FIELD("bands_every", RUN_FLOAT, train.bands_every),
-    RUN_FIELD("rate_mean_first", RUN_FLOAT, train.rate_mean_first),
-    RUN_FIELD("rate_mean_last", RUN_FLOAT, train.rate_mean_last),
-    RUN_FIELD("rate_log_scale", RUN_FLOAT, train.rate_log_scale),
-    RUN_FIELD("rate_rotation", RUN_FLOAT, train.rate_rotation),
-    RUN_FIELD("rate_opacity", RUN_FLOAT, train.rate_opacity),
-    RUN_FIELD("rate_sh0", RUN_FLOAT, train.rate_sh0),
-    RUN_FIELD("rate_sh", RUN_FLOAT, train.rate_sh),
-    RUN_FIELD("haste", RUN_FLOAT, train.haste),
-    RUN_FIELD("settle", RUN_FLOAT, train.settle),
-    RUN_FIELD("densify_from", RUN_FLOAT, train.densify_from),
-    RUN_FIELD("densify_until", RUN_FLOAT, train.densify_until),
-    RUN_FIELD("densify_every", RUN_INT, train.densify_every),
-    RUN_FIELD("densify_gradient", RUN_FLOAT, train.densify_gradient),
-    RUN_FIELD("reset_opacity_every", RUN_FLOAT, train.reset_opacity_every),
-    RUN_ENUM("ucd", train.ucd.mode, OXL_UCD_AUTO),
-    RUN_ENUM("ucd_bands", train.ucd.bands, OXL_UCD_FADING),
-    RUN_FIELD("ucd_mid", RUN_FLOAT, train.ucd.f_mid),
-    RUN_FIELD("ucd_far", RUN_FLOAT, train.ucd.f_far),
-    RUN_FIELD("ucd_learn", RUN_INT, train.ucd.learn),
-    RUN_ENUM("keep", train.keep.kind, OXL_KEEP_AUTO),
-    RUN_FIELD("keep_value", RUN_DOUBLE, train.keep.value),
-    RUN_ENUM("dog", train.dog, OXL_DOG_AUTO),
-    RUN_FIELD("robust", RUN_INT, train.robust),
-    RUN_FIELD("dog_from", RUN_FLOAT, train.dog_from),
-    RUN_FIELD("dog_threshold", RUN_FLOAT, train.dog_threshold),
-    RUN_FIELD("dog_opacity_factor", RUN_FLOAT, train.dog_opacity_factor),
-    RUN_FIELD("dog_scale_factor", RUN_FLOAT, train.dog_scale_factor),
-    RUN_FIELD("ram", RUN_SIZE, ram),
-    RUN_FIELD("block_points", RUN_INT, partition.block_points),
-    RUN_ENUM("partition", partition.kind, OXL_PARTITION_NONE),
-    RUN_ENUM("cut", partition.cut, OXL_CUT_MIDPOINT),
-#undef RUN_FIELD
-#undef RUN_ENUM
-};
-
-static const struct run_path {
-    const char *name;
-    size_t      at;
-} RUN_PATHS[] = {{"images_folder", offsetof(oxl_job_options, scene.images)},
-                 {"sparse_folder", offsetof(oxl_job_options, scene.sparse)},
-                 {"masks_folder", offsetof(oxl_job_options, scene.masks)}};
-
 /* ---------------------------------------------------------------- options to text */
 
-/* The shortest decimal of a float, as a double: 0.00016, not 0.000159999996. */
-static double run_decimal(float value)
+static int run_is_json(const char *text)
 {
-    char digits[32];
-    for (int precision = 1; precision <= 9; precision++) {
-        snprintf(digits, sizeof digits, "%.*g", precision, value);
-        if ((float)strtod(digits, NULL) == value) break;
-    }
-    return strtod(digits, NULL);
+    const char *end = text;
+    double      value;
+    if (strcmp(text, "true") == 0 || strcmp(text, "false") == 0) return 1;
+    return ((unsigned char)(text[0] - '0') < 10 || text[0] == '-') && parse_double(&end, text + strlen(text), &value) && !*end;
 }
 
-static double run_get(const oxl_job_options *o, const struct run_field *field)
-{
-    const char *at = (const char *)o + field->at;
-    if (field->kind == RUN_INT || field->kind == RUN_CHOICE) return *(const int *)at;
-    if (field->kind == RUN_DOUBLE) return *(const double *)at;
-    if (field->kind == RUN_SIZE) return (double)*(const size_t *)at;
-    return run_decimal(*(const float *)at);
-}
-
-static void run_add_string(struct text *t, const char *name, const char *value)
+/* A number, true or false as it is, anything else as a string. */
+static void run_add_value(struct text *t, const char *name, const char *value)
 {
     text_add(t, ", \"%s\": ", name);
-    if (value) text_add_json_string(t, value);
-    else text_add(t, "null");
+    if (!value) text_add(t, "null");
+    else if (run_is_json(value)) text_add(t, "%s", value);
+    else text_add_json_string(t, value);
+}
+
+static void run_add_option(struct text *t, const oxl_option *option, const oxl_job_options *o)
+{
+    const char *folder = NULL;
+    char        name[40], value[128];
+    oxl_option_member(option, name);
+    if (option->kind == OXL_OPTION_TEXT) {
+        memcpy(&folder, (const char *)o + option->at, sizeof folder);
+        text_add(t, ", \"%s\": ", name);
+        if (folder) text_add_json_string(t, folder);
+        else text_add(t, "null");
+    } else run_add_value(t, name, oxl_option_get(option, o, value, sizeof value));
 }
 
 OXL_INTERNAL void run_describe(struct text *t, const char *scene, const oxl_job_options *o)
 {
-    text_add(t, "\"job\": {\"version\": \"%s\", \"seed\": %llu", OXL_VERSION,
+    text_add(t, "\"job\": {\"version\": \"%s\", \"seed\": %llu, \"scene\": ", OXL_VERSION,
              (unsigned long long)(o->seed ? o->seed : t->ctx->options.seed));
-    run_add_string(t, "scene", scene);
-    for (size_t i = 0; i < OXL_COUNT(RUN_PATHS); i++)
-        run_add_string(t, RUN_PATHS[i].name, *(const char *const *)((const char *)o + RUN_PATHS[i].at));
-    for (size_t i = 0; i < OXL_COUNT(RUN_FIELDS); i++) {
-        text_add(t, ", \"%s\": ", RUN_FIELDS[i].name);
-        text_add_number(t, run_get(o, &RUN_FIELDS[i]));
-    }
-    if (t->ctx->vulkan) run_add_string(t, "device", oxl_backend_name(t->ctx)); /* its bytes are its own */
+    text_add_json_string(t, scene);
+    for (int i = 0; i < oxl_option_count(); i++)
+        if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT) run_add_option(t, oxl_option_at(i), o);
+    if (t->ctx->vulkan) run_add_value(t, "device", oxl_backend_name(t->ctx)); /* its bytes are its own */
     text_add(t, "}");
 }
 
 /* ---------------------------------------------------------------- text to options */
-
-/* A number that the option cannot hold is not taken: the run is then one of other options, and job.c says so. */
-static int run_holds(const struct run_field *field, double value)
-{
-    if (field->kind == RUN_INT) return fabs(value) <= INT_MAX;
-    if (field->kind == RUN_CHOICE) return value >= 0 && value <= field->last;
-    if (field->kind == RUN_SIZE) return value >= 0 && value <= (double)(SIZE_MAX / 2);
-    return fabs(value) <= (field->kind == RUN_FLOAT ? FLT_MAX : DBL_MAX);
-}
-
-static void run_set(oxl_job_options *o, const struct run_field *field, double value)
-{
-    char *at = (char *)o + field->at;
-    if (!run_holds(field, value)) return;
-    if (field->kind == RUN_INT || field->kind == RUN_CHOICE) *(int *)at = (int)value;
-    else if (field->kind == RUN_DOUBLE) *(double *)at = value;
-    else if (field->kind == RUN_SIZE) *(size_t *)at = (size_t)value;
-    else *(float *)at = (float)value;
-}
 
 /* What follows "name": in the line, or NULL. */
 static const char *run_find(const char *line, const char *name)
@@ -184,11 +87,25 @@ static oxl_result run_read_string(oxl_context *ctx, const char *line, const char
     return text_take(&t, out);
 }
 
-static oxl_result run_read_paths(oxl_context *ctx, const char *line, struct oxl_run *run)
+/* A value of the line as text, its quotes off, in fresh memory; *out = NULL when it is not there, or null. */
+static oxl_result run_read_value(oxl_context *ctx, const char *line, const char *name, char **out)
+{
+    struct text t = {.ctx = ctx};
+    const char *s = run_find(line, name);
+    *out          = NULL;
+    if (!s || strncmp(s, "null", 4) == 0) return OXL_OK;
+    if (*s == '"') return run_read_string(ctx, line, name, out);
+    text_add(&t, "%.*s", (int)strcspn(s, ",} \n"), s);
+    return text_take(&t, out);
+}
+
+static oxl_result run_read_values(oxl_context *ctx, const char *line, struct oxl_run *run)
 {
     oxl_result rc = run_read_string(ctx, line, "scene", &run->scene);
-    for (size_t i = 0; i < OXL_COUNT(RUN_PATHS) && rc == OXL_OK; i++)
-        rc = run_read_string(ctx, line, RUN_PATHS[i].name, &run->path[i]);
+    char       name[40];
+    for (int i = 0; i < oxl_option_count() && i < RUN_VALUES && rc == OXL_OK; i++)
+        if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT)
+            rc = run_read_value(ctx, line, oxl_option_member(oxl_option_at(i), name), &run->value[i]);
     return rc;
 }
 
@@ -213,13 +130,13 @@ OXL_INTERNAL oxl_result run_read(oxl_context *ctx, const char *folder, struct ox
     if (os_is_file(path)) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && map.data && strstr(map.data, "\"job\": {")) {
         out->finished = strstr(map.data, "\"finished\": true") != NULL;
-        out->refine   = (float)OXL_CLAMP(run_number(map.data, "refine"), 0, RUN_REFINE_MOST);
+        out->refine   = (float)OXL_CLAMP(run_number(map.data, "refine"), 0, oxl_option_find("refine")->high);
         out->line     = run_copy_line(ctx, map.data, "\"job\": {");
         out->found    = run_copy_line(ctx, map.data, "\"found\": {");
         if (out->line && run_find(out->line, "seed")) out->seed = strtoull(run_find(out->line, "seed"), NULL, 10);
         rc = run_read_string(ctx, map.data, "preset", &out->preset);
         if (rc == OXL_OK)
-            rc = out->line ? run_read_paths(ctx, out->line, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %s", path);
+            rc = out->line ? run_read_values(ctx, out->line, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %s", path);
     }
     os_release_file(ctx, &map);
     oxl_free(ctx, path);
@@ -233,19 +150,63 @@ OXL_INTERNAL void run_free(oxl_context *ctx, struct oxl_run *run)
     oxl_free(ctx, run->found);
     oxl_free(ctx, run->scene);
     oxl_free(ctx, run->preset);
-    for (size_t i = 0; i < OXL_COUNT(run->path); i++) oxl_free(ctx, run->path[i]);
+    for (size_t i = 0; i < OXL_COUNT(run->value); i++) oxl_free(ctx, run->value[i]);
     *run = (struct oxl_run){0};
 }
 
+/* A value that the option cannot hold is not taken: the run is then one of other options, and job.c says so. */
 OXL_INTERNAL void run_options(const struct oxl_run *run, oxl_job_options *o)
 {
-    for (size_t i = 0; i < OXL_COUNT(RUN_FIELDS); i++) {
-        const char *s = run_find(run->line, RUN_FIELDS[i].name);
-        double      value;
-        if (s && parse_double(&s, s + strlen(s), &value)) run_set(o, &RUN_FIELDS[i], value);
+    const char *const none = NULL;
+    for (int i = 0; i < oxl_option_count() && i < RUN_VALUES; i++) {
+        const oxl_option *option = oxl_option_at(i);
+        if (run->value[i]) oxl_option_set(option, o, run->value[i], NULL, 0);
+        else if (option->kind == OXL_OPTION_TEXT) memcpy((char *)o + option->at, &none, sizeof none);
     }
-    for (size_t i = 0; i < OXL_COUNT(RUN_PATHS); i++) memcpy((char *)o + RUN_PATHS[i].at, &run->path[i], sizeof run->path[i]);
     o->refine = run->refine;
     o->preset = run->preset;
     o->seed   = run->seed;
+}
+
+/* ---------------------------------------------------------------- what tells two runs apart */
+
+struct run_comparison {
+    struct text *t;
+    const char  *there, *here; /* "job": {...} and "found": {...} of both */
+    int          count;
+};
+
+/* One line for a member that is not the same in both. */
+static oxl_result run_compare(struct run_comparison *c, const char *member, const char *label)
+{
+    char      *there = NULL, *here = NULL;
+    oxl_result rc = run_read_value(c->t->ctx, c->there, member, &there);
+    if (rc == OXL_OK) rc = run_read_value(c->t->ctx, c->here, member, &here);
+    if (rc == OXL_OK && (there || here) && (!there || !here || strcmp(there, here) != 0) && c->count++ < RUN_DIFFERENCES)
+        text_add(c->t, "  %s: %.60s there, %.60s here\n", label, there ? there : "not given", here ? here : "not given");
+    oxl_free(c->t->ctx, there);
+    oxl_free(c->t->ctx, here);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result run_differences(struct text *t, const char *there, const char *here)
+{
+    static const char *const others[][2] = {{"version", "version"},
+                                            {"scene", "survey"},
+                                            {"seed", "--seed"},
+                                            {"device", "device"},
+                                            {"images", "images of the survey"},
+                                            {"points", "points of the survey"},
+                                            {"extent", "extent of the survey"}};
+    struct run_comparison    c           = {t, there, here, 0};
+    oxl_result               rc          = OXL_OK;
+    for (int i = 0; i < oxl_option_count() && rc == OXL_OK; i++) {
+        char member[40], label[48];
+        if (!(oxl_option_at(i)->use & OXL_OPTION_OF_RESULT)) continue;
+        snprintf(label, sizeof label, "--%s", oxl_option_at(i)->name);
+        rc = run_compare(&c, oxl_option_member(oxl_option_at(i), member), label);
+    }
+    for (size_t i = 0; i < OXL_COUNT(others) && rc == OXL_OK; i++) rc = run_compare(&c, others[i][0], others[i][1]);
+    if (c.count > RUN_DIFFERENCES) text_add(t, "  and %d more\n", c.count - RUN_DIFFERENCES);
+    return rc;
 }

@@ -43,12 +43,6 @@ struct oxl_scene {
     char                *images, *masks; /* from files: folders; masks NULL: none */
 };
 
-oxl_scene_options oxl_scene_options_default(void)
-{
-    return (oxl_scene_options){
-        .max_side = 1600, .test_every = 8, .image_cache_bytes = (size_t)1 << 30, .missing_share = 0.25, .read_images = 1};
-}
-
 void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 {
     if (!scene) return;

@@ -39,6 +39,7 @@ static double prune_unit(const char *s)
     const char       *letter    = *s ? strchr(letters, *s | 0x20) : NULL;
     double            unit      = 1;
     int               binary;
+    if ((*s | 0x20) == 'b') return s[1] == 0;
     if (!letter) return 0;
     binary = s[1] == 'i';
     for (const char *c = letters; c <= letter; c++) unit *= binary ? 1024 : 1000;

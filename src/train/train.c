@@ -29,42 +29,6 @@
 #define TRAIN_SAVE_SECONDS         60.0 /* or so long, whichever comes first */
 #define TRAIN_SMOOTHING            0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 
-oxl_train_options oxl_train_options_default(oxl_preset preset)
-{
-    oxl_train_options o = {.iterations          = 7000,
-                           .sh_degree           = -1,
-                           .ssim_weight         = 0.2f,
-                           .ssim_every          = 1,
-                           .exp_degree          = 3,
-                           .alpha_min           = 1.0f / 255,
-                           .tile_share          = 1,
-                           .bands_every         = 1.0f / 30,
-                           .rate_mean_first     = 1.6e-4f,
-                           .rate_mean_last      = 1.6e-6f,
-                           .rate_log_scale      = 0.005f,
-                           .rate_rotation       = 0.001f,
-                           .rate_opacity        = 0.025f,
-                           .rate_sh0            = 0.0025f,
-                           .rate_sh             = 0.0025f / 20,
-                           .haste               = 0.35f,
-                           .settle              = 0.2f,
-                           .densify_from        = 0.025f,
-                           .densify_until       = 0.5f,
-                           .densify_every       = 100,
-                           .densify_gradient    = 2e-4f,
-                           .reset_opacity_every = 0.1f,
-                           .ucd                 = oxl_ucd_default(),
-                           .dog_from            = 0.55f,
-                           .dog_threshold       = 2e-4f,
-                           .dog_opacity_factor  = 0.1f,
-                           .dog_scale_factor    = 1.6f};
-    if (preset == OXL_PRESET_DRAFT)
-        o.iterations = 2000, o.densify_gradient = 4e-4f, /* half the growth: 2000 iterations cannot train more */
-            o.coarse = -1;
-    if (preset == OXL_PRESET_PAPER) o.iterations = 40000, o.sh_degree = 3, o.haste = 0, o.exp_degree = 5;
-    return o;
-}
-
 static double train_seconds(const struct train *t)
 {
     return t->seconds + os_seconds() - t->begun;
@@ -679,15 +643,7 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
 
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
-    if (!(o->ssim_every >= 1 && (o->coarse >= 0 || o->coarse == -1) && o->coarse <= 1 && o->bands_every > 0))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "SSIM every %d steps, coarse for %g of the run, bands every %g of it: wanted at least 1, "
-                        "0 to 1, more than 0",
-                        o->ssim_every, o->coarse, o->bands_every);
-    if (!(o->alpha_min >= 0 && o->alpha_min <= MODEL_OPACITY / 2))
-        return oxl_fail(ctx, OXL_ERR_USAGE,
-                        "contributions below %g left out: wanted 0 to %g, half the opacity that Gaussians begin with",
-                        o->alpha_min, MODEL_OPACITY / 2);
+    if (o->ssim_every < 1) return oxl_fail(ctx, OXL_ERR_USAGE, "SSIM every %d steps: wanted at least 1", o->ssim_every);
     if (!(o->tile_share > 0 && o->tile_share <= 1))
         return oxl_fail(ctx, OXL_ERR_USAGE, "gradients of %g of the tiles: wanted more than 0, at most 1", o->tile_share);
     if (o->dog != OXL_DOG_OFF && !(o->dog_from > o->densify_until && o->dog_from <= 1))
@@ -697,12 +653,7 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
                         o->dog_from, o->densify_until);
     if (o->exp_degree != 3 && o->exp_degree != 5)
         return oxl_fail(ctx, OXL_ERR_USAGE, "2^x by a polynomial of degree %d: wanted 3 or 5", o->exp_degree);
-    if (!(o->haste >= 0 && o->haste <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "haste %g: wanted 0 to 1", o->haste);
-    if (!(o->settle >= 0 && o->settle <= 1)) return oxl_fail(ctx, OXL_ERR_USAGE, "settle %g: wanted 0 to 1", o->settle);
-    if (o->iterations >= 1 && o->sh_degree >= -1 && o->sh_degree <= 3 && o->densify_every >= 1) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE,
-                    "iterations %d, SH degree %d, densify every %d: wanted at least 1, 0 to 3 or -1 (auto), at least 1",
-                    o->iterations, o->sh_degree, o->densify_every);
+    return oxl_train_options_check(ctx, o);
 }
 
 /* Whatever ends the loop early, the state is saved: an order to stop, the time allowed. */

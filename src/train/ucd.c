@@ -44,7 +44,8 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
     double      mid = 0, back = 0;
     *out = oxl_ucd_default();
     if (strcmp(text, "auto") == 0) return OXL_OK;
-    out->mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
+    if (strncmp(text, "auto,", 5) == 0) at += 5;
+    else out->mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
     if (out->mode == OXL_UCD_OFF || strcmp(text, "on") == 0) return OXL_OK;
     if (parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &back)) {
         out->f_mid = (float)mid;

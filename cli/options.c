@@ -1,0 +1,189 @@
+/* options.c - the commands, and the options that are the program's alone: two tables. The options of a training job are the library's
+ * (src/job/options.c); both tables have the same type of row, and parsing, help, the manual page and docs/OPTIONS.md are made from both.
+ *
+ * Invariant: an option that is in neither table is an error. Nothing is accepted in silence.
+ */
+#include "cli.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#define CLI_COUNT(array) ((int)(sizeof(array) / sizeof *(array)))
+#define IN(command)      (1u << COMMAND_##command)
+
+static const struct cli_command CLI_COMMANDS[] = {
+    {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP text export in, one splat model out.",
+     "oceanxl train survey -o out",
+     "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
+     "Ctrl-C stops in good order and saves the state, a crash loses a minute: run the same command again, and it goes on."},
+    {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, refines the merged model, evaluates it.",
+     "oceanxl merge out", "OUT gets what train would have left there, to the byte."},
+    {"check", COMMAND_CHECK, 1, "SCENE", "Checks a survey: what train would find in it, predicted memory and time.",
+     "oceanxl check survey", "Exit code 3: it cannot be trained, and the message says why."},
+    {"partition", COMMAND_PARTITION, 1, "SCENE -o OUT",
+     "Cuts a survey into blocks of equal work, each a COLMAP text export of its own.", "oceanxl partition survey -o out",
+     "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
+    {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR",
+     "Draws a model from the cameras of a survey, or from above, or along a path.",
+     "oceanxl render out/scene.ply survey -o pictures",
+     "One PNG a view, named as its image; --ortho and --path draw others instead."},
+    {"measure", COMMAND_MEASURE, 1, "SCENE --scale-bar ENDS",
+     "Measures in a survey: a scale bar's length, and so how many metres a unit has.",
+     "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
+     "Pixels are those of the original images, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
+    {"eval", COMMAND_EVAL, 2, "MODEL SCENE",
+     "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
+     "oceanxl eval out/scene.ply survey",
+     "The images are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
+     "not available: compare OUT/renders/NAME.png with NAME.photo.png by a program that has one."},
+    {"info", COMMAND_INFO, 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply", "Reads .ply and .splat."},
+    {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply and .splat, by the files' extensions.",
+     "oceanxl convert out/scene.ply scene.splat", ".splat holds 32 bytes a Gaussian and no colour that depends on the view."},
+    {"report", COMMAND_REPORT, 1, "OUT", "Writes one page about a run: input, decisions, metrics.", "oceanxl report out",
+     "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end."},
+    {"synth", COMMAND_SYNTH, 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
+     "oceanxl synth -o survey",
+     "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
+    {"ablate", COMMAND_ABLATE, 1, "SCENE -o OUT", "Trains the paper's variants: what each part gains and costs.",
+     "oceanxl ablate survey -o ablation --preset standard --seeds 3",
+     "OUT gets ablation.csv, ablation.svg, and a run as train leaves it for each row and seed, in NAME-seedS/. A stopped one goes on when it\n"
+     "is run again. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG on all),\n"
+     "oceanxl (DoG selective); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
+    {"tradeoff", COMMAND_TRADEOFF, 1, "SCENE -o OUT",
+     "Measures speed against accuracy on a survey: options one at a time, and the presets.",
+     "oceanxl tradeoff survey -o tradeoff --budget 20m",
+     "OUT gets tradeoff.md (a page with tables and words), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
+     "do not fit the budget are named; the same command with a larger one goes on. Without --max-side images are reduced to fit it."},
+};
+
+/* ---------------------------------------------------------------- options of the program */
+
+#define STUDIES     (IN(ABLATE) | IN(TRADEOFF))
+#define TRAINS      (IN(TRAIN) | IN(CHECK) | IN(PARTITION))
+#define DRAWS       (IN(TRAIN) | IN(CHECK) | IN(MERGE) | IN(RENDER) | IN(EVAL) | STUDIES)
+#define EVERYWHERE  (~0u)
+#define FIELD(name) offsetof(struct arguments, name)
+#define NO_TEXT          \
+    {                    \
+        NULL, NULL, NULL \
+    }
+#define LEAST 1e-9 /* metres: of what is not 0 */
+#define MOST  1e15 /* metres, seconds: what is beyond was not meant */
+
+/* Defaults are in arguments_default; `use` has a bit for each command. */
+/* clang-format off */
+static const oxl_option CLI_FIRST[] = {
+/* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
+{"rows", "NAME,NAME...", OXL_OPTION_TEXT, FIELD(rows), 0, 0, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "rows to train; ablate: otherwise 3dgs,v1,v2,v3,v4,oceanxl, compared with the first; tradeoff: compared with the base, otherwise all", NULL},
+{"seeds", "N", OXL_OPTION_INT, FIELD(seeds), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "each row is trained with seeds 1 to N", NULL},
+{"budget", "TIME", OXL_OPTION_SECONDS, FIELD(budget), 0.001, MOST, NO_TEXT, OXL_TIER_BASIC, IN(TRADEOFF), "Study", "for all rows, as 90s, 20m or 8h", NULL},
+{"views", "N", OXL_OPTION_INT, FIELD(synth.views), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of images", NULL},
+{"size", "WxH", OXL_OPTION_SIZE, FIELD(synth.width), 1, 65535, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of an image, px", NULL},
+{"path", "lawnmower|orbit", OXL_OPTION_TEXT, FIELD(synth.path), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "path of the camera", NULL},
+{"extent", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.extent), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "side of the area, or diameter of the orbit; otherwise as the overlap requires", NULL},
+{"water", "TYPE", OXL_OPTION_TEXT, FIELD(synth.water), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "none, or a Jerlov type: I IA IB II III 1C 3C 5C 7C 9C", NULL},
+{"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, MOST, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of the sensor, in 8-bit levels", NULL},
+{"fish", "N", OXL_OPTION_INT, FIELD(synth.fish), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "per image; truth/still/ and truth/masks/ are without them", NULL},
+{"points", "N", OXL_OPTION_LONG, FIELD(synth.points), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sparse points; 0: 400 a view", NULL},
+{"origin", "X,Y,Z", OXL_OPTION_PLACE, FIELD(synth.origin), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "world coordinates of the middle, metres", NULL},
+{"seed", "S", OXL_OPTION_SEED, FIELD(synth.seed), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of all random choices", NULL},
+{"no-images", NULL, OXL_OPTION_FLAG, FIELD(no_images), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "the three text files alone, for load tests", NULL},
+{"scale-bar", "ENDS", OXL_OPTION_TEXT, FIELD(bar), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(MEASURE), "Measurement", "IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, both ends in two images or more; or X,Y,Z:X,Y,Z in the survey's units", NULL},
+{"length", "METRES", OXL_OPTION_DOUBLE, FIELD(length), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(MEASURE), "Measurement", "known length of the bar", NULL},
+{"split", "test|train|all", OXL_OPTION_CHOICE, FIELD(split), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(EVAL), "Views", "which views", NULL},
+{"depth", NULL, OXL_OPTION_FLAG, FIELD(depth), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "depth too: NAME.depth.png for viewing, NAME.depth.pfm in the survey's unit, NAME.depth16.png in thousandths of it", NULL},
+{"ortho", NULL, OXL_OPTION_FLAG, FIELD(ortho), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "an orthomosaic instead: ortho.png, world file ortho.pgw; with --depth heights, ortho.height.pfm", NULL},
+{"pixel", "SIZE", OXL_OPTION_DOUBLE, FIELD(pixel), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "of the orthomosaic, in units, in metres with --scale; otherwise 2048 px on the longer side", NULL},
+{"path", "orbit|survey", OXL_OPTION_TEXT, FIELD(flight), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "frames of a flight instead, around the middle or along the cameras: frame_00000.png and on", NULL},
+{"frames", "N", OXL_OPTION_INT, FIELD(frames), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "of the flight", NULL},
+{"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CONVERT), "Views", "per unit of the survey, as measure prints: depths, heights and positions in metres, models scaled", NULL},
+};
+
+static const oxl_option CLI_LAST[] = {
+{"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder; created if missing", NULL},
+{"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, TRAINS | IN(EVAL) | IN(INFO), "Program", "results on standard output as JSON", NULL},
+{"backend", "cpu|auto|vulkan", OXL_OPTION_CHOICE, FIELD(backend), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, DRAWS, "Program", "where to render and train; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one", NULL},
+{"device", "best|N", OXL_OPTION_INT, FIELD(device), 0, 2147483647, NO_TEXT, OXL_TIER_ADVANCED, DRAWS, "Program", "of the list of info --devices, from 0", NULL},
+{"devices", NULL, OXL_OPTION_FLAG, FIELD(devices), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(INFO), "Program", "list the Vulkan devices instead; no FILE", NULL},
+{"threads", "all|T", OXL_OPTION_INT, FIELD(threads), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "number of threads; the result does not depend on it", NULL},
+{"quiet", NULL, OXL_OPTION_FLAG, FIELD(quiet), 0, 1, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "only warnings and errors on standard error", NULL},
+{"help", "[all]", OXL_OPTION_TEXT, FIELD(help), 0, 0, NO_TEXT, OXL_TIER_BASIC, EVERYWHERE, "Program", "this text; all: with advanced and expert options", NULL},
+};
+/* clang-format on */
+#undef NO_TEXT
+#undef LEAST
+#undef MOST
+#undef FIELD
+
+struct arguments arguments_default(void)
+{
+    return (struct arguments){.split   = OXL_SPLIT_TEST,
+                              .threads = -1,
+                              .device  = -1,
+                              .seeds   = 1,
+                              .frames  = 120,
+                              .budget  = 1200,
+                              .job     = oxl_job_options_default(OXL_PRESET_DRAFT),
+                              .synth   = synth_options_default()};
+}
+
+/* ---------------------------------------------------------------- both tables as one */
+
+const struct cli_command *cli_command_at(int index)
+{
+    return index < CLI_COUNT(CLI_COMMANDS) ? &CLI_COMMANDS[index] : NULL;
+}
+
+int cli_option_count(void)
+{
+    return CLI_COUNT(CLI_FIRST) + oxl_option_count() + CLI_COUNT(CLI_LAST);
+}
+
+const oxl_option *cli_option_at(int index)
+{
+    const int past = index - CLI_COUNT(CLI_FIRST);
+    if (past < 0) return &CLI_FIRST[index];
+    return past < oxl_option_count() ? oxl_option_at(past) : &CLI_LAST[past - oxl_option_count()];
+}
+
+int cli_option_of_job(int index)
+{
+    const int past = index - CLI_COUNT(CLI_FIRST);
+    return past >= 0 && past < oxl_option_count() ? past : -1;
+}
+
+/* What an option of the job is for, as commands. */
+static unsigned cli_commands_of(unsigned use)
+{
+    unsigned commands = 0;
+    if (use & OXL_OPTION_OF_SURVEY) commands |= TRAINS | STUDIES | IN(RENDER) | IN(EVAL) | IN(MEASURE);
+    if (use & OXL_OPTION_OF_TRAINING) commands |= TRAINS | STUDIES;
+    if (use & OXL_OPTION_OF_RUN) commands |= TRAINS;
+    if (use & OXL_OPTION_OF_OUT) commands |= IN(TRAIN) | STUDIES;
+    if (use & OXL_OPTION_OF_BLOCK) commands |= IN(TRAIN);
+    if (use & OXL_OPTION_OF_MERGE) commands |= IN(MERGE);
+    return commands;
+}
+
+/* What the rows of an ablation differ by. */
+int cli_is_set_by_rows(const char *name)
+{
+    static const char *const names[] = {"ucd", "keep", "dog", "split"};
+    for (int i = 0; i < CLI_COUNT(names); i++)
+        if (strcmp(name, names[i]) == 0) return 1;
+    return 0;
+}
+
+int cli_option_is_of(int index, enum command command)
+{
+    const oxl_option *o        = cli_option_at(index);
+    const unsigned    commands = cli_option_of_job(index) < 0 ? o->use : cli_commands_of(o->use);
+    if (command == COMMAND_ABLATE && cli_option_of_job(index) >= 0 && cli_is_set_by_rows(o->name)) return 0;
+    return (commands >> command & 1) != 0;
+}
+
+const char *cli_option_word(const oxl_option *o, char out[40])
+{
+    snprintf(out, 40, "%s%s", o->name[1] ? "--" : "-", o->name);
+    return out;
+}

@@ -1,0 +1,514 @@
+/* options.c - the options of a training job: one table, a row each, and what reads, writes and checks them by it.
+ *
+ * A new option is one row here, its field in oceanxl.h, and its use. Everything else is made from the table: defaults of each preset,
+ * parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the manual page and
+ * docs/OPTIONS.md.
+ *
+ * Invariants: row 0 is the preset. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does not
+ * depend on the locale.
+ */
+#include "../internal.h"
+
+#include <errno.h>
+#include <stddef.h>
+
+/* ---------------------------------------------------------------- the table */
+
+#define OPTION_AT(member) offsetof(oxl_job_options, member)
+#define EACH(text)       \
+    {                    \
+        text, text, text \
+    }
+#define PRESETS(draft, standard, paper) \
+    {                                   \
+        draft, standard, paper          \
+    }
+#define OPTION_BYTES_MOST 1e15
+#define SURVEY            OXL_OPTION_OF_SURVEY
+#define TRAINING          OXL_OPTION_OF_TRAINING
+#define RUN               OXL_OPTION_OF_RUN
+#define RESULT            OXL_OPTION_OF_RESULT
+
+/* clang-format off */
+static const oxl_option OPTIONS[] = {
+/* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
+{"preset", "draft|standard|paper", OXL_OPTION_PRESET, 0, 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets all other options to its defaults: fast, longer, as in the paper", NULL},
+{"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("2000", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each", NULL},
+{"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after 90s, 20m or 8h; 0: no limit", NULL},
+{"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians, all blocks together; 0: one for every 60 training pixels", NULL},
+{"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
+{"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "of all random choices; the same seed gives the same bytes; 0: 1", NULL},
+{"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MOST, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "peak memory, as 4G: block size, image cache and number of Gaussians follow; 0: no limit", NULL},
+{"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "discard unfinished work of other options in OUT", NULL},
+{"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train block K alone, counted from 0; merge joins the blocks", NULL},
+{"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "images of the held-out views in OUT/renders", NULL},
+{"background", "R,G,B", OXL_OPTION_RGB, OPTION_AT(train.background), 0, 1, EACH("0,0,0"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "colour behind all Gaussians, each channel 0 to 1", NULL},
+{"ssim-weight", "W", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_weight), 0, 1, EACH("0.2"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "loss = (1 - W) L1 + W (1 - SSIM)", NULL},
+{"images", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.images), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "images; otherwise SCENE/images", NULL},
+{"sparse", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.sparse), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "cameras.txt, images.txt, points3D.txt; otherwise SCENE/sparse/0, SCENE/sparse or SCENE", NULL},
+{"masks", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.masks), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "masks, black pixels are ignored; otherwise SCENE/masks if it exists", NULL},
+{"max-side", "PX", OXL_OPTION_INT, OPTION_AT(scene.max_side), 0, INT_MAX, EACH("1600"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "images are reduced until the longer side has at most so many pixels; 0: full size", NULL},
+{"test-every", "N", OXL_OPTION_INT, OPTION_AT(scene.test_every), 0, INT_MAX, EACH("8"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "hold out every N-th view by name for evaluation; 0: none", NULL},
+{"image-cache", "SIZE", OXL_OPTION_BYTES, OPTION_AT(scene.image_cache_bytes), 0, OPTION_BYTES_MOST, EACH("1G"), OXL_TIER_ADVANCED, SURVEY, "Input", "memory for decoded images, as 512M or 4G; the others are decoded again", NULL},
+{"missing-images", "SHARE", OXL_OPTION_DOUBLE, OPTION_AT(scene.missing_share), 0, 1, EACH("0.25"), OXL_TIER_EXPERT, SURVEY, "Input", "fail when more than this share of the images is not on disk", NULL},
+{"block-points", "N", OXL_OPTION_INT, OPTION_AT(partition.block_points), 1, INT_MAX, EACH("40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Blocks", "a block with more sparse points than this is split", NULL},
+{"partition", "auto|2d|3d|none", OXL_OPTION_CHOICE, OPTION_AT(partition.kind), 0, 3, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "2d: never split along the third principal axis; auto: 2d for a flat survey; none: one block", NULL},
+{"split", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "balanced: equal numbers of points on both sides; midpoint: the baseline", NULL},
+{"refine", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(refine), 0, 1000, EACH("0.1"), OXL_TIER_ADVANCED, TRAINING | OXL_OPTION_OF_MERGE, "Blocks", "steps on the merged model and all images, as a share of the blocks' steps; 0: none", NULL},
+{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "denser where water takes contrast: gradient weights of the middle and far depth band, searched from MID,FAR (MID,FAR,fixed: no search); auto: on if contrast fades with depth", NULL},
+{"ucd-bands", "thirds|quantiles|fading", OXL_OPTION_CHOICE, OPTION_AT(train.ucd.bands), 0, 2, EACH("thirds"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "limits of the depth bands: thirds of the largest depth, thirds of the points, or contrast of 4/5 and 1/2", NULL},
+{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, EACH("all"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss", NULL},
+{"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.robust), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "do not learn what only one image of a place shows: fish, divers", "robust"},
+{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "difference-of-Gaussians lobes; auto: selective, if validation views gain", NULL},
+{"dog-threshold", "T|SHARE%", OXL_OPTION_LIMIT, OPTION_AT(train.dog_threshold), 1e-9, 1e15, EACH("0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "selective: a lobe above this mean gradient, in half images; or the share that stays without, as 90%", NULL},
+{"dog-from", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.dog_from), 0, 1, EACH("0.55"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "share of the run after which lobes are added", NULL},
+{"dog-opacity-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_opacity_factor), 1e-6, 0.999999, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "opacity of a new lobe, relative to its Gaussian", NULL},
+{"dog-scale-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_scale_factor), 1e-3, 1000, EACH("1.6"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "scale of a new lobe, relative to its Gaussian", NULL},
+{"coarse", "auto|SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.coarse), 0, 1, PRESETS("auto", "0", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "first share of the run, at half resolution; auto: 0.25 for images of 640 px and more", NULL},
+{"cooldown", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.settle), 0, 1, EACH("0.2"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "last share of the run, over which all learning rates fall to a tenth; 0: none", "settle"},
+{"short-run-exponent", "E", OXL_OPTION_FLOAT, OPTION_AT(train.haste), 0, 1, PRESETS("0.35", "0.35", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "runs of fewer than 30000 iterations multiply the learning rates of geometry by (30000 / iterations)^E; 0: off", "haste"},
+{"alpha-min", "ALPHA", OXL_OPTION_FLOAT, OPTION_AT(train.alpha_min), 0, 0.05, EACH("1/255"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "contributions to a pixel below this are left out in the first 0.8 of the run (CPU)", NULL},
+{"sh-degree-interval", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.bands_every), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "share of the run after which the SH degree rises by one", NULL},
+{"lr-position", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_mean_first), 0, 1, EACH("0.00016"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of positions at the start, relative to the scene's extent", NULL},
+{"lr-position-final", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_mean_last), 0, 1, EACH("0.0000016"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of positions at the end; exponential decay in between", NULL},
+{"lr-scale", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_log_scale), 0, 1, EACH("0.005"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of log scales", NULL},
+{"lr-rotation", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_rotation), 0, 1, EACH("0.001"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of quaternions", NULL},
+{"lr-opacity", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_opacity), 0, 1, EACH("0.025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of opacity logits", NULL},
+{"lr-sh0", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_sh0), 0, 1, EACH("0.0025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of SH coefficients of degree 0 (base colour)", NULL},
+{"lr-sh", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_sh), 0, 1, EACH("0.0025/20"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of SH coefficients of degree 1 and above", NULL},
+{"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.0004", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "clone or split above this mean position gradient, in half images", NULL},
+{"densify-from", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_from), 0, 1, EACH("0.025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run at which densification begins", NULL},
+{"densify-until", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_until), 0, 1, EACH("0.5"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run at which densification ends", NULL},
+{"densify-every", "N", OXL_OPTION_INT, OPTION_AT(train.densify_every), 1, INT_MAX, EACH("100"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "iterations between densifications", NULL},
+{"opacity-reset-interval", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.reset_opacity_every), 0, 1000, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run between opacity resets", NULL},
+};
+/* clang-format on */
+#undef OPTION_AT
+#undef EACH
+#undef PRESETS
+#undef SURVEY
+#undef TRAINING
+#undef RUN
+#undef RESULT
+
+int oxl_option_count(void)
+{
+    return (int)OXL_COUNT(OPTIONS);
+}
+
+const oxl_option *oxl_option_at(int index)
+{
+    return &OPTIONS[index];
+}
+
+const oxl_option *oxl_option_find(const char *name)
+{
+    for (size_t i = 0; i < OXL_COUNT(OPTIONS); i++)
+        if (strcmp(OPTIONS[i].name, name) == 0 || (OPTIONS[i].alias && strcmp(OPTIONS[i].alias, name) == 0)) return &OPTIONS[i];
+    return NULL;
+}
+
+/* With _ for -; a folder's ends so, since "images" is a count of what was found. */
+const char *oxl_option_member(const oxl_option *option, char out[40])
+{
+    snprintf(out, 40, "%s%s", option->name, option->kind == OXL_OPTION_TEXT ? "_folder" : "");
+    for (char *c = out; *c; c++)
+        if (*c == '-') *c = '_';
+    return out;
+}
+
+/* ---------------------------------------------------------------- defaults */
+
+oxl_job_options oxl_job_options_default(oxl_preset preset)
+{
+    oxl_job_options o = {.scene = {.read_images = 1}, .preset = OPTIONS[0].preset[preset]};
+    for (size_t i = 1; i < OXL_COUNT(OPTIONS); i++)
+        if (OPTIONS[i].preset[preset]) oxl_option_set(&OPTIONS[i], &o, OPTIONS[i].preset[preset], NULL, 0);
+    o.train.ssim_every = 1;
+    o.train.exp_degree = preset == OXL_PRESET_PAPER ? 5 : 3;
+    o.train.tile_share = 1;
+    return o;
+}
+
+oxl_train_options oxl_train_options_default(oxl_preset preset)
+{
+    return oxl_job_options_default(preset).train;
+}
+
+oxl_scene_options oxl_scene_options_default(void)
+{
+    return oxl_job_options_default(OXL_PRESET_DRAFT).scene;
+}
+
+oxl_partition_options oxl_partition_options_default(void)
+{
+    return oxl_job_options_default(OXL_PRESET_DRAFT).partition;
+}
+
+/* ---------------------------------------------------------------- text to a value */
+
+/* Letters of the word that a number's value begins with, as in auto|SHARE; 0: there is none. */
+static size_t option_word(const oxl_option *o)
+{
+    const size_t length = o->value ? strcspn(o->value, "|") : 0;
+    return length > 0 && o->value[length] && o->value[0] >= 'a' ? length : 0;
+}
+
+/* A number without a sign at *text, which moves past it. */
+static int option_plain(const char **text, double *out)
+{
+    return ((unsigned char)(**text - '0') < 10 || **text == '.') && parse_double(text, *text + strlen(*text), out);
+}
+
+/* A plain number, and perhaps one of the units. */
+static int option_number(const char *text, const char *units, const double *factors, double *out)
+{
+    const char *unit;
+    if (!option_plain(&text, out)) return 0;
+    if (!*text) return 1;
+    unit = *units ? strchr(units, *text | 0x20) : NULL;
+    if (!unit || text[1]) return 0;
+    *out *= factors[unit - units];
+    return 1;
+}
+
+static int option_whole(const char *text, double *out)
+{
+    return text[0] && text[strspn(text, "0123456789")] == 0 && option_plain(&text, out);
+}
+
+/* 0.004, or 1/255: the quotient of two floats. */
+static int option_fraction(const char *text, float *out)
+{
+    double above, below = 1;
+    if (!option_plain(&text, &above)) return 0;
+    if (*text == '/' && (text++, !option_plain(&text, &below))) return 0;
+    *out = (float)OXL_MIN(above, FLT_MAX) / (float)OXL_MIN(below, FLT_MAX);
+    return *text == 0;
+}
+
+/* "X,Y,Z" */
+static int option_three(const char *text, double out[3])
+{
+    for (int k = 0; k < 3; k++) {
+        const int minus = *text == '-';
+        text += minus;
+        if (!option_plain(&text, &out[k]) || *text != (k < 2 ? ',' : 0) || !(out[k] <= 1e15)) return 0;
+        if (minus) out[k] = -out[k];
+        text++;
+    }
+    return 1;
+}
+
+static int option_read_rgb(const oxl_option *o, const char *text, float *out)
+{
+    double v[3];
+    if (!option_three(text, v)) return 0;
+    for (int k = 0; k < 3; k++)
+        if (!(v[k] >= o->low && v[k] <= o->high)) return 0;
+    for (int k = 0; k < 3; k++) out[k] = (float)v[k];
+    return 1;
+}
+
+static int option_read_place(const char *text, double *out)
+{
+    double v[3];
+    if (!option_three(text, v)) return 0;
+    memcpy(out, v, sizeof v);
+    return 1;
+}
+
+/* "400x260" */
+static int option_read_size(const oxl_option *o, const char *text, int *out)
+{
+    double      v[2];
+    const char *x = text + strspn(text, "0123456789");
+    if (!option_plain(&text, &v[0]) || text != x || *x != 'x' || !option_whole(x + 1, &v[1])) return 0;
+    if (!(v[0] >= o->low && v[1] >= o->low && v[0] <= o->high && v[1] <= o->high)) return 0;
+    out[0] = (int)v[0], out[1] = (int)v[1];
+    return 1;
+}
+
+static int option_read_seed(const char *text, uint64_t *out)
+{
+    unsigned long long value;
+    if (!text[0] || text[strspn(text, "0123456789")]) return 0;
+    errno = 0;
+    value = strtoull(text, NULL, 10);
+    if (errno == ERANGE) return 0;
+    *out = value;
+    return 1;
+}
+
+/* The place of the word among those of "one|two|three"; -1: it is none. */
+static int option_choice(const char *words, const char *text)
+{
+    for (int i = 0; *words; i++) {
+        const size_t length = strcspn(words, "|");
+        if (strlen(text) == length && strncmp(words, text, length) == 0) return i;
+        words += length + (words[length] != 0);
+    }
+    return -1;
+}
+
+static int option_read_choice(const oxl_option *o, const char *text, int *out)
+{
+    const int choice = option_choice(o->value, text);
+    if (choice >= 0) *out = choice;
+    return choice >= 0;
+}
+
+/* 0.0002, or 90%, held as -0.9. */
+static int option_read_limit(const oxl_option *o, const char *text, float *out)
+{
+    static const double percent = 1;
+    double              v;
+    if (!option_number(text, "%", &percent, &v)) return 0;
+    if (strchr(text, '%') ? v > 100 : !((float)v >= (float)o->low && v <= o->high)) return 0;
+    *out = strchr(text, '%') ? (float)(-v / 100) : (float)v;
+    return 1;
+}
+
+static int option_read_ucd(const char *text, oxl_ucd *out)
+{
+    oxl_ucd ucd;
+    if (oxl_ucd_parse(NULL, text, &ucd) != OXL_OK) return 0;
+    ucd.bands = out->bands; /* another option */
+    *out      = ucd;
+    return 1;
+}
+
+static int option_read_keep(const char *text, oxl_keep *out)
+{
+    oxl_keep keep;
+    if (oxl_keep_parse(NULL, text, &keep) != OXL_OK) return 0;
+    *out = keep;
+    return 1;
+}
+
+static int option_read_preset(const oxl_option *o, const char *text, void *options)
+{
+    const int preset = option_choice(o->value, text);
+    if (preset >= 0) *(oxl_job_options *)options = oxl_job_options_default((oxl_preset)preset);
+    return preset >= 0;
+}
+
+/* Numbers that have a range, as a double; -1 for the word. */
+static int option_read_number(const oxl_option *o, const char *text, double *out)
+{
+    static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
+    const size_t        word   = option_word(o);
+    float               single = 0;
+    int                 is_one = 0;
+    if (word > 0 && strlen(text) == word && strncmp(text, o->value, word) == 0) return *out = -1, 1;
+    switch (o->kind) {
+    case OXL_OPTION_INT:
+    case OXL_OPTION_LONG: is_one = option_whole(text, out); break;
+    case OXL_OPTION_BYTES: is_one = option_number(text, "kmgt", bytes, out); break;
+    case OXL_OPTION_SECONDS: is_one = option_number(text, "smhd", seconds, out); break;
+    case OXL_OPTION_FLOAT:
+        is_one = option_fraction(text, &single);
+        *out   = single;
+        return is_one && single >= (float)o->low && single <= (float)o->high;
+    default: is_one = option_number(text, "", NULL, out);
+    }
+    return is_one && *out >= o->low && *out <= o->high;
+}
+
+static int option_read(const oxl_option *o, const char *text, void *options)
+{
+    void *const field = (char *)options + o->at;
+    double      v;
+    switch (o->kind) {
+    case OXL_OPTION_FLAG: return strcmp(text, "true") && strcmp(text, "false") ? 0 : (*(int *)field = text[0] == 't', 1);
+    case OXL_OPTION_TEXT: return text[0] ? (*(const char **)field = text, 1) : 0;
+    case OXL_OPTION_SEED: return option_read_seed(text, field);
+    case OXL_OPTION_CHOICE: return option_read_choice(o, text, field);
+    case OXL_OPTION_RGB: return option_read_rgb(o, text, field);
+    case OXL_OPTION_PLACE: return option_read_place(text, field);
+    case OXL_OPTION_SIZE: return option_read_size(o, text, field);
+    case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
+    case OXL_OPTION_UCD: return option_read_ucd(text, field);
+    case OXL_OPTION_KEEP: return option_read_keep(text, field);
+    case OXL_OPTION_LIMIT: return option_read_limit(o, text, field);
+    default: break;
+    }
+    if (!option_read_number(o, text, &v)) return 0;
+    switch (o->kind) {
+    case OXL_OPTION_INT: *(int *)field = (int)v; break;
+    case OXL_OPTION_LONG: *(long *)field = (long)v; break;
+    case OXL_OPTION_FLOAT: *(float *)field = (float)v; break;
+    case OXL_OPTION_BYTES: *(size_t *)field = (size_t)OXL_MIN(v, (double)(SIZE_MAX / 2)); break;
+    default: *(double *)field = v;
+    }
+    return 1;
+}
+
+/* ---------------------------------------------------------------- what is wrong with a text */
+
+static void option_wanted(const oxl_option *o, char out[160])
+{
+    char low[NUMBER_TEXT_MAX], high[NUMBER_TEXT_MAX];
+    char word[32] = "";
+    format_shortest(low, o->low);
+    format_shortest(high, o->high);
+    if (option_word(o)) snprintf(word, sizeof word, "%.*s or ", (int)option_word(o), o->value);
+    switch (o->kind) {
+    case OXL_OPTION_INT:
+    case OXL_OPTION_LONG: snprintf(out, 160, "%sa whole number from %s to %s", word, low, high); break;
+    case OXL_OPTION_FLOAT:
+    case OXL_OPTION_DOUBLE: snprintf(out, 160, "%sa number from %s to %s", word, low, high); break;
+    case OXL_OPTION_SEED: snprintf(out, 160, "a whole number below 2^64"); break;
+    case OXL_OPTION_BYTES: snprintf(out, 160, "a size as 512M or 4G"); break;
+    case OXL_OPTION_SECONDS: snprintf(out, 160, "a time as 90s, 20m or 8h"); break;
+    default: snprintf(out, 160, "%s", o->value ? o->value : "no value");
+    }
+}
+
+static void option_explain(const oxl_option *o, const char *text, char *error, size_t size)
+{
+    const char *dashes = o->name[1] ? "--" : "-", *example = o->preset[0];
+    char        wanted[160];
+    option_wanted(o, wanted);
+    snprintf(error, size, "option %s%s: '%.80s' seen, %s wanted\nfix: %s%s %s", dashes, o->name, text, wanted, dashes, o->name,
+             example    ? example
+             : o->value ? o->value
+                        : "");
+}
+
+oxl_result oxl_option_set(const oxl_option *option, void *options, const char *text, char *error, size_t error_size)
+{
+    if (option_read(option, text ? text : "true", options)) return OXL_OK;
+    if (error) option_explain(option, text ? text : "nothing", error, error_size);
+    return OXL_ERR_USAGE;
+}
+
+/* ---------------------------------------------------------------- a value to text */
+
+/* The percentage that is read back as this negative float. */
+static void option_get_percent(float value, char *out, size_t size)
+{
+    char digits[NUMBER_TEXT_MAX];
+    for (int precision = 3; precision <= 17; precision++) { /* 100 has three digits */
+        const char *at = digits;
+        double      v;
+        format_digits(digits, 100 * fabs((double)value), precision);
+        if (parse_double(&at, at + strlen(at), &v) && (float)(-v / 100) == value) break;
+    }
+    snprintf(out, size, "%s%%", digits);
+}
+
+static void option_get_ucd(const oxl_ucd *ucd, char *out, size_t size)
+{
+    static const char *const modes[] = {"off", "on", "auto"};
+    const oxl_ucd            plain   = oxl_ucd_default();
+    char                     mid[NUMBER_TEXT_MAX], distant[NUMBER_TEXT_MAX];
+    if (ucd->mode == OXL_UCD_OFF || (ucd->f_mid == plain.f_mid && ucd->f_far == plain.f_far && ucd->learn == plain.learn)) {
+        snprintf(out, size, "%s", (unsigned)ucd->mode < OXL_COUNT(modes) ? modes[ucd->mode] : "unknown");
+        return;
+    }
+    format_float(mid, ucd->f_mid);
+    format_float(distant, ucd->f_far);
+    snprintf(out, size, "%s%s,%s%s", ucd->mode == OXL_UCD_AUTO ? "auto," : "", mid, distant, ucd->learn ? "" : ",fixed");
+}
+
+static void option_get_keep(const oxl_keep *keep, char *out, size_t size)
+{
+    char digits[NUMBER_TEXT_MAX];
+    format_shortest(digits, keep->value);
+    switch (keep->kind) {
+    case OXL_KEEP_ALL: snprintf(out, size, "all"); break;
+    case OXL_KEEP_AUTO: snprintf(out, size, "auto"); break;
+    case OXL_KEEP_BYTES: snprintf(out, size, "%sB", digits); break;
+    default: snprintf(out, size, "%s", digits);
+    }
+}
+
+static void option_get_bytes(size_t bytes, char *out, size_t size)
+{
+    static const char units[] = " KMGT";
+    int               unit    = 0;
+    while (bytes > 0 && bytes % 1024 == 0 && unit < 4) bytes /= 1024, unit++;
+    snprintf(out, size, unit ? "%zu%c" : "%zu", bytes, units[unit]);
+}
+
+static void option_get_choice(const char *words, int choice, char *out, size_t size)
+{
+    for (; choice > 0 && *words; choice--) words += strcspn(words, "|") + (words[strcspn(words, "|")] != 0);
+    snprintf(out, size, "%.*s", choice ? 0 : (int)strcspn(words, "|"), words);
+}
+
+static void option_get_three(const double v[3], int single, char *out, size_t size)
+{
+    char t[3][NUMBER_TEXT_MAX];
+    for (int k = 0; k < 3; k++)
+        if (single) format_float(t[k], (float)v[k]);
+        else format_shortest(t[k], v[k]);
+    snprintf(out, size, "%s,%s,%s", t[0], t[1], t[2]);
+}
+
+static void option_get_number(const oxl_option *o, const void *field, char *out, size_t size)
+{
+    const double v = o->kind == OXL_OPTION_INT     ? *(const int *)field
+                     : o->kind == OXL_OPTION_LONG  ? (double)*(const long *)field
+                     : o->kind == OXL_OPTION_FLOAT ? (double)*(const float *)field
+                                                   : *(const double *)field;
+    char         digits[NUMBER_TEXT_MAX];
+    if (v == -1 && option_word(o)) {
+        snprintf(out, size, "%.*s", (int)option_word(o), o->value);
+        return;
+    }
+    if (o->kind == OXL_OPTION_FLOAT) format_float(digits, (float)v);
+    else format_shortest(digits, v);
+    snprintf(out, size, "%s", digits);
+}
+
+const char *oxl_option_get(const oxl_option *o, const void *options, char *out, size_t size)
+{
+    const void  *field = (const char *)options + o->at;
+    const float *f     = field;
+    switch (o->kind) {
+    case OXL_OPTION_FLAG: snprintf(out, size, *(const int *)field ? "true" : "false"); break;
+    case OXL_OPTION_TEXT: snprintf(out, size, "%s", *(const char *const *)field ? *(const char *const *)field : ""); break;
+    case OXL_OPTION_PRESET:
+        snprintf(out, size, "%s", ((const oxl_job_options *)options)->preset ? ((const oxl_job_options *)options)->preset : "");
+        break;
+    case OXL_OPTION_SEED: snprintf(out, size, "%llu", (unsigned long long)*(const uint64_t *)field); break;
+    case OXL_OPTION_CHOICE: option_get_choice(o->value, *(const int *)field, out, size); break;
+    case OXL_OPTION_BYTES: option_get_bytes(*(const size_t *)field, out, size); break;
+    case OXL_OPTION_RGB: option_get_three((const double[3]){f[0], f[1], f[2]}, 1, out, size); break;
+    case OXL_OPTION_PLACE: option_get_three(field, 0, out, size); break;
+    case OXL_OPTION_SIZE: snprintf(out, size, "%dx%d", ((const int *)field)[0], ((const int *)field)[1]); break;
+    case OXL_OPTION_UCD: option_get_ucd(field, out, size); break;
+    case OXL_OPTION_KEEP: option_get_keep(field, out, size); break;
+    case OXL_OPTION_LIMIT:
+        if (*f <= 0) option_get_percent(*f, out, size);
+        else option_get_number(&(oxl_option){.kind = OXL_OPTION_FLOAT}, field, out, size);
+        break;
+    default: option_get_number(o, field, out, size);
+    }
+    return out;
+}
+
+/* ---------------------------------------------------------------- all options */
+
+/* What a caller filled in is in range when its text would be read. */
+oxl_result oxl_job_options_check(oxl_context *ctx, const oxl_job_options *options)
+{
+    oxl_job_options read = *options;
+    char            text[128], error[400];
+    for (size_t i = 1; i < OXL_COUNT(OPTIONS); i++) {
+        if (OPTIONS[i].kind == OXL_OPTION_TEXT) continue;
+        oxl_option_get(&OPTIONS[i], options, text, sizeof text);
+        if (oxl_option_set(&OPTIONS[i], &read, text, error, sizeof error) != OXL_OK)
+            return oxl_fail(ctx, OXL_ERR_USAGE, "%s", error);
+    }
+    return OXL_OK;
+}
+
+oxl_result oxl_train_options_check(oxl_context *ctx, const oxl_train_options *options)
+{
+    oxl_job_options job = oxl_job_options_default(OXL_PRESET_DRAFT);
+    job.train           = *options;
+    return oxl_job_options_check(ctx, &job);
+}

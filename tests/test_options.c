@@ -1,0 +1,175 @@
+/* test_options.c - the table of options: what it promises of defaults, texts, ranges, former names and run.json. */
+
+TEST(options_have_names_of_their_own_and_one_place_each_in_run_json)
+{
+    CHECK(oxl_option_count() <= RUN_VALUES && oxl_option_at(0)->kind == OXL_OPTION_PRESET);
+    for (int i = 0; i < oxl_option_count(); i++) {
+        const oxl_option *o = oxl_option_at(i);
+        CHECK(oxl_option_find(o->name) == o && strlen(o->name) < 32 && o->group && o->help);
+        for (int k = 0; k < i; k++) {
+            CHECK(oxl_option_at(k)->at != o->at || k == 0);
+            CHECK(!o->alias || !oxl_option_at(k)->alias || strcmp(o->alias, oxl_option_at(k)->alias) != 0);
+        }
+    }
+    CHECK(!oxl_option_find("no-such-option"));
+}
+
+TEST(options_of_every_preset_are_in_range_and_their_texts_read_back)
+{
+    for (int preset = 0; preset < 3; preset++) {
+        oxl_job_options o = oxl_job_options_default((oxl_preset)preset);
+        CHECK_OK(oxl_job_options_check(test_ctx, &o));
+        CHECK(strcmp(o.preset, oxl_option_at(0)->preset[preset]) == 0);
+        for (int i = 1; i < oxl_option_count(); i++) {
+            const oxl_option *row  = oxl_option_at(i);
+            oxl_job_options   read = {0};
+            char              text[128], again[128];
+            if (row->kind == OXL_OPTION_TEXT) continue;
+            CHECK(row->preset[preset] != NULL);
+            CHECK(oxl_option_set(row, &read, oxl_option_get(row, &o, text, sizeof text), NULL, 0) == OXL_OK);
+            CHECK(strcmp(oxl_option_get(row, &read, again, sizeof again), text) == 0);
+        }
+    }
+}
+
+/* What the presets were before there was a table. */
+TEST(options_defaults_are_those_of_the_paper_and_of_kerbl)
+{
+    const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER), draft = oxl_train_options_default(OXL_PRESET_DRAFT);
+    CHECK(o.iterations == 40000 && o.sh_degree == 3 && o.rate_mean_first == 1.6e-4f && o.rate_mean_last == 1.6e-6f);
+    CHECK(o.rate_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.bands_every == 1.0f / 30 && o.densify_gradient == 2e-4f);
+    CHECK(o.ucd.mode == OXL_UCD_AUTO && o.ucd.f_mid == 1.5f && o.ucd.f_far == 2 && o.ucd.learn == 1 && o.dog_from == 0.785f);
+    CHECK(draft.coarse == -1 && draft.sh_degree == -1 && draft.densify_gradient == 4e-4f && draft.haste == 0.35f);
+}
+
+TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
+{
+    oxl_job_options   a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
+    const oxl_option *row = oxl_option_find("refine"), *limit = oxl_option_find("dog-threshold");
+    char              text[64];
+    a.refine = 0.1f;
+    CHECK(strcmp(oxl_option_get(row, &a, text, sizeof text), "0.1") == 0);
+    for (uint64_t i = 0; i < 3000; i++) {
+        const float v         = (float)((double)(random_bits(3, i, 0) >> 11) * 0x1p-53) * (i % 3 ? 1 : 1e-6f);
+        a.refine              = v;
+        a.train.dog_threshold = i % 2 ? -v : v + 1e-8f;
+        CHECK(oxl_option_set(row, &b, oxl_option_get(row, &a, text, sizeof text), NULL, 0) == OXL_OK && b.refine == v);
+        CHECK(oxl_option_set(limit, &b, oxl_option_get(limit, &a, text, sizeof text), NULL, 0) == OXL_OK);
+        CHECK(b.train.dog_threshold == a.train.dog_threshold);
+    }
+    a.train.dog_threshold = -0.9f;
+    CHECK(strcmp(oxl_option_get(limit, &a, text, sizeof text), "90%") == 0);
+}
+
+static void options_test_refusal(const char *name, const char *text, const char *words)
+{
+    oxl_job_options o = oxl_job_options_default(OXL_PRESET_DRAFT);
+    char            before[64], after[64], error[400] = "", start[64];
+    oxl_option_get(oxl_option_find(name), &o, before, sizeof before);
+    CHECK(oxl_option_set(oxl_option_find(name), &o, text, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK(strcmp(oxl_option_get(oxl_option_find(name), &o, after, sizeof after), before) == 0);
+    snprintf(start, sizeof start, "option --%s: '%s' seen, ", name, text);
+    CHECK(strncmp(error, start, strlen(start)) == 0);
+    CHECK_TEXT(error, words);
+    CHECK_TEXT(error, "\nfix: --");
+}
+
+TEST(options_that_cannot_be_are_refused_with_value_seen_value_wanted_and_a_fix)
+{
+    options_test_refusal("iterations", "0", "a whole number from 1 to 2147483647 wanted\nfix: --iterations 2000");
+    options_test_refusal("iterations", "-3", "from 1");
+    options_test_refusal("iterations", "2e3", "whole");
+    options_test_refusal("sh-degree", "4", "auto or a whole number from 0 to 3 wanted");
+    options_test_refusal("cooldown", "1.5", "a number from 0 to 1 wanted");
+    options_test_refusal("cooldown", "nan", "a number");
+    options_test_refusal("alpha-min", "0.06", "0.05");
+    options_test_refusal("alpha-min", "1/0", "0.05");
+    options_test_refusal("ram", "4Q", "a size as 512M or 4G");
+    options_test_refusal("max-time", "20q", "a time as 90s");
+    options_test_refusal("dog", "some", "off|selective|all|auto wanted");
+    options_test_refusal("dog-threshold", "101%", "T|SHARE%");
+    options_test_refusal("ucd", "3,2", "MID,FAR");
+    options_test_refusal("keep", "0", "FRACTION");
+    options_test_refusal("background", "0,0,2", "R,G,B");
+    options_test_refusal("seed", "99999999999999999999", "2^64");
+}
+
+TEST(options_check_names_the_one_that_is_out_of_range)
+{
+    oxl_job_options o  = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o.train.iterations = 0;
+    CHECK(oxl_job_options_check(test_ctx, &o) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "option --iterations: '0' seen");
+    CHECK(!strstr(oxl_error_text(test_ctx), "degree"));
+    o              = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o.train.settle = NAN;
+    CHECK(oxl_train_options_check(test_ctx, &o.train) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "option --cooldown: 'nan' seen");
+}
+
+TEST(options_read_their_former_names)
+{
+    CHECK(oxl_option_find("haste") == oxl_option_find("short-run-exponent"));
+    CHECK(oxl_option_find("settle") == oxl_option_find("cooldown"));
+    CHECK(oxl_option_find("robust") == oxl_option_find("mask-transients"));
+}
+
+/* Another value than the default's for every option of the result. */
+static oxl_job_options options_test_others(void)
+{
+    static const char *const texts[] = {"1.25,3,fixed", "12345678B", "85%",       "true",      "2",
+                                        "0.04",         "0.0003",    "0.2",       "4G",        "paper",
+                                        "midpoint",     "3d",        "quantiles", "selective", "0.1,0.2,0.3"};
+    oxl_job_options          o       = oxl_job_options_default(OXL_PRESET_DRAFT);
+    const oxl_job_options    plain   = o;
+    for (int i = 1; i < oxl_option_count(); i++) {
+        const oxl_option *row = oxl_option_at(i);
+        char              was[128], now[128];
+        if (!(row->use & OXL_OPTION_OF_RESULT)) continue;
+        oxl_option_get(row, &plain, was, sizeof was);
+        for (size_t k = 0; k < OXL_COUNT(texts); k++) {
+            if (strcmp(oxl_option_get(row, &o, now, sizeof now), was) != 0) break;
+            oxl_option_set(row, &o, texts[k], NULL, 0);
+        }
+        CHECK(strcmp(oxl_option_get(row, &o, now, sizeof now), was) != 0);
+    }
+    return o;
+}
+
+TEST(options_in_run_json_are_read_back_every_one)
+{
+    const oxl_job_options others = options_test_others();
+    oxl_job_options       read   = oxl_job_options_default(OXL_PRESET_PAPER);
+    struct text           line = {.ctx = test_ctx}, again = line, file = line;
+    struct oxl_run        run;
+    run_describe(&line, "a survey, \"quoted\"", &others);
+    text_add(&file, "{\n  %s,\n  \"found\": {\"images\": 1}\n}\n", line.data);
+    test_write("run.json", file.data);
+    CHECK_OK(run_read(test_ctx, test_folder(), &run));
+    run_options(&run, &read);
+    run_describe(&again, "a survey, \"quoted\"", &read);
+    CHECK(strcmp(again.data, line.data) == 0);
+    CHECK_TEXT(line.data, "\"keep\": \"12345678B\"");
+    CHECK_TEXT(line.data, "\"ucd\": \"1.25,3,fixed\"");
+    run_free(test_ctx, &run);
+    text_free(&line);
+    text_free(&again);
+    text_free(&file);
+}
+
+TEST(options_that_differ_between_two_runs_are_named_with_both_values)
+{
+    oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
+    struct text     there = {.ctx = test_ctx}, here = there, t = there;
+    b.train.keep   = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
+    b.scene.images = "here";
+    a.train.robust = 1;
+    run_describe(&there, "one", &a);
+    run_describe(&here, "two", &b);
+    CHECK_OK(run_differences(&t, there.data, here.data));
+    CHECK(strcmp(t.data, "  --images: not given there, here here\n  --keep: all there, 0.5 here\n"
+                         "  --mask-transients: true there, false here\n  survey: one there, two here\n") == 0);
+    text_free(&there);
+    text_free(&here);
+    text_free(&t);
+}
