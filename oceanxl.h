@@ -251,7 +251,6 @@ typedef struct oxl_render_options {
     float background[3]; /* (0,0,0) */
     int   sh_degree;     /* bands evaluated; -1: all that the model carries */
     float near_plane; /* in the scene's unit; Gaussians at or before it are culled (0.2 of 3DGS, made relative: see PAPER.md) */
-    int exp_degree; /* of the polynomial that the CPU takes for 2^x: 5, exact to a float; 3 is quicker and 7.5e-5 of 2^x off (5) */
     float
         alpha_min; /* contributions to a pixel below it are left out on the CPU; less than 1/255 counts as that (1/255) [Kerbl 2023] */
 } oxl_render_options;
@@ -358,12 +357,8 @@ typedef struct oxl_train_options {
     float    background[3];
     float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
-    int      ssim_every;  /* SSIM counts in every n-th step, the others have L1 alone */
-    int      stop_early;  /* 1: ends when training views that stand aside for it have not gained for 3/20 of the run */
     float    coarse;      /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
-    int      exp_degree;  /* 3: of the polynomial that the CPU takes for 2^x, as in oxl_render_options */
     float    alpha_min;   /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
-    float    tile_share;  /* of the tiles of 16 x 16 px, by chance: those whose gradient the CPU takes in a step */
     float    bands_every; /* share of the run after which there is one more band of spherical harmonics */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;

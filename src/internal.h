@@ -586,9 +586,6 @@ struct renderer_loss {
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out);
 
-/* Of the next gradient, on the CPU: the tiles that count, by chance; the others are taken as like them. */
-OXL_INTERNAL void renderer_choose_tiles(struct renderer *r, float share, uint64_t choice);
-
 /* The gradient of the model that was drawn last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
  * rows of packs out of sight are left alone. A device keeps it to itself until renderer_gradient. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
@@ -637,7 +634,6 @@ OXL_INTERNAL int        renderer_drew_finite(const struct renderer *r, size_t ro
 OXL_INTERNAL int        renderer_saw(const struct renderer *r, size_t row);
 OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
 OXL_INTERNAL float      renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
-OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row); /* px: of the contour alpha = 1/255, the longer side */
 
 struct renderer_counts {                   /* of the last view */
     size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image that the footprints ask for */

@@ -14,7 +14,7 @@
 #define real_least            real_least_f64
 #define muladd                muladd_f64
 #define real_exp2             real_exp2_f64
-#define real_exp2_quick       real_exp2_quick_f64
+#define real_exp2_raster       real_exp2_raster_f64
 #define real_exp              real_exp_f64
 #define real_log2             real_log2_f64
 #define vec3                  vec3_f64
@@ -157,65 +157,35 @@
 #define raster_value                       raster_value_f64
 #define raster_whole                       raster_whole_f64
 #define raster_forward_plain               raster_forward_plain_f64
-#define raster_forward_quick               raster_forward_quick_f64
 #define raster_forward_plain_body          raster_forward_plain_body_f64
-#define raster_forward_quick_body          raster_forward_quick_body_f64
 #define raster_forward_plain_base          raster_forward_plain_base_f64
-#define raster_forward_quick_base          raster_forward_quick_base_f64
 #define raster_forward_plain_avx2          raster_forward_plain_avx2_f64
-#define raster_forward_quick_avx2          raster_forward_quick_avx2_f64
 #define raster_forward_plain_avx512        raster_forward_plain_avx512_f64
-#define raster_forward_quick_avx512        raster_forward_quick_avx512_f64
 #define raster_forward_lobed               raster_forward_lobed_f64
-#define raster_forward_quick_lobed         raster_forward_quick_lobed_f64
 #define raster_forward_lobed_body          raster_forward_lobed_body_f64
-#define raster_forward_quick_lobed_body    raster_forward_quick_lobed_body_f64
 #define raster_forward_lobed_base          raster_forward_lobed_base_f64
-#define raster_forward_quick_lobed_base    raster_forward_quick_lobed_base_f64
 #define raster_forward_lobed_avx2          raster_forward_lobed_avx2_f64
-#define raster_forward_quick_lobed_avx2    raster_forward_quick_lobed_avx2_f64
 #define raster_forward_lobed_avx512        raster_forward_lobed_avx512_f64
-#define raster_forward_quick_lobed_avx512  raster_forward_quick_lobed_avx512_f64
 #define raster_backward_plain              raster_backward_plain_f64
-#define raster_backward_quick              raster_backward_quick_f64
 #define raster_backward_plain_body         raster_backward_plain_body_f64
-#define raster_backward_quick_body         raster_backward_quick_body_f64
 #define raster_backward_plain_base         raster_backward_plain_base_f64
-#define raster_backward_quick_base         raster_backward_quick_base_f64
 #define raster_backward_plain_avx2         raster_backward_plain_avx2_f64
-#define raster_backward_quick_avx2         raster_backward_quick_avx2_f64
 #define raster_backward_plain_avx512       raster_backward_plain_avx512_f64
-#define raster_backward_quick_avx512       raster_backward_quick_avx512_f64
 #define raster_backward_lobed              raster_backward_lobed_f64
-#define raster_backward_quick_lobed        raster_backward_quick_lobed_f64
 #define raster_backward_lobed_body         raster_backward_lobed_body_f64
-#define raster_backward_quick_lobed_body   raster_backward_quick_lobed_body_f64
 #define raster_backward_lobed_base         raster_backward_lobed_base_f64
-#define raster_backward_quick_lobed_base   raster_backward_quick_lobed_base_f64
 #define raster_backward_lobed_avx2         raster_backward_lobed_avx2_f64
-#define raster_backward_quick_lobed_avx2   raster_backward_quick_lobed_avx2_f64
 #define raster_backward_lobed_avx512       raster_backward_lobed_avx512_f64
-#define raster_backward_quick_lobed_avx512 raster_backward_quick_lobed_avx512_f64
 #define raster_score_plain                 raster_score_plain_f64
-#define raster_score_quick                 raster_score_quick_f64
 #define raster_score_plain_body            raster_score_plain_body_f64
-#define raster_score_quick_body            raster_score_quick_body_f64
 #define raster_score_plain_base            raster_score_plain_base_f64
-#define raster_score_quick_base            raster_score_quick_base_f64
 #define raster_score_plain_avx2            raster_score_plain_avx2_f64
-#define raster_score_quick_avx2            raster_score_quick_avx2_f64
 #define raster_score_plain_avx512          raster_score_plain_avx512_f64
-#define raster_score_quick_avx512          raster_score_quick_avx512_f64
 #define raster_score_lobed                 raster_score_lobed_f64
-#define raster_score_quick_lobed           raster_score_quick_lobed_f64
 #define raster_score_lobed_body            raster_score_lobed_body_f64
-#define raster_score_quick_lobed_body      raster_score_quick_lobed_body_f64
 #define raster_score_lobed_base            raster_score_lobed_base_f64
-#define raster_score_quick_lobed_base      raster_score_quick_lobed_base_f64
 #define raster_score_lobed_avx2            raster_score_lobed_avx2_f64
-#define raster_score_quick_lobed_avx2      raster_score_quick_lobed_avx2_f64
 #define raster_score_lobed_avx512          raster_score_lobed_avx512_f64
-#define raster_score_quick_lobed_avx512    raster_score_quick_lobed_avx512_f64
 
 #define loss_job              loss_job_f64
 #define loss_value            loss_value_f64
@@ -423,7 +393,7 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef real_least
 #undef muladd
 #undef real_exp2
-#undef real_exp2_quick
+#undef real_exp2_raster
 #undef real_exp
 #undef real_log2
 #undef vec3
@@ -563,65 +533,35 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef raster_value
 #undef raster_whole
 #undef raster_forward_plain
-#undef raster_forward_quick
 #undef raster_forward_plain_body
-#undef raster_forward_quick_body
 #undef raster_forward_plain_base
-#undef raster_forward_quick_base
 #undef raster_forward_plain_avx2
-#undef raster_forward_quick_avx2
 #undef raster_forward_plain_avx512
-#undef raster_forward_quick_avx512
 #undef raster_forward_lobed
-#undef raster_forward_quick_lobed
 #undef raster_forward_lobed_body
-#undef raster_forward_quick_lobed_body
 #undef raster_forward_lobed_base
-#undef raster_forward_quick_lobed_base
 #undef raster_forward_lobed_avx2
-#undef raster_forward_quick_lobed_avx2
 #undef raster_forward_lobed_avx512
-#undef raster_forward_quick_lobed_avx512
 #undef raster_backward_plain
-#undef raster_backward_quick
 #undef raster_backward_plain_body
-#undef raster_backward_quick_body
 #undef raster_backward_plain_base
-#undef raster_backward_quick_base
 #undef raster_backward_plain_avx2
-#undef raster_backward_quick_avx2
 #undef raster_backward_plain_avx512
-#undef raster_backward_quick_avx512
 #undef raster_backward_lobed
-#undef raster_backward_quick_lobed
 #undef raster_backward_lobed_body
-#undef raster_backward_quick_lobed_body
 #undef raster_backward_lobed_base
-#undef raster_backward_quick_lobed_base
 #undef raster_backward_lobed_avx2
-#undef raster_backward_quick_lobed_avx2
 #undef raster_backward_lobed_avx512
-#undef raster_backward_quick_lobed_avx512
 #undef raster_score_plain
-#undef raster_score_quick
 #undef raster_score_plain_body
-#undef raster_score_quick_body
 #undef raster_score_plain_base
-#undef raster_score_quick_base
 #undef raster_score_plain_avx2
-#undef raster_score_quick_avx2
 #undef raster_score_plain_avx512
-#undef raster_score_quick_avx512
 #undef raster_score_lobed
-#undef raster_score_quick_lobed
 #undef raster_score_lobed_body
-#undef raster_score_quick_lobed_body
 #undef raster_score_lobed_base
-#undef raster_score_quick_lobed_base
 #undef raster_score_lobed_avx2
-#undef raster_score_quick_lobed_avx2
 #undef raster_score_lobed_avx512
-#undef raster_score_quick_lobed_avx512
 #undef loss_job
 #undef loss_value
 #undef loss_scratch

@@ -261,44 +261,6 @@ static double gradient_distance(const double *sum, int count, const oxl_model *b
     return sqrt(above / below);
 }
 
-/* 15 tiles, of which a half counts: one choice is far off, the mean of 400 close, and all tiles are all. */
-TEST(gradients_of_chosen_tiles_are_right_in_the_mean)
-{
-    enum { WIDTH = 80, HEIGHT = 48, CHOICES = 400 };
-    const oxl_camera   camera  = gradient_camera(WIDTH, HEIGHT, 40);
-    oxl_render_options options = oxl_render_options_default();
-    static float       drgb[3 * WIDTH * HEIGHT];
-    struct reference   r;
-    struct renderer   *renderer;
-    oxl_model          m, all, some;
-    double            *sum;
-    gradient_lobed_scene(&r, 60, 0, 0);
-    gradient_to_model(&r, &m);
-    for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
-    CHECK_OK(oxl_model_create(test_ctx, m.count, 0, &all));
-    CHECK_OK(oxl_model_create(test_ctx, m.count, 0, &some));
-    CHECK_OK(renderer_create(test_ctx, &renderer));
-    CHECK_OK(renderer_forward(test_ctx, renderer, &m, &camera, &options));
-    CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &all));
-    sum = reference_array((size_t)oxl_model_planes(&m) * m.count);
-    for (int choice = 0; choice < CHOICES; choice++) {
-        renderer_choose_tiles(renderer, 0.5f, (uint64_t)choice);
-        CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &some));
-        for (int k = 0; k < oxl_model_planes(&m); k++)
-            for (size_t i = 0; i < m.count; i++) sum[(size_t)k * m.count + i] += some.plane[k][i];
-        if (choice == 0) CHECK(gradient_distance(sum, 1, &all) > 0.3);
-    }
-    CHECK(gradient_distance(sum, CHOICES, &all) < 0.1);
-    CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &some)); /* a choice is for one gradient */
-    for (int k = 0; k < oxl_model_planes(&m); k++) CHECK(memcmp(some.plane[k], all.plane[k], m.count * sizeof(float)) == 0);
-    free(sum);
-    renderer_free(test_ctx, renderer);
-    oxl_model_free(test_ctx, &m);
-    oxl_model_free(test_ctx, &all);
-    oxl_model_free(test_ctx, &some);
-    reference_free(test_ctx, &r);
-}
-
 TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
 {
     const oxl_camera      camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);

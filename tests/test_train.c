@@ -288,19 +288,6 @@ static oxl_train_options train_options(int iterations)
     return o;
 }
 
-/* What moves nothing gains nothing: looks after every tenth step from the 30th on, the first of which stays the best. */
-static oxl_train_options train_idle_options(void)
-{
-    oxl_train_options o = train_options(200);
-    o.stop_early        = 1;
-    o.coarse            = 0;
-    o.densify_until     = 0.1f;
-    o.rate_mean_first = o.rate_mean_last = 1e-30f;
-    o.rate_log_scale = o.rate_rotation = o.rate_opacity = o.rate_sh0 = o.rate_sh = 0;
-    o.reset_opacity_every                                                        = 0;
-    return o;
-}
-
 static double train_psnr(oxl_scene *scene, const oxl_model *model)
 {
     oxl_metrics metrics;
@@ -474,13 +461,12 @@ TEST(train_resets_no_opacity_shortly_before_density_control_ends_or_pruning_star
 TEST(train_options_that_save_work_change_the_run_and_still_learn)
 {
     oxl_scene        *scene = train_scene(7);
-    oxl_train_options o[9];
-    oxl_model         model[9], again;
+    oxl_train_options o[6];
+    oxl_model         model[6], again;
     const int         threads = test_ctx->threads;
-    for (int i = 0; i < 9; i++) o[i] = train_options(60), o[i].coarse = 0;
-    o[1].ssim_every = 2, o[2].coarse = 0.5f, o[3].bands_every = 0.5f, o[4].haste = 0, o[5].exp_degree = 5;
-    o[6].settle = 0, o[7].alpha_min = 0.04f, o[8].tile_share = 0.5f;
-    for (int i = 0; i < 9; i++) {
+    for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0;
+    o[1].coarse = 0.5f, o[2].bands_every = 0.5f, o[3].haste = 0, o[4].settle = 0, o[5].alpha_min = 0.04f;
+    for (int i = 0; i < 6; i++) {
         test_ctx->threads = 1;
         CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
         test_ctx->threads = 3;
@@ -491,7 +477,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
         oxl_model_free(test_ctx, &again);
     }
     test_ctx->threads = threads;
-    for (int i = 0; i < 9; i++) oxl_model_free(test_ctx, &model[i]);
+    for (int i = 0; i < 6; i++) oxl_model_free(test_ctx, &model[i]);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -535,19 +521,15 @@ TEST(train_refuses_shares_of_a_run_that_are_none)
     oxl_model         model;
     o.coarse = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.coarse = 0, o.ssim_every = 0;
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.ssim_every = 1, o.bands_every = 0;
+    o.coarse = 0, o.bands_every = 0;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.bands_every = 0.1f, o.haste = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.haste = 0, o.exp_degree = 4;
-    CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.exp_degree = 5, o.settle = 1.5f;
+    o.haste = 0, o.settle = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.settle = 0, o.alpha_min = 0.06f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.alpha_min = 0, o.tile_share = 0;
+    o.alpha_min = 0, o.dog = OXL_DOG_ALL, o.dog_from = o.densify_until;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }

@@ -29,7 +29,6 @@ static struct checkpoint_case checkpoint_of(oxl_scene *scene, oxl_train_options 
 static struct checkpoint_case checkpoint_case(void)
 {
     struct checkpoint_case c      = checkpoint_of(train_scene(7), train_options(130));
-    c.options.ssim_every          = 3;
     c.options.coarse              = 0.5f;
     c.options.bands_every         = 0.76f; /* at 99 */
     c.options.densify_until       = 0.9f;  /* at 100: rows, moments and statistics change shape */
@@ -56,22 +55,6 @@ static oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int
     const oxl_result         rc    = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);
     c->first                       = watch.first;
     return rc;
-}
-
-/* At the 60th of 200 steps (test_train_trial.c), wherever it was stopped before. */
-TEST(checkpoint_a_run_that_ends_early_ends_there_after_a_stop_too)
-{
-    struct checkpoint_case c = checkpoint_of(train_scene(14), train_idle_options());
-    oxl_model              model;
-    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
-    for (int stop = 41; stop <= 60; stop += 19) {
-        CHECK(checkpoint_run(&c, "key", stop, &model) == OXL_ERR_INTERRUPTED);
-        oxl_model_free(test_ctx, &model);
-    }
-    CHECK_OK(checkpoint_run(&c, "key", 61, &model));
-    CHECK(c.first == 60 && train_same(&model, &c.whole));
-    oxl_model_free(test_ctx, &model);
-    checkpoint_case_free(&c);
 }
 
 TEST(checkpoint_a_run_stopped_at_any_step_ends_in_the_same_bytes)

@@ -85,55 +85,6 @@ TEST(decide_carries_bands_where_colours_change_with_the_view)
     decide_case_free(&c);
 }
 
-static int decide_last_step(void *user, const oxl_progress *p)
-{
-    *(int *)user = p->iteration;
-    return p->iteration == 44 && p->seconds_left < 0; /* never */
-}
-
-TEST(decide_looks_for_an_end_only_when_nothing_of_the_run_is_still_to_come)
-{
-    oxl_train_options o = train_options(1000);
-    struct train      t = {.options = &o, .sh_degree = 3};
-    o.densify_until = 0.5f, o.bands_every = 0.1f, o.coarse = 0;
-    CHECK(decide_settled(&t) == 500);
-    o.coarse = 0.75f;
-    CHECK(decide_settled(&t) == 750);
-    o.coarse = 0, o.bands_every = 0.25f;
-    CHECK(decide_settled(&t) == 750);
-    o.bands_every = 0.1f, o.dog = OXL_DOG_SELECTIVE, o.dog_from = 0.875f;
-    CHECK(decide_settled(&t) == 875);
-}
-
-TEST(decide_ends_a_run_that_no_longer_gains_and_lets_others_go_on)
-{
-    oxl_scene         *scene = train_scene(14);
-    oxl_train_options  o     = train_idle_options();
-    int                last  = 0;
-    const oxl_callback watch = {decide_last_step, &last};
-    struct text        log = {.ctx = test_ctx}, decisions = {.ctx = test_ctx};
-    int                trained = 0;
-    struct train_place place   = {
-          .folder = test_folder(), .key = "idle", .log = &log, .notes = &log, .decisions = &decisions, .trained = &trained};
-    oxl_model model;
-    CHECK_OK(train_run(test_ctx, scene, &o, &watch, &place, &model));
-    CHECK(last == 60 && trained);
-    CHECK_TEXT(decisions.data,
-               "\"iterations\": {\"chosen\": \"60\", \"evidence\": \"the loss of 1 training views that stood aside has not "
-               "fallen since step 30, of 200\"}");
-    oxl_model_free(test_ctx, &model);
-    o            = train_options(60);
-    o.stop_early = 1;
-    place.key    = "gains";
-    CHECK_OK(train_run(test_ctx, scene, &o, &watch, &place, &model));
-    CHECK(last == 60 && trained);
-    CHECK_TEXT(decisions.data, "\"evidence\": \"no three looks in a row without a gain\"");
-    oxl_model_free(test_ctx, &model);
-    text_free(&log);
-    text_free(&decisions);
-    oxl_scene_free(test_ctx, scene);
-}
-
 TEST(decide_does_as_asked_for)
 {
     struct decide_case c = decide_case(train_scene(14), 2, OXL_DOG_SELECTIVE);

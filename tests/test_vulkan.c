@@ -762,7 +762,6 @@ static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, doubl
     options.sh_degree     = 1;
     options.dog           = OXL_DOG_SELECTIVE;
     options.dog_threshold = -0.5f;
-    options.exp_degree    = 5; /* a device takes its own 2^x */
     options.max_gaussians = 400;
     options.keep          = (oxl_keep){OXL_KEEP_FRACTION, 0.8};
     if (oxl_train(ctx, scene, &options, NULL, out) != OXL_OK) test_failed++, printf("  %s\n", oxl_error_text(ctx));

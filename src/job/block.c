@@ -257,9 +257,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     o.ucd.mode              = OXL_UCD_OFF;
     o.keep.kind             = OXL_KEEP_ALL;
     o.dog                   = OXL_DOG_OFF;
-    o.stop_early            = 0;
     o.alpha_min             = 0;
-    o.tile_share            = 1;
     return o;
 }
 

@@ -124,9 +124,6 @@ oxl_job_options oxl_job_options_default(oxl_preset preset)
     oxl_job_options o = {.scene = {.read_images = 1}, .preset = OPTIONS[0].preset[preset]};
     for (size_t i = 1; i < OXL_COUNT(OPTIONS); i++)
         if (OPTIONS[i].preset[preset]) oxl_option_set(&OPTIONS[i], &o, OPTIONS[i].preset[preset], NULL, 0);
-    o.train.ssim_every = 1;
-    o.train.exp_degree = preset == OXL_PRESET_PAPER ? 5 : 3;
-    o.train.tile_share = 1;
     return o;
 }
 

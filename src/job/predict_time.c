@@ -248,7 +248,6 @@ OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl
     double           step;
     if (points == 0 || points > REHEARSE_MOST || oxl_scene_view_count(scene) == 0) return 0;
     r.render.near_plane = (float)scene_near_plane(scene);
-    r.render.exp_degree = o->exp_degree;
     if (rehearse_both(&r, o, tried, &t) != OXL_OK) return 0;
     oxl_log(ctx, OXL_LOG_DEBUG, "tried: %.3f ms a step at the start, %.3f ms with %zu Gaussians", 1e3 * t.early, 1e3 * t.late,
             tried);

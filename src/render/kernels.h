@@ -113,18 +113,20 @@ SIMD_INLINE real real_exp2(const int fused, real x)
 #endif
 }
 
-/* The same with a polynomial of degree 3: relative error 7.5e-5. */
-SIMD_INLINE real real_exp2_quick(const int fused, real x)
+/* The same with a polynomial of degree 4, for the rasterizer: relative error 2.9e-6, exact at 0. It saves half of what degree 3 does
+ * over degree 5, at a 26th of its error (docs/log/SPEED.md). */
+SIMD_INLINE real real_exp2_raster(const int fused, real x)
 {
 #ifdef OXL_REFERENCE
     return real_exp2(fused, x);
 #else
     const float shifted = x + REAL_SHIFT;
     const float f       = x - (shifted - REAL_SHIFT);
-    float       p       = 0.0551716237f;
-    p                   = muladd(fused, p, f, 0.242611119f);
-    p                   = muladd(fused, p, f, 0.693260994f);
-    p                   = muladd(fused, p, f, 0.999928074f);
+    float       p       = 0.00958287966f;
+    p                   = muladd(fused, p, f, 0.0559064934f);
+    p                   = muladd(fused, p, f, 0.240240986f);
+    p                   = muladd(fused, p, f, 0.693124186f);
+    p                   = muladd(fused, p, f, 1.0f);
     return real_shifted(p, shifted);
 #endif
 }
@@ -327,15 +329,12 @@ struct raster_job {
     const struct bins *bins;
     int                width, height, tile;
     real               background[3];
-    int                quick_exp;     /* 1: 2^x from a polynomial of degree 3; backward must have what forward had */
     real              *rgb;           /* (3,H,W) */
     real              *transmittance; /* (H,W) what is left of the light behind the last splat */
     /* backward and score: */
     const real        *drgb; /* (3,H,W) dL/d(rgb) */
     /* backward alone: */
-    int                left_out; /* 1: the tile's gradient is taken as 0 */
-    real               make_up;  /* what the others get on top of theirs for that, as a share of it */
-    real (*sums)[SPLAT_SUMS];    /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
+    real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
     /* score alone, with drgb = dS/d(rgb): */
     real *score; /* (slots) sum of (o dS/dalpha)^2, written for each of the tile's pairs */
 };

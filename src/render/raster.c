@@ -193,12 +193,12 @@ static const real RASTER_Y[4][PACK] = {{0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3
 
 #define RASTER_FAR ((real)-120) /* exponents of lobes below it count as o G = 0: real_exp2 ends at -126 */
 
-/* o G at (x, y), at most ALPHA_MAX, and 0 where the exponent is below `least`. quick: 0 or 1, a constant, here and below. */
-SIMD_INLINE real raster_value(const int fused, const int quick, const struct raster_splat *s, real least, real x, real y)
+/* o G at (x, y), at most ALPHA_MAX, and 0 where the exponent is below `least`. */
+SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, real least, real x, real y)
 {
     const real dy = y - s->v, w = muladd(fused, s->k, dy, x - s->u);
     const real exponent = muladd(fused, s->a * w, w, muladd(fused, s->e * dy, dy, s->peak));
-    const real g        = quick ? real_exp2_quick(fused, exponent) : real_exp2(fused, exponent);
+    const real g        = real_exp2_raster(fused, exponent);
     const real value    = real_least(g, ALPHA_MAX);
     return exponent >= least ? value : 0;
 }
@@ -214,13 +214,13 @@ struct raster_share {
 };
 
 /* lobed: the splat has a second lobe. mixed: a splat of the tile may have one. Both 0 or 1, constants. */
-SIMD_INLINE struct raster_share raster_share(const int fused, const int quick, const int mixed, const int lobed,
+SIMD_INLINE struct raster_share raster_share(const int fused, const int mixed, const int lobed,
                                              const struct raster_batch *batch, int n, real x, real y, real t)
 {
     struct raster_share p;
     real                next;
-    p.value = raster_value(fused, quick, &batch->splat[n], lobed ? RASTER_FAR : batch->least, x, y);
-    p.lobe  = lobed ? raster_value(fused, quick, &batch->second[n], RASTER_FAR, x, y) : 0;
+    p.value = raster_value(fused, &batch->splat[n], lobed ? RASTER_FAR : batch->least, x, y);
+    p.lobe  = lobed ? raster_value(fused, &batch->second[n], RASTER_FAR, x, y) : 0;
     p.alpha = p.value;
     if (lobed) {
         const real alpha = p.value - p.lobe, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
@@ -245,7 +245,7 @@ struct raster_lit { /* a block's pixels */
     real t[PACK], left[PACK], r[PACK], g[PACK], b[PACK];
 };
 
-SIMD_INLINE void raster_composite(const int fused, const int quick, const int mixed, const int lobed,
+SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed,
                                   const struct raster_batch *batch, int n, const real *restrict x, const real *restrict y,
                                   struct raster_lit *out)
 {
@@ -253,7 +253,7 @@ SIMD_INLINE void raster_composite(const int fused, const int quick, const int mi
     const real  red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const struct raster_share p = raster_share(fused, quick, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
+        const struct raster_share p = raster_share(fused, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
         out->left[l]                = p.drawn ? p.t : out->left[l];
         out->r[l]                   = muladd(fused, p.weight, red, out->r[l]);
         out->g[l]                   = muladd(fused, p.weight, green, out->g[l]);
@@ -262,7 +262,7 @@ SIMD_INLINE void raster_composite(const int fused, const int quick, const int mi
     }
 }
 
-SIMD_INLINE void raster_composite_block(const int fused, const int quick, const int lobed, const struct raster_batch *batch,
+SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const struct raster_batch *batch,
                                         int block, struct raster_pixels *pixels)
 {
     const int         at = block * PACK;
@@ -278,8 +278,8 @@ SIMD_INLINE void raster_composite_block(const int fused, const int quick, const 
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_composite(fused, quick, 1, 1, batch, n, x, y, &lit);
-        else raster_composite(fused, quick, lobed, 0, batch, n, x, y, &lit);
+        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, x, y, &lit);
+        else raster_composite(fused, lobed, 0, batch, n, x, y, &lit);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -301,7 +301,7 @@ SIMD_INLINE void raster_close(const struct raster_job *job, const struct raster_
     raster_store(job, tile, p->left, job->transmittance);
 }
 
-SIMD_INLINE void raster_forward_tile(const int fused, const int quick, const int lobed, const struct raster_job *job)
+SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const struct raster_job *job)
 {
     const struct raster_tile tile  = raster_tile(job);
     uint32_t                 alive = 0xFFFF;
@@ -313,7 +313,7 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int quick, const int
     for (const struct pair *pair = tile.pair; pair < tile.end && alive; pair += RASTER_BATCH) {
         raster_collect(lobed, job, &tile, pair, alive, &batch);
         for (int block = 0; block < TILE_BLOCKS; block++)
-            if (batch.splats[block]) raster_composite_block(fused, quick, lobed, &batch, block, &p);
+            if (batch.splats[block]) raster_composite_block(fused, lobed, &batch, block, &p);
         if (tile.end - pair > RASTER_BATCH) alive = raster_alive(p.t);
     }
     raster_close(job, &tile, &p);
@@ -330,7 +330,7 @@ struct raster_slopes { /* a block's pixels */
 
 /* value: alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), for the score dS/dalpha; with a second lobe value and lobe are
  * o dL/do and o' dL/do'. Each is 0 where its own clamp at ALPHA_MAX holds, all where nothing was drawn. */
-SIMD_INLINE void raster_differentiate(const int fused, const int quick, const int mixed, const int lobed, const int score,
+SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
                                       struct raster_batch *batch, int n, int block, const real *restrict x,
                                       const real *restrict y, struct raster_slopes *d)
 {
@@ -340,7 +340,7 @@ SIMD_INLINE void raster_differentiate(const int fused, const int quick, const in
     real *restrict weight = batch->weight[n][block];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const struct raster_share p     = raster_share(fused, quick, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
+        const struct raster_share p     = raster_share(fused, mixed, lobed, batch, n, x[l], y[l], d->t[l]);
         const real                light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
         const real                rest  = muladd(fused, -p.weight, light, d->behind[l]);
         if (lobed || score) {
@@ -360,7 +360,7 @@ SIMD_INLINE void raster_differentiate(const int fused, const int quick, const in
     }
 }
 
-SIMD_INLINE void raster_differentiate_block(const int fused, const int quick, const int lobed, const int score,
+SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, const int score,
                                             struct raster_batch *batch, int block, struct raster_gradients *tile)
 {
     const int            at = block * PACK;
@@ -376,8 +376,8 @@ SIMD_INLINE void raster_differentiate_block(const int fused, const int quick, co
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, quick, 1, 1, score, batch, n, block, x, y, &d);
-        else raster_differentiate(fused, quick, lobed, 0, score, batch, n, block, x, y, &d);
+        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, 1, score, batch, n, block, x, y, &d);
+        else raster_differentiate(fused, lobed, 0, score, batch, n, block, x, y, &d);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -475,7 +475,6 @@ SIMD_INLINE void raster_open_backward(const struct raster_job *job, const struct
         raster_load(job, tile, job->drgb + (size_t)ch * plane, d->g[ch]);
         raster_load(job, tile, job->rgb + (size_t)ch * plane, rgb);
         for (int i = 0; i < TILE_PIXELS; i++) {
-            d->g[ch][i] *= 1 + job->make_up;
             d->behind[i] += d->g[ch][i] * rgb[i];
         }
     }
@@ -502,19 +501,19 @@ SIMD_INLINE void raster_give_nothing(const int lobed, const int score, const str
     if (!score && lobed && pair->splat < job->bins->lobes) memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
 }
 
-SIMD_INLINE void raster_backward_tile(const int fused, const int quick, const int lobed, const int score,
+SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const int score,
                                       const struct raster_job *job)
 {
     const struct raster_tile tile  = raster_tile(job);
     const struct pair       *pair  = tile.pair;
-    uint32_t                 alive = job->left_out ? 0 : 0xFFFF;
+    uint32_t                 alive = 0xFFFF;
     struct raster_gradients  d;
     struct raster_batch      batch;
-    if (alive) raster_open_backward(job, &tile, &d);
+    raster_open_backward(job, &tile, &d);
     for (; pair < tile.end && alive; pair += RASTER_BATCH) {
         raster_collect(lobed, job, &tile, pair, alive, &batch);
         for (int block = 0; block < TILE_BLOCKS; block++)
-            if (batch.splats[block]) raster_differentiate_block(fused, quick, lobed, score, &batch, block, &d);
+            if (batch.splats[block]) raster_differentiate_block(fused, lobed, score, &batch, block, &d);
         for (int n = 0; n < batch.count; n++) raster_give(fused, lobed, score, job, &batch, n, &d);
         if (tile.end - pair > RASTER_BATCH) alive = raster_alive(d.t);
     }
@@ -528,85 +527,49 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int quick, const in
 
 SIMD_BODY void raster_forward_plain_body(const int fused, const struct raster_job *job)
 {
-    raster_forward_tile(fused, 0, 0, job);
+    raster_forward_tile(fused, 0, job);
 }
 SIMD_BODY void raster_forward_lobed_body(const int fused, const struct raster_job *job)
 {
-    raster_forward_tile(fused, 0, 1, job);
-}
-SIMD_BODY void raster_forward_quick_body(const int fused, const struct raster_job *job)
-{
-    raster_forward_tile(fused, 1, 0, job);
-}
-SIMD_BODY void raster_forward_quick_lobed_body(const int fused, const struct raster_job *job)
-{
-    raster_forward_tile(fused, 1, 1, job);
+    raster_forward_tile(fused, 1, job);
 }
 SIMD_BODY void raster_backward_plain_body(const int fused, const struct raster_job *job)
 {
-    raster_backward_tile(fused, 0, 0, 0, job);
+    raster_backward_tile(fused, 0, 0, job);
 }
 SIMD_BODY void raster_backward_lobed_body(const int fused, const struct raster_job *job)
 {
-    raster_backward_tile(fused, 0, 1, 0, job);
-}
-SIMD_BODY void raster_backward_quick_body(const int fused, const struct raster_job *job)
-{
-    raster_backward_tile(fused, 1, 0, 0, job);
-}
-SIMD_BODY void raster_backward_quick_lobed_body(const int fused, const struct raster_job *job)
-{
-    raster_backward_tile(fused, 1, 1, 0, job);
+    raster_backward_tile(fused, 1, 0, job);
 }
 SIMD_BODY void raster_score_plain_body(const int fused, const struct raster_job *job)
 {
-    raster_backward_tile(fused, 0, 0, 1, job);
+    raster_backward_tile(fused, 0, 1, job);
 }
 SIMD_BODY void raster_score_lobed_body(const int fused, const struct raster_job *job)
 {
-    raster_backward_tile(fused, 0, 1, 1, job);
-}
-SIMD_BODY void raster_score_quick_body(const int fused, const struct raster_job *job)
-{
-    raster_backward_tile(fused, 1, 0, 1, job);
-}
-SIMD_BODY void raster_score_quick_lobed_body(const int fused, const struct raster_job *job)
-{
-    raster_backward_tile(fused, 1, 1, 1, job);
+    raster_backward_tile(fused, 1, 1, job);
 }
 SIMD_DISPATCH(static, raster_forward_plain, struct raster_job)
 SIMD_DISPATCH(static, raster_forward_lobed, struct raster_job)
-SIMD_DISPATCH(static, raster_forward_quick, struct raster_job)
-SIMD_DISPATCH(static, raster_forward_quick_lobed, struct raster_job)
 SIMD_DISPATCH(static, raster_backward_plain, struct raster_job)
 SIMD_DISPATCH(static, raster_backward_lobed, struct raster_job)
-SIMD_DISPATCH(static, raster_backward_quick, struct raster_job)
-SIMD_DISPATCH(static, raster_backward_quick_lobed, struct raster_job)
 SIMD_DISPATCH(static, raster_score_plain, struct raster_job)
 SIMD_DISPATCH(static, raster_score_lobed, struct raster_job)
-SIMD_DISPATCH(static, raster_score_quick, struct raster_job)
-SIMD_DISPATCH(static, raster_score_quick_lobed, struct raster_job)
 
 OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job)
 {
-    if (job->bins->lobes && job->quick_exp) raster_forward_quick_lobed(isa, job);
-    else if (job->bins->lobes) raster_forward_lobed(isa, job);
-    else if (job->quick_exp) raster_forward_quick(isa, job);
+    if (job->bins->lobes) raster_forward_lobed(isa, job);
     else raster_forward_plain(isa, job);
 }
 
 OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job)
 {
-    if (job->bins->lobes && job->quick_exp) raster_backward_quick_lobed(isa, job);
-    else if (job->bins->lobes) raster_backward_lobed(isa, job);
-    else if (job->quick_exp) raster_backward_quick(isa, job);
+    if (job->bins->lobes) raster_backward_lobed(isa, job);
     else raster_backward_plain(isa, job);
 }
 
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job)
 {
-    if (job->bins->lobes && job->quick_exp) raster_score_quick_lobed(isa, job);
-    else if (job->bins->lobes) raster_score_lobed(isa, job);
-    else if (job->quick_exp) raster_score_quick(isa, job);
+    if (job->bins->lobes) raster_score_lobed(isa, job);
     else raster_score_plain(isa, job);
 }

@@ -23,9 +23,6 @@ struct renderer {
 
     struct lens      lens;
     float            background[3];
-    int              quick_exp;
-    float            tile_share; /* of renderer_choose_tiles; 0: all */
-    uint64_t         tile_choice;
     struct gaussians in;
     struct splat    *splat;   /* (count) */
     struct lobe     *lobe;    /* (lobes) */
@@ -45,7 +42,7 @@ struct renderer {
 
 oxl_render_options oxl_render_options_default(void)
 {
-    return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .exp_degree = 5, .alpha_min = ALPHA_MIN};
+    return (oxl_render_options){.sh_degree = -1, .near_plane = 0.2f, .alpha_min = ALPHA_MIN};
 }
 
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
@@ -171,11 +168,6 @@ static void render_project(oxl_context *ctx, struct renderer *r)
 
 typedef void render_tile_fn(int isa, const struct raster_job *job);
 
-static int render_leaves_out(const struct renderer *r, int tile)
-{
-    return r->tile_share > 0 && random_unit(random_bits(r->tile_choice, (uint64_t)tile, 0)) >= r->tile_share;
-}
-
 static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
 {
     return (struct raster_job){.bins          = &r->bins,
@@ -183,12 +175,9 @@ static struct raster_job render_raster_job(struct renderer *r, int tile, const f
                                .height        = r->lens.height,
                                .tile          = tile,
                                .background    = {r->background[0], r->background[1], r->background[2]},
-                               .quick_exp     = r->quick_exp,
                                .rgb           = r->rgb,
                                .transmittance = r->transmittance,
                                .drgb          = drgb,
-                               .left_out      = render_leaves_out(r, tile),
-                               .make_up       = r->tile_share > 0 ? 1 / r->tile_share - 1 : 0,
                                .sums          = r->sums,
                                .score         = r->score};
 }
@@ -243,7 +232,6 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
         r->lens.alpha_min = OXL_MIN(options->alpha_min, ALPHA_MAX);
         r->lens.cut       = (float)(-vecmath_log(r->lens.alpha_min) * LOG2_E);
     }
-    r->quick_exp      = options->exp_degree == 3;
     r->bins.alpha_min = r->lens.alpha_min;
     r->bins.cut       = r->lens.cut;
     r->bins.packs     = render_packs(model->count);
@@ -343,25 +331,15 @@ static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
     return rc;
 }
 
-OXL_INTERNAL void renderer_choose_tiles(struct renderer *r, float share, uint64_t choice)
-{
-    r->tile_share  = share < 1 ? share : 0;
-    r->tile_choice = choice;
-}
-
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
 {
     struct gaussians out;
-    const float      share = r->tile_share;
-    oxl_result       rc    = model_set_lobes(ctx, gradient, r->in.lobes);
-    r->tile_share          = 0; /* whatever comes of this one */
+    oxl_result       rc = model_set_lobes(ctx, gradient, r->in.lobes);
     if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
-    out           = render_gaussians(gradient, r->in.sh_degree);
-    r->tile_share = share;
+    out = render_gaussians(gradient, r->in.sh_degree);
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
-    r->tile_share = 0;
     render_project_backward(ctx, r, &out);
     return OXL_OK;
 }
@@ -521,12 +499,6 @@ OXL_INTERNAL float renderer_mean_gradient(const struct renderer *r, size_t row)
 OXL_INTERNAL float renderer_depth(const struct renderer *r, size_t row)
 {
     return r->splat[row].depth;
-}
-
-OXL_INTERNAL float renderer_radius(const struct renderer *r, size_t row)
-{
-    const struct splat *s = &r->splat[row];
-    return OXL_MAX(s->half_x, s->half_y);
 }
 
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)

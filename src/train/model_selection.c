@@ -6,8 +6,6 @@
  * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
  * decision is noted with its evidence (run.json).
  *
- * With stop_early they judge when the run ends, too, and never train.
- *
  * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the photographs
  * that they are trained on.
  *
@@ -20,12 +18,10 @@
 #define DECIDE_LOBES_EARN 0.05 /* dB that second lobes must bring */
 #define DECIDE_NOISE      6e-5 /* mean squared error of 2 grey levels, a JPEG image's own: what lies below it is no evidence */
 #define DECIDE_WATCH      (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
-#define DECIDE_LOOK       (1.0 / 20) /* of the run: between looks whether it should end early */
 #define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long each way of a trial is trained */
 enum {
     DECIDE_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
     DECIDE_VIEWS_MOST  = 8,  /* that stand aside */
-    DECIDE_PATIENCE    = 3,  /* looks that have not gained, before it does */
     DECIDE_RECOVERY    = 500 /* steps after an opacity reset whose losses tell of the reset alone */
 };
 
@@ -64,7 +60,6 @@ static int decide_last(const struct train *t)
 {
     const int lobes = t->options->dog == OXL_DOG_AUTO ? decide_lobes_at(t->options) : 0;
     const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
-    if (t->options->stop_early) return t->options->iterations;
     return OXL_MAX(keep, OXL_MAX(lobes, decide_bands_at(t->options)));
 }
 
@@ -457,43 +452,6 @@ OXL_INTERNAL int decide_steps_beside(const oxl_train_options *o, int views)
     return weights + each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO ? 1 : 0));
 }
 
-/* ---------------------------------------------------------------- an end before the last step */
-
-/* The last step that changes how many Gaussians, lobes or bands there are, or the photographs' size. */
-static int decide_settled(const struct train *t)
-{
-    const oxl_train_options *o      = t->options;
-    const double             coarse = train_coarse_share(o, INT_MAX, INT_MAX), bands = t->sh_degree * (double)o->bands_every;
-    const int                share = (int)(OXL_MIN(1, OXL_MAX(o->densify_until, OXL_MAX(coarse, bands))) * o->iterations);
-    const int                keep  = o->keep.kind == OXL_KEEP_ALL ? 0 : t->prune.end;
-    return OXL_MAX(share, OXL_MAX(keep, decide_lobes_at(t->options)));
-}
-
-static void decide_note_stop(struct train *t)
-{
-    char why[160], chosen[16];
-    snprintf(chosen, sizeof chosen, "%d", t->step);
-    snprintf(why, sizeof why, "the loss of %d training views that stood aside has not fallen since step %d, of %d", t->held_views,
-             t->held_since, t->options->iterations);
-    decide_note(t, "iterations", chosen, why);
-    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: the run ends: %s", t->step, why);
-}
-
-OXL_INTERNAL oxl_result decide_stop(struct train *t)
-{
-    const int  every = decide_steps(t, DECIDE_LOOK);
-    double     loss, psnr;
-    oxl_result rc;
-    if (!t->options->stop_early || t->held_views == 0 || t->trial_is_next) return OXL_OK;
-    if (t->step % every != 0 || t->step <= decide_settled(t) || t->step == t->options->iterations) return OXL_OK;
-    rc = decide_judge(t, &loss, &psnr);
-    if (rc != OXL_OK || t->held_views == 0) return rc;
-    if (t->held_since == 0 || loss < t->held_least) t->held_least = loss, t->held_since = t->step;
-    t->ended = t->step - t->held_since >= DECIDE_PATIENCE * every;
-    if (t->ended) decide_note_stop(t);
-    return OXL_OK;
-}
-
 /* ---------------------------------------------------------------- at the end, and in between */
 
 OXL_INTERNAL void decide_end(struct train *t)
@@ -510,13 +468,6 @@ OXL_INTERNAL void decide_end(struct train *t)
     if (!decide_has_noted(t, "\"sh_degree\""))
         decide_note(t, "sh_degree", chosen,
                     o->sh_degree < 0 ? "too few training views to spare one to judge by" : "as asked for");
-    if (o->stop_early && !t->ended) {
-        snprintf(chosen, sizeof chosen, "%d", t->step);
-        decide_note(t, "iterations", chosen,
-                    t->held_since > 0                                     ? "no three looks in a row without a gain"
-                    : train_training_views(t->scene) < DECIDE_VIEWS_LEAST ? "too few training views to spare one to judge by"
-                                                                          : "no look was taken");
-    }
     snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
     if (!decide_has_noted(t, "\"dog\""))
         decide_note(t, "dog", chosen,
@@ -535,9 +486,5 @@ OXL_INTERNAL void decide_archive(struct archive *a, struct train *t)
     if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
     for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)
         archive_expect(a, t->held[i] >= 0 && t->held[i] < oxl_scene_view_count(t->scene));
-    archive_doubles(a, &t->held_least, 1);
-    archive_int(a, &t->held_since);
-    archive_int(a, &t->ended);
-    archive_expect(a, t->held_since >= 0 && t->held_since <= t->step && (t->ended == 0 || t->ended == 1));
     archive_text(a, &t->decisions);
 }

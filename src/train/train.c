@@ -20,8 +20,7 @@
 #define TRAIN_BETA_LEAST           0.5     /* of the mean gradient */
 #define TRAIN_BETA_MOST            0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define TRAIN_UNHURRIED            30000   /* iterations that the rates were chosen for [Kerbl 2023] */
-#define TRAIN_TILES                (UINT64_C(0x54494c45) << 32)   /* random numbers apart from those of steps and epochs */
-#define TRAIN_ORDER                (UINT64_C(0x5649455753) << 24) /* the order of views: a stream apart from density control's */
+#define TRAIN_ORDER                (UINT64_C(0x5649455753) << 24) /* a random stream apart from density control's */
 #define TRAIN_FAINT                0.8                            /* of the run: until then alpha_min holds */
 #define TRAIN_SETTLED              0.1                            /* times the usual steps at the end of a run */
 #define TRAIN_AHEAD                64 /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
@@ -234,7 +233,7 @@ static oxl_result train_on_view(struct train *t, int view)
     oxl_result            rc;
     t->last_loss        = NAN;
     t->render.alpha_min = train_alpha_min(t);
-    rc                  = train_compare(t, view, 1, t->step % t->options->ssim_every ? 0 : t->options->ssim_weight, &loss);
+    rc                  = train_compare(t, view, 1, t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
         rc = renderer_fetch(t->ctx, t->renderer);
@@ -243,7 +242,6 @@ static oxl_result train_on_view(struct train *t, int view)
         faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
         return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
     }
-    renderer_choose_tiles(t->renderer, t->options->tile_share, random_bits(t->ctx->options.seed, TRAIN_TILES, (uint64_t)t->step));
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     pace = train_pace(t);
@@ -254,7 +252,7 @@ static oxl_result train_on_view(struct train *t, int view)
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
-        t->last_loss      = t->options->ssim_every > 1 ? loss.l1 : loss.total;
+        t->last_loss      = loss.total;
         if (!t->trial_is_next) prune_observe(&t->prune, t->step, loss.l1);
         t->loss += k * (loss.total - t->loss);
         t->psnr += k * (psnr - t->psnr);
@@ -489,7 +487,6 @@ static oxl_result train_begin(struct train *t)
     memcpy(t->model->origin, oxl_scene_origin(t->scene), sizeof t->model->origin);
     t->render            = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
-    t->render.exp_degree = t->options->exp_degree;
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
     rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->first);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->second);
@@ -638,21 +635,16 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
     if (rc == OXL_OK) rc = decide_lobes(t); /* it reads the step's statistics, a row each: before rows go */
     if (rc == OXL_OK) rc = train_prune(t);
     if (rc == OXL_OK) decide_bands(t);
-    return rc == OXL_OK ? decide_stop(t) : rc;
+    return rc;
 }
 
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o)
 {
-    if (o->ssim_every < 1) return oxl_fail(ctx, OXL_ERR_USAGE, "SSIM every %d steps: wanted at least 1", o->ssim_every);
-    if (!(o->tile_share > 0 && o->tile_share <= 1))
-        return oxl_fail(ctx, OXL_ERR_USAGE, "gradients of %g of the tiles: wanted more than 0, at most 1", o->tile_share);
     if (o->dog != OXL_DOG_OFF && !(o->dog_from > o->densify_until && o->dog_from <= 1))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "second lobes from %g of the run: wanted more than %g, the end of density control, and at most 1\n"
                         "fix: rows with a second lobe cannot be cloned or split; give lobes later or end density control earlier",
                         o->dog_from, o->densify_until);
-    if (o->exp_degree != 3 && o->exp_degree != 5)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "2^x by a polynomial of degree %d: wanted 3 or 5", o->exp_degree);
     return oxl_train_options_check(ctx, o);
 }
 
@@ -669,7 +661,7 @@ static oxl_result train_loop(struct train *t)
     oxl_result               rc = OXL_OK;
     t->first_step               = t->step;
     if (t->step > 0 && train_report(t, 0)) return OXL_ERR_INTERRUPTED;
-    while (rc == OXL_OK && t->step < o->iterations && !t->ended) {
+    while (rc == OXL_OK && t->step < o->iterations) {
         if (t->trial_is_next) {
             rc = decide_trial(t);
             if (rc == OXL_ERR_INTERRUPTED || (rc == OXL_OK && train_report(t, 0))) return train_stop(t);
@@ -679,7 +671,7 @@ static oxl_result train_loop(struct train *t)
         rc = train_step(t);
         if (rc != OXL_OK) break;
         if (train_report(t, 0)) return train_stop(t);
-        if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations && !t->ended) {
+        if (o->max_seconds > 0 && os_seconds() - t->begun > o->max_seconds && t->step < o->iterations) {
             oxl_log(t->ctx, OXL_LOG_INFO, "stopped after %d of %d iterations: the time allowed is over", t->step, o->iterations);
             return train_save(t);
         }
@@ -722,7 +714,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = faults_end(ctx, &t.faults, out);
     if (ended != OXL_OK) rc = ended;
     if (place && place->faults) *place->faults = t.faults;
-    if (place && place->trained) *place->trained = rc == OXL_OK && (t.ended || t.step == options->iterations);
+    if (place && place->trained) *place->trained = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     else if (rc != OXL_OK) oxl_model_free(ctx, out);
     train_hand_over(&t);

@@ -26,9 +26,6 @@ struct train {
     int                       views, step;
     int                      *held; /* (held_views) training views that stand aside, for decisions to be judged by */
     int                       held_views;
-    double                    held_least;      /* stop_early: the least mean loss of theirs so far, */
-    int                       held_since;      /* and of which step; 0: none was taken */
-    int                       ended;           /* by it: before all iterations were done */
     float                    *target, *weight; /* with robust.points: the photograph of this step: (3,H,W), (H,W) */
     int                       masked;          /* whether weight holds its mask */
     size_t                    target_capacity, weight_capacity;
@@ -67,8 +64,6 @@ OXL_INTERNAL oxl_result decide_begin(struct train *t); /* which views train, and
 /* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
 OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL void       decide_bands(struct train *t); /* after each step: SH bands */
-/* After each step, with stop_early: whether the run has come to its end is looked at now and then, by the views that stand aside. */
-OXL_INTERNAL oxl_result decide_stop(struct train *t);
 /* At a densification: whether a trial is to make it, twice. */
 OXL_INTERNAL int        decide_tries_weights(const struct train *t);
 OXL_INTERNAL oxl_result decide_lobes(struct train *t); /* after each step: second lobes */
