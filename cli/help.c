@@ -222,7 +222,7 @@ void help_manual(FILE *to)
 static void page_range(FILE *to, const oxl_option *o)
 {
     const int has = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
-    if (has && o->high > o->low && o->high < 1e6) fprintf(to, ", %g to %g", o->low, o->high);
+    if (has && o->high > o->low && o->high < 1e6) fprintf(to, "; %g to %g", o->low, o->high);
 }
 
 static void page_option(FILE *to, int index)

@@ -72,7 +72,7 @@ static const struct cli_command CLI_COMMANDS[] = {
 
 /* Defaults are in arguments_default; `use` has a bit for each command. */
 /* clang-format off */
-static const oxl_option CLI_FIRST[] = {
+static const oxl_option CLI_OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
 {"rows", "NAME,NAME...", OXL_OPTION_TEXT, FIELD(rows), 0, 0, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "rows to train; ablate: otherwise 3dgs,v1,v2,v3,v4,oceanxl, compared with the first; tradeoff: compared with the base, otherwise all", NULL},
 {"seeds", "N", OXL_OPTION_INT, FIELD(seeds), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "each row is trained with seeds 1 to N", NULL},
@@ -97,9 +97,6 @@ static const oxl_option CLI_FIRST[] = {
 {"path", "orbit|survey", OXL_OPTION_TEXT, FIELD(flight), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "frames of a flight instead, around the middle or along the cameras: frame_00000.png and on", NULL},
 {"frames", "N", OXL_OPTION_INT, FIELD(frames), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(RENDER), "Views", "of the flight", NULL},
 {"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CONVERT), "Views", "per unit of the survey, as measure prints: depths, heights and positions in metres, models scaled", NULL},
-};
-
-static const oxl_option CLI_LAST[] = {
 {"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder; created if missing", NULL},
 {"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, TRAINS | IN(EVAL) | IN(INFO), "Program", "results on standard output as JSON", NULL},
 {"backend", "cpu|auto|vulkan", OXL_OPTION_CHOICE, FIELD(backend), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, DRAWS, "Program", "where to render and train; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one", NULL},
@@ -136,20 +133,18 @@ const struct cli_command *cli_command_at(int index)
 
 int cli_option_count(void)
 {
-    return CLI_COUNT(CLI_FIRST) + oxl_option_count() + CLI_COUNT(CLI_LAST);
+    return oxl_option_count() + CLI_COUNT(CLI_OPTIONS);
 }
 
 const oxl_option *cli_option_at(int index)
 {
-    const int past = index - CLI_COUNT(CLI_FIRST);
-    if (past < 0) return &CLI_FIRST[index];
-    return past < oxl_option_count() ? oxl_option_at(past) : &CLI_LAST[past - oxl_option_count()];
+    const int ours = index - oxl_option_count();
+    return ours < 0 ? oxl_option_at(index) : &CLI_OPTIONS[ours];
 }
 
 int cli_option_of_job(int index)
 {
-    const int past = index - CLI_COUNT(CLI_FIRST);
-    return past >= 0 && past < oxl_option_count() ? past : -1;
+    return index < oxl_option_count() ? index : -1;
 }
 
 /* What an option of the job is for, as commands. */
