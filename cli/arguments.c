@@ -60,13 +60,14 @@ static const struct {
      "DIR gets images/, sparse/0/ and truth/: pictures without water, depth maps, the water's parameters."},
     {"ablate", COMMAND_ABLATE, 1, "SCENE -o OUT", "Trains the paper's variants side by side: what each part brings, and costs.",
      "oceanxl ablate survey -o ablation --preset standard --seeds 3",
-     "OUT gets ablation.csv, ablation.svg, and a run as train leaves it for each row and seed, in NAME-seedS/. A stopped one goes on when it\n"
-     "is run again. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG on all),\n"
-     "oceanxl (DoG selective); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
+     "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and a run as train leaves it for each row and seed, in NAME-seedS/. A stopped\n"
+     "one resumes when it is run again. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
+     "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
+     "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
     {"tradeoff", COMMAND_TRADEOFF, 1, "SCENE -o OUT",
      "Measures what speed costs in accuracy on a survey: options one at a time, and the presets.",
      "oceanxl tradeoff survey -o tradeoff --budget 20m",
-     "OUT gets tradeoff.md (a page with tables and words), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
+     "OUT gets tradeoff.md (tables), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
      "do not fit the budget are named; the same command with a larger one goes on. Without --max-side photographs are reduced to fit it."},
 };
 
@@ -99,9 +100,9 @@ static const struct option {
     const char *help;
 } options[] = {
     {"What is compared", "--rows", "NAME,NAME...", TEXT, FIELD(rows), IN(ABLATE),
-     "variants, the first is what the others are compared with (3dgs,v1,v2,v3,v4,oceanxl)"},
+     "variants; controls after the row that they are made equal to (3dgs,v1,v2,v1-count,v3,v4,oceanxl,v3-bytes)"},
     {"What is compared", "--rows", "NAME,NAME...", TEXT, FIELD(rows), IN(TRADEOFF),
-     "beside the base: iterations-half, coarse-0.25, ssim-every-2, draft, standard and so on (all)"},
+     "beside the base: iterations-half, coarse-0.25, alpha-min-0.03, draft, standard and so on (all)"},
     {"What is compared", "--seeds", "N", COUNTING, FIELD(seeds), STUDIES, "each row is trained with seeds 1 to N (1)"},
     {"What is compared", "--budget", "TIME", DURATION, FIELD(budget), IN(TRADEOFF), "for all of it, as 90s, 20m or 8h (20m)"},
     {"What is read", "--images", "FOLDER", TEXT, FIELD(images), SCENES, "photographs (SCENE/images)"},
