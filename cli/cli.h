@@ -82,7 +82,8 @@ typedef struct synth_options {
     int         width, height; /* px (400 x 260) */
     double      extent;        /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
     const char *water;         /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
-    const char *path;          /* lawnmower | orbit (lawnmower) */
+    const char *path;          /* lawnmower | orbit | rov (lawnmower) */
+    const char *scene;         /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
     long        points;        /* sparse points; 0: 400 a view (0) */
     double      noise;         /* sigma of the sensor's noise in 8-bit levels (1.5) */
     int         fish;          /* that swim into each photograph (0) */
