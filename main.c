@@ -373,45 +373,30 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
     return rc;
 }
 
-/* What both studies train with: a log and a progress line on this console. */
-static void study_begins(const struct arguments *a, struct console *console, oxl_context_options *context, oxl_callback *callback)
+/* ablate and tradeoff: many trainings with the options of a job, a log and a progress line on this console. */
+static oxl_result run_study(const struct arguments *a, struct console *console)
 {
-    *context         = oxl_context_options_default();
-    context->log     = on_log;
-    context->user    = console;
-    context->backend = (oxl_backend)a->backend;
-    context->device  = a->device;
-    if (a->threads > 0) context->threads = a->threads;
-    *callback = (oxl_callback){on_progress, console};
+    study_options o   = {.scene         = a->path[0],
+                         .out           = a->out,
+                         .rows          = a->rows,
+                         .seeds         = a->seeds,
+                         .budget        = a->command == COMMAND_TRADEOFF ? a->budget : 0,
+                         .side_is_given = arguments_given(a, "max-side") != NULL,
+                         .job           = a->job,
+                         .context       = oxl_context_options_default(),
+                         .callback      = {on_progress, console}};
+    oxl_result    rc;
+    o.context.log     = on_log;
+    o.context.user    = console;
+    o.context.backend = (oxl_backend)a->backend;
+    o.context.device  = a->device;
+    if (a->threads > 0) o.context.threads = a->threads;
     catch_signals();
-}
-
-static oxl_result study_ends(struct console *console, oxl_result rc)
-{
+    rc = (a->command == COMMAND_ABLATE ? ablate_run : tradeoff_run)(&o, stdout, console->error, sizeof console->error);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED)
-        fputs("oxl: interrupted; what is trained is kept\n     go on: the same command again\n", stderr);
+        fputs("oxl: interrupted; what is trained is kept\n     resume: the same command again\n", stderr);
     return rc;
-}
-
-static oxl_result run_ablate(const struct arguments *a, struct console *console)
-{
-    ablate_options options = {.scene = a->path[0], .out = a->out, .rows = a->rows, .seeds = a->seeds, .job = a->job};
-    study_begins(a, console, &options.context, &options.callback);
-    return study_ends(console, ablate_run(&options, stdout, console->error, sizeof console->error));
-}
-
-static oxl_result run_tradeoff(const struct arguments *a, struct console *console)
-{
-    tradeoff_options options = {.scene         = a->path[0],
-                                .out           = a->out,
-                                .rows          = a->rows,
-                                .seeds         = a->seeds,
-                                .budget        = a->budget,
-                                .side_is_given = arguments_given(a, "max-side") != NULL,
-                                .job           = a->job};
-    study_begins(a, console, &options.context, &options.callback);
-    return study_ends(console, tradeoff_run(&options, stdout, console->error, sizeof console->error));
 }
 
 static oxl_result run_devices(oxl_context *ctx)
@@ -437,8 +422,8 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_MERGE: return run_merge(ctx, a, console);
     case COMMAND_SYNTH: return run_synth(ctx, a, console);
     case COMMAND_REPORT: return run_report(ctx, a, console);
-    case COMMAND_ABLATE: return run_ablate(a, console);
-    case COMMAND_TRADEOFF: return run_tradeoff(a, console);
+    case COMMAND_ABLATE:
+    case COMMAND_TRADEOFF: return run_study(a, console);
     default: return OXL_ERR_USAGE;
     }
 }

@@ -532,12 +532,13 @@ typedef struct oxl_survey {
     double mean_track, mean_error;       /* images a point, reprojection error in px */
     double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
     double extent;                       /* see oxl_scene_extent */
-    double missed;          /* of a point in a track: the share not in their photographs, those with a wrong pose left out */
-    double masked;          /* share of the masks that is black; oxl_check alone fills this and the next */
-    int    unusable;        /* photographs that cannot be read, are of another shape or masked all over */
-    double gaussians;       /* predicted at the end of the run */
-    double memory, seconds; /* predicted: peak in bytes, duration on ctx's threads */
-    double memory_free;     /* now; 0: unknown */
+    double missed;           /* of a point in a track: the share not in their photographs, those with a wrong pose left out */
+    double masked;           /* share of the masks that is black; oxl_check alone fills this and the next */
+    int    unusable;         /* photographs that cannot be read, are of another shape or masked all over */
+    double gaussians;        /* predicted at the end of the run */
+    double memory, seconds;  /* predicted: peak in bytes, duration on ctx's threads */
+    double seconds_range[2]; /* the least and the most that the duration may be */
+    double memory_free;      /* now; 0: unknown */
     char   cameras_text[160], text[2048]; /* "1 x OPENCV 1920 x 1080, distorted"; the report in lines for people */
 } oxl_survey;
 

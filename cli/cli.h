@@ -82,7 +82,8 @@ typedef struct synth_options {
     int         width, height; /* px (400 x 260) */
     double      extent;        /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
     const char *water;         /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
-    const char *path;          /* lawnmower | orbit (lawnmower) */
+    const char *path;          /* lawnmower | orbit | rov (lawnmower) */
+    const char *scene;         /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
     long        points;        /* sparse points; 0: 400 a view (0) */
     double      noise;         /* sigma of the sensor's noise in 8-bit levels (1.5) */
     int         fish;          /* that swim into each photograph (0) */
@@ -99,37 +100,24 @@ synth_options synth_options_default(void); /* everything but out */
 /* Leaves in `out`: images/, sparse/0/ and truth/ (see truth/model.txt). On failure the text says why. */
 oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size);
 
-/* ---------------------------------------------------------------- ablate.c: the paper's variants side by side */
+/* ---------------------------------------------------------------- ablate.c, tradeoff.c: many trainings of one survey, compared */
 
-typedef struct ablate_options {
-    const char         *scene, *out; /* folders */
-    const char         *rows;  /* names with commas between; the first is what the others are compared with. NULL: the paper's */
-    int                 seeds; /* each row is trained with 1..seeds */
-    oxl_job_options     job;   /* what the rows share; what tells them apart is overwritten */
-    oxl_context_options context;  /* threads and log of the context that is made here */
-    oxl_callback        callback; /* progress of each job */
-} ablate_options;
-
-/* Leaves in `out`: ablation.csv, ablation.svg and NAME-seedS/ for each job; the table goes to `to`. When the callback stops it,
- * the next call goes on from there. On failure the text says why. */
-oxl_result ablate_run(const ablate_options *options, FILE *to, char *error, size_t error_size);
-
-/* ---------------------------------------------------------------- tradeoff.c: speed against accuracy, on one's own survey */
-
-typedef struct tradeoff_options {
+typedef struct study_options {
     const char         *scene, *out;   /* folders */
-    const char         *rows;          /* names with commas between; NULL: all */
+    const char         *rows;          /* names with commas between; NULL: the study's own */
     int                 seeds;         /* each row is trained with 1..seeds */
-    double              budget;        /* s: rows that do not fit any more are named, not trained */
-    int                 side_is_given; /* 0: photographs may be reduced to fit the budget */
-    oxl_job_options     job;           /* the base, and what the rows share */
+    double              budget;        /* s: rows that do not fit any more are named, not trained; 0: no limit */
+    int                 side_is_given; /* 0: images may be reduced to fit the budget */
+    oxl_job_options     job;           /* what the rows share; what tells them apart is overwritten */
     oxl_context_options context;       /* threads and log of the context that is made here */
-    oxl_callback        callback;      /* progress of each job */
-} tradeoff_options;
+    oxl_callback        callback;      /* progress of each training */
+} study_options;
 
-/* Leaves in `out`: tradeoff.csv, tradeoff.svg, tradeoff.md and NAME-seedS/ for each job; table and words go to `to`. When the callback
- * stops it, or with a larger budget, the next call goes on from there. On failure the text says why. */
-oxl_result tradeoff_run(const tradeoff_options *options, FILE *to, char *error, size_t error_size);
+/* The paper's variants and their controls; speed against accuracy. Leaves in `out`: ablation (tradeoff) .md, .csv and .svg, and
+ * NAME-seedS/ for each training; the page goes to `to`, too. When the callback stops it, or with a larger budget, the next call
+ * resumes. On failure the text says why. */
+oxl_result ablate_run(const study_options *options, FILE *to, char *error, size_t error_size);
+oxl_result tradeoff_run(const study_options *options, FILE *to, char *error, size_t error_size);
 
 /* ---------------------------------------------------------------- options.c: commands and options */
 

@@ -46,14 +46,15 @@ static const struct cli_command CLI_COMMANDS[] = {
      "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
     {"ablate", COMMAND_ABLATE, 1, "SCENE -o OUT", "Trains the paper's variants: what each part gains and costs.",
      "oceanxl ablate survey -o ablation --preset standard --seeds 3",
-     "OUT gets ablation.csv, ablation.svg, and a run as train leaves it for each row and seed, in NAME-seedS/. A stopped one goes on when it\n"
-     "is run again. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG on all),\n"
-     "oceanxl (DoG selective); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
+     "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and a run as train leaves it for each row and seed, in NAME-seedS/. A stopped\n"
+     "one resumes when it is run again. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
+     "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
+     "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
     {"tradeoff", COMMAND_TRADEOFF, 1, "SCENE -o OUT",
      "Measures speed against accuracy on a survey: options one at a time, and the presets.",
      "oceanxl tradeoff survey -o tradeoff --budget 20m",
-     "OUT gets tradeoff.md (a page with tables and words), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
-     "do not fit the budget are named; the same command with a larger one goes on. Without --max-side images are reduced to fit it."},
+     "OUT gets tradeoff.md (tables), tradeoff.svg, tradeoff.csv, and a run for each row and seed, in NAME-seedS/. Rows that\n"
+     "do not fit the budget are named; the same command with a larger one resumes. Without --max-side images are reduced to fit it."},
 };
 
 /* ---------------------------------------------------------------- options of the program */
@@ -74,12 +75,13 @@ static const struct cli_command CLI_COMMANDS[] = {
 /* clang-format off */
 static const oxl_option CLI_OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
-{"rows", "NAME,NAME...", OXL_OPTION_TEXT, FIELD(rows), 0, 0, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "rows to train; ablate: otherwise 3dgs,v1,v2,v3,v4,oceanxl, compared with the first; tradeoff: compared with the base, otherwise all", NULL},
+{"rows", "NAME,NAME...", OXL_OPTION_TEXT, FIELD(rows), 0, 0, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "rows to train; ablate: otherwise 3dgs,v1,v2,v1-count,v3,v4,oceanxl,v3-bytes, controls after the row that they equal; tradeoff: compared with the base, otherwise all", NULL},
 {"seeds", "N", OXL_OPTION_INT, FIELD(seeds), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, STUDIES, "Study", "each row is trained with seeds 1 to N", NULL},
 {"budget", "TIME", OXL_OPTION_SECONDS, FIELD(budget), 0.001, MOST, NO_TEXT, OXL_TIER_BASIC, IN(TRADEOFF), "Study", "for all rows, as 90s, 20m or 8h", NULL},
 {"views", "N", OXL_OPTION_INT, FIELD(synth.views), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "number of images", NULL},
 {"size", "WxH", OXL_OPTION_SIZE, FIELD(synth.width), 1, 65535, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of an image, px", NULL},
-{"path", "lawnmower|orbit", OXL_OPTION_TEXT, FIELD(synth.path), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "path of the camera", NULL},
+{"path", "lawnmower|orbit|rov", OXL_OPTION_TEXT, FIELD(synth.path), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "path of the camera; rov: low along a ridge, looking ahead and at it", NULL},
+{"scene", "reef|wreck|ridge", OXL_OPTION_TEXT, FIELD(synth.scene), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "wreck: on bare sand, uneven in points; ridge: a wall and a slope; otherwise reef, ridge for the path rov", NULL},
 {"extent", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.extent), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "side of the area, or diameter of the orbit; otherwise as the overlap requires", NULL},
 {"water", "TYPE", OXL_OPTION_TEXT, FIELD(synth.water), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "none, or a Jerlov type: I IA IB II III 1C 3C 5C 7C 9C", NULL},
 {"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, MOST, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of the sensor, in 8-bit levels", NULL},

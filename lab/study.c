@@ -1,157 +1,267 @@
-/* study.c - one survey, trained many times: each training in a folder of its own, so that a study that was stopped goes on where it was.
+/* study.c - rows of options x seeds, each a training in OUT/NAME-seedS: a study that was stopped, or given more time, resumes.
  *
- * Memory is counted by the allocator that the trainings get, one by one; the process's own peak never falls, and so would say nothing
- * about one that comes after a larger one. What was counted stands in the folder's study.json for the processes that go on.
+ * All rows' first seeds come before all second ones: a slow hour of the machine meets every row. With a time budget, what does
+ * not fit any more is named, not trained.
  */
 #include "study.h"
-#include "synth.h" /* synth_file: files appear whole */
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
-/* ---------------------------------------------------------------- memory, counted */
+#define STUDY_LEAST_SIDE 240  /* px: images are not reduced below this to fit the budget */
+#define STUDY_LONG       3.0  /* times the base: rows of more steps are not counted when the image size is chosen */
+#define STUDY_ALIKE      0.03 /* log of the ratio of counts that is near enough */
+#define STUDY_GUESS      0.75 /* of the base's densify threshold: where the search for an equal count starts */
+#define STUDY_SLOPE      -0.8 /* of log count over log threshold, until two trials tell it */
+enum { STUDY_TRIALS = 4 };
 
-struct study_head { /* stands before each block, and keeps it aligned to 16 bytes */
-    size_t size, unused[16 / sizeof(size_t) - 1];
-};
+/* ---------------------------------------------------------------- rows */
 
-static void *study_reallocate(void *user, void *old, size_t size)
+static const struct study_row *study_find(const struct study_kind *kind, const char *name, size_t length)
 {
-    struct study      *s    = user;
-    struct study_head *head = old ? (struct study_head *)old - 1 : NULL;
-    const size_t       had  = head ? head->size : 0;
-    if (size == 0) free(head);
-    else head = size > (size_t)-1 - sizeof *head ? NULL : realloc(head, size + sizeof *head);
-    if (size > 0 && !head) return NULL;
-    s->held = s->held - had + size;
-    if (s->held > s->peak) s->peak = s->held;
-    if (size == 0) return NULL;
-    head->size = size;
-    return head + 1;
+    for (int i = 0; i < kind->rows; i++)
+        if (strlen(kind->row[i].name) == length && strncmp(kind->row[i].name, name, length) == 0) return &kind->row[i];
+    return NULL;
 }
 
-static void study_pass_on(void *user, oxl_log_level level, const char *text)
+/* Place of the row of that name among those chosen; -1: it is not. */
+static int study_place(const struct study *s, const char *name)
 {
-    const struct study *s = user;
-    if (s->options->log) s->options->log(s->options->user, level, text);
+    for (int i = 0; name && i < s->rows; i++)
+        if (strcmp(s->row[i]->name, name) == 0) return i;
+    return -1;
 }
 
-void study_log(struct study *s, const char *text)
+static oxl_result study_wrong_row(struct study *s, const char *name, size_t length)
 {
-    study_pass_on(s, OXL_LOG_INFO, text);
+    char  *error = s->meter.error;
+    size_t room  = s->meter.error_size, size;
+    size         = (size_t)snprintf(error, room,
+                                    "--rows: '%.*s' seen, each of these at most once wanted:", length > 40 ? 40 : (int)length, name);
+    for (int i = s->kind->base_first; i < s->kind->rows && size < room; i++)
+        size += (size_t)snprintf(error + size, room - size, " %s", s->kind->row[i].name);
+    return OXL_ERR_USAGE;
 }
 
-oxl_result study_fail(struct study *s, oxl_result rc, const char *what, const char *detail)
+static oxl_result study_choose_row(struct study *s, const char *name, size_t length)
 {
-    snprintf(s->error, s->error_size, "%s%s", what, detail);
+    const struct study_row *row = study_find(s->kind, name, length);
+    if (!row || study_place(s, row->name) >= s->kind->base_first) return study_wrong_row(s, name, length);
+    if (study_place(s, row->name) >= 0) return OXL_OK;
+    if (row->like && study_place(s, row->like) < 0) {
+        snprintf(s->meter.error, s->meter.error_size,
+                 "--rows: %s seen without %s before it, which it is made equal to\nfix: --rows %s,%s", row->name, row->like,
+                 row->like, row->name);
+        return OXL_ERR_USAGE;
+    }
+    s->row[s->rows++] = row;
+    return OXL_OK;
+}
+
+static oxl_result study_choose_rows(struct study *s)
+{
+    oxl_result  rc   = OXL_OK;
+    const char *rows = s->options->rows;
+    if (s->options->seeds < 1 || s->options->seeds > STUDY_SEEDS) {
+        snprintf(s->meter.error, s->meter.error_size, "--seeds: %d seen, 1 to %d wanted", s->options->seeds, STUDY_SEEDS);
+        return OXL_ERR_USAGE;
+    }
+    if (!rows || s->kind->base_first) s->row[s->rows++] = &s->kind->row[0];
+    for (; !rows && s->rows < s->kind->by_default; s->rows++) s->row[s->rows] = &s->kind->row[s->rows];
+    for (; rows && rc == OXL_OK; rows = strchr(rows, ',') ? strchr(rows, ',') + 1 : NULL)
+        rc = study_choose_row(s, rows, strcspn(rows, ","));
     return rc;
 }
 
-oxl_result study_open(struct study *s, const char *out)
+static void study_change(const struct study *s, int row, int seed, const struct study_change *c, oxl_job_options *job)
 {
-    oxl_context_options own = *s->options;
-    oxl_result          rc;
-    own.reallocate = study_reallocate;
-    own.log        = study_pass_on;
-    own.user       = s;
-    if (strlen(out) > 900) return study_fail(s, OXL_ERR_USAGE, "the name of the folder is too long: ", out);
-    rc = oxl_context_create(&own, &s->ctx);
-    if (rc == OXL_OK) rc = oxl_make_folder(s->ctx, out);
-    return rc == OXL_OK ? rc : study_fail(s, rc, "", oxl_error_text(s->ctx));
-}
-
-/* ---------------------------------------------------------------- files */
-
-char *study_read(const char *folder, const char *name)
-{
-    char  path[1024], *text = calloc(1, 65536); /* figures come first, then views in any number */
-    FILE *file;
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    file = fopen(path, "rb");
-    if (file && text) text[fread(text, 1, 65535, file)] = 0;
-    if (file) fclose(file);
-    else free(text), text = NULL;
-    return text;
-}
-
-oxl_result study_write(struct study *s, const char *folder, const char *name, const struct study_text *t)
-{
-    struct synth_file file;
-    char              path[1024];
-    if (t->failed) return study_fail(s, OXL_ERR_MEMORY, "no memory for ", name);
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    synth_file_open(&file, path);
-    synth_file_bytes(&file, t->data, t->used);
-    return synth_file_close(&file) ? OXL_OK : study_fail(s, OXL_ERR_IO, "cannot write ", path);
-}
-
-/* ---------------------------------------------------------------- one training */
-
-static double study_cpu(void)
-{
-    return (double)clock() / CLOCKS_PER_SEC;
-}
-
-static int study_progress(void *user, const oxl_progress *p)
-{
-    struct study       *s = user;
-    const oxl_callback *c = s->callback;
-    if (!s->begun) {
-        s->begun  = p->iteration <= 1 && p->block == 0 ? 1 : 2;
-        s->cpu_at = study_cpu();
+    const int like = study_place(s, s->row[row]->like);
+    switch (c->what) {
+    case STUDY_UNCHANGED: break;
+    case STUDY_PRESET:
+        job->train               = oxl_train_options_default((oxl_preset)c->value);
+        job->train.max_gaussians = s->base.train.max_gaussians;
+        break;
+    case STUDY_ITERATIONS: job->train.iterations = (int)(c->value * s->base.train.iterations + 0.5); break;
+    case STUDY_CUT: job->partition.cut = (oxl_cut)c->value; break;
+    case STUDY_UCD: job->train.ucd.mode = (oxl_ucd_mode)c->value; break;
+    case STUDY_KEEP: job->train.keep = (oxl_keep){c->value < 1 ? OXL_KEEP_FRACTION : OXL_KEEP_ALL, c->value}; break;
+    case STUDY_DOG: job->train.dog = (oxl_dog)c->value; break;
+    case STUDY_COARSE: job->train.coarse = (float)c->value; break;
+    case STUDY_ALPHA_MIN: job->train.alpha_min = (float)c->value; break;
+    case STUDY_SH_DEGREE: job->train.sh_degree = (int)c->value; break;
+    case STUDY_HASTE: job->train.haste = (float)c->value; break;
+    case STUDY_SETTLE: job->train.settle = (float)c->value; break;
+    case STUDY_EQUAL_COUNT: job->train.densify_gradient = (float)s->threshold[row]; break;
+    case STUDY_EQUAL_BYTES: job->train.keep = (oxl_keep){OXL_KEEP_BYTES, s->value[like][seed - 1][STUDY_BYTES]}; break;
     }
-    s->cpu = study_cpu() - s->cpu_at;
-    return c->progress ? c->progress(c->user, p) : 0;
 }
 
-/* Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
-static oxl_result study_note(struct study *s, const char *folder, struct study_result *r)
+static oxl_job_options study_job(const struct study *s, int row, int seed)
 {
-    char             *before = study_read(folder, "study.json");
-    struct study_text t      = {0};
-    oxl_result        rc     = OXL_OK;
-    r->memory                = json_number(before, "library_peak_bytes");
-    r->cpu                   = json_number(before, "cpu_seconds");
+    oxl_job_options job = s->base;
+    job.seed            = (uint64_t)seed;
+    job.block           = -1;
+    job.renders         = 0;
+    for (int i = 0; i < STUDY_CHANGES; i++) study_change(s, row, seed, &s->row[row]->change[i], &job);
+    return job;
+}
+
+static int study_changes(const struct study_row *row, enum study_setting what)
+{
+    for (int i = 0; i < STUDY_CHANGES; i++)
+        if (row->change[i].what == what) return 1;
+    return 0;
+}
+
+/* ---------------------------------------------------------------- time */
+
+/* Steps of the row, in the base's. */
+static double study_steps(const struct study *s, int row)
+{
+    const int trials = study_changes(s->row[row], STUDY_EQUAL_COUNT) ? STUDY_TRIALS : 1;
+    return (double)trials * study_job(s, row, 1).train.iterations / s->base.train.iterations;
+}
+
+/* Without a size asked for, images are reduced until the first seeds of all rows but the longest are likely to fit the budget.
+ * What was chosen stays chosen in this folder: a study that resumes compares like with like. */
+static oxl_result study_choose_side(struct study *s)
+{
+    char             *before = study_read(s->options->out, "study.json");
+    const double      chosen = json_number(before, "max_side");
+    double            steps  = 0;
+    oxl_survey        survey;
+    struct study_text t  = {0};
+    oxl_result        rc = oxl_check(s->meter.ctx, s->options->scene, &s->base, &survey);
     free(before);
-    if (s->begun == 0) return OXL_OK;
-    if (s->begun == 1 || !(r->memory > (double)s->peak)) r->memory = (double)s->peak;
-    r->cpu = s->begun == 1 ? s->cpu : r->cpu + s->cpu;
-    study_add(&t, "{\n  \"library_peak_bytes\": %s", STUDY_FIXED(r->memory, 0));
-    if (!isnan(r->cpu)) study_add(&t, ",\n  \"cpu_seconds\": %s", STUDY_FIXED(r->cpu, 2));
-    study_add(&t, "\n}\n");
-    rc = study_write(s, folder, "study.json", &t);
+    if (rc != OXL_OK) return study_fail(&s->meter, rc, "", oxl_error_text(s->meter.ctx));
+    s->train_views = survey.train_views;
+    for (int i = 0; i < s->rows; i++) steps += study_steps(s, i) < STUDY_LONG ? study_steps(s, i) : 0;
+    if (!(s->options->budget > 0) || s->options->side_is_given) return OXL_OK;
+    if (chosen >= 1) s->base.scene.max_side = (int)chosen;
+    else {
+        const int side = survey.width > survey.height ? survey.width : survey.height;
+        const int fits = (int)(side * sqrt(s->options->budget / (survey.seconds * steps))) / 16 * 16;
+        if (fits < side) s->base.scene.max_side = fits < STUDY_LEAST_SIDE ? STUDY_LEAST_SIDE : fits;
+    }
+    study_add(&t, "{\n  \"max_side\": %d\n}\n", s->base.scene.max_side);
+    rc = study_write(&s->meter, s->options->out, "study.json", &t);
     free(t.data);
     return rc;
 }
 
-static oxl_result study_read_metrics(struct study *s, const char *folder, struct study_result *r)
+static int study_is_finished(const char *folder)
 {
-    char        *text  = study_read(folder, "metrics.json");
-    const double all[] = {r->psnr = json_number(text, "psnr"),       r->ssim = json_number(text, "ssim"),
-                          r->ms_ssim = json_number(text, "ms_ssim"), r->gaussians = json_number(text, "gaussians"),
-                          r->bytes = json_number(text, "bytes"),     r->seconds = json_number(text, "seconds"),
-                          r->blocks = json_number(text, "blocks")};
-    r->far             = json_number(json_member(text, "by_depth"), "far_psnr");
-    r->held_out        = text && strstr(text, "\"split\": \"test\"") != NULL;
-    free(text);
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        if (isnan(all[i])) return study_fail(s, OXL_ERR_INPUT, "no whole metrics.json of a training in ", folder);
+    char     *run      = study_read(folder, "run.json");
+    const int finished = run && strstr(run, "\"finished\": true") != NULL;
+    free(run);
+    return finished;
+}
+
+/* ---------------------------------------------------------------- training */
+
+/* trial: of a search, from 0; each has its folder. */
+static oxl_result study_train_in(struct study *s, int row, int seed, int trial, struct study_result *out)
+{
+    const oxl_job_options job = study_job(s, row, seed);
+    char                  folder[1000], line[200];
+    snprintf(folder, sizeof folder, trial ? "%s/%s-seed%d-%d" : "%s/%s-seed%d", s->options->out, s->row[row]->name, seed, trial);
+    snprintf(line, sizeof line, "%s, seed %d (row %d of %d, seed %d of %d)", s->row[row]->label, seed, row + 1, s->rows, seed,
+             s->options->seeds);
+    study_log(&s->meter, line);
+    return study_train(&s->meter, s->options->scene, folder, &job, out);
+}
+
+/* A control: the densify threshold, the same at all depths, is moved until as many Gaussians come out as in the row `like`. The
+ * count is near a power of the threshold: each trial is a secant step in logarithms. The nearest trial counts. */
+static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
+{
+    const double wanted = s->value[study_place(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];
+    double       least = HUGE_VAL, found = 0, threshold[STUDY_TRIALS], off[STUDY_TRIALS]; /* off: log of count over wanted */
+    oxl_result   rc = OXL_OK;
+    if (!(s->threshold[row] > 0)) s->threshold[row] = STUDY_GUESS * s->base.train.densify_gradient;
+    for (int k = 0; k < STUDY_TRIALS && least > STUDY_ALIKE && rc == OXL_OK; k++) {
+        struct study_result r;
+        double              slope = STUDY_SLOPE;
+        rc                        = study_train_in(s, row, seed, k, &r);
+        if (rc != OXL_OK) return rc;
+        threshold[k] = log(s->threshold[row]);
+        off[k]       = log(fmax(1, r.value[STUDY_GAUSSIANS]) / fmax(1, wanted));
+        if (fabs(off[k]) < least) least = fabs(off[k]), found = s->threshold[row], *out = r;
+        if (k > 0 && threshold[k] != threshold[k - 1])
+            slope = fmin(-0.2, fmax(-3, (off[k] - off[k - 1]) / (threshold[k] - threshold[k - 1])));
+        s->threshold[row] = exp(threshold[k] - off[k] / slope);
+    }
+    s->threshold[row] = found;
+    return rc;
+}
+
+static oxl_result study_train_row(struct study *s, int row, int seed, time_t begun)
+{
+    const double        left = s->options->budget > 0 ? s->options->budget - difftime(time(NULL), begun) : HUGE_VAL;
+    struct study_result got;
+    char                folder[1000];
+    oxl_result          rc;
+    snprintf(folder, sizeof folder, "%s/%s-seed%d", s->options->out, s->row[row]->name, seed);
+    s->wanted[row] = row == 0 ? 0 : study_steps(s, row) * study_mean(s, 0, STUDY_SECONDS).mean;
+    if (s->row[row]->like && s->done[study_place(s, s->row[row]->like)] < seed) return OXL_OK;
+    if (s->done[row] < seed - 1 || (s->wanted[row] > left && !study_is_finished(folder))) return OXL_OK;
+    if (study_changes(s->row[row], STUDY_EQUAL_COUNT)) rc = study_train_equal(s, row, seed, &got);
+    else rc = study_train_in(s, row, seed, 0, &got);
+    if (rc != OXL_OK) return rc;
+    s->done[row]   = seed;
+    s->blocks[row] = got.blocks;
+    s->held_out    = got.held_out;
+    memcpy(s->value[row][seed - 1], got.value, sizeof got.value);
     return OXL_OK;
 }
 
-oxl_result study_train(struct study *s, const char *scene, const char *folder, const oxl_job_options *job,
-                       struct study_result *out)
+/* ---------------------------------------------------------------- all of it */
+
+static oxl_result study_write_all(struct study *s, FILE *to)
 {
-    const oxl_callback callback = {study_progress, s};
-    oxl_result         rc, noted;
-    *out     = (struct study_result){.psnr = NAN};
-    s->peak  = s->held;
-    s->begun = 0;
-    rc       = oxl_job_run(s->ctx, scene, folder, job, &callback);
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return study_fail(s, rc, "", oxl_error_text(s->ctx));
-    noted = study_note(s, folder, out);
-    if (rc != OXL_OK || noted != OXL_OK) return rc != OXL_OK ? rc : noted;
-    return study_read_metrics(s, folder, out);
+    static void (*const make[])(struct study_text * t, const struct study *s) = {study_page, study_csv, study_plot};
+    static const char *const ends[]                                           = {"md", "csv", "svg"};
+    oxl_result               rc                                               = OXL_OK;
+    for (int i = 0; i < 3 && rc == OXL_OK; i++) {
+        struct study_text t = {0};
+        char              name[40];
+        snprintf(name, sizeof name, "%s.%s", s->kind->file, ends[i]);
+        make[i](&t, s);
+        rc = study_write(&s->meter, s->options->out, name, &t);
+        if (rc == OXL_OK && i == 0) fprintf(to, "%s\n", t.data);
+        free(t.data);
+        if (rc == OXL_OK) fprintf(to, "%-5s %s/%s\n", ends[i], s->options->out, name);
+    }
+    return rc;
+}
+
+static oxl_result study_go(struct study *s, FILE *to)
+{
+    const time_t begun = time(NULL);
+    oxl_result   rc    = study_choose_rows(s);
+    if (rc == OXL_OK) rc = study_open(&s->meter, s->options->out);
+    if (rc == OXL_OK) rc = study_choose_side(s);
+    for (int seed = 1; seed <= s->options->seeds && rc == OXL_OK; seed++)
+        for (int row = 0; row < s->rows && rc == OXL_OK; row++) rc = study_train_row(s, row, seed, begun);
+    return rc == OXL_OK ? study_write_all(s, to) : rc;
+}
+
+oxl_result study_run(const struct study_kind *kind, const study_options *options, FILE *to, char *error, size_t error_size)
+{
+    struct study *s = calloc(1, sizeof *s);
+    oxl_result    rc;
+    if (error_size > 0) error[0] = 0;
+    if (!s) return OXL_ERR_MEMORY;
+    s->kind    = kind;
+    s->options = options;
+    s->base    = options->job;
+    s->meter   = (struct study_meter){
+          .options = &options->context, .callback = &options->callback, .error = error, .error_size = error_size};
+    rc = study_go(s, to);
+    oxl_context_free(s->meter.ctx);
+    free(s);
+    return rc;
 }

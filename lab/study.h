@@ -1,7 +1,11 @@
-/* study.h - what ablate and tradeoff share: one survey trained many times, side by side, and what came of it as text and drawings.
+/* study.h - the study engine: one survey trained many times, rows of options x seeds, side by side.
  *
- *     study.c         one training in a folder of its own: memory counted, CPU time, figures read back
- *     study_text.c    means, digits in every locale, the parts of a drawing
+ *     study.c          chooses the rows, trains each with each seed, finds the options of the controls, writes the files
+ *     study_train.c    one training in a folder of its own: memory counted, CPU time, figures read back
+ *     study_report.c   means, spreads, comparisons, the Pareto front; the page (Markdown) and the CSV
+ *     study_plot.c     the drawing: PSNR over cost, twice
+ *     study_text.c     growing text, digits in every locale
+ *     ablate.c, tradeoff.c   the two studies, as tables of rows
  */
 #ifndef STUDY_H
 #define STUDY_H
@@ -10,14 +14,9 @@
 
 #include <stddef.h>
 
-enum { STUDY_SEEDS = 99 };
+enum { STUDY_SEEDS = 99, STUDY_ROWS = 20, STUDY_CHANGES = 5, STUDY_AGAINST = 4 };
 
 /* ---------------------------------------------------------------- study_text.c */
-
-struct study_figure {    /* over the seeds; not a number: not known */
-    double mean, spread; /* spread: standard deviation, of at least two */
-};
-struct study_figure study_summary(const double *x, int count);
 
 struct study_text {
     char  *data; /* ends in 0; free() it */
@@ -30,44 +29,123 @@ void study_add(struct study_text *t, const char *format, ...); /* no %f in it: i
 const char *study_fixed(char out[32], double value, int decimals);
 #define STUDY_FIXED(value, decimals) study_fixed((char[32]){0}, value, decimals)
 
-/* The parts of an SVG drawing, px; style: of CSS, "" is the drawing's own. Begins a white page with a title; "</svg>" ends it. */
-void   study_drawing(struct study_text *t, int width, int height, const char *title);
-void   study_line(struct study_text *t, double x0, double y0, double x1, double y1, const char *style);
-void   study_box(struct study_text *t, double x, double y, double width, double height, const char *fill);
-void   study_label(struct study_text *t, double x, double y, const char *style, const char *text);
 double study_step(double span); /* between grid lines: 1, 2 or 5 times a power of ten, at most 5 of them in the span */
 
-/* ---------------------------------------------------------------- study.c */
+/* ---------------------------------------------------------------- what a study is */
 
-struct study {
-    oxl_context               *ctx;     /* of its own: its memory is counted */
-    const oxl_context_options *options; /* of the caller, whose log is passed on */
-    const oxl_callback        *callback;
-    size_t                     held, peak; /* bytes that the library holds, and held at its peak in the training that runs */
-    int                        begun; /* that training, by this process: 0 not at all, 1 from its start, 2 from a checkpoint */
-    double                     cpu_at, cpu; /* s of the process's processors: at its first step, and until its last */
+enum study_measure {
+    STUDY_PSNR, /* dB */
+    STUDY_SSIM,
+    STUDY_NEAR, /* PSNR of each third of depth, dB: oxl_metrics.by_depth */
+    STUDY_MIDDLE,
+    STUDY_FAR,
+    STUDY_GAUSSIANS,
+    STUDY_BYTES,   /* of scene.ply */
+    STUDY_SECONDS, /* of training */
+    STUDY_CPU,     /* s of processor time, all threads together */
+    STUDY_MEMORY,  /* bytes that the library held at its peak */
+    STUDY_MS_SSIM, /* in the CSV alone */
+    STUDY_MEASURES
+};
+
+enum study_setting { /* what a change sets, to its value */
+                     STUDY_UNCHANGED,
+                     STUDY_PRESET,     /* enum oxl_preset: all training options */
+                     STUDY_ITERATIONS, /* times the base's */
+                     STUDY_CUT,
+                     STUDY_UCD,
+                     STUDY_KEEP, /* fraction; 1: all */
+                     STUDY_DOG,
+                     STUDY_COARSE,
+                     STUDY_ALPHA_MIN,
+                     STUDY_SH_DEGREE,
+                     STUDY_HASTE,
+                     STUDY_SETTLE,
+                     STUDY_EQUAL_COUNT, /* densify threshold such that the row ends with as many Gaussians as the row `like` */
+                     STUDY_EQUAL_BYTES  /* as many Gaussians kept as fit the bytes of the row `like` */
+};
+
+struct study_change {
+    enum study_setting what;
+    double             value;
+};
+
+struct study_row {
+    const char         *name, *label; /* in --rows and the folders' names; in the page */
+    struct study_change change[STUDY_CHANGES];
+    const char         *against[STUDY_AGAINST]; /* names of the rows that it is compared with */
+    const char         *like;                   /* of a control */
+    double              paper[STUDY_MEASURES];  /* the paper's own figures; 0: not stated */
+};
+
+struct study_kind {
+    const char             *file, *title; /* "ablation": of FILE.md, FILE.csv, FILE.svg */
+    const struct study_row *row;
+    int                     rows, by_default; /* of them by default, the first ones */
+    int                     base_first;       /* 1: the first row is always trained, all others are compared with it */
+    const char             *notes;            /* below the tables */
+};
+
+/* ---------------------------------------------------------------- one training: study_train.c */
+
+struct study_meter {
+    oxl_context               *ctx;        /* of its own: its memory is counted */
+    const oxl_context_options *options;    /* of the caller, whose log is passed on */
+    const oxl_callback        *callback;   /* likewise its progress */
+    size_t                     held, peak; /* bytes that the library holds, and held at its peak in this training */
+    int                        begun; /* this training, by this process: 0 not at all, 1 from its start, 2 from a checkpoint */
+    double                     cpu_at, cpu; /* s of processor time: at its first step, and from there to its last */
     char                      *error;
     size_t                     error_size;
 };
 
-oxl_result study_open(struct study *s, const char *out); /* ctx, and the folder */
-oxl_result study_fail(struct study *s, oxl_result rc, const char *what, const char *detail);
-void       study_log(struct study *s, const char *text);
-
-struct study_result { /* not a number: not known */
-    double psnr, ssim, ms_ssim, gaussians, bytes, seconds, blocks;
-    double memory; /* bytes that the library held at its peak, over all the parts in which it was trained */
-    double cpu;    /* s, likewise */
-    double far;    /* PSNR of what lies in the far third of depth; not a number too when nothing does */
-    int    held_out;
+struct study_result {
+    double value[STUDY_MEASURES]; /* NaN: not known */
+    int    blocks, held_out;
 };
 
-/* Trains it, goes on with it, or finds it done; reads what it left. */
-oxl_result study_train(struct study *s, const char *scene, const char *folder, const oxl_job_options *job,
+oxl_result study_open(struct study_meter *s, const char *out); /* ctx, and the folder */
+oxl_result study_fail(struct study_meter *s, oxl_result rc, const char *what, const char *detail);
+void       study_log(struct study_meter *s, const char *text);
+
+/* Trains it, resumes it, or finds it finished; reads what it left. */
+oxl_result study_train(struct study_meter *s, const char *scene, const char *folder, const oxl_job_options *job,
                        struct study_result *out);
 
 /* A file of the folder: written whole or not at all; read into fresh memory, NULL when it is not there. */
-oxl_result study_write(struct study *s, const char *folder, const char *name, const struct study_text *t);
+oxl_result study_write(struct study_meter *s, const char *folder, const char *name, const struct study_text *t);
 char      *study_read(const char *folder, const char *name);
+
+/* ---------------------------------------------------------------- all trainings: study.c */
+
+struct study {
+    const struct study_kind *kind;
+    const study_options     *options;
+    struct study_meter       meter;
+    oxl_job_options          base;
+    int                      train_views, held_out, rows;
+    const struct study_row  *row[STUDY_ROWS];
+    int                      done[STUDY_ROWS]; /* seeds 1..done are there */
+    int                      blocks[STUDY_ROWS];
+    double                   wanted[STUDY_ROWS];                             /* s that the next seed of the row would take */
+    double                   threshold[STUDY_ROWS];                          /* of density control, found for the last seed */
+    double                   value[STUDY_ROWS][STUDY_SEEDS][STUDY_MEASURES]; /* NaN: not known */
+};
+
+/* Trains all rows with all seeds, resuming what is there; leaves kind->file .md, .csv, .svg; the page goes to `to`. */
+oxl_result study_run(const struct study_kind *kind, const study_options *options, FILE *to, char *error, size_t error_size);
+
+/* ---------------------------------------------------------------- study_report.c, study_plot.c */
+
+struct study_figure {    /* over the seeds; NaN: not known */
+    double mean, spread; /* spread: standard deviation, of two seeds or more */
+};
+struct study_figure study_mean(const struct study *s, int row, enum study_measure m);
+/* Seed by seed: PSNR and SSIM as a difference, the rest as a ratio. What both share, the seed's luck, cancels. */
+struct study_figure study_against(const struct study *s, int row, int base, enum study_measure m);
+int                 study_on_front(const struct study *s, int row); /* 1: no row has as good a PSNR in no more CPU time */
+void                study_page(struct study_text *t, const struct study *s);
+void                study_csv(struct study_text *t, const struct study *s);
+void                study_plot(struct study_text *t, const struct study *s);
 
 #endif

@@ -1,21 +1,10 @@
-/* study_text.c - means and spreads, digits that no locale changes, the parts of a drawing. */
+/* study_text.c - text that grows, digits that no locale changes. */
 #include "study.h"
 
 #include <math.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
-
-struct study_figure study_summary(const double *x, int count)
-{
-    double sum = 0, square = 0, mean;
-    for (int i = 0; i < count; i++) sum += x[i];
-    mean = sum / count;
-    for (int i = 0; i < count; i++) square += (x[i] - mean) * (x[i] - mean);
-    return (struct study_figure){mean, count > 1 ? sqrt(square / (count - 1)) : NAN};
-}
-
-/* ---------------------------------------------------------------- text */
 
 void study_add(struct study_text *t, const char *format, ...)
 {
@@ -54,8 +43,6 @@ const char *study_fixed(char out[32], double value, int decimals)
     return out;
 }
 
-/* ---------------------------------------------------------------- drawings */
-
 double study_step(double span)
 {
     static const double factor[] = {1, 2, 5};
@@ -63,43 +50,4 @@ double study_step(double span)
         for (int i = 0; i < 3; i++)
             if (factor[i] * power * 5 >= span) return factor[i] * power;
     return span;
-}
-
-static void study_escape(struct study_text *t, const char *text)
-{
-    for (; *text; text++) {
-        if (*text == '<') study_add(t, "&lt;");
-        else if (*text == '>') study_add(t, "&gt;");
-        else if (*text == '&') study_add(t, "&amp;");
-        else if ((unsigned char)*text >= ' ') study_add(t, "%c", *text);
-    }
-}
-
-void study_drawing(struct study_text *t, int width, int height, const char *title)
-{
-    study_add(t,
-              "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "
-              "style=\"font-family:system-ui,sans-serif;font-size:13px;fill:#1d262c\">\n",
-              width, height, width, height);
-    study_box(t, 0, 0, width, height, "#ffffff");
-    study_label(t, 16, 30, "font-size:18px;font-weight:600", title);
-}
-
-void study_line(struct study_text *t, double x0, double y0, double x1, double y1, const char *style)
-{
-    study_add(t, "<line x1=\"%s\" y1=\"%s\" x2=\"%s\" y2=\"%s\" style=\"%s\"/>\n", STUDY_FIXED(x0, 1), STUDY_FIXED(y0, 1),
-              STUDY_FIXED(x1, 1), STUDY_FIXED(y1, 1), style);
-}
-
-void study_box(struct study_text *t, double x, double y, double width, double height, const char *fill)
-{
-    study_add(t, "<rect x=\"%s\" y=\"%s\" width=\"%s\" height=\"%s\" style=\"fill:%s\"/>\n", STUDY_FIXED(x, 1), STUDY_FIXED(y, 1),
-              STUDY_FIXED(width, 1), STUDY_FIXED(height, 1), fill);
-}
-
-void study_label(struct study_text *t, double x, double y, const char *style, const char *text)
-{
-    study_add(t, "<text x=\"%s\" y=\"%s\" style=\"%s\">", STUDY_FIXED(x, 1), STUDY_FIXED(y, 1), style);
-    study_escape(t, text);
-    study_add(t, "</text>\n");
 }

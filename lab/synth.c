@@ -68,9 +68,19 @@ static oxl_result synth_check(struct synth_run *s)
         return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
     for (int i = 0; i < 3; i++)
         if (!(fabs(o->origin[i]) <= 8e6)) return synth_fail(s, OXL_ERR_USAGE, "synth: the origin can lie 8000 km off", "");
-    if (strcmp(o->path, "lawnmower") != 0 && strcmp(o->path, "orbit") != 0)
-        return synth_fail(s, OXL_ERR_USAGE, "synth: paths are lawnmower and orbit, not ", o->path);
+    if (strcmp(o->path, "lawnmower") != 0 && strcmp(o->path, "orbit") != 0 && strcmp(o->path, "rov") != 0)
+        return synth_fail(s, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit and rov, not ", o->path);
+    if (synth_scene_of(o) < 0) return synth_fail(s, OXL_ERR_USAGE, "synth: scenes are reef, wreck and ridge, not ", o->scene);
     return OXL_OK;
+}
+
+int synth_scene_of(const synth_options *o)
+{
+    static const char *const names[] = {"reef", "wreck", "ridge"};
+    if (!o->scene) return strcmp(o->path, "rov") == 0 ? SYNTH_RIDGE : SYNTH_REEF;
+    for (int i = 0; i < 3; i++)
+        if (strcmp(o->scene, names[i]) == 0) return i;
+    return -1;
 }
 
 static int synth_stopped(const synth_options *o, const char *what, long done, long total)
@@ -175,8 +185,9 @@ static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, 
         const size_t at     = (size_t)y * width + (size_t)x;
         const float *rgb    = s->photograph.rgb;
         v3           colour = v3_of(rgb[at], rgb[at + plane], rgb[at + 2 * plane]);
-        if ((x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
-            (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width))) {
+        const int    edge   = (x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
+                         (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width));
+        if (edge && s->depth[at] > 0) { /* where only water is, no range would dim what is mixed in */
             for (int k = 0; k < 3; k++) colour = v3_add(colour, synth_trace(s, c, x + around[k][0], y + around[k][1], 0.5, NULL));
             colour = v3_scale(colour, 0.25);
         }
@@ -369,6 +380,8 @@ static int synth_write_model(const struct synth_run *s, const char *path)
     synth_file_integer(&f, o->seed);
     synth_file_text(&f, "\npath ");
     synth_file_text(&f, o->path);
+    synth_file_text(&f, "\nscene ");
+    synth_file_text(&f, s->world.scene == SYNTH_WRECK ? "wreck" : s->world.scene == SYNTH_RIDGE ? "ridge" : "reef");
     synth_file_text(&f, "\nviews ");
     synth_file_integer(&f, (uint64_t)o->views);
     synth_file_text(&f, "\n");
@@ -463,7 +476,8 @@ static oxl_result synth_make(struct synth_run *s)
     if (rc == OXL_OK) rc = synth_spare_survey(s);
     if (rc == OXL_OK) rc = synth_make_folders(s);
     if (rc != OXL_OK) return rc;
-    if (!synth_path_create(s->options, &s->path) || !synth_world_create(s->options->seed, s->path.half, s->path.wreck, &s->world))
+    if (!synth_path_create(s->options, &s->path) || !synth_world_create(s->options->seed, s->path.half, s->path.wreck,
+                                                                        (enum synth_scene)synth_scene_of(s->options), &s->world))
         return synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for the world\nfix: a smaller --extent or fewer --views", "");
     synth_path_settle(&s->path, &s->world);
     rc = synth_make_points(s);

@@ -63,8 +63,15 @@ struct synth_near { /* an object's sphere, side by side with its neighbours' in 
     uint32_t object;
 };
 
+enum synth_scene {
+    SYNTH_REEF,  /* reef patches, boulders, corals and a wreck */
+    SYNTH_WRECK, /* the wreck, overgrown, on a plain of bare sand: the points are uneven */
+    SYNTH_RIDGE  /* a ridge: a wall of 60 degrees on one side, a slope on the other, sand at their feet */
+};
+
 struct synth_world {
     uint32_t          seed;
+    enum synth_scene  scene;
     v3                wreck;   /* its centre, at the height of its deck */
     double            turn[9]; /* world to wreck, row-major */
     struct synth_limb mast;    /* in the wreck's frame */
@@ -90,7 +97,9 @@ struct synth_surface { /* what is nearest to a point */
 };
 
 /* half: the world is baked for |x|, |y| <= half metres; beyond there is bare ground. 0: out of memory. */
-int    synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *out);
+int    synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *out);
+/* Of options.scene; NULL: of the path. -1: it is not known. */
+int    synth_scene_of(const synth_options *options);
 void   synth_world_free(struct synth_world *world);
 double synth_ground(const struct synth_world *world, double x, double y); /* height, metres, without objects */
 /* Metres that a ray may safely go from p; negative inside. surface may be NULL. */

@@ -2,7 +2,8 @@
  *
  * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; photographs overlap by 75 % along a row and
  * rows by 60 %, as survey manuals ask for. orbit: two rings round the wreck, looking at it. Nothing is flown exactly: position,
- * height and angles waver.
+ * height and angles waver. rov: three legs along the ridge, low and forward-looking: at the foot of the wall, along the crest, and back
+ * over the slope; near and far lie 1 : 10 and more apart in a view.
  */
 #include "synth.h"
 
@@ -76,14 +77,46 @@ static void path_orbit(const synth_options *o, struct synth_path *path)
     }
 }
 
-/* Where the corners' rays meet z = -0.5, lower than most of the ground. */
-static void path_measure(struct synth_path *path)
+#define ROV_STEP  0.4  /* metres from image to image */
+#define ROV_SIGHT 16.0 /* metres: what stands farther off is lost in coastal water */
+#define CLEARANCE 0.5  /* metres over the ground around, at least */
+
+static const struct path_leg {
+    double x, altitude;     /* metres: across the ridge, over the ground */
+    double course, towards; /* +1 north, -1 south; degrees from there to the left that it looks */
+    double down;            /* degrees below the horizon */
+} path_legs[] = {{-4.2, 1.3, 1, -38, 8}, {0.4, 1.1, 1, 0, 22}, {4.5, 1.5, -1, -25, 12}};
+enum { PATH_LEGS = sizeof path_legs / sizeof *path_legs };
+
+static void path_rov(const synth_options *o, struct synth_path *path)
+{
+    const double length = o->extent > 0 ? o->extent : ROV_STEP * synth_max(2, (double)o->views / PATH_LEGS - 1);
+    for (int i = 0; i < o->views; i++) {
+        const int k                  = (int)((int64_t)i * PATH_LEGS / o->views),
+                  first              = (int)(((int64_t)k * o->views + PATH_LEGS - 1) / PATH_LEGS);
+        const int              after = (int)(((int64_t)(k + 1) * o->views + PATH_LEGS - 1) / PATH_LEGS);
+        const struct path_leg *leg   = &path_legs[k];
+        const double           along = (after - first > 1 ? (double)(i - first) / (after - first - 1) : 0.5) - 0.5;
+        const double           turn  = (leg->towards + path_waver(o, i, 0, 5)) * degree,
+                     down            = (leg->down + path_waver(o, i, 1, 4)) * degree;
+        const v3 ahead               = v3_of(-leg->course * sin(turn), leg->course * cos(turn), 0);
+        path->camera[i].centre =
+            v3_of(leg->x + path_waver(o, i, 2, 0.15), leg->course * length * along + path_waver(o, i, 3, 0.08),
+                  leg->altitude + path_waver(o, i, 4, 0.12));
+        path_aim(&path->camera[i], v3_add(v3_scale(ahead, cos(down)), v3_of(0, 0, -sin(down))), v3_of(0, 0, 1),
+                 path_waver(o, i, 5, 2 * degree));
+    }
+    path->wreck = v3_of(7.5, 0.2 * length, 0);
+}
+
+/* Where the corners' rays meet z = -0.5, lower than most of the ground. sight: how far the world is strewn, metres. */
+static void path_measure(struct synth_path *path, double sight)
 {
     for (int i = 0; i < path->count; i++) {
         const struct synth_camera *c = &path->camera[i];
         for (int k = 0; k < 4; k++) {
             const v3     ray   = synth_pixel_ray(c, k & 1 ? c->width : 0, k & 2 ? c->height : 0);
-            const double range = ray.z < 0 ? synth_min(SYNTH_FAR, (c->centre.z + 0.5) / -ray.z) : SYNTH_FAR;
+            const double range = ray.z < 0 ? synth_min(sight, (c->centre.z + 0.5) / -ray.z) : sight;
             const v3     hit   = v3_along(c->centre, ray, range);
             path->reach        = synth_max(path->reach, hypot(hit.x - c->centre.x, hit.y - c->centre.y));
             path->half         = synth_max(path->half, synth_max(fabs(hit.x), fabs(hit.y)));
@@ -106,8 +139,9 @@ int synth_path_create(const synth_options *o, struct synth_path *path)
         c->cy                  = 0.497 * o->height;
     }
     if (strcmp(o->path, "orbit") == 0) path_orbit(o, path);
+    else if (strcmp(o->path, "rov") == 0) path_rov(o, path);
     else path_lawnmower(o, path);
-    path_measure(path);
+    path_measure(path, strcmp(o->path, "rov") == 0 ? ROV_SIGHT : SYNTH_FAR);
     return 1;
 }
 
@@ -116,9 +150,13 @@ void synth_path_settle(struct synth_path *path, const struct synth_world *w)
 {
     for (int i = 0; i < path->count; i++) {
         v3    *c   = &path->camera[i].centre;
-        double sum = 0;
-        for (int k = 0; k < 9; k++) sum += synth_ground(w, c->x + k % 3 - 1, c->y + k / 3 - 1);
-        c->z += sum / 9;
+        double sum = 0, top = -1e9;
+        for (int k = 0; k < 9; k++) {
+            const double ground = synth_ground(w, c->x + k % 3 - 1, c->y + k / 3 - 1);
+            sum += ground;
+            top = synth_max(top, ground);
+        }
+        c->z = synth_max(c->z + sum / 9, top + CLEARANCE);
     }
 }
 

@@ -16,10 +16,11 @@
 #define SIMILAR_SIDE  0.68 /* cosine: descriptors match up to about 47 degrees apart */
 #define FACING        0.15 /* cosine between normal and view when no ray is cast */
 #define NOISE         0.3  /* px, each axis */
+#define SAND_SHARE    0.05 /* of the features that a reef has, on the sand of the scenes wreck and ridge */
 #define OUTLIER_SHARE 0.01
 #define OUTLIER_NOISE 1.5 /* px */
 #define FRAME         2.0 /* px at the border where no feature is found */
-enum { MOST_VIEWS = 64, MOST_SIGHTINGS = 512, ATTEMPTS = 12, PICKY_ATTEMPTS = 6, CHUNK = 8192 };
+enum { MOST_VIEWS = 64, MOST_SIGHTINGS = 512, ATTEMPTS = 12, BARE_ATTEMPTS = 60, CHUNK = 8192 };
 
 struct points_track { /* one point as it is made */
     v3                       position;
@@ -160,18 +161,28 @@ static void points_colour(const struct points_search *s, const struct points_can
         t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
 }
 
+/* Bare sand has few features: so most of the points lie on what stands on it. */
+static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
+{
+    struct synth_surface surface;
+    if (s->world->scene == SYNTH_REEF || synth_unit(synth_bits(seed, 4, 0)) < SAND_SHARE) return 0;
+    synth_distance(s->world, p, &surface);
+    return surface.material == SYNTH_SAND;
+}
+
 /* A random pixel's point. 0: nothing there, or fewer than `least` views have it. */
 static int points_try(const struct points_search *s, uint64_t number, uint64_t attempt, int least, struct points_track *t)
 {
-    const uint64_t             seed = synth_bits(s->options->seed ^ 0x9017, number, attempt);
-    struct points_candidate    k    = {.source = (int)(number % (uint64_t)s->path->count)};
-    const struct synth_camera *c    = &s->path->camera[k.source];
+    const uint64_t seed = synth_bits(s->options->seed ^ 0x9017, number, attempt);
+    const uint64_t pick = s->world->scene == SYNTH_REEF ? number : synth_bits(seed, 3, 0); /* of cameras over sand less */
+    struct points_candidate    k = {.source = (int)(pick % (uint64_t)s->path->count)};
+    const struct synth_camera *c = &s->path->camera[k.source];
     const double               u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
     const v3                   ray = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
     double                     range = synth_cast(s->world, c->centre, ray, SYNTH_FAR);
     struct points_sighting     list[MOST_SIGHTINGS];
     int                        found;
-    if (range < 0) return 0;
+    if (range < 0 || points_is_bare(s, v3_along(c->centre, ray, range), seed)) return 0;
     k.is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
     if (k.is_outlier) range *= 0.6 + 0.8 * synth_unit(synth_bits(seed, 2, 0));
     k.p    = v3_along(c->centre, ray, range);
@@ -190,9 +201,10 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
 
 static void points_make(const struct points_search *s, uint64_t number, struct points_track *t)
 {
-    t->count = 0;
-    for (uint64_t attempt = 0; attempt < ATTEMPTS; attempt++)
-        if (points_try(s, number, attempt, attempt < PICKY_ATTEMPTS ? 3 : 2, t)) return;
+    const uint64_t attempts = s->world->scene == SYNTH_REEF ? ATTEMPTS : BARE_ATTEMPTS;
+    t->count                = 0;
+    for (uint64_t attempt = 0; attempt < attempts; attempt++)
+        if (points_try(s, number, attempt, attempt < attempts / 2 ? 3 : 2, t)) return;
     t->count = 0;
 }
 

@@ -19,11 +19,37 @@
 
 /* ---------------------------------------------------------------- the ground */
 
-/* 0 on sand, 1 on the reef. */
-static double world_reef(uint32_t seed, double x, double y)
+#define BARREN        0.2 /* of the things that lie on sand elsewhere lie on that of the scene `wreck` */
+#define WRECK_GROWTH  2.6 /* metres from the wreck's centre where growth begins to thin out, in the scene `wreck` */
+#define WRECK_BARREN  4.2 /* and where it ends */
+#define RIDGE_HEIGHT  2.6 /* metres, in the scene `ridge` */
+#define RIDGE_WALL    2.8 /* metres across its steep side */
+#define RIDGE_SLOPE   9.0 /* and across its gentle side */
+#define RIDGE_MEANDER 1.2 /* metres that its crest wanders to either side */
+
+/* Where x stands on the ridge, whose crest runs along y: metres from the crest, the wall's side negative. */
+static double world_across(const struct synth_world *w, double x, double y)
 {
-    const double warp = 0.8 * synth_noise2(seed + 40, x / 1.7, y / 1.7);
-    return synth_step(0.02, 0.5, synth_fbm2(seed + 41, x + warp, y - warp, 4.5, 0.9, 0.5, 1e-3));
+    return x - RIDGE_MEANDER * synth_noise2(w->seed + 80, 0.5, y / 6);
+}
+
+static double world_ridge(const struct synth_world *w, double x, double y)
+{
+    const double u      = world_across(w, x, y);
+    const double height = RIDGE_HEIGHT * (0.8 + 0.3 * synth_noise2(w->seed + 81, 0.5, y / 4));
+    return height * (u < 0 ? synth_step(-RIDGE_WALL, 0, u) : synth_step(RIDGE_SLOPE, 0, u));
+}
+
+/* 0 on sand, 1 on the reef. */
+static double world_reef(const struct synth_world *w, double x, double y)
+{
+    const double warp  = 0.8 * synth_noise2(w->seed + 40, x / 1.7, y / 1.7);
+    const double patch = synth_step(0.02, 0.5, synth_fbm2(w->seed + 41, x + warp, y - warp, 4.5, 0.9, 0.5, 1e-3));
+    const double u     = world_across(w, x, y);
+    if (w->scene == SYNTH_WRECK) return synth_step(WRECK_BARREN, WRECK_GROWTH, hypot(x - w->wreck.x, y - w->wreck.y));
+    if (w->scene == SYNTH_RIDGE)
+        return synth_max(patch * (u > 0), synth_step(-RIDGE_WALL, -0.6 * RIDGE_WALL, u) * synth_step(1.5, 0.5, u));
+    return patch;
 }
 
 /* Crests of sand, 28 cm apart, that bend and fade in patches. */
@@ -35,16 +61,18 @@ static double world_ripples(uint32_t seed, double x, double y)
     return (0.005 + 0.012 * size) * (1 - fabs(wave)) * 1.6;
 }
 
-static double world_height(uint32_t seed, double x, double y)
+static double world_height(const struct synth_world *w, double x, double y)
 {
-    const double swell = 0.30 * synth_noise2(seed + 30, x / 8, y / 8) + 0.10 * synth_noise2(seed + 31, x / 2.7, y / 2.7);
-    const double reef  = world_reef(seed, x, y);
-    double       rough = 0;
+    const uint32_t seed  = w->seed;
+    const double   swell = 0.30 * synth_noise2(seed + 30, x / 8, y / 8) + 0.10 * synth_noise2(seed + 31, x / 2.7, y / 2.7);
+    const double   reef  = world_reef(w, x, y);
+    double         rough = 0;
     if (reef > 0) {
         const double ridges = 1 - fabs(synth_fbm2(seed + 60, x, y, 1.1, 0.3, 0.5, 1e-3));
         rough               = 0.42 * ridges * ridges + 0.07 * synth_fbm2(seed + 65, x, y, 0.4, 0.05, 0.55, 1e-3);
     }
-    return swell + reef * (rough - 0.1) + (1 - reef) * world_ripples(seed, x, y);
+    return swell + reef * (rough - 0.1) + (1 - reef) * world_ripples(seed, x, y) +
+           (w->scene == SYNTH_RIDGE ? world_ridge(w, x, y) : 0);
 }
 
 static int world_bake(struct synth_world *w, double half)
@@ -57,8 +85,7 @@ static int world_bake(struct synth_world *w, double half)
 #pragma omp parallel for schedule(dynamic, 16)
     for (int j = 0; j < w->ny; j++)
         for (int i = 0; i < w->nx; i++)
-            w->height[(size_t)j * (size_t)w->nx + (size_t)i] =
-                (float)world_height(w->seed, w->x0 + i * w->step, w->y0 + j * w->step);
+            w->height[(size_t)j * (size_t)w->nx + (size_t)i] = (float)world_height(w, w->x0 + i * w->step, w->y0 + j * w->step);
     return 1;
 }
 
@@ -77,7 +104,7 @@ double synth_ground(const struct synth_world *w, double x, double y)
     const double gx = (x - w->x0) / w->step, gy = (y - w->y0) / w->step;
     const int    ix = synth_floor(gx), iy = synth_floor(gy);
     double       wx[4], wy[4], sum = 0;
-    if (ix < 1 || iy < 1 || ix + 2 >= w->nx || iy + 2 >= w->ny) return world_height(w->seed, x, y);
+    if (ix < 1 || iy < 1 || ix + 2 >= w->nx || iy + 2 >= w->ny) return world_height(w, x, y);
     world_spline(gx - ix, wx);
     world_spline(gy - iy, wy);
     for (int j = 0; j < 4; j++) {
@@ -276,7 +303,7 @@ static double world_objects(const struct synth_world *w, v3 p, double least, str
 static enum synth_material world_ground_material(const struct synth_world *w, v3 p)
 {
     const double ragged = 0.25 * synth_fbm2(w->seed + 70, p.x, p.y, 0.3, 0.02, 0.7, 1e-3);
-    return world_reef(w->seed, p.x, p.y) + ragged > 0.35 ? SYNTH_ROCK : SYNTH_SAND;
+    return world_reef(w, p.x, p.y) + ragged > 0.35 ? SYNTH_ROCK : SYNTH_SAND;
 }
 
 /* Height over the ground. Far up the nearest baked sample will do: it is off by less than the 3 cm taken away. */
@@ -319,8 +346,9 @@ double synth_distance(const struct synth_world *w, v3 p, struct synth_surface *s
     const double         above   = world_above(w, p);
     struct synth_surface nearest = {surface ? world_ground_material(w, p) : SYNTH_SAND, NULL};
     double               d       = synth_max(0.75 * above, above - 1.3); /* slopes of 41 degrees, heights that differ by 1.3 m */
-    d                            = world_objects(w, p, d, &nearest);
-    d                            = world_wreck_near(w, p, d, &nearest);
+    if (w->scene == SYNTH_RIDGE) d = 0.45 * above;                       /* slopes of 63 degrees */
+    d = world_objects(w, p, d, &nearest);
+    d = world_wreck_near(w, p, d, &nearest);
     if (surface) *surface = nearest;
     return d;
 }
@@ -425,8 +453,8 @@ static int world_settle(const struct synth_world *w, double half, int kind, uint
     for (uint64_t j = 0; j < 8; j++) u[j] = synth_unit(synth_bits(seed, j, 0));
     x    = half * (2 * u[0] - 1);
     y    = half * (2 * u[1] - 1);
-    reef = world_reef(w->seed, x, y);
-    if (u[2] > synth_lerp(k->on_sand, k->on_reef, reef)) return 0;
+    reef = world_reef(w, x, y);
+    if (u[2] > synth_lerp(w->scene == SYNTH_WRECK ? BARREN * k->on_sand : k->on_sand, k->on_reef, reef)) return 0;
     if (k->large > 0.1) {
         const v3 q = synth_wreck_frame(w, v3_of(x, y, w->wreck.z));
         if (fabs(q.x) < 2.3 && fabs(q.y) < 0.9) return 0;
@@ -516,9 +544,10 @@ static int world_index(struct synth_world *w, double half)
     return world_raise_ceilings(w);
 }
 
-int synth_world_create(uint64_t seed, double half, v3 wreck, struct synth_world *w)
+int synth_world_create(uint64_t seed, double half, v3 wreck, enum synth_scene scene, struct synth_world *w)
 {
-    *w = (struct synth_world){.seed = (uint32_t)synth_mix(seed), .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
+    *w = (struct synth_world){
+        .seed = (uint32_t)synth_mix(seed), .scene = scene, .wreck = wreck, .sun = v3_unit(v3_of(0.42, 0.28, 0.86))};
     if (!world_bake(w, half)) goto failed;
     world_lay_wreck(w, wreck);
     world_make_shapes(w);

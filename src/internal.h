@@ -1002,18 +1002,20 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
 /* An object without a newline at its end; its lines after the first start with `indent`. */
 OXL_INTERNAL void       survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 
-/* Of the scene that the cost is of, in all its blocks: from steps that are tried, or, where that would take too long, by the cost. */
+/* Of the scene that the cost is of, in all its blocks: from steps that are timed, or, where that would take too long, by the cost. */
+/* range: the least and the most that it may be; NULL when nobody asks. */
 OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options,
-                                   const struct survey_cost *cost);
+                                   const struct survey_cost *cost, double range[2]);
 
 /* ---------------------------------------------------------------- predict_time.c: how long steps will take */
 
 /* Gaussians at the end of a run that may not have more than `cap`. */
 OXL_INTERNAL double rehearse_expected(const oxl_train_options *options, size_t points, size_t cap);
 
-/* Seconds of a run that is to end with so many Gaussians, from steps that are tried here and now; 0: it cannot be told so, be it that trying
- * would take too long, or for want of memory. */
-OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options, double gaussians);
+/* Seconds of a run that is to end with so many Gaussians, extrapolated from steps that are timed here and now; range: the least and the
+ * most that it may be. 0: it cannot be told so, be it that timing would take too long, or for want of memory. */
+OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options, double gaussians,
+                             double range[2]);
 
 /* ---------------------------------------------------------------- budget.c: --ram */
 

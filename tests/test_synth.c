@@ -397,7 +397,7 @@ TEST(synth_fish_swim_between_photographs_in_front_of_the_ground)
     struct synth_world world = {0};
     struct synth_fish  at[2][9];
     o.fish = 3;
-    CHECK(synth_path_create(&o, &path) && synth_world_create(o.seed, path.half, path.wreck, &world));
+    CHECK(synth_path_create(&o, &path) && synth_world_create(o.seed, path.half, path.wreck, SYNTH_REEF, &world));
     synth_path_settle(&path, &world);
     for (int k = 0; k < 2; k++) CHECK(synth_fish_near(&o, &world, &path, 2 + k, at[k]) == 9);
     for (int i = 0; i < 6; i++) { /* those born for views 2 and 3 are in both lists */
@@ -412,6 +412,93 @@ TEST(synth_fish_swim_between_photographs_in_front_of_the_ground)
     synth_path_free(&path);
 }
 
+/* The farthest over the nearest depth of a view. */
+static double synth_test_depth_ratio(const synth_options *o, const char *name)
+{
+    float *depth = synth_test_depth(o, name);
+    double least = 1e9, most = 0;
+    for (int i = 0; depth && i < o->width * o->height; i++)
+        if (depth[i] > 0) least = synth_min(least, depth[i]), most = synth_max(most, depth[i]);
+    free(depth);
+    return most / least;
+}
+
+TEST(synth_rov_looks_ahead_over_depths_of_one_to_ten_clear_of_the_ground)
+{
+    synth_options      o      = synth_test_options("rov");
+    struct synth_path  path   = {0};
+    struct synth_world world  = {0};
+    struct colmap      survey = {0};
+    int                wide   = 0;
+    o.path = "rov", o.views = 6, o.width = 64, o.height = 42;
+    CHECK(synth_scene_of(&o) == SYNTH_RIDGE);
+    CHECK(synth_path_create(&o, &path) && synth_world_create(o.seed, path.half, path.wreck, SYNTH_RIDGE, &world));
+    synth_path_settle(&path, &world);
+    for (int i = 0; i < path.count; i++) {
+        const struct synth_camera *c = &path.camera[i];
+        CHECK(c->rotation[8] < 0 && c->rotation[8] > -0.6); /* the view direction's z: down, but less than 37 degrees */
+        CHECK(c->centre.z - synth_ground(&world, c->centre.x, c->centre.y) > 0.45);
+    }
+    synth_test_make(&o, &survey);
+    for (size_t v = 0; v < survey.image_count; v++) wide += synth_test_depth_ratio(&o, survey.names + survey.image[v].name) > 10;
+    CHECK(survey.image_count == 6 && wide >= 4);
+    colmap_free(test_ctx, &survey);
+    synth_world_free(&world);
+    synth_path_free(&path);
+}
+
+/* Steeper than the reef's 41 degrees, but not than what rays are told. */
+TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
+{
+    struct synth_world world   = {0};
+    double             steep   = 0;
+    int                through = 0;
+    CHECK(synth_world_create(1, 8, v3_of(7, 0, 0), SYNTH_RIDGE, &world));
+    for (int i = 0; i < 200; i++) {
+        const double y = 0.05 * i - 5, z = 0.3 + 0.005 * i;
+        const double range = synth_cast(&world, v3_of(-7, y, synth_ground(&world, -7, y) + z), v3_of(1, 0, 0), 14);
+        const v3     p     = v3_of(-7 + range, y, synth_ground(&world, -7, y) + z);
+        through += range < 0 || synth_distance(&world, p, NULL) > 0.02 || synth_distance(&world, p, NULL) < -0.05;
+        for (double x = -5; x < 1; x += 0.1)
+            steep = synth_max(steep, (synth_ground(&world, x + 0.1, y) - synth_ground(&world, x, y)) / 0.1);
+    }
+    CHECK(through == 0);
+    CHECK(steep > 1.2);
+    synth_world_free(&world);
+}
+
+/* Points within 4.2 m of the wreck, which is a small part of the area that is flown over. */
+static double synth_test_share_at_the_wreck(const char *name, const char *scene)
+{
+    synth_options       o = synth_test_options(name);
+    struct synth_path   path;
+    struct synth_world  world;
+    struct synth_points points;
+    struct synth_water  water = {.name = "none"};
+    size_t              near  = 0;
+    double              share;
+    o.scene = scene, o.views = 150, o.extent = 15, o.points = 2000, o.write_images = 0;
+    CHECK(synth_path_create(&o, &path));
+    CHECK(synth_world_create(o.seed, path.half, path.wreck, (enum synth_scene)synth_scene_of(&o), &world));
+    synth_path_settle(&path, &world);
+    CHECK_OK(synth_points_create(&o, &world, &path, &water, &points));
+    for (size_t i = 0; i < points.count; i++)
+        near += hypot(points.point[i].position.x - world.wreck.x, points.point[i].position.y - world.wreck.y) < 4.2;
+    CHECK(points.count > 1000);
+    share = (double)near / (double)points.count;
+    synth_points_free(&points);
+    synth_world_free(&world);
+    synth_path_free(&path);
+    return share;
+}
+
+TEST(synth_wreck_scene_has_most_of_its_points_on_the_wreck)
+{
+    const double reef = synth_test_share_at_the_wreck("reef", NULL), wreck = synth_test_share_at_the_wreck("wreck", "wreck");
+    CHECK(reef < 0.25);
+    CHECK(wreck > 0.5);
+}
+
 TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
 {
     char          error[300];
@@ -423,7 +510,11 @@ TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
     o      = synth_test_options("survey");
     o.path = "spiral";
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "lawnmower and orbit");
+    CHECK_TEXT(error, "lawnmower, orbit and rov");
+    o       = synth_test_options("survey");
+    o.scene = "cave";
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
+    CHECK_TEXT(error, "reef, wreck and ridge, not cave");
     o      = synth_test_options("survey");
     o.fish = 101;
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);

@@ -403,7 +403,7 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     task->predicted_peak    = cost.memory;
     task->predicted_seconds = job->survey.seconds; /* of one block: what was tried of the survey is not tried again */
     if (job->partition.block_count > 1 || !(job->survey.seconds > 0))
-        task->predicted_seconds = survey_seconds(job->ctx, scene, o, &cost);
+        task->predicted_seconds = survey_seconds(job->ctx, scene, o, &cost, NULL);
     job_limit_time(job, &task->train);
     return OXL_OK;
 }

@@ -1,6 +1,6 @@
 /* survey_report.c - what a survey holds, and what training it would take: the first message of `train`, the whole of `check`.
  *
- * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is predicted from steps that are tried (predict_time.c);
+ * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is extrapolated from steps that are timed (predict_time.c);
  * where that would take too long, and between blocks, from such arithmetic too.
  * Invariant: nothing here changes what is trained.
  */
@@ -16,6 +16,7 @@
 #define SURVEY_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
 #define SURVEY_SPLAT_BYTES     300.0  /* a Gaussian beside its parameters: projection, tile lists, gradient slots */
 #define SURVEY_PROGRAM_BYTES   4e7
+#define SURVEY_WITHIN          3.0 /* the factor to either side within which time by arithmetic is meant */
 
 static int survey_is_distorted(const struct colmap *c)
 {
@@ -79,13 +80,16 @@ static double survey_blocks(const oxl_job_options *o, size_t points)
 }
 
 OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                   const struct survey_cost *cost)
+                                   const struct survey_cost *cost, double range[2])
 {
-    const double blocks  = survey_blocks(o, oxl_scene_point_count(scene));
-    double       seconds = rehearse(ctx, scene, &o->train, cost->gaussians);
+    const double blocks   = survey_blocks(o, oxl_scene_point_count(scene));
+    const double limit    = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
+    const double all      = blocks > 1 ? blocks * (1 + o->refine) : 1;
+    double       timed[2] = {cost->seconds / SURVEY_WITHIN, cost->seconds * SURVEY_WITHIN};
+    double       seconds  = rehearse(ctx, scene, &o->train, cost->gaussians, timed);
     if (!(seconds > 0)) seconds = cost->seconds;
-    seconds *= blocks > 1 ? blocks * (1 + o->refine) : 1;
-    return o->train.max_seconds > 0 ? OXL_MIN(seconds, o->train.max_seconds) : seconds;
+    for (int i = 0; range && i < 2; i++) range[i] = OXL_MIN(timed[i] * all, limit);
+    return OXL_MIN(seconds * all, limit);
 }
 
 OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene)
@@ -112,7 +116,7 @@ static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_j
     cost           = survey_cost(ctx, &fitted, &load);
     s->gaussians   = cost.gaussians;
     s->memory      = cost.memory;
-    s->seconds     = survey_seconds(ctx, scene, &fitted, &cost);
+    s->seconds     = survey_seconds(ctx, scene, &fitted, &cost, s->seconds_range);
     s->memory_free = (double)os_memory_free();
 }
 
@@ -128,11 +132,13 @@ static void survey_say(oxl_survey *s, const char *format, ...)
     va_end(args);
 }
 
-static void survey_say_duration(oxl_survey *s, double seconds)
+/* "about 4 min (3 to 6)" */
+static void survey_say_duration(oxl_survey *s, double seconds, const double range[2])
 {
-    if (seconds < 90) survey_say(s, "%.0f s", seconds);
-    else if (seconds < 5400) survey_say(s, "%.0f min", seconds / 60);
-    else survey_say(s, "%.1f h", seconds / 3600);
+    const double      unit   = seconds < 90 ? 1 : seconds < 5400 ? 60 : 3600;
+    const char *const name   = seconds < 90 ? "s" : seconds < 5400 ? "min" : "h";
+    const int         digits = unit > 60;
+    survey_say(s, "about %.*f %s (%.*f to %.*f)", digits, seconds / unit, name, digits, range[0] / unit, digits, range[1] / unit);
 }
 
 static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
@@ -155,7 +161,7 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     survey_say(s, ", %.2f GB of memory", s->memory / 1e9);
     if (s->memory_free > 0) survey_say(s, " (%.1f GB free)", s->memory_free / 1e9);
     survey_say(s, ", ");
-    survey_say_duration(s, s->seconds);
+    survey_say_duration(s, s->seconds, s->seconds_range);
     survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
 }
 
@@ -261,7 +267,9 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"unusable", s->unusable},
                    {"predicted_gaussians", s->gaussians},
                    {"predicted_memory_bytes", s->memory},
-                   {"predicted_seconds", s->seconds}};
+                   {"predicted_seconds", s->seconds},
+                   {"predicted_seconds_least", s->seconds_range[0]},
+                   {"predicted_seconds_most", s->seconds_range[1]}};
     text_add(t, "{\n%s  \"cameras_text\": ", indent);
     text_add_json_string(t, s->cameras_text);
     for (size_t i = 0; i < OXL_COUNT(numbers); i++) {

@@ -1,0 +1,165 @@
+/* study_train.c - one training of a study, in a folder of its own, so that a study that was stopped resumes.
+ *
+ * Memory is counted by the allocator that the trainings get, one by one: the process's own peak never falls, and says nothing
+ * about a training that comes after a larger one. Counts stand in the folder's study.json for the processes that resume.
+ */
+#include "study.h"
+#include "synth.h" /* synth_file: files appear whole */
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+/* ---------------------------------------------------------------- memory, counted */
+
+struct study_head { /* stands before each allocation, and keeps it aligned to 16 bytes */
+    size_t size, unused[16 / sizeof(size_t) - 1];
+};
+
+static void *study_reallocate(void *user, void *old, size_t size)
+{
+    struct study_meter *s    = user;
+    struct study_head  *head = old ? (struct study_head *)old - 1 : NULL;
+    const size_t        had  = head ? head->size : 0;
+    if (size == 0) free(head);
+    else head = size > (size_t)-1 - sizeof *head ? NULL : realloc(head, size + sizeof *head);
+    if (size > 0 && !head) return NULL;
+    s->held = s->held - had + size;
+    if (s->held > s->peak) s->peak = s->held;
+    if (size == 0) return NULL;
+    head->size = size;
+    return head + 1;
+}
+
+static void study_pass_on(void *user, oxl_log_level level, const char *text)
+{
+    const struct study_meter *s = user;
+    if (s->options->log) s->options->log(s->options->user, level, text);
+}
+
+void study_log(struct study_meter *s, const char *text)
+{
+    study_pass_on(s, OXL_LOG_INFO, text);
+}
+
+oxl_result study_fail(struct study_meter *s, oxl_result rc, const char *what, const char *detail)
+{
+    snprintf(s->error, s->error_size, "%s%s", what, detail);
+    return rc;
+}
+
+oxl_result study_open(struct study_meter *s, const char *out)
+{
+    oxl_context_options own = *s->options;
+    oxl_result          rc;
+    own.reallocate = study_reallocate;
+    own.log        = study_pass_on;
+    own.user       = s;
+    if (strlen(out) > 900) return study_fail(s, OXL_ERR_USAGE, "the name of the folder is too long: ", out);
+    rc = oxl_context_create(&own, &s->ctx);
+    if (rc == OXL_OK) rc = oxl_make_folder(s->ctx, out);
+    return rc == OXL_OK ? rc : study_fail(s, rc, "", oxl_error_text(s->ctx));
+}
+
+/* ---------------------------------------------------------------- files */
+
+char *study_read(const char *folder, const char *name)
+{
+    char  path[1024], *text = calloc(1, 65536); /* figures come first, then views in any number */
+    FILE *file;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    file = fopen(path, "rb");
+    if (file && text) text[fread(text, 1, 65535, file)] = 0;
+    if (file) fclose(file);
+    else free(text), text = NULL;
+    return text;
+}
+
+oxl_result study_write(struct study_meter *s, const char *folder, const char *name, const struct study_text *t)
+{
+    struct synth_file file;
+    char              path[1024];
+    if (t->failed) return study_fail(s, OXL_ERR_MEMORY, "no memory for ", name);
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    synth_file_open(&file, path);
+    synth_file_bytes(&file, t->data, t->used);
+    return synth_file_close(&file) ? OXL_OK : study_fail(s, OXL_ERR_IO, "cannot write ", path);
+}
+
+/* ---------------------------------------------------------------- one training */
+
+static double study_cpu(void)
+{
+    return (double)clock() / CLOCKS_PER_SEC;
+}
+
+static int study_progress(void *user, const oxl_progress *p)
+{
+    struct study_meter *s = user;
+    const oxl_callback *c = s->callback;
+    if (!s->begun) {
+        s->begun  = p->iteration <= 1 && p->block == 0 ? 1 : 2;
+        s->cpu_at = study_cpu();
+    }
+    s->cpu = study_cpu() - s->cpu_at;
+    return c->progress ? c->progress(c->user, p) : 0;
+}
+
+/* Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
+static oxl_result study_note(struct study_meter *s, const char *folder, double value[STUDY_MEASURES])
+{
+    char             *before = study_read(folder, "study.json");
+    struct study_text t      = {0};
+    oxl_result        rc     = OXL_OK;
+    value[STUDY_MEMORY]      = json_number(before, "library_peak_bytes");
+    value[STUDY_CPU]         = json_number(before, "cpu_seconds");
+    free(before);
+    if (s->begun == 0) return OXL_OK;
+    if (s->begun == 1 || !(value[STUDY_MEMORY] > (double)s->peak)) value[STUDY_MEMORY] = (double)s->peak;
+    value[STUDY_CPU] = s->begun == 1 ? s->cpu : value[STUDY_CPU] + s->cpu;
+    study_add(&t, "{\n  \"library_peak_bytes\": %s", STUDY_FIXED(value[STUDY_MEMORY], 0));
+    if (!isnan(value[STUDY_CPU])) study_add(&t, ",\n  \"cpu_seconds\": %s", STUDY_FIXED(value[STUDY_CPU], 2));
+    study_add(&t, "\n}\n");
+    rc = study_write(s, folder, "study.json", &t);
+    free(t.data);
+    return rc;
+}
+
+static oxl_result study_read_metrics(struct study_meter *s, const char *folder, struct study_result *r)
+{
+    static const struct {
+        enum study_measure measure;
+        const char        *name;
+        int                of_depth; /* may be missing: no point lies in that third */
+    } fields[]          = {{STUDY_PSNR, "psnr", 0},      {STUDY_SSIM, "ssim", 0},           {STUDY_MS_SSIM, "ms_ssim", 0},
+                           {STUDY_NEAR, "near_psnr", 1}, {STUDY_MIDDLE, "mid_psnr", 1},     {STUDY_FAR, "far_psnr", 1},
+                           {STUDY_BYTES, "bytes", 0},    {STUDY_GAUSSIANS, "gaussians", 0}, {STUDY_SECONDS, "seconds", 0}};
+    char        *text   = study_read(folder, "metrics.json");
+    const double blocks = json_number(text, "blocks");
+    int          whole  = !isnan(blocks);
+    for (size_t i = 0; i < sizeof fields / sizeof *fields; i++) {
+        const double value          = json_number(fields[i].of_depth ? json_member(text, "by_depth") : text, fields[i].name);
+        r->value[fields[i].measure] = value;
+        whole                       = whole && (fields[i].of_depth || !isnan(value));
+    }
+    r->blocks   = whole ? (int)blocks : 0;
+    r->held_out = text && strstr(text, "\"split\": \"test\"") != NULL;
+    free(text);
+    return whole ? OXL_OK : study_fail(s, OXL_ERR_INPUT, "no whole metrics.json of a training in ", folder);
+}
+
+oxl_result study_train(struct study_meter *s, const char *scene, const char *folder, const oxl_job_options *job,
+                       struct study_result *out)
+{
+    const oxl_callback callback = {study_progress, s};
+    oxl_result         rc, noted;
+    *out     = (struct study_result){.blocks = 0};
+    s->peak  = s->held;
+    s->begun = 0;
+    rc       = oxl_job_run(s->ctx, scene, folder, job, &callback);
+    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return study_fail(s, rc, "", oxl_error_text(s->ctx));
+    noted = study_note(s, folder, out->value);
+    if (rc != OXL_OK || noted != OXL_OK) return rc != OXL_OK ? rc : noted;
+    return study_read_metrics(s, folder, out);
+}
