@@ -249,18 +249,6 @@ TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
     reference_free(test_ctx, &r);
 }
 
-/* |a - b| / |b| over all planes; sum is that of `count` gradients. */
-static double gradient_distance(const double *sum, int count, const oxl_model *b)
-{
-    double above = 0, below = 0;
-    for (int k = 0; k < oxl_model_planes(b); k++)
-        for (size_t i = 0; i < b->count; i++) {
-            const double wanted = b->plane[k][i], d = sum[(size_t)k * b->count + i] / count - wanted;
-            above += d * d, below += wanted * wanted;
-        }
-    return sqrt(above / below);
-}
-
 TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
 {
     const oxl_camera      camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
