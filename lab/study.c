@@ -174,8 +174,17 @@ static oxl_result study_train_in(struct study *s, int row, int seed, int trial, 
     return study_train(&s->meter, s->options->scene, folder, &job, out);
 }
 
+/* The count is near a power of the threshold: a secant step in logarithms. off: log of count over the wanted one, of k + 1 trials. */
+static double study_next(const double *threshold, const double *off, int k)
+{
+    double slope = STUDY_SLOPE;
+    if (k > 0 && threshold[k] != threshold[k - 1])
+        slope = fmin(-0.2, fmax(-3, (off[k] - off[k - 1]) / (threshold[k] - threshold[k - 1])));
+    return threshold[k] - off[k] / slope;
+}
+
 /* A control: the densify threshold, the same at all depths, is moved until as many Gaussians come out as in the row `like`. The
- * count is near a power of the threshold: each trial is a secant step in logarithms. The nearest trial counts. */
+ * nearest trial counts. */
 static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
 {
     const double wanted = s->value[study_place(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];
@@ -184,15 +193,12 @@ static oxl_result study_train_equal(struct study *s, int row, int seed, struct s
     if (!(s->threshold[row] > 0)) s->threshold[row] = STUDY_GUESS * s->base.train.densify_gradient;
     for (int k = 0; k < STUDY_TRIALS && least > STUDY_ALIKE && rc == OXL_OK; k++) {
         struct study_result r;
-        double              slope = STUDY_SLOPE;
-        rc                        = study_train_in(s, row, seed, k, &r);
+        rc = study_train_in(s, row, seed, k, &r);
         if (rc != OXL_OK) return rc;
         threshold[k] = log(s->threshold[row]);
         off[k]       = log(fmax(1, r.value[STUDY_GAUSSIANS]) / fmax(1, wanted));
         if (fabs(off[k]) < least) least = fabs(off[k]), found = s->threshold[row], *out = r;
-        if (k > 0 && threshold[k] != threshold[k - 1])
-            slope = fmin(-0.2, fmax(-3, (off[k] - off[k - 1]) / (threshold[k] - threshold[k - 1])));
-        s->threshold[row] = exp(threshold[k] - off[k] / slope);
+        s->threshold[row] = exp(study_next(threshold, off, k));
     }
     s->threshold[row] = found;
     return rc;

@@ -162,7 +162,7 @@ static void plot_draw(struct study_text *t, struct plot *p)
 
 static struct plot plot_of_rows(const struct study *s, enum study_measure cost, double scale, const char *x_title, double left)
 {
-    struct plot p = {.title   = "Training",
+    struct plot p = {.title   = cost == STUDY_CPU ? "Time" : "Size",
                      .x_title = x_title,
                      .y_title = s->held_out ? "PSNR of held-out views, dB" : "PSNR of training views, dB",
                      .left    = left};

@@ -354,6 +354,21 @@ TEST(study_refuses_rows_and_seeds_that_make_no_sense)
     CHECK(study_test_run(tradeoff_run, "coarse-0.5,coarse-0.5", 1, error) == OXL_ERR_USAGE);
 }
 
+TEST(study_finds_the_threshold_of_an_equal_count_in_a_few_trials)
+{
+    for (double power = -2; power < -0.4; power += 0.5) /* of the count over the threshold */
+        for (double wanted = 0.5; wanted < 4; wanted *= 1.5) {
+            double threshold[STUDY_TRIALS], off[STUDY_TRIALS], least = HUGE_VAL, next = log(STUDY_GUESS);
+            for (int k = 0; k < STUDY_TRIALS; k++) {
+                threshold[k] = next;
+                off[k]       = power * threshold[k] - log(wanted);
+                least        = fmin(least, fabs(off[k]));
+                next         = study_next(threshold, off, k);
+            }
+            CHECK(least < STUDY_ALIKE);
+        }
+}
+
 /* ---------------------------------------------------------------- trainings */
 
 /* A survey of the training tests on disk would be long; a job that is finished is only read: metrics.json decides what is found. */
