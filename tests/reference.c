@@ -14,7 +14,6 @@
 #define real_least            real_least_f64
 #define muladd                muladd_f64
 #define real_exp2             real_exp2_f64
-#define real_exp2_raster       real_exp2_raster_f64
 #define real_exp              real_exp_f64
 #define real_log2             real_log2_f64
 #define vec3                  vec3_f64
@@ -393,7 +392,6 @@ OXL_INTERNAL void reference_score(struct reference *r, const double *drgb, doubl
 #undef real_least
 #undef muladd
 #undef real_exp2
-#undef real_exp2_raster
 #undef real_exp
 #undef real_log2
 #undef vec3

@@ -474,14 +474,6 @@ TEST(base_instruction_set_differs_by_rounding_alone)
     raster_result_free(&base);
 }
 
-TEST(the_rasterizers_power_of_two_is_off_by_no_more_than_it_says)
-{
-    double most = 0;
-    for (double x = -120; x <= 1; x += 1.0 / 1024) most = OXL_MAX(most, fabs(real_exp2_raster(1, (float)x) / exp2(x) - 1));
-    CHECK(most > 2.5e-6 && most < 3.1e-6);
-    CHECK(real_exp2_raster(1, 0) == 1 && real_exp2_raster(1, -7) == 1.0f / 128);
-}
-
 /* One lobed row that nobody sees sends the whole picture through the passes for mixed batches. */
 TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
 {

@@ -113,24 +113,6 @@ SIMD_INLINE real real_exp2(const int fused, real x)
 #endif
 }
 
-/* The same with a polynomial of degree 4, for the rasterizer: relative error 2.9e-6, exact at 0. It saves half of what degree 3 does
- * over degree 5, at a 26th of its error (docs/log/SPEED.md). */
-SIMD_INLINE real real_exp2_raster(const int fused, real x)
-{
-#ifdef OXL_REFERENCE
-    return real_exp2(fused, x);
-#else
-    const float shifted = x + REAL_SHIFT;
-    const float f       = x - (shifted - REAL_SHIFT);
-    float       p       = 0.00958287966f;
-    p                   = muladd(fused, p, f, 0.0559064934f);
-    p                   = muladd(fused, p, f, 0.240240986f);
-    p                   = muladd(fused, p, f, 0.693124186f);
-    p                   = muladd(fused, p, f, 1.0f);
-    return real_shifted(p, shifted);
-#endif
-}
-
 /* e^x, clamped to the range of normal numbers. Relative error 2e-7 in float where the target fuses. */
 SIMD_INLINE real real_exp(const int fused, real x)
 {

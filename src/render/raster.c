@@ -198,7 +198,7 @@ SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, rea
 {
     const real dy = y - s->v, w = muladd(fused, s->k, dy, x - s->u);
     const real exponent = muladd(fused, s->a * w, w, muladd(fused, s->e * dy, dy, s->peak));
-    const real g        = real_exp2_raster(fused, exponent);
+    const real g        = real_exp2(fused, exponent);
     const real value    = real_least(g, ALPHA_MAX);
     return exponent >= least ? value : 0;
 }
