@@ -40,10 +40,10 @@ VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
 SOURCES := $(wildcard oceanxl.[ch] src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
+OURS    := $(wildcard *.c *.h src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help man test extremes fuzz coverage mutate races portable demo setup bench cost floaters oracle shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help man test extremes fuzz coverage mutate races portable demo setup bench cost floaters oracle reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -107,6 +107,10 @@ sanitize: ## the library's tests under the address and undefined-behaviour sanit
 	$(MAKE) BUILD=$(BUILD)/sanitize CFLAGS='-O1 -g $(SANITIZE)' $(BUILD)/sanitize/test
 	ASAN_OPTIONS=detect_leaks=1 $(BUILD)/sanitize/test $(T)
 
+reference: $(BUILD)/splat ## the algorithm in one file, reference/splat.c: trains its scene, writes build/splat.ply and build/splat.ppm
+	cd $(BUILD) && ./splat
+$(BUILD)/splat: reference/splat.c reference/scene.h
+	$(CC) -O2 $< -o $@ -lm
 oracle: $(BUILD)/oracle ## build/oracle SCENE.txt OUT.txt: our kernels in the format of an independent implementation
 BENCH_OF := $(BUILD)/bench$(if $(filter vulkan,$(BACKEND)),_device)
 bench: $(BENCH_OF) ## time per stage of a training step, and pairs per second against the machine's ceiling; VULKAN=1 BACKEND=vulkan: a device's
