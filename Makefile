@@ -89,8 +89,8 @@ $(BUILD)/test_list.h: FORCE
 	@cmp -s $(BUILD)/test_list.new $@ || mv $(BUILD)/test_list.new $@
 
 TEST_FLAGS = $(if $(filter -O3,$(CFLAGS)),-O2 -g,$(CFLAGS))
-$(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(BUILD)/flags
-	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c -o $@ $(LIBS)
+$(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(BUILD)/tests/wide_splat.o $(BUILD)/flags
+	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c $(filter %.o,$^) -o $@ $(LIBS)
 
 coverage: ## lines and branches of src/ that the tests reach (gcov)
 	tests/coverage.sh

@@ -168,7 +168,7 @@ int project_forward(const struct gaussian *g, int degree, const struct camera *c
         ellipse_forward(s, k);
     }
     for (int a = 0; a < 2; a++)
-        if (s->half[a] <= fmax(0, fabs(s->centre[a] - cam->size[a] / 2.0) - cam->size[a] / 2.0)) return 0;
+        if (s->half[a] <= fmax(0, fabs(s->centre[a] - cam->size[a] / 2.0) - (cam->size[a] - 1) / 2.0)) return 0;
     return 1;
 }
 
