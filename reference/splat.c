@@ -126,14 +126,16 @@ void ellipse_forward(struct splat *s, int k) {
     s->half[0] = fmax(s->half[0], sqrt(reach * xx)), s->half[1] = fmax(s->half[1], sqrt(reach * yy));
 }
 
-/* K = V^-1 has dV = -K dK K; V = B B^T + LOW_PASS I has dB = 2 dV B. */
-void ellipse_backward(const struct splat *s, int k, const double dK[3], double dB[2][3]) {
-    const double A = s->conic[k][0], B = s->conic[k][1], C = s->conic[k][2];
-    const double dxx = -(A * A * dK[0] + A * B * dK[1] + B * B * dK[2]), dyy = -(B * B * dK[0] + B * C * dK[1] + C * C * dK[2]);
-    const double dxy = -(2 * A * B * dK[0] + (A * C + B * B) * dK[1] + 2 * B * C * dK[2]);
+/* K = V^-1 has dV = -K dK K, V = B B^T + LOW_PASS I has dB = 2 dV B. With U = K B that is dB = -2 K dK U; and since column j of B goes with
+ * s_j, s_j dL/ds_j = B_j . dB_j = -2 U_j . dK U_j. In this order the digits of a needle survive. */
+void ellipse_backward(const struct splat *s, int k, const double dK[3], double dB[2][3], double dlog_scale[3]) {
+    const double *K = s->conic[k];
     for (int j = 0; j < 3; j++) {
-        dB[0][j] = 2 * dxx * s->B[k][0][j] + dxy * s->B[k][1][j];
-        dB[1][j] = 2 * dyy * s->B[k][1][j] + dxy * s->B[k][0][j];
+        const double u = K[0] * s->B[k][0][j] + K[1] * s->B[k][1][j], v = K[1] * s->B[k][0][j] + K[2] * s->B[k][1][j];
+        const double pull_u = -2 * dK[0] * u - dK[1] * v,
+                     pull_v = -dK[1] * u - 2 * dK[2] * v; /* dK[1] stands in dK twice, as half */
+        dB[0][j] = K[0] * pull_u + K[1] * pull_v, dB[1][j] = K[1] * pull_u + K[2] * pull_v,
+        dlog_scale[j] = u * pull_u + v * pull_v;
     }
 }
 
@@ -174,20 +176,17 @@ int project_forward(const struct gaussian *g, int degree, const struct camera *c
 
 void project_backward(const struct gaussian *g, int degree, const struct camera *cam, const struct splat *s,
                       const struct splat *ds, struct gaussian *dg) {
-    double dd[3] = {0}, dQ[9] = {0}, dn[4], dT[2][3] = {{0}}, dp[3] = {0}, dB[2][3];
+    double dd[3] = {0}, dQ[9] = {0}, dn[4], dT[2][3] = {{0}}, dp[3] = {0}, dB[2][3], dlog_scale[3];
     colour_backward(g->sh, degree, s, ds, dg->sh, dd);
     unit_backward(s->d, s->distance, dd, dg->mean, 3);
     for (int k = 0; k < s->lobes; k++) { /* o' = o sigmoid(a), s' = s exp(b): what pulls at them pulls at o and s as well */
         const double pull = ds->opacity[k] * s->opacity[k];
         dg->logit += pull * sigmoid(-g->logit), dg->lobe[0] += k * pull * sigmoid(-g->lobe[0]);
-        ellipse_backward(s, k, ds->conic[k], dB);
+        ellipse_backward(s, k, ds->conic[k], dB, dlog_scale);
+        for (int j = 0; j < 3; j++) dg->log_scale[j] += dlog_scale[j], dg->lobe[1 + j] += k * dlog_scale[j];
         for (int i = 0; i < 18; i++) { /* B_aj = sum_i T_ai Q_ij s_j */
             dT[i / 9][i / 3 % 3] += dB[i / 9][i % 3] * s->Q[i % 9] * s->scale[k][i % 3];
             dQ[i % 9] += dB[i / 9][i % 3] * s->T[i / 9][i / 3 % 3] * s->scale[k][i % 3];
-        }
-        for (int i = 0; i < 6; i++) { /* s d/ds = d/d(log s) */
-            dg->log_scale[i % 3] += dB[i / 3][i % 3] * s->B[k][i / 3][i % 3];
-            dg->lobe[1 + i % 3] += k * dB[i / 3][i % 3] * s->B[k][i / 3][i % 3];
         }
     }
     for (int k = 0; k < 4; k++) dn[k] = 2 * dot(s->D[k], dQ, 9);
