@@ -40,10 +40,10 @@ VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
 SOURCES := $(wildcard oceanxl.[ch] src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c)
+OURS    := $(wildcard *.c *.h src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help man test extremes fuzz coverage mutate races portable demo setup bench cost floaters oracle shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help man test extremes fuzz coverage mutate races portable demo setup bench cost floaters reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -89,8 +89,8 @@ $(BUILD)/test_list.h: FORCE
 	@cmp -s $(BUILD)/test_list.new $@ || mv $(BUILD)/test_list.new $@
 
 TEST_FLAGS = $(if $(filter -O3,$(CFLAGS)),-O2 -g,$(CFLAGS))
-$(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(BUILD)/flags
-	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c -o $@ $(LIBS)
+$(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(BUILD)/tests/wide_splat.o $(BUILD)/flags
+	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c $(filter %.o,$^) -o $@ $(LIBS)
 
 coverage: ## lines and branches of src/ that the tests reach (gcov)
 	tests/coverage.sh
@@ -107,7 +107,10 @@ sanitize: ## the library's tests under the address and undefined-behaviour sanit
 	$(MAKE) BUILD=$(BUILD)/sanitize CFLAGS='-O1 -g $(SANITIZE)' $(BUILD)/sanitize/test
 	ASAN_OPTIONS=detect_leaks=1 $(BUILD)/sanitize/test $(T)
 
-oracle: $(BUILD)/oracle ## build/oracle SCENE.txt OUT.txt: our kernels in the format of an independent implementation
+reference: $(BUILD)/splat ## the algorithm in one file, reference/splat.c: trains its scene, writes build/splat.ply and build/splat.ppm
+	cd $(BUILD) && ./splat
+$(BUILD)/splat: reference/splat.c reference/scene.h
+	$(CC) -O2 $< -o $@ -lm
 BENCH_OF := $(BUILD)/bench$(if $(filter vulkan,$(BACKEND)),_device)
 bench: $(BENCH_OF) ## time per stage of a training step, and pairs per second against the machine's ceiling; VULKAN=1 BACKEND=vulkan: a device's
 	$(BENCH_OF) $(BENCH)
@@ -140,11 +143,10 @@ cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians,
 floaters: $(BUILD)/floaters ## build/floaters PICTURES SURVEY: what hangs in a model's pictures that is not in a synthetic survey (docs/log/ROBUST.md)
 $(BUILD)/floaters: SOURCE = bench/floaters.c
 $(BUILD)/cost: SOURCE = bench/cost.c
-$(BUILD)/oracle: SOURCE = tests/oracle.c
 $(BUILD)/bench: SOURCE = bench/bench.c
 $(BUILD)/bench_device: SOURCE = bench/device.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
-$(BUILD)/oracle $(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters: tests/oracle.c bench/bench.c \
+$(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters: bench/bench.c \
   bench/device.c bench/cost.c tests/extremes.c bench/floaters.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
 

@@ -66,7 +66,7 @@ const char *test_folder(void);
 const char *test_path(const char *name);
 /* Writes a text file into the test's folder (parents are made) and returns its path. */
 const char *test_write(const char *name, const char *text);
-/* Path of the oracle and data folders beside the project, or NULL when they are not there: then SKIP. */
+/* Path of the folder of surveys beside the project, or NULL when it is not there: then SKIP. */
 const char *test_shared(const char *name);
 
 #endif

@@ -1,0 +1,602 @@
+/* test_reference.c - the kernels against reference/splat.c, an independent implementation in double: image, loss, every gradient, the
+ * optimizer's step and the decisions of density control.
+ *
+ * Pixels in which a decision hangs by a thread (splat_fragile) have no gradient and are left out of images: float may decide the other way.
+ * Errors are shares of the largest value of a plane. Bounds are about four times what was measured.
+ */
+#include "wide.h"
+
+/* ---------------------------------------------------------------- scenes */
+
+struct reference_scene {
+    const char *what;
+    void (*make)(struct wide *w, double value); /* changes the mixed scene */
+    double value;
+    int    width, height, count, lobes, degree;
+};
+
+#define REFERENCE_IMAGE    8e-6 /* bounds: of images, in full white or the largest value; */
+#define REFERENCE_GRADIENT 2e-4 /* of gradients, see reference_gradient_error */
+
+static double reference_random(size_t i, size_t k)
+{
+    return 2 * random_unit(random_bits(41, i, k)) - 1;
+}
+
+/* Gaussians of all sizes and shapes, before a camera that is turned and looks past their middle; odd principal point. */
+static void reference_mixed(const struct reference_scene *e, struct wide *w)
+{
+    oxl_camera c = {e->width, e->height, 58, 61, e->width * 0.46, e->height * 0.55, {0}, {0.1, -0.05, 3.2}};
+    camera_rotation_from_quaternion((double[4]){0.95, 0.1, -0.15, 0.2}, c.rotation);
+    wide_create(w, &c, (size_t)e->count, (size_t)e->lobes, e->degree);
+    for (int ch = 0; ch < 3; ch++) w->background[ch] = 0.25f * (float)(ch + 1);
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
+            const double u = reference_random(i, (size_t)k);
+            w->plane[k][i] = k < OXL_LOG_SCALE  ? 1.5 * u
+                             : k < OXL_ROTATION ? -2.2 + 1.2 * u
+                             : k < OXL_OPACITY  ? u
+                             : k < OXL_SH       ? 3 * u
+                             : k < OXL_SH + 3   ? 0.3 + u
+                             : k < OXL_LOBE     ? 0.3 * u
+                             : k == OXL_LOBE    ? -0.5 + 2 * u
+                                                : 0.2 + 0.7 * u;
+        }
+}
+
+static void reference_as_it_is(struct wide *w, double value)
+{
+    (void)w, (void)value;
+}
+
+static void reference_fill(struct wide *w, int first, int end, double mean, double spread)
+{
+    for (int k = first; k < end; k++)
+        for (size_t i = 0; i < w->count; i++) w->plane[k][i] = mean + spread * reference_random(i, (size_t)k + 100);
+}
+
+/* log_scale */
+static void reference_size(struct wide *w, double log_scale)
+{
+    reference_fill(w, OXL_LOG_SCALE, OXL_ROTATION, log_scale, 0.3);
+}
+
+/* Needles and plates: one axis, or one of the others, is so much thinner. */
+static void reference_thin(struct wide *w, double ratio)
+{
+    for (size_t i = 0; i < w->count; i++)
+        for (int a = 0; a < 3; a++) w->plane[OXL_LOG_SCALE + a][i] = (i % 3 == (size_t)a) == i % 2 ? -log(ratio) : -0.5;
+}
+
+static void reference_opacity(struct wide *w, double logit)
+{
+    reference_fill(w, OXL_OPACITY, OXL_SH, logit, 0.2);
+}
+
+/* Some behind the camera, some on either side of its near plane; small, or they would fill the image. */
+static void reference_near(struct wide *w, double spread)
+{
+    const double *r = w->camera.rotation, *t = w->camera.translation;
+    reference_size(w, -4);
+    for (size_t i = 0; i < w->count; i++) {
+        const double z    = w->near_plane + spread * reference_random(i, 7),
+                     q[3] = {0.3 * w->plane[0][i] * z, 0.3 * w->plane[1][i] * z, z};
+        for (int a = 0; a < 3; a++) w->plane[a][i] = r[a] * (q[0] - t[0]) + r[3 + a] * (q[1] - t[1]) + r[6 + a] * (q[2] - t[2]);
+    }
+}
+
+/* Centres far to the side, past the clamp of the Jacobian, and so wide that they reach into the image. */
+static void reference_aside(struct wide *w, double slope)
+{
+    camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, w->camera.rotation);
+    reference_size(w, log(slope) + 0.3);
+    for (size_t i = 0; i < w->count; i++) w->plane[OXL_MEAN + i % 2][i] += (i % 4 < 2 ? 3.2 : -3.2) * slope * (i % 2 ? 0.7 : 1);
+}
+
+/* Second lobes that take away more than is there, around each centre: alpha is negative, T grows past 16. */
+static void reference_dark(struct wide *w, double log_factor)
+{
+    for (size_t i = 0; i < w->lobes; i++) {
+        w->plane[OXL_MEAN][i] *= 0.1, w->plane[OXL_MEAN + 1][i] *= 0.1;
+        w->plane[OXL_LOBE][i] = 4;
+        for (int a = 1; a < 4; a++) w->plane[OXL_LOBE + a][i] = log_factor;
+    }
+    reference_opacity(w, 1.5);
+}
+
+static void reference_colour(struct wide *w, double mean)
+{
+    reference_fill(w, OXL_SH, OXL_SH + 3, mean, 1);
+}
+
+static void reference_quaternion(struct wide *w, double length)
+{
+    for (int k = OXL_ROTATION; k < OXL_OPACITY; k++)
+        for (size_t i = 0; i < w->count; i++) w->plane[k][i] *= length;
+}
+
+/* One behind the other, most of them never seen: pixels end. */
+static void reference_layers(struct wide *w, double logit)
+{
+    reference_size(w, -0.5);
+    reference_opacity(w, logit);
+}
+
+static const struct reference_scene REFERENCE_SCENES[] = {
+    {"mixed, degree 0", reference_as_it_is, 0, 64, 48, 200, 0, 0},
+    {"mixed, degree 1", reference_as_it_is, 0, 61, 47, 200, 0, 1},
+    {"mixed, degree 2", reference_as_it_is, 0, 64, 48, 200, 0, 2},
+    {"mixed, degree 3", reference_as_it_is, 0, 33, 70, 200, 0, 3},
+    {"every second with a second lobe", reference_as_it_is, 0, 64, 48, 200, 100, 1},
+    {"all with a second lobe", reference_as_it_is, 0, 50, 40, 200, 200, 3},
+    {"one pixel", reference_as_it_is, 0, 1, 1, 100, 50, 1},
+    {"a column of pixels", reference_as_it_is, 0, 1, 90, 100, 50, 1},
+    {"a row of pixels", reference_as_it_is, 0, 90, 1, 100, 50, 1},
+    {"tiny", reference_size, -9, 64, 48, 200, 50, 1},
+    {"huge", reference_size, 4, 64, 48, 60, 20, 1},
+    {"needles and plates", reference_thin, 1e4, 64, 48, 100, 30, 1},
+    {"opaque", reference_opacity, 12, 64, 48, 100, 30, 1},
+    {"about as faint as can be seen", reference_opacity, -5.5, 64, 48, 200, 30, 1},
+    {"at the near plane", reference_near, 0.1, 64, 48, 200, 50, 2},
+    {"past the clamp of the Jacobian", reference_aside, 1.5, 64, 48, 60, 20, 1},
+    {"alpha is negative", reference_dark, 0.6, 64, 48, 60, 40, 0},
+    {"colours about black", reference_colour, -1.7, 64, 48, 200, 0, 2},
+    {"long quaternions", reference_quaternion, 1e6, 64, 48, 100, 0, 0},
+    {"short quaternions", reference_quaternion, 1e-6, 64, 48, 100, 30, 0},
+    {"pixels that end", reference_layers, 1, 64, 48, 200, 60, 1},
+};
+
+/* What the float kernels will read is what the reference reads. */
+static void reference_make(const struct reference_scene *e, struct wide *w)
+{
+    reference_mixed(e, w);
+    e->make(w, e->value);
+    w->near_plane = (float)w->near_plane;
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) w->plane[k][i] = (float)w->plane[k][i];
+}
+
+static void reference_to_model(const struct wide *w, oxl_model *m)
+{
+    CHECK_OK(oxl_model_create(test_ctx, w->count, w->sh_degree, m));
+    CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) m->plane[k][i] = (float)w->plane[k][i];
+}
+
+/* ---------------------------------------------------------------- reference/splat.c itself */
+
+static double reference_weight(size_t i)
+{
+    return reference_random(i, 1000);
+}
+
+static double reference_dot(struct wide *w)
+{
+    double sum = 0;
+    splat_forward(w);
+    for (size_t i = 0; i < 3 * (size_t)w->camera.width * (size_t)w->camera.height; i++) sum += reference_weight(i) * w->rgb[i];
+    return sum;
+}
+
+/* Wide soft Gaussians, so that no decision lies near and the image is smooth in every parameter. */
+static void reference_smooth(struct wide *w, double spread)
+{
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
+            const double u = reference_random(i, (size_t)k);
+            w->plane[k][i] = k < OXL_LOG_SCALE  ? spread * u
+                             : k < OXL_ROTATION ? 0.5 + 0.3 * u
+                             : k < OXL_OPACITY  ? u + (k == OXL_ROTATION)
+                             : k < OXL_SH       ? -1 + 0.5 * u
+                             : k < OXL_SH + 3   ? 0.5 + 0.5 * u
+                             : k < OXL_LOBE     ? 0.1 * u
+                             : k == OXL_LOBE    ? -1 + 0.3 * u
+                                                : 0.3 * u;
+        }
+}
+
+/* Central differences of fourth order, for every parameter. */
+static void reference_check_differences(struct wide *w, double bound)
+{
+    const size_t values = 3 * (size_t)w->camera.width * (size_t)w->camera.height;
+    double      *drgb   = wide_array(values);
+    for (size_t i = 0; i < values; i++) drgb[i] = reference_weight(i);
+    splat_forward(w);
+    for (size_t i = 0; i < w->count; i++) CHECK(w->inside[i] > 0);
+    splat_backward(w, drgb);
+    for (int k = 0; k < OXL_PLANES; k++) {
+        double worst = 0, largest = 0;
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
+            const double h = 1e-3;
+            double      *x = &w->plane[k][i], was = *x, f[4];
+            for (int n = 0; n < 4; n++) *x = was + h * (n < 2 ? n - 2 : n - 1), f[n] = reference_dot(w);
+            *x      = was;
+            worst   = OXL_MAX(worst, fabs((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h) - w->gradient[k][i]));
+            largest = OXL_MAX(largest, fabs(w->gradient[k][i]));
+        }
+        CHECK_CLOSE(worst, 0, bound * largest);
+    }
+    free(drgb);
+}
+
+TEST(reference_gradients_agree_with_finite_differences)
+{
+    const struct reference_scene scene = {"", reference_as_it_is, 0, 14, 11, 6, 4, 3};
+    struct wide                  w;
+    reference_mixed(&scene, &w);
+    w.camera.fx = 12, w.camera.fy = 13;
+    reference_smooth(&w, 0.3);
+    reference_check_differences(&w, 1e-7);
+    wide_free(&w);
+}
+
+/* A field of view so narrow that most centres lie past the clamp of the Jacobian. */
+TEST(reference_gradients_are_exact_where_the_jacobian_is_clamped)
+{
+    const struct reference_scene scene = {"", reference_as_it_is, 0, 14, 11, 5, 2, 1};
+    struct wide                  w;
+    reference_mixed(&scene, &w);
+    w.camera.fx = w.camera.fy = 150;
+    reference_smooth(&w, 1.5);
+    reference_check_differences(&w, 1e-6);
+    wide_free(&w);
+}
+
+TEST(reference_training_lowers_the_loss)
+{
+    const struct reference_scene scene = {"", reference_as_it_is, 0, 48, 36, 60, 0, 0},
+                                 other = {"", reference_as_it_is, 0, 48, 36, 60, 20, 0};
+    struct wide truth, start;
+    reference_mixed(&scene, &truth);
+    reference_mixed(&other, &start);
+    for (int k = OXL_SH; k < OXL_SH + 3; k++)
+        for (size_t i = 0; i < start.count; i++) start.plane[k][i] = 0;
+    CHECK(splat_train(&truth, &start, 300) < 0.4);
+    wide_free(&truth);
+    wide_free(&start);
+}
+
+/* ---------------------------------------------------------------- images and gradients */
+
+/* The largest difference outside of fragile pixels, as a share of the largest value. */
+static double reference_image_error(const struct wide *w, const oxl_image *image, const char *fragile)
+{
+    const int n     = w->camera.width * w->camera.height;
+    double    worst = 0, largest = 1;
+    for (int i = 0; i < 3 * n; i++) {
+        if (!fragile[i % n] && !(fabs(image->rgb[i] - w->rgb[i]) <= worst)) worst = fabs(image->rgb[i] - w->rgb[i]);
+        largest = OXL_MAX(largest, w->rgb[i]);
+    }
+    return worst / largest;
+}
+
+/* The largest difference of a plane as a share of its largest value, but for what is a hundredth of the largest of all: there float's
+ * noise shows. */
+static double reference_gradient_error(const struct wide *w, const oxl_model *gradient)
+{
+    double worst[OXL_PLANES] = {0}, largest[OXL_PLANES] = {0}, all = 1e-30, error = 0;
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) {
+            const double off = fabs(gradient->plane[k][i] - w->gradient[k][i]);
+            if (!(off <= worst[k])) worst[k] = off; /* not a number counts */
+            largest[k] = OXL_MAX(largest[k], fabs(w->gradient[k][i]));
+            all        = OXL_MAX(all, largest[k]);
+        }
+    for (int k = 0; k < OXL_PLANES; k++) {
+        const double e = worst[k] / OXL_MAX(largest[k], 0.01 * all);
+        if (!(e <= error)) error = e;
+    }
+    return error;
+}
+
+/* A scene, drawn and differentiated by splat.c, and what the kernels take. */
+struct reference_case {
+    struct wide        w;
+    oxl_model          m;
+    oxl_render_options options;
+    char              *fragile; /* (H,W) */
+    float             *drgb;    /* (3,H,W) dL/d(image): 0 in fragile pixels */
+    size_t             solid;   /* pixels that are not */
+};
+
+static void reference_open(const struct reference_scene *e, struct reference_case *c)
+{
+    const size_t pixels = (size_t)e->width * (size_t)e->height;
+    double      *wide   = wide_array(3 * pixels);
+    c->fragile          = malloc(pixels);
+    c->drgb             = malloc(3 * pixels * sizeof *c->drgb);
+    c->options          = oxl_render_options_default();
+    c->solid            = 0;
+    if (!c->fragile || !c->drgb) abort();
+    reference_make(e, &c->w);
+    reference_to_model(&c->w, &c->m);
+    for (int ch = 0; ch < 3; ch++) c->options.background[ch] = (float)c->w.background[ch];
+    c->options.near_plane = (float)c->w.near_plane;
+    splat_fragile(&c->w, c->fragile);
+    for (size_t i = 0; i < pixels; i++) c->solid += !c->fragile[i];
+    for (size_t i = 0; i < 3 * pixels; i++) wide[i] = c->drgb[i] = c->fragile[i % pixels] ? 0 : (float)reference_weight(i);
+    splat_forward(&c->w);
+    splat_backward(&c->w, wide);
+    free(wide);
+}
+
+static void reference_close(struct reference_case *c)
+{
+    wide_free(&c->w);
+    oxl_model_free(test_ctx, &c->m);
+    free(c->fragile), free(c->drgb);
+}
+
+TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
+{
+    for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
+        const struct reference_scene *e = &REFERENCE_SCENES[n];
+        struct reference_case         c;
+        oxl_model                     gradient;
+        oxl_image                     image;
+        double                        drawn, derived;
+        reference_open(e, &c);
+        CHECK_OK(oxl_render(test_ctx, &c.m, &c.w.camera, &c.options, &image, NULL));
+        CHECK_OK(oxl_render_backward(test_ctx, &c.m, &c.w.camera, &c.options, c.drgb, &gradient));
+        drawn   = reference_image_error(&c.w, &image, c.fragile);
+        derived = reference_gradient_error(&c.w, &gradient);
+        if (!(drawn <= REFERENCE_IMAGE && derived <= REFERENCE_GRADIENT && 2 * c.solid > (size_t)(e->width * e->height))) {
+            test_failed++;
+            printf("  %s: image %.1e, gradient %.1e, %zu solid pixels\n", e->what, drawn, derived, c.solid);
+        }
+        oxl_model_free(test_ctx, &gradient);
+        oxl_image_free(test_ctx, &image);
+        reference_close(&c);
+    }
+}
+
+/* What density control and the step of rows in view go by. A row whose box ends within 0.1 px of the outermost pixel centres may be either:
+ * the kernels' boxes are a little wider than the contour. */
+TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
+{
+    for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
+        struct reference_case c;
+        struct renderer      *r;
+        oxl_model             gradient;
+        double                worst = 0, largest = 1e-30;
+        int                   other = 0;
+        reference_open(&REFERENCE_SCENES[n], &c);
+        reference_to_model(&c.w, &gradient);
+        CHECK_OK(renderer_create(test_ctx, &r));
+        CHECK_OK(renderer_forward(test_ctx, r, &c.m, &c.w.camera, &c.options));
+        CHECK_OK(renderer_backward(test_ctx, r, c.drgb, &gradient));
+        for (size_t i = 0; i < c.w.count; i++) {
+            const double length = renderer_saw(r, i) ? renderer_mean_gradient(r, i) : 0;
+            other += fabs(c.w.inside[i]) > 0.1 && renderer_saw(r, i) != (c.w.inside[i] > 0);
+            worst   = OXL_MAX(worst, fabs(length - c.w.dmean2d[i]));
+            largest = OXL_MAX(largest, c.w.dmean2d[i]);
+        }
+        CHECK(other == 0);
+        CHECK_CLOSE(worst / largest, 0, REFERENCE_GRADIENT);
+        renderer_free(test_ctx, r);
+        oxl_model_free(test_ctx, &gradient);
+        reference_close(&c);
+    }
+}
+
+/* Half of them shorter than a float's inverse can say, which counts as unturned; the other half just long enough. */
+TEST(reference_rotations_of_the_shortest_quaternions_agree)
+{
+    const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, 100, 0, 0};
+    struct wide                  w, m_of;
+    oxl_model                    m;
+    oxl_image                    image;
+    char                         fragile[64 * 48];
+    oxl_render_options           options = oxl_render_options_default();
+    reference_mixed(&scene, &w);
+    reference_mixed(&scene, &m_of);
+    for (size_t i = 0; i < w.count; i++) {
+        double longest = 0;
+        for (int k = OXL_ROTATION; k < OXL_OPACITY; k++) longest = OXL_MAX(longest, fabs(w.plane[k][i]));
+        for (int k = OXL_ROTATION; k < OXL_OPACITY; k++) {
+            m_of.plane[k][i] *= (i % 2 ? 1.3e-38 : 1.1e-38) / longest;
+            if (i % 2 == 0) w.plane[k][i] = k == OXL_ROTATION;
+        }
+    }
+    reference_to_model(&m_of, &m);
+    splat_forward(&w);
+    splat_fragile(&w, fragile);
+    for (int c = 0; c < 3; c++) options.background[c] = (float)w.background[c];
+    CHECK_OK(oxl_render(test_ctx, &m, &w.camera, &options, &image, NULL));
+    CHECK_CLOSE(reference_image_error(&w, &image, fragile), 0, REFERENCE_IMAGE);
+    oxl_image_free(test_ctx, &image);
+    oxl_model_free(test_ctx, &m);
+    wide_free(&w);
+    wide_free(&m_of);
+}
+
+/* ---------------------------------------------------------------- the loss */
+
+static void reference_check_loss(int width, int height, double contrast, float weight)
+{
+    const size_t        n = 3 * (size_t)width * (size_t)height;
+    double             *x = wide_array(n), *y = wide_array(n), *dx = wide_array(n), value, worst = 0, largest = 0;
+    float              *narrow  = calloc(3 * n, sizeof *narrow);
+    struct loss_job     job     = {width, height, weight, narrow, narrow + n, NULL, narrow + 2 * n};
+    struct loss_scratch scratch = {0};
+    struct loss_value   out;
+    if (!narrow) abort();
+    for (size_t i = 0; i < n; i++) {
+        x[i] = narrow[i] = (float)(0.3 + 0.3 * contrast * reference_random(i, 50));
+        y[i] = narrow[n + i] = (float)(x[i] + 0.2 * contrast * reference_random(i, 51));
+    }
+    value = splat_loss(width, height, weight, x, y, dx);
+    CHECK_OK(loss_forward_backward(test_ctx, &job, &scratch, &out));
+    CHECK_CLOSE(out.total, value, 2e-6);
+    for (size_t i = 0; i < n; i++) {
+        worst   = OXL_MAX(worst, fabs(narrow[2 * n + i] - dx[i]));
+        largest = OXL_MAX(largest, fabs(dx[i]));
+    }
+    CHECK_CLOSE(worst, 0, 1e-4 * largest);
+    loss_free(test_ctx, &scratch);
+    free(x), free(y), free(dx), free(narrow);
+}
+
+TEST(reference_loss_and_its_gradient_agree)
+{
+    static const int size[][2] = {{64, 48}, {37, 29}, {1, 1}, {1, 40}, {40, 1}, {11, 11}, {130, 9}};
+    for (size_t i = 0; i < OXL_COUNT(size); i++) {
+        reference_check_loss(size[i][0], size[i][1], 1, 0.2f);
+        reference_check_loss(size[i][0], size[i][1], 0.1, 0.2f); /* where the constants of SSIM count */
+        reference_check_loss(size[i][0], size[i][1], 1, 0);
+        reference_check_loss(size[i][0], size[i][1], 1, 1);
+    }
+}
+
+/* ---------------------------------------------------------------- the optimizer */
+
+/* Through the renderer, as in a run: its bias corrections too. Gradients from 1e-16, where Adam's epsilon counts, to 1. */
+TEST(reference_steps_of_adam_agree)
+{
+    enum { STEPS = 60, ROWS = 60 };
+    const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, ROWS, 20, 0};
+    struct renderer_pace         pace  = {.beta = RENDERER_BETAS};
+    struct renderer_aside        aside;
+    struct renderer             *r;
+    struct reference_case        c;
+    oxl_model                    gradient, first, second;
+    static double                x[OXL_PLANES][ROWS], mean[OXL_PLANES][ROWS], square[OXL_PLANES][ROWS];
+    reference_open(&scene, &c);
+    reference_to_model(&c.w, &gradient);
+    reference_to_model(&c.w, &first);
+    reference_to_model(&c.w, &second);
+    memset(mean, 0, sizeof mean), memset(square, 0, sizeof square);
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(renderer_forward(test_ctx, r, &c.m, &c.w.camera, &c.options));
+    for (int k = 0; k < OXL_PLANES; k++) {
+        pace.rate[k] = (float)splat_learning_rate(k, 3, 0.5);
+        for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
+            x[k][i] = c.w.plane[k][i], first.plane[k][i] = second.plane[k][i] = 0;
+    }
+    for (pace.step = 1; pace.step <= STEPS; pace.step++) {
+        for (int k = 0; k < OXL_PLANES; k++)
+            for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) {
+                const double g       = 0.3 + reference_random(i, (size_t)(k + 100 * pace.step));
+                gradient.plane[k][i] = (float)(i % 2 ? g : g * exp(-(double)(i % 37)));
+                if (renderer_saw(r, i))
+                    splat_adam(&x[k][i], gradient.plane[k][i], pace.rate[k], pace.step, &mean[k][i], &square[k][i]);
+            }
+        CHECK_OK(renderer_step(test_ctx, r, &c.m, &gradient, &first, &second, &pace, &aside));
+    }
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
+            CHECK_CLOSE(c.m.plane[k][i], x[k][i], 1e-4 * STEPS * pace.rate[k] + 1e-5 * fabs(x[k][i]));
+    renderer_free(test_ctx, r);
+    oxl_model_free(test_ctx, &gradient);
+    oxl_model_free(test_ctx, &first);
+    oxl_model_free(test_ctx, &second);
+    reference_close(&c);
+}
+
+TEST(reference_learning_rates_are_the_papers)
+{
+    const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
+    CHECK_CLOSE(o.rate_mean_first / splat_learning_rate(OXL_MEAN, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.rate_mean_last / splat_learning_rate(OXL_MEAN, 1, 1), 1, 1e-6);
+    CHECK_CLOSE(o.rate_log_scale / splat_learning_rate(OXL_LOG_SCALE, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.rate_rotation / splat_learning_rate(OXL_ROTATION, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.rate_opacity / splat_learning_rate(OXL_OPACITY, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.rate_sh0 / splat_learning_rate(OXL_SH, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.rate_sh / splat_learning_rate(OXL_SH + 3, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(MODEL_LOBE_RATE_OPACITY / splat_learning_rate(OXL_LOBE, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(MODEL_LOBE_RATE_SCALE / splat_learning_rate(OXL_LOBE + 1, 1, 0), 1, 1e-6);
+    CHECK_CLOSE(o.ssim_weight, 0.2, 1e-7); /* Kerbl 2023 */
+}
+
+/* ---------------------------------------------------------------- density control */
+
+enum { REFERENCE_ROWS = 60 };
+
+/* All that opacity, scale and gradient can be together: a hundredth below and above each threshold, and away from it. */
+static void reference_density_rows(oxl_model *m, double extent, double *gradient)
+{
+    static const double opacities[3] = {0.99 * 0.005, 1.01 * 0.005, 0.5}, gradients[4] = {1e-5, 0.99 * 2e-4, 1.01 * 2e-4, 1e-3};
+    static const double scales[5] = {0.99 * 0.01, 1.01 * 0.01, 0.03, 0.99 * 0.1, 1.01 * 0.1};
+    CHECK_OK(oxl_model_create(test_ctx, REFERENCE_ROWS, 0, m));
+    for (int i = 0; i < REFERENCE_ROWS; i++) {
+        const double o = opacities[i % 3], scale = scales[i / 3 % 5] * extent;
+        gradient[i]              = gradients[i / 15];
+        m->plane[OXL_OPACITY][i] = (float)log(o / (1 - o));
+        for (int a = 0; a < 3; a++) {
+            m->plane[OXL_MEAN + a][i]      = (float)reference_random((size_t)i, (size_t)a);
+            m->plane[OXL_LOG_SCALE + a][i] = (float)log(a == i % 3 ? scale : 0.3 * scale);
+        }
+    }
+}
+
+/* Rows after density control, as the reference has it: children stand next to each other. */
+static void reference_check_children(const oxl_model *was, const oxl_model *is, const oxl_model *first, const double *gradient,
+                                     double extent, int was_reset)
+{
+    size_t at = 0;
+    for (size_t i = 0; i < REFERENCE_ROWS; i++) {
+        const double             log_scale[3] = {was->plane[OXL_LOG_SCALE][i], was->plane[OXL_LOG_SCALE + 1][i],
+                                                 was->plane[OXL_LOG_SCALE + 2][i]};
+        const enum splat_verdict verdict = splat_judge(log_scale, was->plane[OXL_OPACITY][i], gradient[i], extent, was_reset);
+        const int                rows    = verdict == SPLAT_REMOVE ? 0 : verdict == SPLAT_KEEP ? 1 : 2;
+        for (int child = 0; child < rows && at < is->count; child++, at++) {
+            const double shrink = verdict == SPLAT_SPLIT ? splat_shrink() : 0;
+            double       off    = 0;
+            for (int a = 0; a < 3; a++) {
+                CHECK_CLOSE(is->plane[OXL_LOG_SCALE + a][at], log_scale[a] - shrink, 1e-5);
+                off += fabs(is->plane[OXL_MEAN + a][at] - was->plane[OXL_MEAN + a][i]);
+            }
+            CHECK((off > 0) == (verdict == SPLAT_SPLIT));
+            CHECK(first->plane[OXL_OPACITY][at] == (verdict == SPLAT_KEEP || (verdict == SPLAT_CLONE && child == 0)));
+        }
+    }
+    CHECK(at == is->count);
+}
+
+TEST(reference_density_control_removes_keeps_clones_and_splits_the_same_rows)
+{
+    const double extent = 2.5;
+    for (int was_reset = 0; was_reset < 2; was_reset++) {
+        const struct density_rules rules = {.gradient    = oxl_train_options_default(OXL_PRESET_PAPER).densify_gradient,
+                                            .extent      = extent,
+                                            .split_large = was_reset,
+                                            .seed        = 1,
+                                            .step        = 100};
+        double                     gradient[REFERENCE_ROWS];
+        oxl_model                  was, is, first, second;
+        struct density            *d;
+        struct density_change      change;
+        reference_density_rows(&was, extent, gradient);
+        reference_density_rows(&is, extent, gradient);
+        CHECK_OK(oxl_model_create(test_ctx, REFERENCE_ROWS, 0, &first));
+        CHECK_OK(oxl_model_create(test_ctx, REFERENCE_ROWS, 0, &second));
+        for (int i = 0; i < REFERENCE_ROWS; i++) first.plane[OXL_OPACITY][i] = 1;
+        CHECK_OK(density_create(test_ctx, &d));
+        CHECK_OK(density_clear(test_ctx, d, REFERENCE_ROWS));
+        for (int i = 0; i < REFERENCE_ROWS; i++) d->gradient[i] = (float)(3 * gradient[i]), d->views[i] = 3;
+        CHECK_OK(density_control(test_ctx, d, &is, &first, &second, &rules, &change));
+        CHECK(change.removed == 20 && change.cloned == 4 && change.split == (was_reset ? 20 : 16));
+        reference_check_children(&was, &is, &first, gradient, extent, was_reset);
+        density_free(test_ctx, d);
+        oxl_model_free(test_ctx, &was);
+        oxl_model_free(test_ctx, &is);
+        oxl_model_free(test_ctx, &first);
+        oxl_model_free(test_ctx, &second);
+    }
+}
+
+TEST(reference_opacities_are_reset_to_a_hundredth)
+{
+    oxl_model m, first, second;
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &m));
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &first));
+    CHECK_OK(oxl_model_create(test_ctx, 2, 0, &second));
+    m.plane[OXL_OPACITY][0] = 3, m.plane[OXL_OPACITY][1] = -5;
+    density_reset_opacity(&m, &first, &second, 1.0f / 255);
+    CHECK_CLOSE(m.plane[OXL_OPACITY][0], log(0.01 / 0.99), 1e-5); /* Kerbl 2023's code */
+    CHECK(m.plane[OXL_OPACITY][1] == -5);
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &first);
+    oxl_model_free(test_ctx, &second);
+}

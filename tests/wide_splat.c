@@ -1,0 +1,238 @@
+/* wide_splat.c - reference/splat.c as the tests call it: see wide.h. */
+#define SPLAT_NO_MAIN
+#include "../reference/splat.c"
+#include "wide.h"
+
+/* ---------------------------------------------------------------- views */
+
+void *wide_array(size_t count)
+{
+    void *array = calloc(count + 64, sizeof(double)); /* the kernels read on to the end of a pack */
+    if (!array) abort();
+    return array;
+}
+
+void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t lobes, int sh_degree)
+{
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    *w = (struct wide){.camera = *camera, .near_plane = 0.2, .count = count, .lobes = lobes, .sh_degree = sh_degree};
+    for (int k = 0; k < OXL_PLANES; k++) {
+        if (k < OXL_LOBE ? k >= OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1) : lobes == 0) continue;
+        w->plane[k]    = wide_array(count);
+        w->gradient[k] = wide_array(count);
+    }
+    for (size_t i = 0; i < count; i++) w->plane[OXL_ROTATION][i] = 1;
+    w->rgb           = wide_array(3 * pixels);
+    w->transmittance = wide_array(pixels);
+    w->dmean2d       = wide_array(count);
+    w->inside        = wide_array(count);
+}
+
+void wide_free(struct wide *w)
+{
+    for (int k = 0; k < OXL_PLANES; k++) free(w->plane[k]), free(w->gradient[k]);
+    free(w->rgb), free(w->transmittance), free(w->dmean2d), free(w->inside);
+    *w = (struct wide){0};
+}
+
+/* ---------------------------------------------------------------- into splat.c's terms; its image is (H,W,3), ours (3,H,W) */
+
+struct scene {
+    struct model  model;
+    struct camera camera;
+    struct splat *splat;
+    double       *rgb; /* (H,W,3) */
+    int           count, pixels;
+};
+
+static struct camera scene_camera(const struct wide *w)
+{
+    const oxl_camera *c   = &w->camera;
+    struct camera     cam = {{c->width, c->height}, {c->fx, c->fy}, {c->cx, c->cy}, .near_plane = w->near_plane};
+    memcpy(cam.rotation, c->rotation, sizeof cam.rotation);
+    for (int i = 0; i < 9; i++) cam.origin[i % 3] -= c->rotation[i] * c->translation[i / 3]; /* -R^T t */
+    return cam;
+}
+
+static struct gaussian scene_row(const struct wide *w, size_t i)
+{
+    struct gaussian g = {.lobed = i < w->lobes};
+    double         *x = (double *)&g;
+    for (int k = 0; k < OXL_PLANES; k++) x[k] = w->plane[k] ? w->plane[k][i] : 0;
+    return g;
+}
+
+static void scene_create(struct scene *s, const struct wide *w)
+{
+    *s           = (struct scene){.model = {.count = (int)w->count, .degree = w->sh_degree}, .camera = scene_camera(w)};
+    s->pixels    = w->camera.width * w->camera.height;
+    s->rgb       = wide_array(3 * (size_t)s->pixels);
+    s->splat     = calloc(w->count + 1, sizeof *s->splat);
+    s->model.row = calloc(w->count + 1, sizeof *s->model.row);
+    if (!s->splat || !s->model.row) abort();
+    memcpy(s->model.background, w->background, sizeof w->background);
+    for (size_t i = 0; i < w->count; i++) s->model.row[i] = scene_row(w, i);
+    s->count = render_forward(&s->model, &s->camera, s->splat, s->rgb);
+}
+
+static double scene_inside(const struct scene *scene, int row)
+{
+    const struct camera *c      = &scene->camera;
+    struct splat         s      = {0};
+    double               inside = 1e30;
+    const int            seen   = project_forward(&scene->model.row[row], scene->model.degree, c, &s);
+    if (s.p[2] <= c->near_plane || !(s.half[0] > 0)) return -1e30;
+    for (int a = 0; a < 2; a++)
+        inside = fmin(inside, s.half[a] - fmax(0, fabs(s.centre[a] - c->size[a] / 2.0) - (c->size[a] - 1) / 2.0));
+    if (seen != (inside > 0)) abort();
+    return inside;
+}
+
+static void scene_free(struct scene *s)
+{
+    free(s->splat), free(s->rgb), free(s->model.row);
+}
+
+/* ---------------------------------------------------------------- drawing, and back */
+
+void splat_forward(struct wide *w)
+{
+    struct scene s;
+    double       rgb[3];
+    scene_create(&s, w);
+    for (int i = 0; i < 3 * s.pixels; i++) w->rgb[i % 3 * s.pixels + i / 3] = s.rgb[i];
+    for (int i = 0; i < s.pixels; i++)
+        w->transmittance[i] =
+            composite_forward(s.splat, s.count, w->background, i % w->camera.width + 0.5, i / w->camera.width + 0.5, rgb);
+    for (size_t i = 0; i < w->count; i++) w->inside[i] = scene_inside(&s, (int)i);
+    scene_free(&s);
+}
+
+void splat_backward(struct wide *w, const double *drgb)
+{
+    struct scene     s;
+    struct splat    *ds = calloc(w->count + 1, sizeof *ds);
+    struct gaussian *dg = calloc(w->count + 1, sizeof *dg);
+    double          *interleaved;
+    if (!ds || !dg) abort();
+    scene_create(&s, w);
+    interleaved = wide_array(3 * (size_t)s.pixels);
+    for (int i = 0; i < 3 * s.pixels; i++) interleaved[i] = drgb[i % 3 * s.pixels + i / 3];
+    render_backward(&s.model, &s.camera, s.splat, s.count, s.rgb, interleaved, ds, dg);
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; w->gradient[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++)
+            w->gradient[k][i] = ((double *)&dg[i])[k];
+    memset(w->dmean2d, 0, w->count * sizeof *w->dmean2d);
+    for (int i = 0; i < s.count; i++)
+        w->dmean2d[s.splat[i].row] = hypot(ds[i].centre[0] * w->camera.width / 2, ds[i].centre[1] * w->camera.height / 2);
+    free(interleaved), free(ds), free(dg);
+    scene_free(&s);
+}
+
+/* ---------------------------------------------------------------- fragile pixels */
+
+#define RAISE 1.002 /* opacities below FAINT are raised by it, so that those which are only just too faint take part */
+#define FAINT 0.01
+
+static int near(double x, double threshold)
+{
+    return fabs(x - threshold) < 1e-3 * threshold;
+}
+
+static int fragile_pixel(const struct wide *w, const struct splat *s, int count, double x, double y)
+{
+    double T = 1, last = -1;
+    for (int i = 0; i < count; i++) {
+        double value[2] = {0, 0}, alpha;
+        for (int k = 0; k < s[i].lobes; k++) {
+            const double dx = x - s[i].centre[0], dy = y - s[i].centre[1], *K = s[i].conic[k];
+            const double o = s[i].opacity[k] / (s[i].opacity[k] < FAINT * RAISE ? RAISE : 1);
+            value[k]       = o * exp(-(K[0] * dx * dx + 2 * K[1] * dx * dy + K[2] * dy * dy) / 2);
+            if (near(value[k], ALPHA_MAX)) return 1;
+        }
+        alpha = fmin(value[0], ALPHA_MAX) - fmin(value[1], ALPHA_MAX);
+        if (near(fabs(alpha), ALPHA_MIN) || (alpha < 0 && near(T, T_MAX))) return 1;
+        if (fabs(alpha) < ALPHA_MIN || (alpha < 0 && T >= T_MAX)) continue;
+        if (near(T * (1 - alpha), T_MIN) || s[i].p[2] - last < 1e-6 * last) return 1;
+        if (fabs(s[i].p[2] - w->near_plane) < 1e-4 * w->near_plane) return 1;
+        if (T * (1 - alpha) < T_MIN) return 0;
+        last = s[i].p[2];
+        T *= 1 - alpha;
+    }
+    return 0;
+}
+
+void splat_fragile(const struct wide *w, char *fragile)
+{
+    struct wide  raised = *w;
+    struct scene s;
+    raised.near_plane         = w->near_plane * (1 - 1e-4);
+    raised.plane[OXL_OPACITY] = wide_array(w->count);
+    for (size_t i = 0; i < w->count; i++) {
+        const double o = sigmoid(w->plane[OXL_OPACITY][i]), up = RAISE * o;
+        raised.plane[OXL_OPACITY][i] = o < FAINT ? log(up / (1 - up)) : w->plane[OXL_OPACITY][i];
+    }
+    scene_create(&s, &raised);
+    for (int i = 0; i < s.pixels; i++)
+        fragile[i] = (char)fragile_pixel(w, s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5);
+    free(raised.plane[OXL_OPACITY]);
+    scene_free(&s);
+}
+
+/* ---------------------------------------------------------------- loss, Adam, density control */
+
+double splat_loss(int width, int height, double weight, const double *x, const double *y, double *dx)
+{
+    const size_t n = (size_t)width * (size_t)height;
+    double      *a = wide_array(3 * n), *b = wide_array(3 * n), *da = wide_array(3 * n), value;
+    for (size_t i = 0; i < 3 * n; i++) a[i] = x[i % 3 * n + i / 3], b[i] = y[i % 3 * n + i / 3];
+    value = loss(a, b, width, height, weight, da);
+    for (size_t i = 0; i < 3 * n; i++) dx[i % 3 * n + i / 3] = da[i];
+    free(a), free(b), free(da);
+    return value;
+}
+
+void splat_adam(double *x, double gradient, double rate, int step, double *first, double *second)
+{
+    adam(x, gradient, rate, step, first, second);
+}
+
+double splat_learning_rate(int plane, double extent, double progress)
+{
+    return learning_rate(plane, extent, progress);
+}
+
+enum splat_verdict splat_judge(const double log_scale[3], double logit, double gradient, double extent, int was_reset)
+{
+    const struct gaussian g = {.log_scale = {log_scale[0], log_scale[1], log_scale[2]}, .logit = logit};
+    return (enum splat_verdict)judge(&g, gradient, extent, was_reset);
+}
+
+double splat_shrink(void)
+{
+    struct gaussian g      = {.rotation = {1}};
+    unsigned        random = 1;
+    split(&g, &random);
+    return -g.log_scale[0];
+}
+
+double splat_train(struct wide *truth, const struct wide *start, int steps)
+{
+    struct trainer *t = calloc(1, sizeof *t);
+    struct scene    s;
+    double          first = 0, last = 0;
+    if (!t || start->count > MOST || truth->camera.width * truth->camera.height > PIXELS) abort();
+    scene_create(&s, truth);
+    t->model  = (struct model){(int)start->count, start->sh_degree, {0}, t->x};
+    t->extent = 4, t->random = 1;
+    memcpy(t->model.background, truth->background, sizeof t->model.background);
+    for (size_t i = 0; i < start->count; i++) t->x[i] = scene_row(start, i);
+    for (int step = 1; step <= steps; step++) {
+        last = train_step(t, &s.camera, s.rgb, step, (double)step / steps);
+        if (step == 1) first = last;
+        if (step % 50 == 0) densify(t, 0);
+    }
+    free(t);
+    scene_free(&s);
+    return last / first;
+}
