@@ -161,6 +161,8 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->robust) o->train.robust = 1;
     if (a->stop_early) o->train.stop_early = 1;
     o->restart = a->restart;
+    if (a->force || (a->command != COMMAND_TRAIN && a->command != COMMAND_ABLATE && a->command != COMMAND_TRADEOFF))
+        o->scene.allow_cut = 1;
     if (a->ucd) rc = oxl_ucd_parse(ctx, a->ucd, &o->train.ucd);
     if (a->keep && rc == OXL_OK) rc = oxl_keep_parse(ctx, a->keep, &o->train.keep);
     return rc;

@@ -12,6 +12,8 @@
 /* the survey comes in */
 #include "src/survey/colmap.h"        /* what the readers of COLMAP's text files share */
 #include "src/survey/colmap_text.c"   /* lines and fields through a window on a file, and what is said of wrong ones */
+#include "src/survey/colmap_binary.c" /* its binary files */
+#include "src/survey/colmap_order.c"  /* rows by id */
 #include "src/survey/colmap_points.c" /* points3D.txt, by several threads */
 #include "src/survey/colmap.c"        /* cameras.txt, images.txt, and the three together */
 #include "src/survey/colmap_write.c"  /* the three, written */

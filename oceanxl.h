@@ -164,18 +164,19 @@ typedef struct oxl_scene oxl_scene;
 
 typedef struct oxl_scene_options {
     const char *images;            /* folder of the photographs; NULL: SCENE/images */
-    const char *sparse;            /* folder of the three text files; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
+    const char *sparse;            /* folder of COLMAP's files; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
     const char *masks;             /* folder of masks; NULL: SCENE/masks when it is there */
     int         max_side;          /* photographs are reduced until their longer side is at most this, px (1600) */
     int         test_every;        /* every n-th view by name is held out; 0: none (8) */
     size_t      image_cache_bytes; /* decoded photographs kept in memory; the others are decoded again (1 GiB) */
     double      missing_share;     /* fail when more than this share of the photographs is not on disk (0.25) */
-    int         read_images;       /* 0: text files alone, for check and partition (1) */
+    int         read_images;       /* 0: COLMAP's files alone, for check and partition (1) */
+    int         allow_cut; /* 1: a text file of fewer rows than its header announces is read with a warning; 0: an error (0) */
 } oxl_scene_options;
 
 OXL_API oxl_scene_options oxl_scene_options_default(void);
 
-/* Reads a COLMAP text export. OXL_ERR_INPUT names file:line, what was seen, what was wanted and one fix. */
+/* Reads a COLMAP model, text or binary. OXL_ERR_INPUT names file:line, what was seen, what was wanted and one fix. */
 OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options, oxl_scene **out);
 
 /* A scene from arrays: views (name, camera, is_test; images in the same order, copied) and starting points (copied).

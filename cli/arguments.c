@@ -167,6 +167,8 @@ static const struct option {
      "give up the unfinished work of other options in OUT"},
     {"How it is trained", "--ram", "SIZE", SIZE, FIELD(ram), RUNS,
      "memory that may be taken at the peak: blocks, photographs' cache and Gaussians follow (no limit)"},
+    {"How it is trained", "--force", NULL, FLAG, FIELD(force), IN(TRAIN) | STUDIES,
+     "train although a file of the survey holds fewer rows than its header announces"},
     {"Speed for accuracy", "--ssim-every", "N", COUNTING, FIELD(ssim_every), RUNS,
      "SSIM in every N-th step, L1 alone in the others (1: in all)"},
     {"Speed for accuracy", "--exp", "3|5", COUNTING, FIELD(exp_degree), RUNS,

@@ -191,22 +191,27 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* w
 OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char *path);
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
-OXL_INTERNAL double     os_seconds(void);     /* monotonic clock */
-OXL_INTERNAL size_t     os_peak_rss(void);    /* bytes; 0 when unknown */
-OXL_INTERNAL size_t     os_memory_free(void); /* bytes that can be taken without swapping; 0 when unknown */
+OXL_INTERNAL int64_t    os_modified(const char *path); /* when, in a unit of the system; 0: unknown */
+OXL_INTERNAL double     os_seconds(void);              /* monotonic clock */
+OXL_INTERNAL size_t     os_peak_rss(void);             /* bytes; 0 when unknown */
+OXL_INTERNAL size_t     os_memory_free(void);          /* bytes that can be taken without swapping; 0 when unknown */
 /* Calls `visit` with the name of each entry of a folder, in no order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
                                        void *user);
 
 /* ---------------------------------------------------------------- colmap.c: the three text files, as they are */
 
+enum { CAMERA_PARAMETERS = 16 }; /* of the model that has most */
+
 struct colmap_camera {
     int64_t id;
     int     model; /* index in camera.c's table */
     int     width, height;
     int     parameter_count;
-    double  parameter[12];
-    int     line; /* in cameras.txt, for messages */
+    double  parameter[CAMERA_PARAMETERS];
+    const char
+        *file; /* that it is read from, without its folder, and its line there; in binary files, which record: for messages */
+    int  line;
 };
 
 struct colmap_observation {
@@ -222,7 +227,7 @@ struct colmap_image {
     size_t   name;              /* offset in colmap.names */
     size_t   first_observation; /* in colmap.observation */
     size_t   observation_count;
-    uint64_t points_at;   /* where the text of its 2D points lies in images.txt: exports copy it */
+    uint64_t points_at;   /* where its 2D points lie in the file of images, as text or as numbers: exports copy them */
     size_t   points_size; /* bytes; 0: none */
     int      line;
 };
@@ -241,6 +246,8 @@ struct colmap_point {
     size_t   first_track; /* in colmap.track */
 };
 
+enum colmap_format { COLMAP_TEXT, COLMAP_BINARY };
+
 struct colmap {
     struct colmap_camera      *camera;
     size_t                     camera_count;
@@ -256,21 +263,39 @@ struct colmap {
     char                      *names; /* zero-terminated, one after the other */
     size_t                     names_size;
     size_t                     warnings; /* oddities that were mended and logged */
+    int                        is_cut;   /* a file holds fewer rows than its header announces */
+    enum colmap_format         format;
+    const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
-/* Reads cameras.txt, images.txt and points3D.txt of a folder; colmap.c says what is promised of them. keep_observations = 0
- * skips the 2D points. */
+/* Reads cameras, images and points3D of a folder, .txt or .bin, the newer where both are there; colmap.c says what is promised of
+ * them. keep_observations = 0 skips the 2D points. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
 /* The same through a window on the files of another size, in bytes: for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
                                                struct colmap *out);
+/* colmap_order.c: cameras, images and points by id. COLMAP writes them in the order of its hash tables, another one in text than
+ * in binary: so what a scene is does not depend on it. Observations and tracks stay where they are. */
+OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 /* colmap_write.c: numbers as %.17g writes them. */
 OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
 
 /* ---------------------------------------------------------------- camera.c: camera models, undistortion */
 
-enum camera_kind { CAMERA_IDEAL, CAMERA_RADIAL, CAMERA_OPENCV, CAMERA_FULL_OPENCV, CAMERA_FISHEYE };
+enum camera_kind {
+    CAMERA_IDEAL,
+    CAMERA_RADIAL,
+    CAMERA_OPENCV,
+    CAMERA_FULL_OPENCV,
+    CAMERA_FISHEYE,
+    CAMERA_FOV,
+    CAMERA_THIN_PRISM,
+    CAMERA_RAD_TAN_THIN_PRISM,
+    CAMERA_DIVISION,
+    CAMERA_EUCM,
+    CAMERA_SPHERE /* the whole sphere: no ideal camera stands for it */
+};
 
 struct camera_model {
     const char      *name;
@@ -278,7 +303,8 @@ struct camera_model {
     int              focal_count;     /* 1: f; 2: fx, fy */
     enum camera_kind kind;
 };
-OXL_INTERNAL int                        camera_model_find(const char *name, size_t length); /* -1: unknown */
+OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* -1: unknown; else COLMAP's MODEL_ID */
+OXL_INTERNAL int camera_model_count(void);
 OXL_INTERNAL const struct camera_model *camera_model_at(int index);
 OXL_INTERNAL const char                *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 

@@ -882,6 +882,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
                       out, out);
     if (rc != OXL_OK) return rc;
     run_options(&run, &options);
+    options.scene.allow_cut = 1; /* as its training was allowed to */
     if (refine >= 0) options.refine = refine;
     job_begin(&job, ctx, run.scene, out, &options, callback);
     rc = job_check(&job);

@@ -388,8 +388,8 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
     const double zx = (double)width / from->width, zy = (double)height / from->height;
     const int    turned = fabs((double)width / from->height / ((double)height / from->width) - 1) <= 0.01;
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (cameras.txt:%d) has %d x %d, another shape\nfix: %s",
-                    path, width, height, (long long)from->id, from->line, from->width, from->height,
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
+                    width, height, (long long)from->id, from->file, from->line, from->width, from->height,
                     turned ? "turn the photograph back: COLMAP saw it as it lies in the file"
                            : "use the photographs that COLMAP was given");
 }
