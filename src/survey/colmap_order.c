@@ -36,9 +36,20 @@ static size_t order_rank(const struct order_ranks *k, int64_t id)
     return k->before[at / 64] + (size_t)order_ones(k->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
 }
 
-/* Each swap brings a point to its place: as many as there are points, and no second array of what may be half a gigabyte. */
+/* In place: a second array would be half a gigabyte for 10^7 points. First into buckets of as many rows as a cache holds, then each
+ * swap within a bucket brings a point to its place. */
 static void order_points_by_rank(struct colmap *c, const struct order_ranks *k)
 {
+    enum { BUCKETS = 512 };
+    const size_t size = c->point_count / BUCKETS + 1;
+    size_t       next[BUCKETS]; /* first row of the bucket that may belong to another */
+    for (size_t b = 0; b < BUCKETS; b++) next[b] = b * size;
+    for (size_t b = 0; b < BUCKETS; b++)
+        while (next[b] < OXL_MIN((b + 1) * size, c->point_count)) {
+            const size_t to = order_rank(k, c->point[next[b]].id) / size;
+            if (to != b) OXL_SWAP(struct colmap_point, c->point[next[b]], c->point[next[to]]);
+            next[to]++;
+        }
     for (size_t i = 0; i < c->point_count; i++)
         for (size_t to; (to = order_rank(k, c->point[i].id)) != i;) OXL_SWAP(struct colmap_point, c->point[i], c->point[to]);
 }
