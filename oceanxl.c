@@ -38,6 +38,8 @@
 #include "src/model/ply.c"        /* a small PLY reader */
 #include "src/model/model.c"      /* planes of Gaussians: create, grow, start from points */
 #include "src/blocks/merge.c"     /* the models of blocks become one */
+#include "src/model/spz.c"        /* models as SPZ */
+#include "src/model/gltf.c"       /* models as binary glTF */
 #include "src/model/model_file.c" /* models as PLY and .splat */
 
 /* one photograph's error walks back into the Gaussians */

@@ -241,7 +241,9 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
 /* PLY: any property order and type, ascii and both endians in; the standard 62 float columns, little endian, out. Second lobes
  * follow in an element of their own, `dog`: uint vertex_index, float opacity_factor, scale_factor_0..2, raw. Reading brings
  * rows with a lobe to the front; both parts keep their order. A file NAME_standard.ply is written without lobes, for any viewer.
- * .splat (32 bytes a Gaussian) by its file extension, both ways; it has no SH bands past 0 and no lobes. */
+ * By its file extension: .splat (32 bytes a Gaussian), both ways, without SH bands past 0; .spz (nianticlabs/spz: versions 2 and 3 are
+ * read, 3 is written), about 20 bytes and 1 to 45 for bands, rounded; .glb (glTF with KHR_gaussian_splatting), written alone, with the
+ * origin as the node's translation. Those three have no lobes, and all but .glb no origin. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 

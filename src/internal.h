@@ -358,6 +358,11 @@ OXL_INTERNAL void       image_to_photo(const oxl_image *image, struct photo *pho
 OXL_INTERNAL void       image_begin(void); /* with each context: how stb writes PNGs */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
+/* stb's codec for others: raw deflate data to exactly `size` bytes, or 0; the other way, with room for `before` and `after` bytes
+ * around the data (*out is oxl_alloc's). */
+OXL_INTERNAL int        image_inflate(void *out, size_t size, const void *data, size_t data_size);
+OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
+                                      unsigned char **out, size_t *deflated);
 OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height);
 
 /* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
@@ -534,6 +539,13 @@ OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int el
 OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);
 OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);              /* -1: not there */
 OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: not there, or a list */
+
+/* ---------------------------------------------------------------- spz.c, gltf.c: compact and exchange formats */
+
+/* All numbers finite, no lobes: model_file.c sees to it. */
+OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
+OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model);
+OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------------------------------------------------------- model.c: planes of Gaussians */
 
