@@ -79,9 +79,10 @@ static void fuzz_write(const char *name, const uint8_t *data, size_t size)
 
 static void fuzz_clean(void)
 {
-    static const char *const names[] = {"cameras.txt",   "images.txt",  "points3D.txt", "model.ply",
-                                        "model.splat",   "run.json",    "block.json",   "checkpoint.oxl",
-                                        "partition.txt", "cameras.bin", "images.bin",   "points3D.bin"};
+    static const char *const names[] = {"cameras.txt",   "images.txt",      "points3D.txt",        "model.ply",
+                                        "model.splat",   "run.json",        "block.json",          "checkpoint.oxl",
+                                        "partition.txt", "transforms.json", "reconstruction.json", "model.spz",
+                                        "cameras.bin",   "images.bin",      "points3D.bin"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) os_remove(fuzz_path(names[i]));
     remove(fuzz_folder());
     os_make_one_folder(fuzz_folder());
@@ -165,6 +166,26 @@ static void fuzz_colmap_binary(oxl_context *ctx, const uint8_t *data, size_t siz
     fuzz_use_colmap(ctx);
 }
 
+/* A '{' at the start: nerfstudio's file; else OpenSfM's. */
+static void fuzz_json_survey(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    const char       *name    = size > 0 && data[0] == '{' ? "transforms.json" : "reconstruction.json";
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene   = NULL;
+    struct colmap     c;
+    oxl_result        rc;
+    fuzz_clean();
+    fuzz_write(name, data, size);
+    rc = json_survey_read(ctx, fuzz_folder(), name, &c);
+    fuzz_explained(ctx, rc);
+    if (rc != OXL_OK) return;
+    fuzz_check_colmap(&c);
+    colmap_free(ctx, &c);
+    options.read_images = 0;
+    fuzz_explained(ctx, oxl_scene_load(ctx, fuzz_folder(), &options, &scene));
+    oxl_scene_free(ctx, scene);
+}
+
 /* ---------------------------------------------------------------- models */
 
 /* A model that was read can be written and drawn. */
@@ -192,6 +213,11 @@ static void fuzz_model(oxl_context *ctx, const char *name, const uint8_t *data, 
 static void fuzz_ply(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     fuzz_model(ctx, "model.ply", data, size);
+}
+
+static void fuzz_spz(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    fuzz_model(ctx, "model.spz", data, size);
 }
 
 static void fuzz_splat(oxl_context *ctx, const uint8_t *data, size_t size)
@@ -347,6 +373,8 @@ static const struct fuzz_target {
     void (*run)(oxl_context *ctx, const uint8_t *data, size_t size);
 } fuzz_targets[] = {{"colmap", fuzz_colmap},
                     {"colmap_binary", fuzz_colmap_binary},
+                    {"json_survey", fuzz_json_survey},
+                    {"spz", fuzz_spz},
                     {"ply", fuzz_ply},
                     {"splat", fuzz_splat},
                     {"checkpoint", fuzz_checkpoint},

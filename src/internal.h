@@ -246,7 +246,11 @@ struct colmap_point {
     size_t   first_track; /* in colmap.track */
 };
 
-enum colmap_format { COLMAP_TEXT, COLMAP_BINARY };
+enum colmap_format {
+    COLMAP_TEXT,
+    COLMAP_BINARY,
+    COLMAP_JSON /* transforms.json, reconstruction.json: no 2D points, no tracks */
+};
 
 struct colmap {
     struct colmap_camera      *camera;
@@ -262,8 +266,9 @@ struct colmap {
     char                      *folder;
     char                      *names; /* zero-terminated, one after the other */
     size_t                     names_size;
-    size_t                     warnings; /* oddities that were mended and logged */
-    int                        is_cut;   /* a file holds fewer rows than its header announces */
+    size_t                     warnings;      /* oddities that were mended and logged */
+    int                        is_cut;        /* a file holds fewer rows than its header announces */
+    int                        images_beside; /* names start from `folder`, not from the folder of images */
     enum colmap_format         format;
     const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
@@ -280,6 +285,8 @@ OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 /* colmap_write.c: numbers as %.17g writes them. */
 OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
+/* json_survey.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
 
 /* ---------------------------------------------------------------- camera.c: camera models, undistortion */
 

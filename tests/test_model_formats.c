@@ -52,7 +52,7 @@ TEST(spz_gives_back_what_was_written_to_its_steps)
         formats_test_compare(&m, &back, worst);
         CHECK(worst[0] <= 0.5 / (1 << 16)); /* 90 units leave 16 fractional bits */
         CHECK(worst[1] <= 0.5 / 16 + 1e-6 && worst[2] <= 0.6 / 255);
-        CHECK(worst[3] <= 0.5 / 255 / 0.15 + 1e-6 && worst[4] <= 8.5 / 128 && worst[5] < 1e-5);
+        CHECK(worst[3] <= 0.5 / 255 / 0.15 + 1e-6 && worst[4] <= 2.5 / 128 && worst[5] < 1e-5);
         oxl_model_free(test_ctx, &back);
         oxl_model_free(test_ctx, &m);
     }

@@ -467,7 +467,9 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
                      scene->colmap.folder);
     if (rc == OXL_OK) rc = colmap_order(ctx, &scene->colmap);
     scene->from_files = 1;
-    scene->images     = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, path, "images");
+    scene->images     = o->images                     ? oxl_strdup(ctx, o->images)
+                        : scene->colmap.images_beside ? oxl_strdup(ctx, scene->colmap.folder)
+                                                      : oxl_path_join(ctx, path, "images");
     scene->masks      = o->masks ? oxl_strdup(ctx, o->masks) : oxl_path_join(ctx, path, "masks");
     if (rc != OXL_OK) return rc;
     if (!scene->images || !scene->masks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");

@@ -76,6 +76,23 @@ static oxl_result find_try_folder(oxl_context *ctx, const char *folder, int insi
     return rc;
 }
 
+/* Where there is no COLMAP model: nerfstudio's, or OpenSfM's, in its own folder or in OpenDroneMap's project. */
+static oxl_result find_try_json(oxl_context *ctx, const char *path, struct colmap *out, int *models)
+{
+    static const char *const names[] = {"transforms.json", "reconstruction.json", "opensfm/reconstruction.json"};
+    for (size_t i = 0; i < OXL_COUNT(names); i++) {
+        oxl_result rc;
+        if (!find_holds(ctx, path, names[i])) continue;
+        rc = json_survey_read(ctx, path, names[i], out);
+        if (rc != OXL_OK) return rc;
+        ++*models;
+        oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", path, names[i], out->image_count,
+                out->point_count);
+        return OXL_OK;
+    }
+    return OXL_OK;
+}
+
 OXL_INTERNAL oxl_result find_model(oxl_context *ctx, const char *path, const char *sparse_option, struct colmap *out)
 {
     static const char *const files[][2] = {{"images.txt", "images.bin"},
@@ -95,6 +112,7 @@ OXL_INTERNAL oxl_result find_model(oxl_context *ctx, const char *path, const cha
         rc = find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
         if (rc == OXL_OK && models == 0 && !sparse_option) rc = find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
     }
+    if (rc == OXL_OK && models == 0 && !sparse_option) rc = find_try_json(ctx, path, out, &models);
     if (rc == OXL_OK && models == 0)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: no COLMAP model (cameras, images and points3D, .txt or .bin) in %s, in a folder there%s\n"
