@@ -82,4 +82,5 @@
 #include "src/job/manifest.c"          /* run.json: what a result depends on */
 #include "src/job/block.c"             /* the training of one block in its folder */
 #include "src/job/render_files.c"      /* what the model draws, as files */
+#include "src/job/training_views.c"    /* which training views fit far worse than their neighbours */
 #include "src/job/job.c"               /* a survey in, a folder with the model, its metrics and pictures out */

@@ -164,7 +164,8 @@ TEST(nerfstudio_that_is_wrong_is_refused_with_the_frame)
     colmap_free(test_ctx, &c);
     for (size_t size = 0; size + 1 < sizeof whole; size++) {
         char cut[sizeof whole];
-        snprintf(cut, size + 1, "%s", whole);
+        memcpy(cut, whole, size);
+        cut[size] = 0;
         jsurvey_refused("transforms.json", cut);
     }
     CHECK_TEXT(jsurvey_refused("transforms.json", "{" JSURVEY_CAMERA ", \"frames\": []}"), "seen none for the images");
