@@ -376,15 +376,15 @@ static oxl_result run_synth(oxl_context *ctx, const struct arguments *a, struct 
 /* ablate and tradeoff: many trainings with the options of a job, a log and a progress line on this console. */
 static oxl_result run_study(const struct arguments *a, struct console *console)
 {
-    study_options o   = {.scene         = a->path[0],
-                         .out           = a->out,
-                         .rows          = a->rows,
-                         .seeds         = a->seeds,
-                         .budget        = a->command == COMMAND_TRADEOFF ? a->budget : 0,
-                         .side_is_given = arguments_given(a, "max-side") != NULL,
-                         .job           = a->job,
-                         .context       = oxl_context_options_default(),
-                         .callback      = {on_progress, console}};
+    study_options o = {.scene         = a->path[0],
+                       .out           = a->out,
+                       .rows          = a->rows,
+                       .seeds         = a->seeds,
+                       .budget        = a->command == COMMAND_TRADEOFF ? a->budget : 0,
+                       .side_is_given = arguments_given(a, "max-side") != NULL,
+                       .job           = a->job,
+                       .context       = oxl_context_options_default(),
+                       .callback      = {on_progress, console}};
     oxl_result    rc;
     o.context.log     = on_log;
     o.context.user    = console;
@@ -467,6 +467,7 @@ int main(int argc, char **argv)
     options.user = &console;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
+    if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF) a.job.scene.allow_cut = 1;
     options.backend = (oxl_backend)a.backend;
     options.device  = a.device;
     rc              = oxl_context_create(&options, &ctx);

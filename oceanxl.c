@@ -10,11 +10,18 @@
 #include "src/core/number.c"  /* fast, exact, locale-independent number parsing */
 
 /* the survey comes in */
+#include "src/core/json.c"            /* a cursor over JSON */
+#include "src/core/ply.c"             /* a small PLY reader */
 #include "src/survey/colmap.h"        /* what the readers of COLMAP's text files share */
 #include "src/survey/colmap_text.c"   /* lines and fields through a window on a file, and what is said of wrong ones */
+#include "src/survey/colmap_binary.c" /* its binary files */
+#include "src/survey/colmap_order.c"  /* rows by id */
 #include "src/survey/colmap_points.c" /* points3D.txt, by several threads */
 #include "src/survey/colmap.c"        /* cameras.txt, images.txt, and the three together */
 #include "src/survey/colmap_write.c"  /* the three, written */
+#include "src/survey/json_survey.c"   /* surveys in JSON, as the same rows */
+#include "src/survey/nerfstudio.c"    /* transforms.json */
+#include "src/survey/opensfm.c"       /* reconstruction.json */
 #include "src/survey/camera.c"        /* camera models, undistortion */
 #include "src/survey/image.c"         /* photographs: decode, reduce, undistort, mask */
 #include "src/survey/survey_files.c"  /* where a survey's files are */
@@ -33,9 +40,10 @@
 #include "src/blocks/partition_export.c"     /* blocks as COLMAP text exports */
 
 /* the model */
-#include "src/model/ply.c"        /* a small PLY reader */
 #include "src/model/model.c"      /* planes of Gaussians: create, grow, start from points */
 #include "src/blocks/merge.c"     /* the models of blocks become one */
+#include "src/model/spz.c"        /* models as SPZ */
+#include "src/model/gltf.c"       /* models as binary glTF */
 #include "src/model/model_file.c" /* models as PLY and .splat */
 
 /* one photograph's error walks back into the Gaussians */
@@ -75,4 +83,5 @@
 #include "src/job/manifest.c"          /* run.json: what a result depends on */
 #include "src/job/block.c"             /* the training of one block in its folder */
 #include "src/job/render_files.c"      /* what the model draws, as files */
+#include "src/job/training_views.c"    /* which training views fit far worse than their neighbours */
 #include "src/job/job.c"               /* a survey in, a folder with the model, its metrics and pictures out */

@@ -165,18 +165,19 @@ typedef struct oxl_scene oxl_scene;
 /* Defaults and ranges of options: src/job/options.c, docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
     const char *images;            /* folder of the photographs; NULL: SCENE/images */
-    const char *sparse;            /* folder of the three text files; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
+    const char *sparse;            /* folder of COLMAP's files; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
     const char *masks;             /* folder of masks; NULL: SCENE/masks when it is there */
     int         max_side;          /* photographs are reduced until their longer side is at most this, px */
     int         test_every;        /* every n-th view by name is held out; 0: none */
     size_t      image_cache_bytes; /* decoded photographs kept in memory; the others are decoded again */
     double      missing_share;     /* fail when more than this share of the photographs is not on disk */
-    int         read_images;       /* 0: text files alone, for check and partition */
+    int         read_images;       /* 0: COLMAP's files alone, for check and partition */
+    int         allow_cut; /* 1: a text file of fewer rows than its header announces is read with a warning; 0: an error */
 } oxl_scene_options;
 
 OXL_API oxl_scene_options oxl_scene_options_default(void);
 
-/* Reads a COLMAP text export. OXL_ERR_INPUT names file:line, what was seen, what was wanted and one fix. */
+/* Reads a COLMAP model, text or binary. OXL_ERR_INPUT names file:line, what was seen, what was wanted and one fix. */
 OXL_API oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options, oxl_scene **out);
 
 /* A scene from arrays: views (name, camera, is_test; images in the same order, copied) and starting points (copied).
@@ -241,7 +242,9 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
 /* PLY: any property order and type, ascii and both endians in; the standard 62 float columns, little endian, out. Second lobes
  * follow in an element of their own, `dog`: float opacity_factor, scale_factor_0..2, raw; its row i belongs to vertex i, unless a property vertex_index says otherwise. Reading brings
  * rows with a lobe to the front; both parts keep their order. A file NAME_standard.ply is written without lobes, for any viewer.
- * .splat (32 bytes a Gaussian) by its file extension, both ways; it has no SH bands past 0 and no lobes. */
+ * By its file extension: .splat (32 bytes a Gaussian), both ways, without SH bands past 0; .spz (nianticlabs/spz: versions 2 and 3 are
+ * read, 3 is written), about 20 bytes and 1 to 45 for bands, rounded; .glb (glTF with KHR_gaussian_splatting), written alone, with the
+ * origin as the node's translation. Those three have no lobes, and all but .glb no origin. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 

@@ -5,6 +5,7 @@
 #define TOOLS_H
 
 #include "../oceanxl.h"
+#include "../src/core/json.h"
 
 #include <stdio.h>
 
@@ -18,13 +19,13 @@ void blocks_print(FILE *to, const oxl_partition_report *report);
 
 /* ---------------------------------------------------------------- json.c: a cursor over what the library writes as JSON */
 
-const char *json_member(const char *object, const char *name); /* its value, or NULL */
-const char *json_first(const char *array);                     /* its first element, or NULL */
-const char *json_next(const char *element);                    /* the one after it, or NULL */
-double      json_number(const char *object, const char *name); /* of a member; not a number: there is none */
-double      json_number_at(const char **cursor);               /* and moves past it; the point is a point in every locale */
-int         json_is_true(const char *object, const char *name);
-char       *json_string(const char *value); /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
+#define json_member    oxl_json_member
+#define json_first     oxl_json_first
+#define json_next      oxl_json_next
+#define json_number    oxl_json_number
+#define json_number_at oxl_json_number_at
+#define json_is_true   oxl_json_is_true
+char *json_string(const char *value); /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
 
 /* ---------------------------------------------------------------- frame.c: which way is right, up and above in a survey */
 

@@ -36,9 +36,9 @@ static const struct cli_command CLI_COMMANDS[] = {
      "oceanxl eval out/scene.ply survey",
      "The images are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
      "not available: compare OUT/renders/NAME.png with NAME.photo.png by a program that has one."},
-    {"info", COMMAND_INFO, 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply", "Reads .ply and .splat."},
-    {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply and .splat, by the files' extensions.",
-     "oceanxl convert out/scene.ply scene.splat", ".splat holds 32 bytes a Gaussian and no colour that depends on the view."},
+    {"info", COMMAND_INFO, 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply", "Reads .ply, .spz and .splat."},
+    {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",
+     "oceanxl convert out/scene.ply scene.splat", ".spz is the smallest; .splat holds 32 bytes a Gaussian and no colour that depends on the view; .glb is glTF with KHR_gaussian_splatting."},
     {"report", COMMAND_REPORT, 1, "OUT", "Writes one page about a run: input, decisions, metrics.", "oceanxl report out",
      "OUT gets report.html: one file, for a screen, a phone or paper, that needs no network. train and merge write it too, at their end."},
     {"synth", COMMAND_SYNTH, 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",

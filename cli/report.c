@@ -468,6 +468,7 @@ static void report_compose(struct report *r)
     report_head(r);
     report_warnings(r);
     views_section(r);
+    views_training_section(r);
     page_section(&r->page, "Survey");
     map_section(r);
     report_found(r);

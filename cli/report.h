@@ -68,6 +68,7 @@ const char *page_seconds(char out[40], double value); /* 15 s, 3.2 min, 1.5 h */
 void chart_section(struct report *r);
 void map_section(struct report *r);
 void views_section(struct report *r);
+void views_training_section(struct report *r); /* report_views.c */
 /* A figure that is drawn from an image; q: of the JPEG. */
 void page_jpeg(struct report *r, const oxl_image *image, int q);
 

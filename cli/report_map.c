@@ -153,6 +153,7 @@ static oxl_scene *map_load(struct report *r)
     options.sparse      = path[1];
     options.masks       = path[2];
     options.read_images = 0;
+    options.allow_cut   = 1;
     if (test_every >= 0) options.test_every = (int)test_every;
     if (max_side >= 1) options.max_side = (int)max_side;
     if (oxl_scene_load(r->ctx, r->scene, &options, &scene) != OXL_OK) scene = NULL;

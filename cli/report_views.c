@@ -14,6 +14,7 @@ enum { VIEWS_SHOWN = 4, VIEWS_SIDE = 560, VIEWS_OPEN = 12 /* rows that are seen 
 struct views_row {
     char  *name;
     double psnr, ssim;
+    char  *flag; /* of a training view: "pose", "exposure", "blur"; NULL: none */
 };
 
 struct views {
@@ -30,40 +31,40 @@ static int views_compare(const void *a, const void *b)
     return strcmp(x->name, y->name);
 }
 
-static struct views views_read(struct report *r)
+/* In the list's order. */
+static struct views views_read(struct report *r, const char *list)
 {
-    const char  *list = json_member(r->metrics, "views");
-    struct views v    = {0};
-    int          n    = 0;
+    struct views v = {0};
+    int          n = 0;
     for (const char *e = json_first(list); e; e = json_next(e)) n++;
     v.row = calloc((size_t)n + 1, sizeof *v.row);
     if (!v.row) r->page.failed = 1;
     for (const char *e = json_first(list); v.row && e; e = json_next(e)) {
-        struct views_row row = {json_string(json_member(e, "name")), json_number(e, "psnr"), json_number(e, "ssim")};
+        struct views_row row = {json_string(json_member(e, "name")), json_number(e, "psnr"), json_number(e, "ssim"),
+                                json_string(json_member(e, "flag"))};
         if (row.name && isfinite(row.psnr)) v.row[v.count++] = row;
-        else free(row.name);
+        else free(row.name), free(row.flag);
     }
-    if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
     return v;
 }
 
 static void views_free(struct views *v)
 {
-    for (int i = 0; i < v->count; i++) free(v->row[i].name);
+    for (int i = 0; i < v->count; i++) free(v->row[i].name), free(v->row[i].flag);
     free(v->row);
 }
 
 /* ---------------------------------------------------------------- pictures */
 
-/* OUT/renders/NAME + suffix, as the library names it: no name leads out of the folder. 0: it is not there. */
-static int views_picture(struct report *r, const char *name, const char *suffix, oxl_image *out)
+/* OUT/FOLDER/NAME + suffix, as the library names it: no name leads out of the folder. 0: it is not there. */
+static int views_picture(struct report *r, const char *folder, const char *name, const char *suffix, oxl_image *out)
 {
-    const size_t size = strlen(r->out) + strlen(name) + strlen(suffix) + 16;
+    const size_t size = strlen(r->out) + strlen(folder) + strlen(name) + strlen(suffix) + 16;
     char        *path = malloc(size);
     int          rc;
     if (!path) return 0;
-    snprintf(path, size, "%s/renders/%s%s", r->out, name, suffix);
-    for (char *c = path + strlen(r->out) + 9; (name[0] == '/' || strstr(name, "..")) && *c; c++)
+    snprintf(path, size, "%s/%s/%s%s", r->out, folder, name, suffix);
+    for (char *c = path + strlen(r->out) + strlen(folder) + 2; (name[0] == '/' || strstr(name, "..")) && *c; c++)
         if (*c == '/') *c = '_';
     rc = oxl_image_read(r->ctx, path, out) == OXL_OK;
     free(path);
@@ -125,16 +126,16 @@ static void views_figure(struct report *r, const oxl_image *image, const char *w
     study_add(&r->page, "\"><figcaption>%s</figcaption></figure>\n", what);
 }
 
-static void views_show(struct report *r, const struct views_row *row)
+static void views_show(struct report *r, const char *folder, const struct views_row *row)
 {
     struct study_text *t     = &r->page;
     oxl_image          drawn = {0}, photo = {0}, error = {0};
     study_add(t, "<h3>");
     page_text(t, row->name);
     study_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", STUDY_FIXED(row->psnr, 2), STUDY_FIXED(row->ssim, 3));
-    if (!views_picture(r, row->name, ".png", &drawn) || !views_picture(r, row->name, ".photo.png", &photo) ||
+    if (!views_picture(r, folder, row->name, ".png", &drawn) || !views_picture(r, folder, row->name, ".photo.png", &photo) ||
         drawn.width != photo.width || drawn.height != photo.height)
-        study_add(t, "<p class=\"pale\">Its images are not in renders/.</p>\n");
+        study_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
     else if (views_reduce(r, &drawn) == OXL_OK && views_reduce(r, &photo) == OXL_OK &&
              views_error(r, &drawn, &photo, &error) == OXL_OK) {
         study_add(t, "<div class=\"three\">\n");
@@ -182,9 +183,10 @@ static void views_rows(struct study_text *t, const struct views *v, int from, in
 void views_section(struct report *r)
 {
     struct study_text *t     = &r->page;
-    struct views       v     = views_read(r);
+    struct views       v     = views_read(r, json_member(r->metrics, "views"));
     char              *split = json_string(json_member(r->metrics, "split"));
     const int          held  = split && strcmp(split, "test") == 0;
+    if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
     page_section(t, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
     if (v.count == 0) study_add(t, "<p>Not evaluated yet: there is no metrics.json.</p>\n");
     else {
@@ -203,10 +205,45 @@ void views_section(struct report *r)
         }
         study_add(t, "</section>\n");
         page_section(t, "Worst views");
-        for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, &v.row[i]);
+        for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "renders", &v.row[i]);
         views_legend(t);
     }
     study_add(t, "</section>\n");
     free(split);
+    views_free(&v);
+}
+
+/* ---------------------------------------------------------------- training images */
+
+static void views_training_rows(struct study_text *t, const struct views *v)
+{
+    study_add(t, "<div class=\"scroll\"><table><tr><th>image<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th>look at</tr>\n");
+    for (int i = 0; i < v->count && (v->row[i].flag || i < VIEWS_OPEN); i++) {
+        study_add(t, "<tr><td class=\"name\">");
+        page_text(t, v->row[i].name);
+        study_add(t, "<td class=\"n\">%s<td class=\"n\">%s<td>", STUDY_FIXED(v->row[i].psnr, 2), STUDY_FIXED(v->row[i].ssim, 3));
+        if (v->row[i].flag) page_text(t, v->row[i].flag);
+        study_add(t, "</tr>\n");
+    }
+    study_add(t, "</table></div>\n");
+}
+
+void views_training_section(struct report *r)
+{
+    struct study_text *t       = &r->page;
+    const char        *list    = json_member(r->metrics, "training");
+    const double       flagged = json_number(list, "flagged");
+    struct views       v       = views_read(r, json_member(list, "views"));
+    if (v.count > 0) {
+        page_section(t, "Training images that fit worst");
+        study_add(
+            t,
+            "<p>%d of %d fit far worse than the images taken beside them. A wrong pose, another exposure or blur does that: leave "
+            "such an image out, or mend it, and train again.</p>\n",
+            flagged > 0 ? (int)flagged : 0, v.count);
+        views_training_rows(t, &v);
+        for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);
+        study_add(t, "</section>\n");
+    }
     views_free(&v);
 }

@@ -80,8 +80,10 @@ static void fuzz_write(const char *name, const uint8_t *data, size_t size)
 
 static void fuzz_clean(void)
 {
-    static const char *const names[] = {"cameras.txt", "images.txt", "points3D.txt",   "model.ply",    "model.splat",
-                                        "run.json",    "block.json", "checkpoint.oxl", "partition.txt"};
+    static const char *const names[] = {"cameras.txt",   "images.txt",      "points3D.txt",        "model.ply",
+                                        "model.splat",   "run.json",        "block.json",          "checkpoint.oxl",
+                                        "partition.txt", "transforms.json", "reconstruction.json", "model.spz",
+                                        "cameras.bin",   "images.bin",      "points3D.bin"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) os_remove(fuzz_path(names[i]));
     remove(fuzz_folder());
     os_make_one_folder(fuzz_folder());
@@ -120,16 +122,15 @@ static void fuzz_check_colmap(const struct colmap *c)
         fuzz_promise(c->point[i].first_track + c->point[i].track_count <= c->track_count, "points have their tracks");
 }
 
-static void fuzz_colmap(oxl_context *ctx, const uint8_t *data, size_t size)
+/* The model in the folder: whole, then as a scene, then cut into blocks. */
+static void fuzz_use_colmap(oxl_context *ctx)
 {
     oxl_scene_options     options = oxl_scene_options_default();
     oxl_partition_options cut     = oxl_partition_options_default();
     struct partition      partition;
     struct colmap         c;
     oxl_scene            *scene = NULL;
-    oxl_result            rc;
-    fuzz_colmap_files(data, size);
-    rc = colmap_read_in_windows(ctx, fuzz_folder(), 1, 64, &c);
+    oxl_result            rc    = colmap_read_in_windows(ctx, fuzz_folder(), 1, 64, &c);
     fuzz_explained(ctx, rc);
     if (rc != OXL_OK) return;
     fuzz_check_colmap(&c);
@@ -142,6 +143,47 @@ static void fuzz_colmap(oxl_context *ctx, const uint8_t *data, size_t size)
         fuzz_explained(ctx, partition_make(ctx, scene, &cut, &partition));
         partition_free(ctx, &partition);
     }
+    oxl_scene_free(ctx, scene);
+}
+
+static void fuzz_colmap(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    fuzz_clean();
+    fuzz_colmap_files(data, size);
+    fuzz_use_colmap(ctx);
+}
+
+/* Two lengths of 16 bits, little endian: of the first and the second file; what is left is the third. */
+static void fuzz_colmap_binary(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    static const char *const names[] = {"cameras.bin", "images.bin", "points3D.bin"};
+    size_t                   part[3] = {0, 0, 0};
+    fuzz_clean();
+    if (size < 4) return;
+    part[0] = OXL_MIN((size_t)data[0] | (size_t)data[1] << 8, size - 4);
+    part[1] = OXL_MIN((size_t)data[2] | (size_t)data[3] << 8, size - 4 - part[0]);
+    part[2] = size - 4 - part[0] - part[1];
+    for (int i = 0; i < 3; i++) fuzz_write(names[i], data + 4 + (i > 0) * part[0] + (i > 1) * part[1], part[i]);
+    fuzz_use_colmap(ctx);
+}
+
+/* A '{' at the start: nerfstudio's file; else OpenSfM's. */
+static void fuzz_json_survey(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    const char       *name    = size > 0 && data[0] == '{' ? "transforms.json" : "reconstruction.json";
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene   = NULL;
+    struct colmap     c;
+    oxl_result        rc;
+    fuzz_clean();
+    fuzz_write(name, data, size);
+    rc = json_survey_read(ctx, fuzz_folder(), name, &c);
+    fuzz_explained(ctx, rc);
+    if (rc != OXL_OK) return;
+    fuzz_check_colmap(&c);
+    colmap_free(ctx, &c);
+    options.read_images = 0;
+    fuzz_explained(ctx, oxl_scene_load(ctx, fuzz_folder(), &options, &scene));
     oxl_scene_free(ctx, scene);
 }
 
@@ -172,6 +214,11 @@ static void fuzz_model(oxl_context *ctx, const char *name, const uint8_t *data, 
 static void fuzz_ply(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     fuzz_model(ctx, "model.ply", data, size);
+}
+
+static void fuzz_spz(oxl_context *ctx, const uint8_t *data, size_t size)
+{
+    fuzz_model(ctx, "model.spz", data, size);
 }
 
 static void fuzz_splat(oxl_context *ctx, const uint8_t *data, size_t size)
@@ -322,8 +369,15 @@ static void fuzz_options(oxl_context *ctx, const uint8_t *data, size_t size)
 static const struct fuzz_target {
     const char *name; /* its inputs are in fuzz/corpus/NAME */
     void (*run)(oxl_context *ctx, const uint8_t *data, size_t size);
-} fuzz_targets[] = {{"colmap", fuzz_colmap},         {"ply", fuzz_ply}, {"splat", fuzz_splat},
-                    {"checkpoint", fuzz_checkpoint}, {"run", fuzz_run}, {"partition", fuzz_partition},
+} fuzz_targets[] = {{"colmap", fuzz_colmap},
+                    {"colmap_binary", fuzz_colmap_binary},
+                    {"json_survey", fuzz_json_survey},
+                    {"spz", fuzz_spz},
+                    {"ply", fuzz_ply},
+                    {"splat", fuzz_splat},
+                    {"checkpoint", fuzz_checkpoint},
+                    {"run", fuzz_run},
+                    {"partition", fuzz_partition},
                     {"options", fuzz_options}};
 
 static void fuzz_one(const struct fuzz_target *target, const uint8_t *data, size_t size)

@@ -195,22 +195,27 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* w
 OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char *path);
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
-OXL_INTERNAL double     os_seconds(void);     /* monotonic clock */
-OXL_INTERNAL size_t     os_peak_rss(void);    /* bytes; 0 when unknown */
-OXL_INTERNAL size_t     os_memory_free(void); /* bytes that can be taken without swapping; 0 when unknown */
+OXL_INTERNAL int64_t    os_modified(const char *path); /* when, in a unit of the system; 0: unknown */
+OXL_INTERNAL double     os_seconds(void);              /* monotonic clock */
+OXL_INTERNAL size_t     os_peak_rss(void);             /* bytes; 0 when unknown */
+OXL_INTERNAL size_t     os_memory_free(void);          /* bytes that can be taken without swapping; 0 when unknown */
 /* Calls `visit` with the name of each entry of a folder, in no order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
                                        void *user);
 
 /* ---------------------------------------------------------------- colmap.c: the three text files, as they are */
 
+enum { CAMERA_PARAMETERS = 16 }; /* of the model that has most */
+
 struct colmap_camera {
     int64_t id;
     int     model; /* index in camera.c's table */
     int     width, height;
     int     parameter_count;
-    double  parameter[12];
-    int     line; /* in cameras.txt, for messages */
+    double  parameter[CAMERA_PARAMETERS];
+    const char
+        *file; /* that it is read from, without its folder, and its line there; in binary files, which record: for messages */
+    int  line;
 };
 
 struct colmap_observation {
@@ -226,7 +231,7 @@ struct colmap_image {
     size_t   name;              /* offset in colmap.names */
     size_t   first_observation; /* in colmap.observation */
     size_t   observation_count;
-    uint64_t points_at;   /* where the text of its 2D points lies in images.txt: exports copy it */
+    uint64_t points_at;   /* where its 2D points lie in the file of images, as text or as numbers: exports copy them */
     size_t   points_size; /* bytes; 0: none */
     int      line;
 };
@@ -245,6 +250,12 @@ struct colmap_point {
     size_t   first_track; /* in colmap.track */
 };
 
+enum colmap_format {
+    COLMAP_TEXT,
+    COLMAP_BINARY,
+    COLMAP_JSON /* transforms.json, reconstruction.json: no 2D points, no tracks */
+};
+
 struct colmap {
     struct colmap_camera      *camera;
     size_t                     camera_count;
@@ -259,22 +270,43 @@ struct colmap {
     char                      *folder;
     char                      *names; /* zero-terminated, one after the other */
     size_t                     names_size;
-    size_t                     warnings; /* oddities that were mended and logged */
+    size_t                     warnings;      /* oddities that were mended and logged */
+    int                        is_cut;        /* a file holds fewer rows than its header announces */
+    int                        images_beside; /* names start from `folder`, not from the folder of images */
+    enum colmap_format         format;
+    const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
-/* Reads cameras.txt, images.txt and points3D.txt of a folder; colmap.c says what is promised of them. keep_observations = 0
- * skips the 2D points. */
+/* Reads cameras, images and points3D of a folder, .txt or .bin, the newer where both are there; colmap.c says what is promised of
+ * them. keep_observations = 0 skips the 2D points. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
 /* The same through a window on the files of another size, in bytes: for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
                                                struct colmap *out);
+/* colmap_order.c: cameras, images and points by id. COLMAP writes them in the order of its hash tables, another one in text than
+ * in binary: so what a scene is does not depend on it. Observations and tracks stay where they are. */
+OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 /* colmap_write.c: numbers as %.17g writes them. */
 OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
+/* json_survey.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
 
 /* ---------------------------------------------------------------- camera.c: camera models, undistortion */
 
-enum camera_kind { CAMERA_IDEAL, CAMERA_RADIAL, CAMERA_OPENCV, CAMERA_FULL_OPENCV, CAMERA_FISHEYE };
+enum camera_kind {
+    CAMERA_IDEAL,
+    CAMERA_RADIAL,
+    CAMERA_OPENCV,
+    CAMERA_FULL_OPENCV,
+    CAMERA_FISHEYE,
+    CAMERA_FOV,
+    CAMERA_THIN_PRISM,
+    CAMERA_RAD_TAN_THIN_PRISM,
+    CAMERA_DIVISION,
+    CAMERA_EUCM,
+    CAMERA_SPHERE /* the whole sphere: no ideal camera stands for it */
+};
 
 struct camera_model {
     const char      *name;
@@ -282,7 +314,8 @@ struct camera_model {
     int              focal_count;     /* 1: f; 2: fx, fy */
     enum camera_kind kind;
 };
-OXL_INTERNAL int                        camera_model_find(const char *name, size_t length); /* -1: unknown */
+OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* -1: unknown; else COLMAP's MODEL_ID */
+OXL_INTERNAL int camera_model_count(void);
 OXL_INTERNAL const struct camera_model *camera_model_at(int index);
 OXL_INTERNAL const char                *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 
@@ -336,6 +369,11 @@ OXL_INTERNAL void       image_to_photo(const oxl_image *image, struct photo *pho
 OXL_INTERNAL void       image_begin(void); /* with each context: how stb writes PNGs */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
+/* stb's codec for others: raw deflate data to exactly `size` bytes, or 0; the other way, with room for `before` and `after` bytes
+ * around the data (*out is oxl_alloc's). */
+OXL_INTERNAL int        image_inflate(void *out, size_t size, const void *data, size_t data_size);
+OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
+                                      unsigned char **out, size_t *deflated);
 OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height);
 
 /* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
@@ -512,6 +550,13 @@ OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int el
 OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);
 OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);              /* -1: not there */
 OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: not there, or a list */
+
+/* ---------------------------------------------------------------- spz.c, gltf.c: compact and exchange formats */
+
+/* All numbers finite, no lobes: model_file.c sees to it. */
+OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
+OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model);
+OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------------------------------------------------------- model.c: planes of Gaussians */
 
@@ -969,6 +1014,16 @@ struct seam { /* of all pixels of a split that count: by squared error, not the 
 OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p, const oxl_model *model, oxl_scene *scene,
                                      oxl_split split, struct seam *out);
 OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a member and its comma: one line of an object */
+
+/* ---------------------------------------------------------------- render_files.c, training_views.c */
+
+/* oxl_render_views of these views. */
+OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+                                        const char *folder, const int *view, int asked, int *count);
+/* Adds a member of metrics.json, "training", and its comma; logs the views that fit far worse than their neighbours. The worst are drawn
+ * beside their images into `folder`; NULL: none. */
+OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, struct text *json,
+                                             const char *folder);
 
 /* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
 

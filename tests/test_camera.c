@@ -2,9 +2,13 @@
 
 static struct colmap_camera camera_make(const char *model, int width, int height, int count, const double *parameter)
 {
-    struct colmap_camera c = {
-        .id = 1, .model = camera_model_find(model, strlen(model)), .width = width, .height = height, .line = 4};
-    c.parameter_count = count;
+    struct colmap_camera c = {.id     = 1,
+                              .model  = camera_model_find(model, strlen(model)),
+                              .width  = width,
+                              .height = height,
+                              .file   = "cameras.txt",
+                              .line   = 4};
+    c.parameter_count      = count;
     memcpy(c.parameter, parameter, (size_t)count * sizeof *parameter);
     return c;
 }
@@ -14,7 +18,7 @@ TEST(camera_models_follow_the_published_formulas)
     static const struct {
         const char *model;
         int         count;
-        double      parameter[12], x, y;
+        double      parameter[CAMERA_PARAMETERS], x, y;
     } cases[] = {
         {"SIMPLE_PINHOLE", 3, {500, 320, 240}, 470, 15},
         {"PINHOLE", 4, {500, 510, 320, 240}, 470, 10.5},
@@ -29,6 +33,22 @@ TEST(camera_models_follow_the_published_formulas)
          30.380650243523604},
         {"SIMPLE_RADIAL_FISHEYE", 4, {500, 320, 240, 0.1}, 460.88379128945564, 28.67431306581659},
         {"RADIAL_FISHEYE", 5, {500, 320, 240, 0.1, -0.02}, 460.7176439384551, 28.923534092317368},
+        {"FOV", 5, {500, 510, 320, 240, 0.9}, 468.3786842484958, 12.980613099801474},
+        {"THIN_PRISM_FISHEYE",
+         12,
+         {500, 510, 320, 240, 0.1, -0.02, 0.01, -0.02, 0.003, -0.0004, 0.005, -0.006},
+         456.2330730417651,
+         29.24431709933151},
+        {"RAD_TAN_THIN_PRISM_FISHEYE",
+         16,
+         {500, 510, 320, 240, 0.1, -0.02, 0.003, -0.0004, 0.0005, -0.0006, 0.01, -0.02, 0.005, -0.006, 0.007, -0.008},
+         465.62409246858704,
+         17.86782829543938},
+        {"SIMPLE_DIVISION", 4, {500, 320, 240, -0.2}, 462.122469435776, 26.816295846336004},
+        {"DIVISION", 5, {500, 510, 320, 240, -0.2}, 462.122469435776, 22.55262176326272},
+        {"SIMPLE_FISHEYE", 3, {500, 320, 240}, 457.50400387047205, 33.7439941942919},
+        {"FISHEYE", 4, {500, 510, 320, 240}, 457.50400387047205, 29.618874078177726},
+        {"EUCM", 6, {500, 510, 320, 240, 0.6, 1.1}, 457.63938831614445, 29.41173587629899},
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         const struct colmap_camera c            = camera_make(cases[i].model, 640, 480, cases[i].count, cases[i].parameter);
@@ -42,7 +62,52 @@ TEST(camera_models_follow_the_published_formulas)
         camera_distort(&c, axis, pixel);
         CHECK(pixel[0] == 320 && pixel[1] == 240);
     }
-    CHECK(camera_model_find("FOV", 3) < 0 && camera_model_find("PINHOLES", 8) < 0 && camera_model_find("PIN", 3) < 0);
+    CHECK(camera_model_find("FO", 2) < 0 && camera_model_find("PINHOLES", 8) < 0 && camera_model_find("PIN", 3) < 0);
+}
+
+TEST(camera_tan_agrees_with_libm_to_1e_14)
+{
+    double worst = 0;
+    for (double x = 1e-9; x < 1.5; x += 1e-4) worst = OXL_MAX(worst, fabs(camera_tan(x) / tan(x) - 1));
+    CHECK_CLOSE(worst, 0, 1e-14);
+    CHECK(camera_tan(0) == 0);
+}
+
+TEST(camera_models_have_the_ids_of_colmap)
+{
+    static const struct {
+        const char *name;
+        int         id;
+    } known[] = {{"SIMPLE_PINHOLE", 0}, {"OPENCV", 4},    {"FULL_OPENCV", 6},     {"FOV", 7},
+                 {"RADIAL_FISHEYE", 9}, {"DIVISION", 13}, {"EQUIRECTANGULAR", 17}};
+    for (size_t i = 0; i < OXL_COUNT(known); i++) CHECK(camera_model_find(known[i].name, strlen(known[i].name)) == known[i].id);
+    CHECK(camera_model_count() == 18);
+}
+
+TEST(camera_of_the_whole_sphere_is_refused_with_what_to_do)
+{
+    const double               p[] = {640, 320};
+    const struct colmap_camera c   = camera_make("EQUIRECTANGULAR", 640, 320, 2, p);
+    oxl_camera                 ideal;
+    CHECK(camera_is_distorted(&c));
+    CHECK(camera_undistorted(test_ctx, &c, &ideal) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "cameras.txt:4: camera 1 (EQUIRECTANGULAR) sees all around");
+    CHECK_TEXT(oxl_error_text(test_ctx), "panorama_sfm.py");
+}
+
+TEST(camera_lenses_without_distortion_of_the_new_models_are_pinholes)
+{
+    const double               fov[] = {500, 510, 320, 240, 0}, eucm[] = {500, 510, 320, 240, 0, 1};
+    const struct colmap_camera none[] = {camera_make("FOV", 640, 480, 5, fov), camera_make("DIVISION", 640, 480, 5, fov),
+                                         camera_make("EUCM", 640, 480, 6, eucm)};
+    for (size_t i = 0; i < OXL_COUNT(none); i++) {
+        const double direction[2] = {0.3, -0.45};
+        double       pixel[2];
+        CHECK(!camera_is_distorted(&none[i]));
+        camera_distort(&none[i], direction, pixel);
+        CHECK_CLOSE(pixel[0], 470, 1e-10);
+        CHECK_CLOSE(pixel[1], 10.5, 1e-10);
+    }
 }
 
 TEST(camera_atan_agrees_with_libm_to_1e_15)
@@ -99,7 +164,7 @@ TEST(camera_undistorted_holds_only_pixels_that_were_seen_once)
     static const struct {
         const char *model;
         int         count;
-        double      parameter[12];
+        double      parameter[CAMERA_PARAMETERS];
         int         least_width;
     } cases[] = {
         {"SIMPLE_RADIAL", 4, {500, 320, 240, -0.3}, 640}, /* barrel, as a dome port gives */
@@ -111,6 +176,17 @@ TEST(camera_undistorted_holds_only_pixels_that_were_seen_once)
         {"OPENCV_FISHEYE", 8, {300, 300, 320, 240, 0.05, 0.01, -0.02, 0}, 700},
         {"SIMPLE_RADIAL_FISHEYE", 4, {100, 320, 240, 0}, 1000}, /* 360 degrees: the picture holds what lies behind */
         {"FULL_OPENCV", 12, {500, 500, 320, 240, 0.5, -0.2, 0.001, 0.002, 0.01, 0.8, 0.1, 0.02}, 600},
+        {"FOV", 5, {300, 300, 320, 240, 0.9}, 640},
+        {"THIN_PRISM_FISHEYE", 12, {300, 300, 320, 240, 0.05, 0.01, 0.001, 0.002, -0.02, 0, 0.002, -0.003}, 640},
+        {"RAD_TAN_THIN_PRISM_FISHEYE",
+         16,
+         {300, 300, 320, 240, 0.05, 0.01, -0.02, 0, 0, 0, 0.001, 0.002, 0.003, 0, -0.002, 0},
+         600},
+        {"SIMPLE_DIVISION", 4, {500, 320, 240, -0.3}, 640},
+        {"DIVISION", 5, {500, 480, 320, 240, 0.2}, 500}, /* ends at r = 1.1 */
+        {"SIMPLE_FISHEYE", 3, {300, 320, 240}, 700},
+        {"FISHEYE", 4, {300, 290, 320, 240}, 700},
+        {"EUCM", 6, {300, 300, 320, 240, 0.7, 1.1}, 700},
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {
         const struct colmap_camera c = camera_make(cases[i].model, 640, 480, cases[i].count, cases[i].parameter);

@@ -1,7 +1,7 @@
 /* test_image.c - what comes out of image files, whole and broken, and how photographs are reduced, undistorted and masked. */
 
 static const struct colmap_camera image_pinhole = {
-    .id = 1, .model = 1, .width = 64, .height = 48, .parameter = {60, 60, 32, 24}, .line = 4};
+    .id = 1, .model = 1, .width = 64, .height = 48, .parameter = {60, 60, 32, 24}, .file = "cameras.txt", .line = 4};
 
 static uint8_t image_pattern(int x, int y, int c)
 {

@@ -539,7 +539,7 @@ TEST(model_write_wants_a_known_extension)
 {
     oxl_model m = model_test_random(1, 0);
     CHECK(oxl_model_write(test_ctx, test_path("m.obj"), &m) == OXL_ERR_USAGE);
-    CHECK_TEXT(oxl_error_text(test_ctx), ".ply or .splat");
+    CHECK_TEXT(oxl_error_text(test_ctx), ".ply, .spz, .glb or .splat");
     oxl_model_free(test_ctx, &m);
 }
 

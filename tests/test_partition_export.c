@@ -101,6 +101,40 @@ static int export_test_same(const char *a, const char *b)
     return same;
 }
 
+/* Numbers of the blocks of binary files are those of the text, bit by bit. */
+TEST(partition_export_of_a_binary_survey_says_the_same)
+{
+    const oxl_partition_options o       = partition_test_options(600, OXL_CUT_BALANCED);
+    oxl_scene                  *scene   = partition_test_reef_scene(2);
+    oxl_scene_options           options = oxl_scene_options_default();
+    struct colmap               c, part;
+    struct partition            p, q;
+    char                        binary[300];
+    options.read_images = 0;
+    CHECK_OK(colmap_read(test_ctx, test_path("reef/sparse/0"), 1, &c));
+    snprintf(binary, sizeof binary, "%s", test_path("reef_binary"));
+    CHECK_OK(os_make_folder(test_ctx, test_path("reef_binary/sparse")));
+    binary_write(test_path("reef_binary/sparse"), &c);
+    colmap_free(test_ctx, &c);
+    CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+    CHECK_OK(partition_export(test_ctx, &p, test_path("text")));
+    partition_free(test_ctx, &p);
+    oxl_scene_free(test_ctx, scene);
+    CHECK_OK(oxl_scene_load(test_ctx, binary, &options, &scene));
+    CHECK_OK(partition_make(test_ctx, scene, &o, &q));
+    CHECK_OK(partition_export(test_ctx, &q, test_path("binary")));
+    CHECK(q.block_count >= 3);
+    for (int b = 0; b < q.block_count; b++) {
+        CHECK_OK(colmap_read(test_ctx, export_test_folder("text", b), 1, &c));
+        CHECK_OK(colmap_read(test_ctx, export_test_folder("binary", b), 1, &part));
+        CHECK(part.format == COLMAP_TEXT && part.warnings == 0 && part.observation_count > 0 && colmap_same(&c, &part));
+        colmap_free(test_ctx, &c);
+        colmap_free(test_ctx, &part);
+    }
+    partition_free(test_ctx, &q);
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(partition_export_does_not_depend_on_threads)
 {
     static const char *const    names[] = {"partition.txt", "partition.svg", "blocks/001/sparse/0/images.txt",

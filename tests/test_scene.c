@@ -50,6 +50,42 @@ static const char *scene_survey(const char *name, int n, double base, int with_f
     return test_path(name);
 }
 
+TEST(scene_of_a_file_that_was_cut_is_refused_unless_it_is_allowed)
+{
+    const char       *path    = scene_survey("s", 3, 0, 1);
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    test_write("s/sparse/0/images.txt",
+               "# Number of images: 18, mean observations per image: 1\n10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n");
+    CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT && scene == NULL);
+    CHECK_TEXT(oxl_error_text(test_ctx), "fewer rows than its header announces");
+    CHECK_TEXT(oxl_error_text(test_ctx), "--force");
+    options.allow_cut = 1;
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    CHECK(oxl_scene_view_count(scene) == 1);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(scene_does_not_depend_on_the_order_of_lines)
+{
+    const char *path = scene_survey("s", 3, 0, 1);
+    oxl_scene  *a, *b;
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &a));
+    test_write("s/sparse/0/images.txt", "10 1 0 0 0 0 0 0 1 img00.png\n1 2 1\n12 1 0 0 0 -2 0 0 1 img02.png\n1 2 1\n"
+                                        "11 1 0 0 0 -1 0 0 1 img01.png\n1 2 1\n");
+    test_write("s/sparse/0/points3D.txt", "3 2 0 10 20 20 30 0.5 10 0 11 0 12 0\n1 0 0 10 0 20 30 0.5 10 0 11 0 12 0\n"
+                                          "4 3 1 10 30 20 30 0.5 10 0 11 0 12 0\n2 1 1 10 10 20 30 0.5 10 0 11 0 12 0\n");
+    CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &b));
+    CHECK(oxl_scene_point_count(a) == 4 && oxl_scene_point_count(b) == 4);
+    for (int i = 0; i < 4; i++) {
+        const oxl_point *x = oxl_scene_points(a) + i, *y = oxl_scene_points(b) + i;
+        CHECK(memcmp(x->position, y->position, sizeof x->position) == 0 && memcmp(x->rgb, y->rgb, 3) == 0);
+    }
+    CHECK(oxl_scene_extent(a) == oxl_scene_extent(b) && scene_near_plane(a) == scene_near_plane(b));
+    oxl_scene_free(test_ctx, a);
+    oxl_scene_free(test_ctx, b);
+}
+
 TEST(scene_views_are_sorted_by_name_and_every_eighth_is_for_the_test)
 {
     const char               *path = scene_survey("s", 17, 0, 1);
@@ -286,8 +322,8 @@ TEST(scene_that_is_none_is_refused_with_a_word_on_what_to_do)
     CHECK_TEXT(oxl_error_text(test_ctx), "nothing: there is no such folder");
     test_write("empty/readme", "");
     CHECK(oxl_scene_load(test_ctx, test_path("empty"), NULL, &scene) == OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "no COLMAP text export");
-    CHECK_TEXT(oxl_error_text(test_ctx), "model_converter");
+    CHECK_TEXT(oxl_error_text(test_ctx), "no COLMAP model");
+    CHECK_TEXT(oxl_error_text(test_ctx), "by --sparse");
     test_write("binary/sparse/0/cameras.bin", "");
     test_write("binary/sparse/0/images.bin", "");
     test_write("binary/sparse/0/points3D.bin", "");

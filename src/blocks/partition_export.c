@@ -7,7 +7,7 @@
  * A block holds its training views and the points that it starts from, in the world coordinates, camera models, names and ids of the
  * survey; numbers as %.17g. Tracks are reduced to the block's views. A view keeps its whole list of 2D points, those of no track in
  * the block unmatched (-1): so a track's POINT2D_IDX stays what it was, here and in COLMAP's database. The list's numbers are copied as
- * they stand in images.txt, letter by letter.
+ * they stand in images.txt, letter by letter; those of images.bin are written as %.17g, as COLMAP's text export has them.
  *
  * Files are written by several threads at a time, a block each. Invariant: what is in a file does not depend on that.
  */
@@ -30,7 +30,7 @@ struct exporter_worker {     /* what one thread works with; all of it taken befo
     char            *buffer; /* (EXPORT_BUFFER) */
     size_t           used;
     FILE            *file;
-    struct os_reader reader; /* of images.txt */
+    struct os_reader reader; /* of the file of images */
     size_t           loose;  /* entries of tracks that name no 2D point of their own */
     oxl_result       rc;
 };
@@ -40,7 +40,7 @@ struct exporter {
     const struct partition *p;
     const struct colmap    *colmap;
     const char             *out;
-    char                   *images_txt;
+    char                   *images_file;
     size_t                  slots, list_room;
     struct exporter_worker *worker; /* (ctx->threads) */
 };
@@ -180,6 +180,23 @@ static void exporter_list(const struct exporter *e, struct exporter_worker *w, c
     }
 }
 
+/* The same of images.bin: X and Y in 8 bytes each, little endian, and 8 bytes that are not needed. */
+static void exporter_list_binary(const struct exporter *e, struct exporter_worker *w, const char *p, size_t size)
+{
+    for (size_t k = 0; 24 * k + 24 <= size; k++) {
+        for (int axis = 0; axis < 2; axis++) {
+            uint64_t bits = 0;
+            double   value;
+            for (int i = 7; i >= 0; i--) bits = bits << 8 | (unsigned char)p[24 * k + 8 * (size_t)axis + (size_t)i];
+            memcpy(&value, &bits, sizeof value);
+            if (k + (size_t)axis > 0) exporter_put(w, " ", 1);
+            w->used += format_double(exporter_room(w, NUMBER_TEXT_MAX), value);
+        }
+        exporter_put_whole(w, ' ', k < e->slots ? w->slot[k] : -1);
+        if (k < e->slots) w->slot[k] = -1;
+    }
+}
+
 static void exporter_image(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
     const struct colmap_image *image = scene_source_image(e->p->plan->scene, (int)view);
@@ -196,14 +213,15 @@ static void exporter_image(const struct exporter *e, struct exporter_worker *w, 
 #endif
     {
         if (image->points_size) w->rc = os_reader_seek(e->ctx, &w->reader, image->points_at);
-        if (w->rc == OXL_OK) w->rc = os_reader_read(e->ctx, &w->reader, w->list, image->points_size, &got);
+        if (w->rc == OXL_OK && image->points_size) w->rc = os_reader_read(e->ctx, &w->reader, w->list, image->points_size, &got);
         if (w->rc == OXL_OK && got < image->points_size)
             w->rc =
-                oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: has become shorter since it was read\nfix: run once more", e->images_txt);
+                oxl_fail(e->ctx, OXL_ERR_INPUT, "%s: has become shorter since it was read\nfix: run once more", e->images_file);
     }
     exporter_fill_slots(e, w, view);
     w->list[got] = 0;
-    exporter_list(e, w, w->list);
+    if (e->colmap->format == COLMAP_BINARY) exporter_list_binary(e, w, w->list, got);
+    else exporter_list(e, w, w->list);
     exporter_clear_slots(e, w, view);
     exporter_put_text(w, "\n");
 }
@@ -317,13 +335,13 @@ static oxl_result exporter_prepare(struct exporter *e)
     const size_t         views = e->p->plan->sight->views;
     for (size_t v = 0; v < views; v++)
         e->list_room = OXL_MAX(e->list_room, scene_source_image(e->p->plan->scene, (int)v)->points_size);
-    e->slots      = e->list_room / 6 + 1; /* "0 0 0 " is the shortest */
-    e->images_txt = oxl_path_join(e->ctx, c->folder, exporter_name[1]);
-    e->worker     = oxl_calloc(e->ctx, (size_t)e->ctx->threads, sizeof *e->worker);
-    if (!e->images_txt || !e->worker) return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
+    e->slots       = e->list_room / 6 + 1; /* "0 0 0 " is the shortest */
+    e->images_file = oxl_path_join(e->ctx, c->folder, c->images_file);
+    e->worker      = oxl_calloc(e->ctx, (size_t)e->ctx->threads, sizeof *e->worker);
+    if (!e->images_file || !e->worker) return oxl_fail(e->ctx, OXL_ERR_MEMORY, "no memory to write blocks");
     for (int i = 0; i < e->ctx->threads; i++) {
         struct exporter_worker *w  = &e->worker[i];
-        const oxl_result        rc = os_reader_open(e->ctx, e->images_txt, &w->reader);
+        const oxl_result        rc = e->list_room ? os_reader_open(e->ctx, e->images_file, &w->reader) : OXL_OK;
         if (rc != OXL_OK) return rc;
         w->bits   = oxl_alloc(e->ctx, c->point_count / 64 + 1, sizeof *w->bits);
         w->image  = oxl_alloc(e->ctx, c->image_count, 1);
@@ -351,7 +369,7 @@ static void exporter_free(struct exporter *e)
         oxl_free(e->ctx, w->buffer);
     }
     oxl_free(e->ctx, e->worker);
-    oxl_free(e->ctx, e->images_txt);
+    oxl_free(e->ctx, e->images_file);
 }
 
 /* Blocks from `first` on, as many as there are writers for. Each thread takes the next one that is left. */
@@ -399,7 +417,7 @@ static oxl_result exporter_blocks(struct exporter *e)
             e->ctx, OXL_LOG_WARNING,
             "%zu entries of tracks name 2D points that %s does not hold, or that others name too; COLMAP may refuse the blocks as it "
             "would the survey",
-            loose, e->images_txt);
+            loose, e->images_file);
     if (rc == OXL_OK) exporter_remove_old(e);
     exporter_free(e);
     return rc;

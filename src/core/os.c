@@ -38,6 +38,18 @@ static enum os_kind os_kind_of(const char *path, uint64_t *size)
     return S_ISREG(s.st_mode) ? OS_FILE : S_ISDIR(s.st_mode) ? OS_FOLDER : OS_NOTHING;
 }
 
+/* Nanoseconds. */
+OXL_INTERNAL int64_t os_modified(const char *path)
+{
+    struct stat s;
+    if (stat(path, &s) != 0) return 0;
+#ifdef __APPLE__
+    return (int64_t)s.st_mtimespec.tv_sec * 1000000000 + s.st_mtimespec.tv_nsec;
+#else
+    return (int64_t)s.st_mtim.tv_sec * 1000000000 + s.st_mtim.tv_nsec;
+#endif
+}
+
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 {
     return fopen(path, mode);
@@ -225,6 +237,15 @@ static enum os_kind os_kind_of(const char *path, uint64_t *size)
     if (os_done(GetFileAttributesExW(os_wide(path, wide), GetFileExInfoStandard, &data)) != 0) return OS_NOTHING;
     if (size) *size = (uint64_t)data.nFileSizeHigh << 32 | data.nFileSizeLow;
     return data.dwFileAttributes & FILE_ATTRIBUTE_DIRECTORY ? OS_FOLDER : OS_FILE;
+}
+
+/* Tenths of microseconds. */
+OXL_INTERNAL int64_t os_modified(const char *path)
+{
+    wchar_t                   wide[OS_PATH_MAX];
+    WIN32_FILE_ATTRIBUTE_DATA data;
+    if (!GetFileAttributesExW(os_wide(path, wide), GetFileExInfoStandard, &data)) return 0;
+    return (int64_t)((uint64_t)data.ftLastWriteTime.dwHighDateTime << 32 | data.ftLastWriteTime.dwLowDateTime);
 }
 
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode)

@@ -681,6 +681,16 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     faults_add_json(t, &job->total.faults);
 }
 
+static oxl_result job_judge_training(struct job *job, struct text *t)
+{
+    char            *folder = oxl_path_join(job->ctx, job->out, "training_views");
+    const oxl_result rc     = folder
+                                  ? training_views_judge(job->ctx, &job->model, job->scene, t, job->options.renders ? folder : NULL)
+                                  : job_no_memory(job);
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
 static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, const size_t bytes[2])
 {
     oxl_metrics m = {0};
@@ -703,6 +713,8 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
         rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
     if (rc != OXL_OK) goto done;
     if (job->partition.block_count > 1) seam_add_json(&t, &seam);
+    rc = job_judge_training(job, &t);
+    if (rc != OXL_OK) goto done;
     rc = metrics_write_json(job->ctx, &t, job->scene, &m);
     text_add(&t, "}\n");
     if (rc == OXL_OK) rc = job_write(job, "metrics.json", &t);
@@ -883,6 +895,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
                       out, out);
     if (rc != OXL_OK) return rc;
     run_options(&run, &options);
+    options.scene.allow_cut = 1; /* as its training was allowed to */
     if (refine >= 0) options.refine = refine;
     job_begin(&job, ctx, run.scene, out, &options, callback);
     rc = job_check(&job);

@@ -40,6 +40,7 @@ static const oxl_option OPTIONS[] = {
 {"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "of all random choices; the same seed gives the same bytes; 0: 1", NULL},
 {"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MOST, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "peak memory, as 4G: block size, image cache and number of Gaussians follow; 0: no limit", NULL},
 {"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "discard unfinished work of other options in OUT", NULL},
+{"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_cut), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey holds fewer rows than its header announces", NULL},
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train block K alone, counted from 0; merge joins the blocks", NULL},
 {"renders", "off|on", OXL_OPTION_CHOICE, OPTION_AT(renders), 0, 1, EACH("on"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "images of the held-out views in OUT/renders", NULL},
 {"background", "R,G,B", OXL_OPTION_RGB, OPTION_AT(train.background), 0, 1, EACH("0,0,0"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "colour behind all Gaussians, each channel 0 to 1", NULL},

@@ -188,16 +188,14 @@ static oxl_result pictures_write(oxl_context *ctx, struct picture *picture, int 
     return *written < count ? ctx->failed : OXL_OK;
 }
 
-oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
-                            const char *folder, int *count)
+OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+                                        const char *folder, const int *view, int asked, int *count)
 {
     struct renderer *r       = NULL;
     struct picture  *picture = oxl_alloc(ctx, PICTURES_AT_ONCE, sizeof *picture);
     oxl_result       rc      = os_make_folder(ctx, folder);
-    int             *view    = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
-    const int        asked   = view ? scene_views_of(scene, what->split, view) : 0;
     *count                   = 0;
-    if (rc == OXL_OK && (!view || !picture)) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (rc == OXL_OK && !picture) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     while (rc == OXL_OK && *count < asked) {
         int        drawn, written;
@@ -209,6 +207,17 @@ oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene 
     }
     renderer_free(ctx, r);
     oxl_free(ctx, picture);
+    return rc;
+}
+
+oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+                            const char *folder, int *count)
+{
+    int       *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);
+    oxl_result rc;
+    *count = 0;
+    if (!view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    rc = render_files_of(ctx, model, scene, what, folder, view, scene_views_of(scene, what->split, view), count);
     oxl_free(ctx, view);
     return rc;
 }

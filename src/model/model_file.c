@@ -1,4 +1,5 @@
-/* model_file.c - models as files: the standard 3DGS PLY, with our second element for second lobes, and the 32-byte .splat.
+/* model_file.c - models as files: the standard 3DGS PLY, with our second element for second lobes, and the 32-byte .splat; and which
+ * format a file is (spz.c, gltf.c have the others).
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values); antimatter15's .splat.
  *
@@ -504,7 +505,9 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
     oxl_result rc;
     *out = (oxl_model){0};
-    rc   = modelfile_ends_in(path, ".splat") ? modelfile_read_splat(ctx, path, out) : modelfile_read_ply(ctx, path, out);
+    rc   = modelfile_ends_in(path, ".splat") ? modelfile_read_splat(ctx, path, out)
+           : modelfile_ends_in(path, ".spz") ? spz_read(ctx, path, out)
+                                             : modelfile_read_ply(ctx, path, out);
     if (rc == OXL_OK) rc = modelfile_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0) oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
@@ -524,11 +527,16 @@ static oxl_model modelfile_standard(oxl_context *ctx, const char *path, const ox
 
 oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
-    const int splat = modelfile_ends_in(path, ".splat");
+    const int splat = modelfile_ends_in(path, ".splat"), spz = modelfile_ends_in(path, ".spz");
+    if (spz || modelfile_ends_in(path, ".glb")) {
+        const oxl_model  plain = modelfile_standard(ctx, path, model);
+        const oxl_result rc    = modelfile_check_finite(ctx, path, &plain, plain.sh_degree);
+        return rc != OXL_OK ? rc : spz ? spz_write(ctx, path, &plain) : gltf_write(ctx, path, &plain);
+    }
     if (splat || modelfile_ends_in(path, "_standard.ply")) {
         const oxl_model plain = modelfile_standard(ctx, path, model);
         return splat ? modelfile_write_splat(ctx, path, &plain) : modelfile_write_ply(ctx, path, &plain, 3);
     }
     if (modelfile_ends_in(path, ".ply")) return modelfile_write_ply(ctx, path, model, 3);
-    return oxl_fail(ctx, OXL_ERR_USAGE, "%s: wanted a name that ends in .ply or .splat", path);
+    return oxl_fail(ctx, OXL_ERR_USAGE, "%s: wanted a name that ends in .ply, .spz, .glb or .splat", path);
 }

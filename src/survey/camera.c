@@ -5,6 +5,10 @@
  *
  *     radial        (u, v) s + tangential, s a polynomial in r^2 = u^2 + v^2
  *     fisheye       (u, v) s, s = theta_d / r, theta_d a polynomial in theta = atan r
+ *     thin prism    the same with terms that are not radial, on the fisheye plane (u, v) theta / r [Weng 1992; Project Aria]
+ *     FOV           (u, v) s, s = atan(2 r tan(w/2)) / (r w) [Devernay & Faugeras 2001]
+ *     division      (u, v) s, s = 2 / (1 + sqrt(1 - 4 k r^2)) [Fitzgibbon 2001]
+ *     EUCM          (u, v) s, s = 1 / (a sqrt(1 + b r^2) + 1 - a) [Khomutenko 2016]
  *     pixel         (fx x + cx, fy y + cy)
  *
  * Invariant: no pixel of an undistorted camera looks where the real camera did not. A polynomial lens folds back beyond some
@@ -15,16 +19,26 @@
 
 /* ---------------------------------------------------------------- the table of models */
 
+/* In the order of COLMAP's MODEL_ID, which cameras.bin holds (colmap/colmap, src/colmap/sensor/models.h). */
 static const struct camera_model camera_models[] = {
-    {"SIMPLE_PINHOLE", 3, 1, CAMERA_IDEAL},          /* f cx cy */
-    {"PINHOLE", 4, 2, CAMERA_IDEAL},                 /* fx fy cx cy */
-    {"SIMPLE_RADIAL", 4, 1, CAMERA_RADIAL},          /* f cx cy k */
-    {"RADIAL", 5, 1, CAMERA_RADIAL},                 /* f cx cy k1 k2 */
-    {"OPENCV", 8, 2, CAMERA_OPENCV},                 /* fx fy cx cy k1 k2 p1 p2 */
-    {"OPENCV_FISHEYE", 8, 2, CAMERA_FISHEYE},        /* fx fy cx cy k1 k2 k3 k4 */
-    {"FULL_OPENCV", 12, 2, CAMERA_FULL_OPENCV},      /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
-    {"SIMPLE_RADIAL_FISHEYE", 4, 1, CAMERA_FISHEYE}, /* f cx cy k */
-    {"RADIAL_FISHEYE", 5, 1, CAMERA_FISHEYE},        /* f cx cy k1 k2 */
+    {"SIMPLE_PINHOLE", 3, 1, CAMERA_IDEAL},                           /* f cx cy */
+    {"PINHOLE", 4, 2, CAMERA_IDEAL},                                  /* fx fy cx cy */
+    {"SIMPLE_RADIAL", 4, 1, CAMERA_RADIAL},                           /* f cx cy k */
+    {"RADIAL", 5, 1, CAMERA_RADIAL},                                  /* f cx cy k1 k2 */
+    {"OPENCV", 8, 2, CAMERA_OPENCV},                                  /* fx fy cx cy k1 k2 p1 p2 */
+    {"OPENCV_FISHEYE", 8, 2, CAMERA_FISHEYE},                         /* fx fy cx cy k1 k2 k3 k4 */
+    {"FULL_OPENCV", 12, 2, CAMERA_FULL_OPENCV},                       /* fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 */
+    {"FOV", 5, 2, CAMERA_FOV},                                        /* fx fy cx cy omega */
+    {"SIMPLE_RADIAL_FISHEYE", 4, 1, CAMERA_FISHEYE},                  /* f cx cy k */
+    {"RADIAL_FISHEYE", 5, 1, CAMERA_FISHEYE},                         /* f cx cy k1 k2 */
+    {"THIN_PRISM_FISHEYE", 12, 2, CAMERA_THIN_PRISM},                 /* fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1 */
+    {"RAD_TAN_THIN_PRISM_FISHEYE", 16, 2, CAMERA_RAD_TAN_THIN_PRISM}, /* fx fy cx cy k0-k5 p0 p1 s0-s3 */
+    {"SIMPLE_DIVISION", 4, 1, CAMERA_DIVISION},                       /* f cx cy k */
+    {"DIVISION", 5, 2, CAMERA_DIVISION},                              /* fx fy cx cy k */
+    {"SIMPLE_FISHEYE", 3, 1, CAMERA_FISHEYE},                         /* f cx cy */
+    {"FISHEYE", 4, 2, CAMERA_FISHEYE},                                /* fx fy cx cy */
+    {"EUCM", 6, 2, CAMERA_EUCM},                                      /* fx fy cx cy alpha beta */
+    {"EQUIRECTANGULAR", 2, 0, CAMERA_SPHERE},                         /* w h */
 };
 
 OXL_INTERNAL int camera_model_find(const char *name, size_t length)
@@ -34,6 +48,11 @@ OXL_INTERNAL int camera_model_find(const char *name, size_t length)
     return -1;
 }
 
+OXL_INTERNAL int camera_model_count(void)
+{
+    return (int)OXL_COUNT(camera_models);
+}
+
 OXL_INTERNAL const struct camera_model *camera_model_at(int index)
 {
     return &camera_models[index];
@@ -41,18 +60,21 @@ OXL_INTERNAL const struct camera_model *camera_model_at(int index)
 
 OXL_INTERNAL const char *camera_model_list(void)
 {
-    return "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE, "
-           "RADIAL_FISHEYE";
+    return "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, FOV, SIMPLE_RADIAL_FISHEYE, "
+           "RADIAL_FISHEYE, THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, SIMPLE_DIVISION, DIVISION, SIMPLE_FISHEYE, FISHEYE, "
+           "EUCM, EQUIRECTANGULAR";
 }
 
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4])
 {
     const int     focals = camera_models[camera->model].focal_count;
     const double *p      = camera->parameter;
-    out[0]               = p[0];
-    out[1]               = p[focals - 1];
-    out[2]               = p[focals];
-    out[3]               = p[focals + 1];
+    memset(out, 0, 4 * sizeof *out);
+    if (focals == 0) return;
+    out[0] = p[0];
+    out[1] = p[focals - 1];
+    out[2] = p[focals];
+    out[3] = p[focals + 1];
 }
 
 /* ---------------------------------------------------------------- direction to pixel */
@@ -77,6 +99,48 @@ static double camera_fisheye_scale(const double *k, int count, double r)
     return theta * (1 + polynomial) / r;
 }
 
+/* tan x for 0 <= x < pi/2, to about 1e-15: Lambert's continued fraction at x/8, then tan 2a = 2 t / (1 - t^2) three times. */
+static double camera_tan(double x)
+{
+    const double square = x / 8 * (x / 8);
+    double       t      = 21;
+    for (int n = 19; n >= 1; n -= 2) t = n - square / t;
+    t = x / 8 / t;
+    for (int i = 0; i < 3; i++) t = 2 * t / (1 - t * t);
+    return t;
+}
+
+/* omega: the lens's field of view; from half a turn on it describes none. */
+static double camera_fov_scale(double omega, double r)
+{
+    const double w = fabs(omega);
+    if (w < 1e-8) return 1;
+    if (w > 3.1415) return NAN;
+    if (r < 1e-8) return 2 * camera_tan(w / 2) / w;
+    return camera_atan(2 * r * camera_tan(w / 2)) / (r * w);
+}
+
+/* x, y: on the fisheye plane, in and out. k: k1 k2 p1 p2 k3 k4 sx1 sy1. */
+static void camera_thin_prism(const double *k, double *x, double *y)
+{
+    const double u = *x, v = *y, r2 = u * u + v * v, radial = r2 * (k[0] + r2 * (k[1] + r2 * (k[4] + r2 * k[5])));
+    *x += u * radial + 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u) + k[6] * r2;
+    *y += v * radial + 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v) + k[7] * r2;
+}
+
+/* k: k0-k5 p0 p1 s0-s3; the terms that are not radial are of the radially distorted place. */
+static void camera_rad_tan(const double *k, double *x, double *y)
+{
+    const double theta2 = *x * *x + *y * *y;
+    double       radial = 0, u, v, r2;
+    for (int i = 5; i >= 0; i--) radial = theta2 * (k[i] + radial);
+    u  = *x * (1 + radial);
+    v  = *y * (1 + radial);
+    r2 = u * u + v * v;
+    *x = u + 2 * k[7] * u * v + k[6] * (r2 + 2 * u * u) + r2 * (k[8] + r2 * k[9]);
+    *y = v + 2 * k[6] * u * v + k[7] * (r2 + 2 * v * v) + r2 * (k[10] + r2 * k[11]);
+}
+
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2], double pixel[2])
 {
     const struct camera_model *m     = &camera_models[camera->model];
@@ -84,7 +148,7 @@ OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const doubl
     const double              *k     = p + m->focal_count + 2;
     const int                  count = m->parameter_count - m->focal_count - 2;
     const double               u = direction[0], v = direction[1], r2 = u * u + v * v;
-    double                     scale = 1, tangential[2] = {0, 0};
+    double                     scale = 1, tangential[2] = {0, 0}, x, y;
     switch (m->kind) {
     case CAMERA_IDEAL: break;
     case CAMERA_RADIAL: scale = 1 + r2 * (k[0] + (count > 1 ? r2 * k[1] : 0)); break;
@@ -93,19 +157,35 @@ OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const doubl
     case CAMERA_FULL_OPENCV:
         scale = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
         break;
+    case CAMERA_FOV: scale = camera_fov_scale(k[0], sqrt(r2)); break;
+    case CAMERA_THIN_PRISM:
+    case CAMERA_RAD_TAN_THIN_PRISM: scale = camera_fisheye_scale(k, 0, sqrt(r2)); break;
+    case CAMERA_DIVISION: scale = 4 * r2 * k[0] > 1 ? NAN : 2 / (1 + sqrt(1 - 4 * r2 * k[0])); break;
+    case CAMERA_EUCM:
+        scale = 1 + k[1] * r2 < 0 ? NAN : 1 / (k[0] * sqrt(1 + k[1] * r2) + 1 - k[0]);
+        if (!(scale > 0)) scale = NAN;
+        break;
+    case CAMERA_SPHERE: pixel[0] = pixel[1] = NAN; return;
     }
     if (m->kind == CAMERA_OPENCV || m->kind == CAMERA_FULL_OPENCV) {
         tangential[0] = 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u);
         tangential[1] = 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v);
     }
-    pixel[0] = p[0] * (u * scale + tangential[0]) + p[m->focal_count];
-    pixel[1] = p[m->focal_count - 1] * (v * scale + tangential[1]) + p[m->focal_count + 1];
+    x = u * scale + tangential[0];
+    y = v * scale + tangential[1];
+    if (m->kind == CAMERA_THIN_PRISM) camera_thin_prism(k, &x, &y);
+    if (m->kind == CAMERA_RAD_TAN_THIN_PRISM) camera_rad_tan(k, &x, &y);
+    pixel[0] = p[0] * x + p[m->focal_count];
+    pixel[1] = p[m->focal_count - 1] * y + p[m->focal_count + 1];
 }
 
 OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
 {
     const struct camera_model *m = &camera_models[camera->model];
-    if (m->kind == CAMERA_FISHEYE) return 1; /* even with all k = 0 it is no pinhole */
+    if (m->kind == CAMERA_EUCM) return camera->parameter[4] != 0;
+    if (m->kind == CAMERA_FISHEYE || m->kind == CAMERA_THIN_PRISM || m->kind == CAMERA_RAD_TAN_THIN_PRISM ||
+        m->kind == CAMERA_SPHERE)
+        return 1; /* even with all k = 0 it is no pinhole */
     for (int i = m->focal_count + 2; i < m->parameter_count; i++)
         if (camera->parameter[i] != 0) return 1;
     return 0;
@@ -239,26 +319,29 @@ static oxl_result camera_check(oxl_context *ctx, const struct colmap_camera *cam
 {
     const char  *name  = camera_models[camera->model].name;
     const double least = CAMERA_FOCAL_MIN * OXL_MAX(camera->width, camera->height);
+    if (camera_models[camera->model].kind == CAMERA_SPHERE)
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s:%d: camera %lld (%s) sees all around, wanted a camera whose image lies in a plane\n"
+                        "fix: cut its images into perspective ones and align those: COLMAP's python/examples/panorama_sfm.py",
+                        camera->file, camera->line, (long long)camera->id, name);
     if (camera->width < 1 || camera->height < 1 || camera->width > CAMERA_SIDE_MAX || camera->height > CAMERA_SIDE_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "cameras.txt:%d: camera %lld is %d x %d px, wanted 1 to %d a side\nfix: export the model again",
+                        "%s:%d: camera %lld is %d x %d px, wanted 1 to %d a side\nfix: export the model again", camera->file,
                         camera->line, (long long)camera->id, camera->width, camera->height, CAMERA_SIDE_MAX);
     if (!(k[0] >= least && k[0] <= 1e9 && k[1] >= least && k[1] <= 1e9))
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "cameras.txt:%d: camera %lld (%s) has the focal length %g, %g px, wanted %g (half a turn of view) to 1e9\n"
-            "fix: check the order of the parameters",
-            camera->line, (long long)camera->id, name, k[0], k[1], least);
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s:%d: camera %lld (%s) has the focal length %g, %g px, wanted %g (half a turn of view) to 1e9\n"
+                        "fix: check the order of the parameters",
+                        camera->file, camera->line, (long long)camera->id, name, k[0], k[1], least);
     if (!(fabs(k[2]) <= 1e9 && fabs(k[3]) <= 1e9))
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "cameras.txt:%d: camera %lld (%s) has its principal point at %g, %g\nfix: export the model again",
+                        "%s:%d: camera %lld (%s) has its principal point at %g, %g\nfix: export the model again", camera->file,
                         camera->line, (long long)camera->id, name, k[2], k[3]);
     if (camera_is_distorted(camera) && !(k[2] > 0 && k[2] < camera->width && k[3] > 0 && k[3] < camera->height))
-        return oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "cameras.txt:%d: camera %lld (%s) has its principal point at %g, %g, outside of its %d x %d px, and is distorted\n"
-            "fix: run COLMAP's image_undistorter and use what it writes",
-            camera->line, (long long)camera->id, name, k[2], k[3], camera->width, camera->height);
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s:%d: camera %lld (%s) has its principal point at %g, %g, outside of its %d x %d px, and is distorted\n"
+                        "fix: run COLMAP's image_undistorter and use what it writes",
+                        camera->file, camera->line, (long long)camera->id, name, k[2], k[3], camera->width, camera->height);
     return OXL_OK;
 }
 
@@ -279,11 +362,11 @@ OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap
         if (camera_shrink(camera, out, side)) return OXL_OK;
     }
     *out = (oxl_camera){0};
-    return oxl_fail(
-        ctx, OXL_ERR_INPUT,
-        "cameras.txt:%d: the distortion of camera %lld (%s) leaves no picture of %d x %d px or more without blank pixels\n"
-        "fix: check its parameters, or run COLMAP's image_undistorter and use what it writes",
-        camera->line, (long long)camera->id, camera_models[camera->model].name, CAMERA_SIDE_MIN, CAMERA_SIDE_MIN);
+    return oxl_fail(ctx, OXL_ERR_INPUT,
+                    "%s:%d: the distortion of camera %lld (%s) leaves no picture of %d x %d px or more without blank pixels\n"
+                    "fix: check its parameters, or run COLMAP's image_undistorter and use what it writes",
+                    camera->file, camera->line, (long long)camera->id, camera_models[camera->model].name, CAMERA_SIDE_MIN,
+                    CAMERA_SIDE_MIN);
 }
 
 /* ---------------------------------------------------------------- poses */

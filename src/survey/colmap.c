@@ -1,4 +1,5 @@
-/* colmap.c - the three text files of a COLMAP model (cameras.txt, images.txt, points3D.txt) as they are.
+/* colmap.c - the three text files of a COLMAP model (cameras.txt, images.txt, points3D.txt) as they are, and which of text and binary
+ * files to read where a folder holds both.
  *
  * Source: "Output Format" in COLMAP's documentation, and what other programs that write these files make of it: CR LF, tabs,
  * a missing line of 2D points, decimal commas, -nan(ind). What can be mended is, with a warning; the rest is an error that
@@ -50,6 +51,7 @@ static oxl_result colmap_read_camera(struct colmap_reader *r, struct colmap_came
         rc = colmap_wrong(r, r->cursor, "the end of the line", "after the model's parameters");
     c->width  = (int)width;
     c->height = (int)height;
+    c->file   = "cameras.txt";
     c->line   = r->line;
     return rc;
 }
@@ -99,17 +101,16 @@ static int colmap_knows_camera(const struct colmap_reader *r, int64_t id)
     return *colmap_index_slot(&r->cameras, r->out->camera, sizeof *r->out->camera, id) != 0;
 }
 
-static oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id)
+OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id)
 {
     char ids[80];
     if (colmap_knows_camera(r, id)) return OXL_OK;
     colmap_camera_ids(r->out, ids, sizeof ids);
-    return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                    "%s:%d: camera id %" PRId64 " is not in cameras.txt (ids there: %s)\nfix: " COLMAP_FIX_SAME, r->path, r->line,
-                    id, ids);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: camera id %" PRId64 " is not in %s (ids there: %s)\nfix: " COLMAP_FIX_SAME,
+                    r->path, r->line, id, r->out->camera->file, ids);
 }
 
-static oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4])
+OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4])
 {
     const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (!(length >= 1e-6 && length <= 1e6))
@@ -136,7 +137,7 @@ static int colmap_name_is_safe(const char *name, const char *end)
     }
 }
 
-static oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
+OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
 {
     struct colmap *out = r->out;
     size_t         size;
@@ -287,56 +288,85 @@ static oxl_result colmap_read_images(struct colmap_reader *r, int keep_observati
 
 /* ---------------------------------------------------------------- the three together */
 
-static oxl_result colmap_find_file(oxl_context *ctx, const char *folder, const char *name, int *found)
+enum { COLMAP_FILES = 3 };
+static const char *const colmap_names[2][COLMAP_FILES] = {{"cameras.txt", "images.txt", "points3D.txt"},
+                                                          {"cameras.bin", "images.bin", "points3D.bin"}};
+
+struct colmap_found { /* of the three files of one format */
+    int         count;
+    const char *missing;  /* the first that is not there */
+    int64_t     modified; /* of the newest */
+};
+
+static oxl_result colmap_look(oxl_context *ctx, const char *folder, enum colmap_format format, struct colmap_found *out)
 {
-    char *path = oxl_path_join(ctx, folder, name);
-    if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to look for %s", folder, name);
-    *found = os_is_file(path);
-    oxl_free(ctx, path);
+    *out = (struct colmap_found){.count = 0};
+    for (int i = 0; i < COLMAP_FILES; i++) {
+        char *path = oxl_path_join(ctx, folder, colmap_names[format][i]);
+        if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to look for %s", folder, colmap_names[format][i]);
+        if (os_is_file(path)) {
+            out->count++;
+            out->modified = OXL_MAX(out->modified, os_modified(path));
+        } else if (!out->missing) {
+            out->missing = colmap_names[format][i];
+        }
+        oxl_free(ctx, path);
+    }
     return OXL_OK;
 }
 
-static oxl_result colmap_check_folder(oxl_context *ctx, const char *folder)
+/* Text where both are of one age: that a person may have edited it is the likelier. */
+static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colmap_format *out)
 {
-    static const char *const name[4] = {"cameras.txt", "images.txt", "points3D.txt", "cameras.bin"};
-    const char              *quote   = strpbrk(folder, " '()&;$") ? "\"" : "";
-    int                      found[4], i = 0;
-    oxl_result               rc = OXL_OK;
-    for (i = 0; i < 4 && rc == OXL_OK; i++) rc = colmap_find_file(ctx, folder, name[i], &found[i]);
-    if (rc != OXL_OK || (found[0] && found[1] && found[2])) return rc;
-    for (i = 0; found[i]; i++) {}
-    if (found[3])
-        return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: seen a binary COLMAP model (cameras.bin) without %s, wanted the text files\n"
-                        "fix: colmap model_converter --input_path %s%s%s --output_path %s%s%s --output_type TXT",
-                        folder, name[i], quote, folder, quote, quote, folder, quote);
+    struct colmap_found text, binary;
+    oxl_result          rc = colmap_look(ctx, folder, COLMAP_TEXT, &text);
+    if (rc == OXL_OK) rc = colmap_look(ctx, folder, COLMAP_BINARY, &binary);
+    if (rc != OXL_OK) return rc;
+    *out = binary.count == COLMAP_FILES && (text.count < COLMAP_FILES || binary.modified > text.modified) ? COLMAP_BINARY
+                                                                                                          : COLMAP_TEXT;
+    if (text.count == COLMAP_FILES && binary.count == COLMAP_FILES)
+        oxl_log(ctx, OXL_LOG_INFO, "%s holds the model as text and as binary files; the %s files are %s and are read", folder,
+                *out == COLMAP_TEXT ? "text" : "binary", text.modified == binary.modified ? "as new" : "newer");
+    if (text.count == COLMAP_FILES || binary.count == COLMAP_FILES) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: %s is not there, wanted a COLMAP text export: cameras.txt, images.txt and points3D.txt\n"
+                    "%s: %s is not there, wanted a COLMAP model: cameras, images and points3D, all .txt or all .bin\n"
                     "fix: name the folder that holds all three, or export them with colmap model_converter --output_type TXT",
-                    folder, name[i]);
+                    folder, binary.count > text.count ? binary.missing : text.missing);
+}
+
+static oxl_result colmap_read_text(struct colmap_reader *r, const char *folder, int keep_observations)
+{
+    struct colmap *out = r->out;
+    oxl_result     rc  = colmap_open(r, folder, "cameras.txt");
+    if (rc == OXL_OK) rc = colmap_read_cameras(r);
+    if (rc == OXL_OK) colmap_compare(r, "cameras", out->camera_count);
+    colmap_close(r);
+    if (rc == OXL_OK) rc = colmap_open(r, folder, "images.txt");
+    if (rc == OXL_OK) rc = colmap_read_images(r, keep_observations);
+    if (rc == OXL_OK) colmap_compare(r, "images", out->image_count);
+    colmap_close(r);
+    if (rc == OXL_OK) rc = colmap_open(r, folder, "points3D.txt");
+    if (rc == OXL_OK) rc = colmap_read_points(r);
+    if (rc == OXL_OK) colmap_compare(r, "points", out->point_count);
+    colmap_close(r);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
                                                struct colmap *out)
 {
-    struct colmap_reader r = {.ctx = ctx, .out = out, .window_size = window};
+    struct colmap_reader r      = {.ctx = ctx, .out = out, .window_size = window};
+    enum colmap_format   format = COLMAP_TEXT;
     oxl_result           rc;
     *out = (struct colmap){0};
-    rc   = colmap_check_folder(ctx, folder);
+    rc   = colmap_choose(ctx, folder, &format);
     if (rc == OXL_OK && (out->folder = oxl_strdup(ctx, folder)) == NULL)
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its name", folder);
-    if (rc == OXL_OK) rc = colmap_open(&r, folder, "cameras.txt");
-    if (rc == OXL_OK) rc = colmap_read_cameras(&r);
-    if (rc == OXL_OK) colmap_compare(&r, "cameras", out->camera_count);
-    colmap_close(&r);
-    if (rc == OXL_OK) rc = colmap_open(&r, folder, "images.txt");
-    if (rc == OXL_OK) rc = colmap_read_images(&r, keep_observations);
-    if (rc == OXL_OK) colmap_compare(&r, "images", out->image_count);
-    colmap_close(&r);
-    if (rc == OXL_OK) rc = colmap_open(&r, folder, "points3D.txt");
-    if (rc == OXL_OK) rc = colmap_read_points(&r);
-    if (rc == OXL_OK) colmap_compare(&r, "points", out->point_count);
-    colmap_close(&r);
+    out->format      = format;
+    out->images_file = colmap_names[format][1];
+    if (rc == OXL_OK)
+        rc = format == COLMAP_TEXT ? colmap_read_text(&r, folder, keep_observations)
+                                   : colmap_read_binary(&r, folder, keep_observations);
     oxl_free(ctx, r.window);
     oxl_free(ctx, r.cameras.slot);
     oxl_free(ctx, r.images.slot);

@@ -1,6 +1,7 @@
-/* colmap.h - what the readers of COLMAP's three text files share: a window on a file, its lines, their fields, tables of ids.
+/* colmap.h - what the readers of COLMAP's three files share: a window on a file, its lines, their fields, tables of ids.
  *
- * The doors are those of colmap_text.c, but for the last. colmap.c reads cameras.txt and images.txt, colmap_points.c the third.
+ * The doors are those of colmap_text.c, but for the last. colmap.c reads cameras.txt and images.txt, colmap_points.c the third, and
+ * colmap_binary.c the three that are not text.
  */
 #ifndef OXL_COLMAP_H
 #define OXL_COLMAP_H
@@ -36,7 +37,7 @@ struct colmap_reader {
     const char         *limit;        /* end of what the window holds */
     const char         *next;         /* first byte after this line */
     const char         *cursor, *end; /* what is left of this line, without blanks at its ends */
-    int                 line;         /* from 1 */
+    int                 line;         /* from 1; in a binary file, the record */
     uint64_t            announced;    /* rows, by the comment that COLMAP begins its files with; 0: it says nothing */
     int                 is_quiet;     /* what there is to report is not said: `heard` is set instead */
     int                 heard;
@@ -54,7 +55,8 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* the file's fir
 
 /* Moves the window on, so that it begins at `next`; widens it when it is full from there on. */
 OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r);
-OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);   /* 0: there is none, or r->rc */
+OXL_INTERNAL oxl_result colmap_widen(struct colmap_reader *r, size_t room); /* to `room` bytes */
+OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);          /* 0: there is none, or r->rc */
 OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next line that is neither blank nor a comment */
 
 /* What is wrong with the field at `token`: "seen ..., wanted WHAT, KIND". */
@@ -78,7 +80,17 @@ OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_inde
                                      size_t count, const char *what);
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id); /* the error, at this line */
 
+/* colmap.c: what both kinds of files hold. The name lies from r->cursor to r->end. */
+OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id);
+OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4]);
+OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
+
 /* colmap_points.c: the whole of points3D.txt, which is open. */
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
+/* The first row whose id an earlier row has; point_count when there is none. */
+OXL_INTERNAL oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row);
+
+/* colmap_binary.c: the three files of a folder. */
+OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations);
 
 #endif

@@ -240,7 +240,7 @@ static oxl_result points_read_window(struct colmap_reader *r, struct points_rows
 
 /* The first row whose id an earlier row has; point_count when there is none. One bit for each id between the least and the
  * largest, unless they lie far apart. */
-static oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row)
+OXL_INTERNAL oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row)
 {
     struct colmap_index far = {.slots = 64};
     uint64_t           *met = NULL, span = 0;

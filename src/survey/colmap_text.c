@@ -43,14 +43,14 @@ static const char *const colmap_oddity_text[ODD_COUNT] = {
     "a quaternion whose length is not 1; it is normalised",
     "a point without a finite position; it is left out",
     "a reprojection error that is no finite number; it is taken as unknown",
-    "a track names an image that is not in images.txt; that entry is left out",
+    "a track names an image that is not there; that entry is left out",
 };
 
 enum { COLMAP_LOGGED_MAX = 10 }; /* lines of a kind */
 
 /* ---------------------------------------------------------------- the window */
 
-static oxl_result colmap_widen(struct colmap_reader *r, size_t room)
+OXL_INTERNAL oxl_result colmap_widen(struct colmap_reader *r, size_t room)
 {
     const size_t rest   = r->window ? (size_t)(r->limit - r->window) : 0;
     char        *window = oxl_regrow(r->ctx, r->window, rest, room, 1);
@@ -109,6 +109,7 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
             "fix: " COLMAP_FIX_EXPORT,
             r->path, r->announced, what, count);
     r->out->warnings++;
+    r->out->is_cut = 1;
 }
 
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)

@@ -388,8 +388,8 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
     const double zx = (double)width / from->width, zy = (double)height / from->height;
     const int    turned = fabs((double)width / from->height / ((double)height / from->width) - 1) <= 0.01;
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (cameras.txt:%d) has %d x %d, another shape\nfix: %s",
-                    path, width, height, (long long)from->id, from->line, from->width, from->height,
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
+                    width, height, (long long)from->id, from->file, from->line, from->width, from->height,
                     turned ? "turn the photograph back: COLMAP saw it as it lies in the file"
                            : "use the photographs that COLMAP was given");
 }
@@ -646,4 +646,27 @@ oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *
         return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the image to write is empty\nfix: fill it, as oxl_render and oxl_image_read do",
                         path);
     return image_write_png(ctx, path, image->rgb, image->width, image->height);
+}
+
+/* ---------------------------------------------------------------- stb's deflate, for others */
+
+OXL_INTERNAL int image_inflate(void *out, size_t size, const void *data, size_t data_size)
+{
+    if (size > INT_MAX || data_size > INT_MAX) return 0;
+    return stbi_zlib_decode_noheader_buffer(out, (int)size, data, (int)data_size) == (int)size;
+}
+
+OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
+                                      unsigned char **out, size_t *deflated)
+{
+    enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 }; /* bytes that zlib puts around deflate's */
+    int            length = 0;
+    unsigned char *zlib   = size <= INT_MAX ? stbi_zlib_compress((unsigned char *)data, (int)size, &length, 8) : NULL;
+    *out                  = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;
+    if (*out) {
+        *deflated = (size_t)length - ZLIB_HEAD - ZLIB_TAIL;
+        memcpy(*out + before, zlib + ZLIB_HEAD, *deflated);
+    }
+    STBIW_FREE(zlib);
+    return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compress %zu bytes", size);
 }

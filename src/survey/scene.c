@@ -190,15 +190,15 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
     if (!path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     else if (!key)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s/images.txt:%d: camera id %lld is not in cameras.txt\nfix: export both from the same model",
-                      scene->colmap.folder, image->line, (long long)image->camera_id);
+                      "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
+                      scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
     else if (b->options->read_images && !os_is_file(path)) {
         if (++*missing <= SCENE_NAMED_MISSING) oxl_log(ctx, OXL_LOG_WARNING, "%s is not there; the view is left out", path);
     } else if (!scene_is_finite_pose(image)) {
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                      "%s/images.txt:%d: the pose of %s is not finite, or beyond 1e15\n"
+                      "%s/%s:%d: the pose of %s is not finite, or beyond 1e15\n"
                       "fix: remove the image, or export the model again",
-                      scene->colmap.folder, image->line, o->name);
+                      scene->colmap.folder, scene->colmap.images_file, image->line, o->name);
     } else if ((rc = scene_ideal_camera(ctx, scene, b, key->index, path)) == OXL_OK) {
         *view = (oxl_view){.name = o->name, .camera = b->ideal[key->index]};
         camera_rotation_from_quaternion(image->rotation, view->camera.rotation);
@@ -216,9 +216,10 @@ static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, co
     for (size_t i = 1; i < c->image_count; i++)
         if (strcmp(order[i - 1].name, order[i].name) == 0)
             return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s/images.txt:%d: %s was there before, in line %d, wanted each photograph once\n"
+                            "%s/%s:%d: %s was there before, in line %d, wanted each photograph once\n"
                             "fix: export the model once more, or take one of the two out: colmap image_deleter",
-                            c->folder, c->image[order[i].image].line, order[i].name, c->image[order[i - 1].image].line);
+                            c->folder, c->images_file, c->image[order[i].image].line, order[i].name,
+                            c->image[order[i - 1].image].line);
     return OXL_OK;
 }
 
@@ -254,7 +255,7 @@ static oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const ox
     oxl_result           rc;
     if (c->image_count == 0 || c->image_count > INT_MAX / 2)
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "images.txt holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse",
+                        "%s holds %zu images\nfix: was COLMAP's mapper run? Name its best sub-model by --sparse", c->images_file,
                         c->image_count);
     b.order        = oxl_alloc(ctx, c->image_count, sizeof *b.order);
     b.camera       = oxl_alloc(ctx, c->camera_count + 1, sizeof *b.camera);
@@ -451,9 +452,18 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
 
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
-    oxl_result rc     = find_model(ctx, path, o->sparse, &scene->colmap);
+    oxl_result rc = find_model(ctx, path, o->sparse, &scene->colmap);
+    if (rc == OXL_OK && scene->colmap.is_cut && !o->allow_cut)
+        rc =
+            oxl_fail(ctx, OXL_ERR_INPUT,
+                     "%s: a file there holds fewer rows than its header announces (see the warning), wanted all of them\n"
+                     "fix: export the model once more: colmap model_converter --output_type TXT; or train what is there: --force",
+                     scene->colmap.folder);
+    if (rc == OXL_OK) rc = colmap_order(ctx, &scene->colmap);
     scene->from_files = 1;
-    scene->images     = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, path, "images");
+    scene->images     = o->images                     ? oxl_strdup(ctx, o->images)
+                        : scene->colmap.images_beside ? oxl_strdup(ctx, scene->colmap.folder)
+                                                      : oxl_path_join(ctx, path, "images");
     scene->masks      = o->masks ? oxl_strdup(ctx, o->masks) : oxl_path_join(ctx, path, "masks");
     if (rc != OXL_OK) return rc;
     if (!scene->images || !scene->masks) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");

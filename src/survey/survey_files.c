@@ -54,20 +54,21 @@ static oxl_result find_try_model(oxl_context *ctx, const char *folder, struct co
     return *best_folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
 }
 
-/* The folder itself and, when `inside`, each folder in it that holds a model. A folder of binary files alone is tried too:
- * colmap_read then says how to convert it. */
-static oxl_result find_try_folder(oxl_context *ctx, const char *folder, int inside, const char *file, struct colmap *best,
-                                  char **best_folder, int *models)
+/* The folder itself and, when `inside`, each folder in it that holds one of two files. */
+static oxl_result find_try_folder(oxl_context *ctx, const char *folder, int inside, const char *const file[2],
+                                  struct colmap *best, char **best_folder, int *models)
 {
     struct find_folders in = {.ctx = ctx};
     oxl_result          rc = OXL_OK;
-    if (find_holds(ctx, folder, file)) rc = find_try_model(ctx, folder, best, best_folder, models);
+    if (find_holds(ctx, folder, file[0]) || find_holds(ctx, folder, file[1]))
+        rc = find_try_model(ctx, folder, best, best_folder, models);
     if (rc == OXL_OK && inside && os_is_folder(folder)) rc = os_list_folder(ctx, folder, find_visit_folder, &in);
     if (rc == OXL_OK && in.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to list %s", folder);
     if (in.count) qsort(in.name, in.count, sizeof *in.name, find_compare_names);
     for (size_t i = 0; i < in.count; i++) {
         char *path = oxl_path_join(ctx, folder, in.name[i]);
-        if (rc == OXL_OK && path && find_holds(ctx, path, file)) rc = find_try_model(ctx, path, best, best_folder, models);
+        if (rc == OXL_OK && path && (find_holds(ctx, path, file[0]) || find_holds(ctx, path, file[1])))
+            rc = find_try_model(ctx, path, best, best_folder, models);
         oxl_free(ctx, path);
         oxl_free(ctx, in.name[i]);
     }
@@ -75,31 +76,48 @@ static oxl_result find_try_folder(oxl_context *ctx, const char *folder, int insi
     return rc;
 }
 
+/* Where there is no COLMAP model: nerfstudio's, or OpenSfM's, in its own folder or in OpenDroneMap's project. */
+static oxl_result find_try_json(oxl_context *ctx, const char *path, struct colmap *out, int *models)
+{
+    static const char *const names[] = {"transforms.json", "reconstruction.json", "opensfm/reconstruction.json"};
+    for (size_t i = 0; i < OXL_COUNT(names); i++) {
+        oxl_result rc;
+        if (!find_holds(ctx, path, names[i])) continue;
+        rc = json_survey_read(ctx, path, names[i], out);
+        if (rc != OXL_OK) return rc;
+        ++*models;
+        oxl_log(ctx, OXL_LOG_INFO, "%s/%s is read: %zu images, %zu points without tracks", path, names[i], out->image_count,
+                out->point_count);
+        return OXL_OK;
+    }
+    return OXL_OK;
+}
+
 OXL_INTERNAL oxl_result find_model(oxl_context *ctx, const char *path, const char *sparse_option, struct colmap *out)
 {
-    static const char *const files[] = {"images.txt", "cameras.txt", "images.bin"}; /* the last two: for colmap_read's errors */
-    char                    *sparse  = sparse_option ? oxl_strdup(ctx, sparse_option) : oxl_path_join(ctx, path, "sparse");
-    const char              *asked   = sparse_option ? sparse_option : path;
-    char                    *folder  = NULL;
-    int                      models  = 0;
-    oxl_result               rc      = OXL_OK;
-    *out                             = (struct colmap){0};
+    static const char *const files[][2] = {{"images.txt", "images.bin"},
+                                           {"cameras.txt", "cameras.bin"}}; /* the last two: for colmap_read's errors */
+    char                    *sparse     = sparse_option ? oxl_strdup(ctx, sparse_option) : oxl_path_join(ctx, path, "sparse");
+    const char              *asked      = sparse_option ? sparse_option : path;
+    char                    *folder     = NULL;
+    int                      models     = 0;
+    oxl_result               rc         = OXL_OK;
+    *out                                = (struct colmap){0};
     if (!sparse) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (rc == OXL_OK && !os_is_folder(asked))
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: there is no such folder\nfix: %s", asked,
-                      sparse_option ? "--sparse names the folder of cameras.txt, images.txt and points3D.txt"
+                      sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
                                     : "give the folder that holds images/ and sparse/");
     for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(files); i++) {
         rc = find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
         if (rc == OXL_OK && models == 0 && !sparse_option) rc = find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
     }
+    if (rc == OXL_OK && models == 0 && !sparse_option) rc = find_try_json(ctx, path, out, &models);
     if (rc == OXL_OK && models == 0)
-        rc = oxl_fail(
-            ctx, OXL_ERR_INPUT,
-            "%s: no COLMAP text export (cameras.txt, images.txt, points3D.txt) in %s, in a folder there%s\n"
-            "fix: colmap model_converter --input_path MODEL --output_path %s --output_type TXT; or name the model's folder "
-            "by --sparse",
-            path, sparse, sparse_option ? "" : ", or beside it", sparse);
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%s: no COLMAP model (cameras, images and points3D, .txt or .bin) in %s, in a folder there%s\n"
+                      "fix: copy the model's files to %s, or name their folder by --sparse",
+                      path, sparse, sparse_option ? "" : ", or beside it", sparse);
     if (rc == OXL_OK && models > 1)
         oxl_log(ctx, OXL_LOG_WARNING, "%d sub-models found; %s has most images (%zu) and is used; --sparse names another", models,
                 folder, out->image_count);

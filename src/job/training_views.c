@@ -1,0 +1,311 @@
+/* training_views.c - how well each training view is fitted, and which fit far worse than their neighbours: a wrong pose, another
+ * exposure, or blur.
+ *
+ * A view is compared with the 8 that stand nearest and look the same way. What one factor for each channel mends beyond their median is
+ * set against its spread over all views (median absolute deviation, 1.4826 of it is a standard deviation [Rousseeuw & Croux 1993]).
+ * A view that lacks decibels has a wrong pose when a shift of the picture explains them, and is blurred when it is less sharp.
+ *
+ * Invariant: nothing here changes the model; no view is left out of training.
+ */
+#include "../internal.h"
+
+enum {
+    TRAINING_NEIGHBOURS = 8,
+    TRAINING_LEAST      = 6 /* views; among fewer none is odd */,
+    TRAINING_SHOWN      = 4,
+    TRAINING_SMALLEST   = 24,
+    TRAINING_LARGEST    = 200 /* px, of the longer side */
+};
+#define TRAINING_DECIBEL 2.5 /* that a view lacks at least, to be flagged... */
+#define TRAINING_SPREADS 4.5 /* ...and of spreads: one of 10^5 views of a normal distribution */
+#define TRAINING_SHIFTED \
+    0.15 /* share of the error that a shift explains: 0.32 and 0.52 of displaced views, 0.05 at most of a sound survey */
+#define TRAINING_BLUR 0.6 /* x the neighbours' sharpness, at most, and a view is blurred */
+
+struct training_row {
+    int         at;              /* in the metrics */
+    double      lacks, exposure; /* dB to the neighbours' median: of cc_psnr; of what one factor for each channel mends */
+    const char *flag;            /* NULL: none */
+};
+
+struct training_views {
+    oxl_context         *ctx;
+    oxl_scene           *scene;
+    const oxl_metrics   *m;
+    struct training_row *row;  /* (m->count) worst first, once sorted */
+    double              *work; /* (m->count) */
+};
+
+/* ---------------------------------------------------------------- neighbours */
+
+/* Distance in extents, and how differently they look: 2 for opposite ways. */
+static double training_apart(const struct training_views *t, int a, int b)
+{
+    const oxl_camera *x = &oxl_scene_view(t->scene, t->m->views[a].view)->camera,
+                     *y = &oxl_scene_view(t->scene, t->m->views[b].view)->camera;
+    double p[3], q[3], square = 0, along = 0;
+    camera_position(x, p);
+    camera_position(y, q);
+    for (int i = 0; i < 3; i++) {
+        square += (p[i] - q[i]) * (p[i] - q[i]);
+        along += x->rotation[6 + i] * y->rotation[6 + i];
+    }
+    return sqrt(square) / oxl_scene_extent(t->scene) + 1 - along;
+}
+
+/* The nearest first, fewer than TRAINING_NEIGHBOURS of few views; returns how many. */
+static int training_nearest(const struct training_views *t, int of, int out[TRAINING_NEIGHBOURS])
+{
+    double apart[TRAINING_NEIGHBOURS];
+    int    count = 0;
+    for (int i = 0; i < t->m->count; i++) {
+        const double d  = i == of ? 0 : training_apart(t, of, i);
+        int          at = count;
+        if (i == of || (count == TRAINING_NEIGHBOURS && d >= apart[count - 1])) continue;
+        if (count < TRAINING_NEIGHBOURS) count++;
+        else at--;
+        for (; at > 0 && apart[at - 1] > d; at--) apart[at] = apart[at - 1], out[at] = out[at - 1];
+        apart[at] = d;
+        out[at]   = i;
+    }
+    return count;
+}
+
+static double training_median(double *value, int count)
+{
+    return count > 0 ? measure_pick(value, (size_t)count, 0.5) : 0;
+}
+
+/* ---------------------------------------------------------------- what a view lacks */
+
+static double training_mended(const oxl_view_metrics *v)
+{
+    return v->cc_psnr - v->psnr;
+}
+
+static void training_compare(struct training_views *t)
+{
+    for (int i = 0; i < t->m->count; i++) {
+        int       near[TRAINING_NEIGHBOURS];
+        double    fit[TRAINING_NEIGHBOURS], mended[TRAINING_NEIGHBOURS];
+        const int count = training_nearest(t, i, near);
+        for (int k = 0; k < count; k++) {
+            fit[k]    = t->m->views[near[k]].cc_psnr;
+            mended[k] = training_mended(&t->m->views[near[k]]);
+        }
+        t->row[i]          = (struct training_row){.at = i};
+        t->row[i].lacks    = training_median(fit, count) - t->m->views[i].cc_psnr;
+        t->row[i].exposure = training_mended(&t->m->views[i]) - training_median(mended, count);
+    }
+}
+
+/* From which on the exposure is another one. */
+static double training_limit(struct training_views *t)
+{
+    double middle, spread;
+    for (int i = 0; i < t->m->count; i++) t->work[i] = t->row[i].exposure;
+    middle = training_median(t->work, t->m->count);
+    for (int i = 0; i < t->m->count; i++) t->work[i] = fabs(t->row[i].exposure - middle);
+    spread = 1.4826 * training_median(t->work, t->m->count);
+    return OXL_MAX(TRAINING_DECIBEL, middle + TRAINING_SPREADS * spread);
+}
+
+/* ---------------------------------------------------------------- pose */
+
+/* Means of the green channel of n x n pixels. */
+static void training_reduce(const oxl_image *image, int n, float *out)
+{
+    const int w = image->width / n, h = image->height / n;
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            float sum = 0;
+            for (int k = 0; k < n * n; k++)
+                sum +=
+                    image
+                        ->rgb[((size_t)image->height + (size_t)(y * n + k / n)) * (size_t)image->width + (size_t)(x * n + k % n)];
+            out[y * w + x] = sum / (float)(n * n);
+        }
+}
+
+/* Share of the squared difference of two pictures that one shift of the whole explains [Lucas & Kanade 1981]. */
+static double training_shift(const float *drawn, const float *image, int w, int h)
+{
+    double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, det;
+    for (int y = 1; y + 1 < h; y++)
+        for (int x = 1; x + 1 < w; x++) {
+            const float *d  = drawn + y * w + x;
+            const double gx = 0.5 * (d[1] - d[-1]), gy = 0.5 * (d[w] - d[-w]), e = image[y * w + x] - d[0];
+            xx += gx * gx, xy += gx * gy, yy += gy * gy, xe += gx * e, ye += gy * e, ee += e * e;
+        }
+    det = xx * yy - xy * xy;
+    return det > 0 && ee > 0 ? (yy * xe * xe - 2 * xy * xe * ye + xx * ye * ye) / (det * ee) : 0;
+}
+
+/* The most over halvings, since a shift of many pixels is one of few in a small picture. A displaced camera draws the scene beside its
+ * place; where a view is merely hard to fit, no shift helps. */
+static oxl_result training_displaced(struct training_views *t, const oxl_model *model, int at, double *out)
+{
+    oxl_render_options options = oxl_render_options_default();
+    oxl_image          image = {0}, drawn = {0};
+    const int          view = t->m->views[at].view;
+    float             *work = NULL;
+    oxl_result         rc   = oxl_scene_image(t->ctx, t->scene, view, &image);
+    *out                    = 0;
+    options.near_plane      = (float)scene_near_plane(t->scene);
+    if (rc == OXL_OK) rc = oxl_render(t->ctx, model, &oxl_scene_view(t->scene, view)->camera, &options, &drawn, NULL);
+    if (rc == OXL_OK) work = oxl_alloc(t->ctx, 2 * (size_t)image.width * (size_t)image.height, sizeof *work);
+    if (rc == OXL_OK && !work)
+        rc = oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to compare %s", oxl_scene_view(t->scene, view)->name);
+    for (int n = 1; rc == OXL_OK && OXL_MAX(image.width, image.height) / n >= TRAINING_SMALLEST; n *= 2) {
+        const int w = image.width / n, h = image.height / n;
+        if (OXL_MAX(w, h) > TRAINING_LARGEST) continue;
+        training_reduce(&image, n, work);
+        training_reduce(&drawn, n, work + (size_t)w * (size_t)h);
+        *out = OXL_MAX(*out, training_shift(work + (size_t)w * (size_t)h, work, w, h));
+    }
+    oxl_free(t->ctx, work);
+    oxl_image_free(t->ctx, &image);
+    oxl_image_free(t->ctx, &drawn);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- blur */
+
+/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean: sharpness,
+ * whatever the exposure. */
+static oxl_result training_sharpness(struct training_views *t, int at, double *out)
+{
+    oxl_image    image  = {0};
+    const int    view   = t->m->views[at].view;
+    oxl_result   rc     = oxl_scene_image(t->ctx, t->scene, view, &image);
+    double       across = 0, down = 0, mean = 0;
+    const size_t w = (size_t)image.width, h = (size_t)image.height;
+    for (size_t y = 1; rc == OXL_OK && y + 1 < h; y++)
+        for (size_t x = 1; x + 1 < w; x++) {
+            const float *g = image.rgb + w * h + y * w + x;
+            if (image.weight && image.weight[y * w + x] <= 0) continue;
+            across += fabs(2.0 * g[0] - g[-1] - g[1]);
+            down += fabs(2.0 * g[0] - g[-(ptrdiff_t)w] - g[w]);
+            mean += g[0];
+        }
+    *out = mean > 0 ? OXL_MIN(across, down) / mean : 0;
+    oxl_image_free(t->ctx, &image);
+    return rc;
+}
+
+static oxl_result training_is_blurred(struct training_views *t, int at, int *blurred)
+{
+    int        near[TRAINING_NEIGHBOURS];
+    double     sharp[TRAINING_NEIGHBOURS], own = 0;
+    const int  count = training_nearest(t, at, near);
+    oxl_result rc    = training_sharpness(t, at, &own);
+    for (int k = 0; k < count && rc == OXL_OK; k++) rc = training_sharpness(t, near[k], &sharp[k]);
+    *blurred = rc == OXL_OK && own < TRAINING_BLUR * training_median(sharp, count);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- flags */
+
+static int training_order(const void *a, const void *b)
+{
+    const struct training_row *x = a, *y = b;
+    const double               p = OXL_MAX(x->lacks, x->exposure), q = OXL_MAX(y->lacks, y->exposure);
+    if (!x->flag != !y->flag) return x->flag ? -1 : 1;
+    if (p != q) return p > q ? -1 : 1;
+    return x->at - y->at;
+}
+
+/* Is a flagged neighbour so much worse that this view may suffer by it? Views beside a displaced one are drawn after its mistakes. */
+static int training_suffers(const struct training_views *t, const struct training_row *row, const struct training_row *end)
+{
+    int       near[TRAINING_NEIGHBOURS];
+    const int count = training_nearest(t, row->at, near);
+    for (const struct training_row *other = t->row; other < end; other++)
+        for (int k = 0; k < count; k++)
+            if (other->at == near[k] && other->flag && !strcmp(other->flag, "pose") &&
+                other->lacks > row->lacks + TRAINING_DECIBEL)
+                return 1;
+    return 0;
+}
+
+/* Rows are in order: the worst first. */
+static oxl_result training_flag(struct training_views *t, const oxl_model *model)
+{
+    const double exposure = training_limit(t);
+    oxl_result   rc       = OXL_OK;
+    for (int i = 0; i < t->m->count && t->m->count >= TRAINING_LEAST && rc == OXL_OK; i++) {
+        struct training_row *row     = &t->row[i];
+        double               shifted = 0;
+        int                  blurred = 0;
+        if (row->exposure > exposure) row->flag = "exposure";
+        if (row->flag || row->lacks <= TRAINING_DECIBEL) continue;
+        rc = training_displaced(t, model, row->at, &shifted);
+        if (rc == OXL_OK && shifted > TRAINING_SHIFTED) row->flag = training_suffers(t, row, row) ? NULL : "pose";
+        else if (rc == OXL_OK) rc = training_is_blurred(t, row->at, &blurred);
+        if (blurred) row->flag = "blur";
+    }
+    return rc;
+}
+
+/* ---------------------------------------------------------------- what is said */
+
+static void training_tell(const struct training_views *t)
+{
+    static const char *const kinds[] = {"pose", "exposure", "blur"};
+    for (size_t k = 0; k < OXL_COUNT(kinds); k++)
+        for (int i = 0; i < t->m->count; i++) {
+            const struct training_row *row = &t->row[i];
+            if (!row->flag || strcmp(row->flag, kinds[k])) continue;
+            oxl_log(t->ctx, OXL_LOG_WARNING, "training image %s fits %.1f dB worse than its neighbours: look at its %s",
+                    oxl_scene_view(t->scene, t->m->views[row->at].view)->name, OXL_MAX(row->lacks, row->exposure),
+                    k == 0   ? "pose"
+                    : k == 1 ? "exposure and white balance"
+                             : "focus and motion blur");
+        }
+}
+
+static void training_add_json(const struct training_views *t, struct text *out)
+{
+    int flagged = 0;
+    for (int i = 0; i < t->m->count; i++) flagged += t->row[i].flag != NULL;
+    text_add(out, "  \"training\": {\"count\": %d, \"flagged\": %d, \"views\": [", t->m->count, flagged);
+    for (int i = 0; i < t->m->count; i++) {
+        const struct training_row *row      = &t->row[i];
+        const oxl_view_metrics    *v        = &t->m->views[row->at];
+        const char *const          names[]  = {"psnr", "cc_psnr", "ssim", "lacks", "lacks_exposure"};
+        const double               values[] = {v->psnr, v->cc_psnr, v->ssim, row->lacks, row->exposure};
+        text_add(out, "%s\n    {\"name\": ", i ? "," : "");
+        text_add_json_string(out, oxl_scene_view(t->scene, v->view)->name);
+        for (int k = 0; k < 5; k++) text_add(out, ", \"%s\": ", names[k]), text_add_number(out, values[k]);
+        text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", row->flag);
+    }
+    text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
+}
+
+OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, struct text *json,
+                                             const char *folder)
+{
+    oxl_metrics           m = {0};
+    struct training_views t = {.ctx = ctx, .scene = scene, .m = &m};
+    int                   shown[TRAINING_SHOWN], count = 0;
+    oxl_result            rc = oxl_evaluate(ctx, model, scene, OXL_SPLIT_TRAIN, &m);
+    if (rc != OXL_OK) return rc;
+    t.row  = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
+    t.work = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.work);
+    if (!t.row || !t.work) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to judge %d training views", m.count);
+    if (rc != OXL_OK) goto done;
+    training_compare(&t);
+    qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
+    rc = training_flag(&t, model);
+    if (rc != OXL_OK) goto done;
+    qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
+    training_tell(&t);
+    training_add_json(&t, json);
+    for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++) shown[count] = m.views[t.row[count].at].view;
+    if (folder) rc = render_files_of(ctx, model, scene, &(oxl_pictures){OXL_SPLIT_ALL, 1, 0, 0}, folder, shown, count, &count);
+done:
+    oxl_free(ctx, t.row);
+    oxl_free(ctx, t.work);
+    oxl_metrics_free(ctx, &m);
+    return rc;
+}

@@ -1,0 +1,314 @@
+/* spz.c - models as SPZ version 3, read and written; version 2 read.
+ *
+ * Source: nianticlabs/spz (README.md, src/cc/load-spz.cc). One gzip member around 16 bytes and six arrays, little endian:
+ *
+ *     u32 "NGSP"  u32 version  u32 count N  u8 degree  u8 fractional bits  u8 flags  u8 0
+ *     positions (N,3) signed 24 bits, fixed point      alphas (N) u8 = 255 sigmoid
+ *     colours (N,3) u8 = 255 (0.15 f_dc + 0.5)         log scales (N,3) u8 = 16 (s + 10)
+ *     rotations (N) u32: the index of the largest of x y z w, then the others as sign and 9 bits of 511 q sqrt(2); version 2: x y z, u8
+ *     harmonics past degree 0 (N, coefficients, 3) u8 = 128 c + 128, written in buckets of 2 (degree 1) and 4
+ *
+ * The frame is turned (frame_flip.h). There is no place for the origin, and none for second lobes.
+ *
+ * Invariant: no length is believed before the bytes for it are there; deflate gives at most 1032 bytes for one.
+ */
+#include "../internal.h"
+
+#include "../core/vecmath.h"
+#include "frame_flip.h"
+
+#define SPZ_COLOUR       0.15 /* so that colours a little past black and white have a place */
+#define SPZ_DEFLATE_MOST 1032 /* bytes that one byte of deflate can become (258 in 2 bits) */
+
+enum {
+    SPZ_HEADER    = 16,
+    SPZ_BITS_MOST = 20, /* fractional; the reference writes 12 */
+    SPZ_BUCKET_1 =
+        2, /* of 1/128; the reference has 8 and 16, which a reader need not know: they cost 0.7 dB of a model of degree 3 */
+    SPZ_BUCKET  = 4, /* these cost 0.07 dB, at 1.6 times the size */
+    SPZ_DEGREES = 4  /* the reference knows degree 4; its coefficients are left out */
+};
+
+/* ---------------------------------------------------------------- gzip (RFC 1952) */
+
+static uint32_t spz_crc(const unsigned char *p, size_t size)
+{
+    uint32_t table[256], crc = 0xffffffffu;
+    for (uint32_t i = 0; i < 256; i++) {
+        table[i] = i;
+        for (int k = 0; k < 8; k++) table[i] = table[i] & 1 ? 0xedb88320u ^ table[i] >> 1 : table[i] >> 1;
+    }
+    for (size_t i = 0; i < size; i++) crc = table[(crc ^ p[i]) & 255] ^ crc >> 8;
+    return ~crc;
+}
+
+static uint32_t spz_u32(const unsigned char *p)
+{
+    return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
+
+static void spz_put_u32(unsigned char *p, uint32_t value)
+{
+    for (int i = 0; i < 4; i++) p[i] = (unsigned char)(value >> 8 * i);
+}
+
+static oxl_result spz_wrong(oxl_context *ctx, const char *path, const char *seen, const char *wanted)
+{
+    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: seen %s, wanted %s\nfix: copy the file again, or write it as SPZ version 3", path,
+                    seen, wanted);
+}
+
+/* Where the deflate data begin; 0: the header runs past the end. */
+static size_t spz_gzip_header(const unsigned char *p, size_t size)
+{
+    const int flags = p[3];
+    size_t    at    = 10;
+    if (flags & 4) at += 2 + (size_t)(p[10] | p[11] << 8);
+    for (int i = 8; i <= 16; i *= 2) { /* a file's name, a comment */
+        if (!(flags & i)) continue;
+        while (at < size && p[at]) at++;
+        at++;
+    }
+    if (flags & 2) at += 2;
+    return at + 8 < size ? at : 0;
+}
+
+/* *out is oxl_alloc's. */
+static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os_file_map *file, unsigned char **out,
+                             size_t *size)
+{
+    const unsigned char *p = (const unsigned char *)file->data;
+    size_t               at, packed;
+    if (file->size > 4 && memcmp(p, "NGSP", 4) == 0) return spz_wrong(ctx, path, "SPZ version 4 (zstd)", "version 2 or 3 (gzip)");
+    if (file->size < 20 || p[0] != 0x1f || p[1] != 0x8b || p[2] != 8)
+        return spz_wrong(ctx, path, "no gzip header", "an SPZ file");
+    at     = spz_gzip_header(p, file->size);
+    packed = at ? file->size - at - 8 : 0;
+    *size  = spz_u32(p + file->size - 4);
+    if (at == 0 || *size < SPZ_HEADER || *size > INT_MAX || *size / SPZ_DEFLATE_MOST > packed || packed > INT_MAX)
+        return spz_wrong(ctx, path, "a gzip length that its data cannot have", "an SPZ file of at most 2 GB");
+    *out = oxl_alloc(ctx, *size, 1);
+    if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
+    /* with the 8 bytes that follow: stb 2.27 looks ahead past the last code */
+    if (!image_inflate(*out, *size, p + at, packed + 8)) return spz_wrong(ctx, path, "gzip data that are damaged", "an SPZ file");
+    if (spz_crc(*out, *size) != spz_u32(p + file->size - 8))
+        return spz_wrong(ctx, path, "another checksum", "the one it was written with");
+    return OXL_OK;
+}
+
+static oxl_result spz_pack(oxl_context *ctx, const char *path, const unsigned char *data, size_t size)
+{
+    static const unsigned char head[10] = {0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 255};
+    unsigned char             *all      = NULL;
+    size_t                     deflated = 0;
+    oxl_result                 rc       = image_deflate(ctx, data, size, sizeof head, 8, &all, &deflated);
+    if (rc != OXL_OK) return rc;
+    memcpy(all, head, sizeof head);
+    spz_put_u32(all + sizeof head + deflated, spz_crc(data, size));
+    spz_put_u32(all + sizeof head + deflated + 4, (uint32_t)size);
+    rc = os_write_file(ctx, path, all, sizeof head + deflated + 8);
+    oxl_free(ctx, all);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- where things lie */
+
+struct spz_layout {
+    int    version, degree, bits, coefficients; /* past degree 0, a channel, as the file has them */
+    size_t count, alphas, colours, scales, rotations, sh, end;
+};
+
+static void spz_lay_out(struct spz_layout *l)
+{
+    l->coefficients = (l->degree + 1) * (l->degree + 1) - 1;
+    l->alphas       = SPZ_HEADER + 9 * l->count;
+    l->colours      = l->alphas + l->count;
+    l->scales       = l->colours + 3 * l->count;
+    l->rotations    = l->scales + 3 * l->count;
+    l->sh           = l->rotations + (l->version == 2 ? 3 : 4) * l->count;
+    l->end          = l->sh + 3 * (size_t)l->coefficients * l->count;
+}
+
+/* ---------------------------------------------------------------- rotations: x y z w */
+
+#define SPZ_HALF_ROOT 0.70710678118654752 /* the second largest component is at most this */
+
+static uint32_t spz_put_rotation(const double q[4])
+{
+    uint32_t bits    = 0;
+    int      largest = 0;
+    for (int i = 1; i < 4; i++)
+        if (fabs(q[i]) > fabs(q[largest])) largest = i;
+    bits = (uint32_t)largest;
+    for (int i = 0; i < 4; i++) {
+        const double size = 511 * fabs(q[i]) / SPZ_HALF_ROOT + 0.5;
+        if (i == largest) continue;
+        bits = bits << 10 | (uint32_t)((q[i] < 0) != (q[largest] < 0)) << 9 | (uint32_t)OXL_MIN(size, 511);
+    }
+    return bits;
+}
+
+static void spz_get_rotation(uint32_t bits, double q[4])
+{
+    const int largest = (int)(bits >> 30);
+    double    sum     = 0;
+    for (int i = 3; i >= 0; i--) {
+        if (i == largest) continue;
+        q[i] = SPZ_HALF_ROOT * (bits & 511) / 511 * (bits >> 9 & 1 ? -1 : 1);
+        bits >>= 10;
+        sum += q[i] * q[i];
+    }
+    q[largest] = sqrt(OXL_MAX(1 - sum, 0));
+}
+
+static void spz_get_first_three(const unsigned char *p, double q[4])
+{
+    double sum = 0;
+    for (int i = 0; i < 3; i++) {
+        q[i] = p[i] / 127.5 - 1;
+        sum += q[i] * q[i];
+    }
+    q[3] = sqrt(OXL_MAX(1 - sum, 0));
+}
+
+/* ---------------------------------------------------------------- reading */
+
+static oxl_result spz_read_header(oxl_context *ctx, const char *path, const unsigned char *data, size_t size,
+                                  struct spz_layout *l)
+{
+    char     seen[100];
+    uint32_t version = spz_u32(data + 4);
+    if (memcmp(data, "NGSP", 4) != 0) return spz_wrong(ctx, path, "gzip data of another kind", "an SPZ file");
+    if (version < 2 || version > 3) {
+        snprintf(seen, sizeof seen, "SPZ version %lu", (unsigned long)version);
+        return spz_wrong(ctx, path, seen, "version 2 or 3");
+    }
+    *l = (struct spz_layout){.version = (int)version, .count = spz_u32(data + 8), .degree = data[12], .bits = data[13]};
+    if (l->degree > SPZ_DEGREES || l->bits > 23) {
+        snprintf(seen, sizeof seen, "degree %d and %d fractional bits", l->degree, l->bits);
+        return spz_wrong(ctx, path, seen, "degree 0 to 4 and 0 to 23 bits");
+    }
+    if (l->count <= (size - SPZ_HEADER) / 19) spz_lay_out(l); /* 19: the least a Gaussian has in version 2 */
+    if (l->end == 0 || l->end > size) {
+        snprintf(seen, sizeof seen, "%zu Gaussians of degree %d in %zu bytes", l->count, l->degree, size);
+        return spz_wrong(ctx, path, seen, "the bytes for them");
+    }
+    return OXL_OK;
+}
+
+static void spz_get(const unsigned char *data, const struct spz_layout *l, oxl_model *model, size_t row)
+{
+    const double turn[3] = {1, -1, -1}, step = 1.0 / (1 << l->bits);
+    const double alpha = OXL_CLAMP(data[l->alphas + row], 0.25, 254.75) / 255; /* the ends have no logit */
+    double       q[4];
+    for (int i = 0; i < 3; i++) {
+        const unsigned char *p               = data + SPZ_HEADER + 9 * row + 3 * (size_t)i;
+        const int32_t        fixed           = (int32_t)(p[0] | p[1] << 8 | p[2] << 16) - (p[2] & 0x80 ? 1 << 24 : 0);
+        model->plane[OXL_MEAN + i][row]      = (float)(turn[i] * fixed * step);
+        model->plane[OXL_SH + i][row]        = (float)((data[l->colours + 3 * row + (size_t)i] / 255.0 - 0.5) / SPZ_COLOUR);
+        model->plane[OXL_LOG_SCALE + i][row] = (float)(data[l->scales + 3 * row + (size_t)i] / 16.0 - 10);
+    }
+    model->plane[OXL_OPACITY][row] = (float)vecmath_logit(alpha);
+    if (l->version == 2) spz_get_first_three(data + l->rotations + 3 * row, q);
+    else spz_get_rotation(spz_u32(data + l->rotations + 4 * row), q);
+    model->plane[OXL_ROTATION][row] = (float)q[3];
+    for (int i = 0; i < 3; i++) model->plane[OXL_ROTATION + 1 + i][row] = (float)(turn[i] * q[i]);
+    for (int k = 0; k < OXL_MIN(l->coefficients, 15); k++)
+        for (int c = 0; c < 3; c++)
+            model->plane[OXL_SH + 3 * (k + 1) + c][row] =
+                (float)(frame_flip_sh[k] * (data[l->sh + 3 * ((size_t)l->coefficients * row + (size_t)k) + (size_t)c] - 128) /
+                        128.0);
+}
+
+OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out)
+{
+    struct os_file_map file = {0};
+    struct spz_layout  l    = {0};
+    unsigned char     *data = NULL;
+    size_t             size = 0;
+    oxl_result         rc   = os_read_file(ctx, path, &file);
+    if (rc == OXL_OK) rc = spz_unpack(ctx, path, &file, &data, &size);
+    if (rc == OXL_OK) rc = spz_read_header(ctx, path, data, size, &l);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, l.count, OXL_MIN(l.degree, 3), out);
+    for (size_t i = 0; rc == OXL_OK && i < l.count; i++) spz_get(data, &l, out, i);
+    if (rc == OXL_OK && l.degree > 3) oxl_log(ctx, OXL_LOG_WARNING, "%s: harmonics of degree 4 are left out", path);
+    os_release_file(ctx, &file);
+    oxl_free(ctx, data);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- writing */
+
+static unsigned char spz_byte(double x)
+{
+    return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
+}
+
+/* In buckets, so that gzip has less to keep; 0 is in the middle of one. */
+static unsigned char spz_coefficient(double value, int bucket)
+{
+    const int q = (int)(OXL_CLAMP(value, -2, 2) * 128 + 128.5 + 1024) - 1024; /* rounded, below 0 too */
+    return (unsigned char)OXL_CLAMP((q + bucket / 2 + 1024) / bucket * bucket - 1024, 0, 255);
+}
+
+static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t row, unsigned char *data)
+{
+    const double turn[3] = {1, -1, -1};
+    double       q[4], norm = 0;
+    for (int i = 0; i < 3; i++) {
+        const int32_t fixed = (int32_t)floor(turn[i] * model->plane[OXL_MEAN + i][row] * (1 << l->bits) + 0.5);
+        for (size_t k = 0; k < 3; k++) data[SPZ_HEADER + 9 * row + 3 * (size_t)i + k] = (unsigned char)((uint32_t)fixed >> 8 * k);
+        data[l->colours + 3 * row + (size_t)i] = spz_byte(255 * (SPZ_COLOUR * model->plane[OXL_SH + i][row] + 0.5));
+        data[l->scales + 3 * row + (size_t)i]  = spz_byte(16 * (model->plane[OXL_LOG_SCALE + i][row] + 10.0));
+    }
+    data[l->alphas + row] = spz_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
+    for (int i = 0; i < 4; i++) {
+        q[i] = model->plane[OXL_ROTATION + (i + 1) % 4][row] * (i < 3 ? turn[i] : 1); /* x y z w */
+        norm += q[i] * q[i];
+    }
+    norm = sqrt(norm);
+    for (int i = 0; i < 4; i++) q[i] = norm > 0 ? q[i] / norm : i == 3;
+    spz_put_u32(data + l->rotations + 4 * row, spz_put_rotation(q));
+    for (int k = 0; k < l->coefficients; k++)
+        for (int c = 0; c < 3; c++)
+            data[l->sh + 3 * ((size_t)l->coefficients * row + (size_t)k) + (size_t)c] = spz_coefficient(
+                frame_flip_sh[k] * (double)model->plane[OXL_SH + 3 * (k + 1) + c][row], k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
+}
+
+/* As many fractional bits as the farthest Gaussian leaves room for; -1: it lies too far. */
+static int spz_bits(const oxl_model *model)
+{
+    float farthest = 0;
+    int   bits     = SPZ_BITS_MOST;
+    for (int k = 0; k < 3; k++)
+        for (size_t i = 0; i < model->count; i++) farthest = OXL_MAX(farthest, fabsf(model->plane[OXL_MEAN + k][i]));
+    while (bits >= 0 && (double)farthest * (1 << bits) > 8388606) bits--;
+    return bits;
+}
+
+OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    struct spz_layout l    = {.version = 3, .degree = model->sh_degree, .count = model->count, .bits = spz_bits(model)};
+    unsigned char    *data = NULL;
+    oxl_result        rc   = OXL_OK;
+    spz_lay_out(&l);
+    if (l.bits < 0 || l.end > INT_MAX)
+        return oxl_fail(ctx, OXL_ERR_FAILED,
+                        "%s: SPZ holds places within 8 million units and 2 GB of data; this model has more\n"
+                        "fix: write it as .ply",
+                        path);
+    data = oxl_calloc(ctx, l.end, 1);
+    if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, l.end);
+    memcpy(data, "NGSP", 4);
+    spz_put_u32(data + 4, 3);
+    spz_put_u32(data + 8, (uint32_t)l.count);
+    data[12] = (unsigned char)l.degree;
+    data[13] = (unsigned char)l.bits;
+    for (size_t i = 0; i < l.count; i++) spz_put(model, &l, i, data);
+    if (model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0)
+        oxl_log(ctx, OXL_LOG_INFO, "%s: an .spz has no place for the origin %.17g %.17g %.17g", path, model->origin[0],
+                model->origin[1], model->origin[2]);
+    rc = spz_pack(ctx, path, data, l.end);
+    oxl_free(ctx, data);
+    return rc;
+}

@@ -1,0 +1,404 @@
+/* colmap_binary.c - the three binary files of a COLMAP model (cameras.bin, images.bin, points3D.bin), COLMAP 3.x to 4.1.
+ *
+ * Source: the readers of colmap/colmap, src/colmap/scene/reconstruction_io_binary.cc. Little endian, nothing aligned:
+ *
+ *     cameras.bin    u64 count, then  u32 id  i32 model  u64 width  u64 height  f64 params[of the model]
+ *     images.bin     u64 count, then  u32 id  f64 qw qx qy qz tx ty tz  u32 camera  name 0  u64 n, then n x (f64 x y, u64 point)
+ *     points3D.bin   u64 count, then  u64 id  f64 x y z  u8 r g b  f64 error  u64 n, then n x (u32 image, u32 observation)
+ *
+ * rigs.bin and frames.bin of COLMAP 3.12 and later are not read: images.bin has each image's own pose.
+ *
+ * Invariant: what is read is what the text export of the same model reads as, but for the order of rows (colmap_order), and messages
+ * name the record where those name the line. A count is compared with what the file can hold before memory is taken for it.
+ */
+#include "colmap.h"
+
+enum {
+    BINARY_CAMERA_LEAST = 24 + 2 * 8,          /* bytes of a camera of the fewest parameters */
+    BINARY_POSE         = 4 + 7 * 8 + 4,       /* of an image, before its name */
+    BINARY_IMAGE_LEAST  = BINARY_POSE + 2 + 8, /* a name of one letter, no 2D points */
+    BINARY_OBSERVATION  = 24,
+    BINARY_POINT        = 51, /* with the length of its track */
+    BINARY_TRACK        = 8,
+    BINARY_NAME_LONGEST = 4096
+};
+
+#define BINARY_FIX "copy the file once more, or write the model again: colmap model_converter --output_type BIN"
+
+/* ---------------------------------------------------------------- bytes */
+
+static uint64_t binary_u64(const char *p)
+{
+    uint64_t value = 0;
+    for (int i = 7; i >= 0; i--) value = value << 8 | (unsigned char)p[i];
+    return value;
+}
+
+static uint32_t binary_u32(const char *p)
+{
+    uint32_t value = 0;
+    for (int i = 3; i >= 0; i--) value = value << 8 | (unsigned char)p[i];
+    return value;
+}
+
+static double binary_f64(const char *p)
+{
+    const uint64_t bits = binary_u64(p);
+    double         value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* Of the first byte that was not taken, in the file. */
+static uint64_t binary_place(const struct colmap_reader *r)
+{
+    return r->offset + (uint64_t)(r->next - r->window);
+}
+
+static uint64_t binary_left(const struct colmap_reader *r)
+{
+    return r->file.size > binary_place(r) ? r->file.size - binary_place(r) : 0;
+}
+
+static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...) OXL_PRINTF(4, 5);
+static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...)
+{
+    char    seen[200];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(seen, sizeof seen, format, args);
+    va_end(args);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: byte %" PRIu64 ", record %d: seen %s, wanted %s\nfix: " BINARY_FIX, r->path, at,
+                    r->line, seen, what);
+}
+
+/* The next `size` bytes, which stay until the next call. */
+static oxl_result binary_take(struct colmap_reader *r, size_t size, const char *what, const char **out)
+{
+    while ((size_t)(r->limit - r->next) < size && !r->at_end)
+        if (colmap_fill(r) != OXL_OK) return r->rc;
+    if ((size_t)(r->limit - r->next) < size)
+        return binary_wrong(r, binary_place(r) + (uint64_t)(r->limit - r->next), what, "the end of the file");
+    *out = r->next;
+    r->next += size;
+    return OXL_OK;
+}
+
+static oxl_result binary_skip(struct colmap_reader *r, uint64_t size)
+{
+    const uint64_t to = binary_place(r) + size;
+    if (size <= (uint64_t)(r->limit - r->next)) {
+        r->next += size;
+        return OXL_OK;
+    }
+    r->rc     = os_reader_seek(r->ctx, &r->file, to);
+    r->offset = to;
+    r->next = r->limit = r->window;
+    return r->rc == OXL_OK ? colmap_fill(r) : r->rc;
+}
+
+/* A count of rows that follow, each of `least` bytes or more. */
+static oxl_result binary_count(struct colmap_reader *r, const char *what, size_t least, uint64_t *out)
+{
+    const char      *p  = NULL;
+    const uint64_t   at = binary_place(r);
+    const oxl_result rc = binary_take(r, 8, what, &p);
+    if (rc != OXL_OK) return rc;
+    *out = binary_u64(p);
+    if (*out <= binary_left(r) / least) return OXL_OK;
+    return binary_wrong(r, at, what, "the number %" PRIu64 " where %" PRIu64 " bytes follow", *out, binary_left(r));
+}
+
+static oxl_result binary_finite(struct colmap_reader *r, const char *p, const char *what, double *out)
+{
+    *out = binary_f64(p);
+    return fabs(*out) <= DBL_MAX ? OXL_OK : binary_wrong(r, binary_place(r), what, "%g", *out);
+}
+
+static oxl_result binary_open(struct colmap_reader *r, const char *folder, const char *name)
+{
+    size_t wanted;
+    r->path = oxl_path_join(r->ctx, folder, name);
+    r->line = 0;
+    if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
+    r->rc = os_reader_open(r->ctx, r->path, &r->file);
+    if (r->rc != OXL_OK) return r->rc;
+    wanted    = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2;
+    r->offset = 0;
+    r->limit = r->next = r->window;
+    if (r->room < wanted && colmap_widen(r, wanted) != OXL_OK) return r->rc;
+    return colmap_fill(r);
+}
+
+/* What follows the last record belongs to nothing. */
+static void binary_end(struct colmap_reader *r)
+{
+    if (binary_left(r) == 0) return;
+    oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %" PRIu64 " bytes follow its last record; they are not read", r->path, binary_left(r));
+    r->out->warnings++;
+}
+
+/* ---------------------------------------------------------------- cameras.bin */
+
+static oxl_result binary_parameters(struct colmap_reader *r, struct colmap_camera *c)
+{
+    const char *p  = NULL;
+    oxl_result  rc = binary_take(r, 8 * (size_t)c->parameter_count, "the camera's parameters", &p);
+    for (int i = 0; i < c->parameter_count && rc == OXL_OK; i++) {
+        rc = binary_finite(r, p + 8 * i, "a finite parameter", &c->parameter[i]);
+        if (rc == OXL_OK && i < camera_model_at(c->model)->focal_count && !(c->parameter[i] > 0))
+            rc = binary_wrong(r, binary_place(r), "a focal length of more than 0 px", "%g", c->parameter[i]);
+    }
+    return rc;
+}
+
+static oxl_result binary_camera(struct colmap_reader *r, struct colmap_camera *c)
+{
+    const char    *p  = NULL;
+    const uint64_t at = binary_place(r);
+    uint64_t       width, height;
+    oxl_result     rc = binary_take(r, 24, "a camera", &p);
+    if (rc != OXL_OK) return rc;
+    c->id    = binary_u32(p);
+    c->model = (int)OXL_MIN(binary_u32(p + 4), (uint32_t)INT_MAX);
+    width    = binary_u64(p + 8);
+    height   = binary_u64(p + 16);
+    c->file  = "cameras.bin";
+    c->line  = r->line;
+    if (c->model >= camera_model_count())
+        return oxl_fail(
+            r->ctx, OXL_ERR_INPUT,
+            "%s: byte %" PRIu64 ", record %d: seen the camera model %d, wanted 0 to %d (%s)\n"
+            "fix: let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path OUT",
+            r->path, at + 4, r->line, c->model, camera_model_count() - 1, camera_model_list());
+    if (width < 1 || height < 1 || width > INT_MAX || height > INT_MAX)
+        return binary_wrong(r, at + 8, "a width and a height of 1 to 2147483647 px", "%" PRIu64 " x %" PRIu64, width, height);
+    c->width           = (int)width;
+    c->height          = (int)height;
+    c->parameter_count = camera_model_at(c->model)->parameter_count;
+    return binary_parameters(r, c);
+}
+
+static oxl_result binary_cameras(struct colmap_reader *r)
+{
+    struct colmap *out   = r->out;
+    uint64_t       count = 0;
+    oxl_result     rc    = binary_count(r, "the number of cameras", BINARY_CAMERA_LEAST, &count);
+    if (rc == OXL_OK && count == 0) rc = binary_wrong(r, 0, "a camera", "none");
+    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, (size_t)count, sizeof *out->camera);
+    while (rc == OXL_OK && out->camera_count < count) {
+        struct colmap_camera camera = {0};
+        r->line++;
+        rc = binary_camera(r, &camera);
+        if (rc != OXL_OK) break;
+        out->camera[out->camera_count] = camera;
+        rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof camera, out->camera_count, "camera id");
+        if (rc == OXL_OK) out->camera_count++;
+    }
+    if (rc == OXL_OK) binary_end(r);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- images.bin */
+
+/* Through colmap_read_name, with blanks at its ends left out as a line of text has it; a line end in it would be none in text. */
+static oxl_result binary_name(struct colmap_reader *r, size_t *name)
+{
+    const char *zero, *p = NULL;
+    size_t      size;
+    oxl_result  rc;
+    while ((zero = memchr(r->next, 0, (size_t)(r->limit - r->next))) == NULL && !r->at_end &&
+           r->limit - r->next <= BINARY_NAME_LONGEST)
+        if (colmap_fill(r) != OXL_OK) return r->rc;
+    if (!zero || zero - r->next > BINARY_NAME_LONGEST)
+        return binary_wrong(r, binary_place(r), "a name that ends in a zero byte", "%zu bytes without one",
+                            (size_t)OXL_MIN(r->limit - r->next, (ptrdiff_t)BINARY_NAME_LONGEST));
+    size = (size_t)(zero - r->next);
+    if (memchr(r->next, '\n', size) || memchr(r->next, '\r', size))
+        return binary_wrong(r, binary_place(r), "a name of one line", "a line end in a name");
+    rc = binary_take(r, size + 1, "a name", &p);
+    if (rc != OXL_OK) return rc;
+    r->cursor = p;
+    r->end    = p + size;
+    while (r->end > r->cursor && colmap_is_blank(r->end[-1])) r->end--;
+    return colmap_read_name(r, name);
+}
+
+static oxl_result binary_pose(struct colmap_reader *r, struct colmap_image *image)
+{
+    const char *p  = NULL;
+    oxl_result  rc = binary_take(r, BINARY_POSE, "an image", &p);
+    if (rc != OXL_OK) return rc;
+    image->id        = binary_u32(p);
+    image->camera_id = binary_u32(p + 60);
+    image->line      = r->line;
+    for (int i = 0; i < 7 && rc == OXL_OK; i++)
+        rc = binary_finite(r, p + 4 + 8 * i, "a finite pose", i < 4 ? &image->rotation[i] : &image->translation[i - 4]);
+    if (rc == OXL_OK) rc = colmap_check_rotation(r, image->rotation);
+    if (rc == OXL_OK) rc = colmap_check_camera(r, image->camera_id);
+    if (rc == OXL_OK) rc = binary_name(r, &image->name);
+    return rc;
+}
+
+/* An id past 2^63 is that of no point; 2^64 - 1 says so. */
+static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_t *out)
+{
+    const uint64_t id = binary_u64(p);
+    *out              = id == UINT64_MAX ? -1 : (int64_t)(id & INT64_MAX);
+    return id == UINT64_MAX || id <= INT64_MAX ? OXL_OK
+                                               : binary_wrong(r, binary_place(r), "a point id below 2^63", "%" PRIu64, id);
+}
+
+static oxl_result binary_observation(struct colmap_reader *r, struct colmap_observation *o)
+{
+    const char *p  = NULL;
+    oxl_result  rc = binary_take(r, BINARY_OBSERVATION, "a 2D point", &p);
+    if (rc == OXL_OK) rc = binary_point_id(r, p + 16, &o->point);
+    if (rc != OXL_OK) return rc;
+    o->x = binary_f64(p);
+    o->y = binary_f64(p + 8);
+    if (fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX) return OXL_OK;
+    *o = (struct colmap_observation){.point = -1}; /* keeps its place: tracks count on it */
+    colmap_warn(r, ODD_OBSERVATION);
+    return OXL_OK;
+}
+
+static oxl_result binary_observations(struct colmap_reader *r, int keep, struct colmap_image *image)
+{
+    struct colmap *out   = r->out;
+    uint64_t       count = 0;
+    oxl_result     rc    = binary_count(r, "the number of 2D points", BINARY_OBSERVATION, &count);
+    image->points_at     = binary_place(r);
+    image->points_size   = (size_t)count * BINARY_OBSERVATION;
+    if (rc != OXL_OK || !keep) return rc == OXL_OK ? binary_skip(r, image->points_size) : rc;
+    rc = oxl_reserve(r->ctx, (void **)&out->observation, &r->observation_capacity, out->observation_count + (size_t)count,
+                     sizeof *out->observation);
+    for (uint64_t i = 0; i < count && rc == OXL_OK; i++) {
+        rc = binary_observation(r, &out->observation[out->observation_count]);
+        if (rc == OXL_OK) out->observation_count++, image->observation_count++;
+    }
+    return rc;
+}
+
+static oxl_result binary_images(struct colmap_reader *r, int keep_observations)
+{
+    struct colmap *out   = r->out;
+    uint64_t       count = 0;
+    oxl_result     rc    = binary_count(r, "the number of images", BINARY_IMAGE_LEAST, &count);
+    if (rc == OXL_OK && count == 0)
+        rc = oxl_fail(r->ctx, OXL_ERR_INPUT,
+                      "%s: byte 0: seen no image, wanted one or more\nfix: take a model with registered images (sparse/0, "
+                      "sparse/1, ...)",
+                      r->path);
+    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, (size_t)count, sizeof *out->image);
+    while (rc == OXL_OK && out->image_count < count) {
+        struct colmap_image image = {.first_observation = out->observation_count};
+        r->line++;
+        rc = binary_pose(r, &image);
+        if (rc != OXL_OK) break;
+        out->image[out->image_count] = image;
+        rc                           = colmap_enter(r, &r->images, out->image, sizeof image, out->image_count, "image id");
+        if (rc == OXL_OK) rc = binary_observations(r, keep_observations, &out->image[out->image_count]);
+        if (rc == OXL_OK) out->image_count++;
+    }
+    if (rc == OXL_OK) binary_end(r);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- points3D.bin */
+
+static oxl_result binary_track(struct colmap_reader *r, uint64_t length, struct colmap_point *point)
+{
+    struct colmap *out = r->out;
+    for (uint64_t i = 0; i < length; i++) {
+        const char      *p  = NULL;
+        const oxl_result rc = binary_take(r, BINARY_TRACK, "an entry of a track", &p);
+        uint32_t         row;
+        if (rc != OXL_OK) return rc;
+        row = *colmap_index_slot(&r->images, out->image, sizeof *out->image, (int64_t)binary_u32(p));
+        if (row == 0) colmap_warn(r, ODD_TRACK);
+        else out->track[out->track_count + point->track_count++] = (struct colmap_track){row - 1, binary_u32(p + 4)};
+    }
+    return OXL_OK;
+}
+
+/* more: points that follow this one. A track that leaves them no room would overrun what was taken for all tracks. */
+static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct colmap_point *point, uint64_t *length)
+{
+    const char *p  = NULL;
+    oxl_result  rc = binary_take(r, BINARY_POINT - 8, "a point", &p);
+    if (rc == OXL_OK) rc = binary_point_id(r, p, &point->id);
+    if (rc != OXL_OK) return rc;
+    for (int i = 0; i < 3; i++) point->position[i] = binary_f64(p + 8 + 8 * i);
+    memcpy(point->rgb, p + 32, 3);
+    point->error = binary_f64(p + 35);
+    rc           = binary_count(r, "the length of a track", BINARY_TRACK, length);
+    if (rc == OXL_OK && *length * BINARY_TRACK + more * BINARY_POINT > binary_left(r))
+        rc = binary_wrong(r, binary_place(r) - 8, "the length of a track",
+                          "the number %" PRIu64 " where %" PRIu64 " bytes and as many points as %" PRIu64 " follow", *length,
+                          binary_left(r), more);
+    return rc;
+}
+
+/* Adds a row, or none. */
+static oxl_result binary_add_point(struct colmap_reader *r, uint64_t more)
+{
+    struct colmap      *out    = r->out;
+    struct colmap_point point  = {.first_track = out->track_count};
+    uint64_t            length = 0;
+    oxl_result          rc     = binary_point(r, more, &point, &length);
+    if (rc != OXL_OK) return rc;
+    if (!(fabs(point.position[0]) <= DBL_MAX && fabs(point.position[1]) <= DBL_MAX && fabs(point.position[2]) <= DBL_MAX)) {
+        colmap_warn(r, ODD_POSITION);
+        return binary_skip(r, length * BINARY_TRACK);
+    }
+    if (!(fabs(point.error) <= DBL_MAX)) {
+        colmap_warn(r, ODD_ERROR);
+        point.error = -1;
+    }
+    rc = binary_track(r, length, &point);
+    if (rc != OXL_OK) return rc;
+    out->point[out->point_count++] = point;
+    out->track_count += point.track_count;
+    return OXL_OK;
+}
+
+/* What is left beside the points are tracks: so memory for both is taken once. */
+static oxl_result binary_points(struct colmap_reader *r)
+{
+    struct colmap *out   = r->out;
+    uint64_t       count = 0;
+    size_t         row   = 0;
+    oxl_result     rc    = binary_count(r, "the number of points", BINARY_POINT, &count);
+    if (rc != OXL_OK) return rc;
+    out->point = oxl_alloc(r->ctx, (size_t)count + 1, sizeof *out->point);
+    out->track = oxl_alloc(r->ctx, (size_t)((binary_left(r) - count * BINARY_POINT) / BINARY_TRACK) + 1, sizeof *out->track);
+    if (!out->point || !out->track)
+        return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory for %" PRIu64 " points", r->path, count);
+    while (rc == OXL_OK && (uint64_t)r->line < count && r->line < INT_MAX) {
+        r->line++;
+        rc = binary_add_point(r, count - (uint64_t)r->line);
+    }
+    if (rc == OXL_OK) rc = points_find_repeated(r->ctx, out, &row);
+    if (rc == OXL_OK && row < out->point_count)
+        rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: point id %" PRId64 " is there twice, wanted each id once\nfix: " BINARY_FIX,
+                      r->path, out->point[row].id);
+    if (rc == OXL_OK) binary_end(r);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- door */
+
+OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations)
+{
+    oxl_result rc = binary_open(r, folder, "cameras.bin");
+    if (rc == OXL_OK) rc = binary_cameras(r);
+    colmap_close(r);
+    if (rc == OXL_OK) rc = binary_open(r, folder, "images.bin");
+    if (rc == OXL_OK) rc = binary_images(r, keep_observations);
+    colmap_close(r);
+    if (rc == OXL_OK) rc = binary_open(r, folder, "points3D.bin");
+    if (rc == OXL_OK) rc = binary_points(r);
+    colmap_close(r);
+    return rc;
+}

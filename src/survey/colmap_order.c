@@ -1,0 +1,117 @@
+/* colmap_order.c - cameras, images and points of a COLMAP model by id.
+ *
+ * COLMAP keeps them in hash tables and writes them as they come: its text and its binary export of one model differ in nothing but
+ * this order. Gaussians start in the order of the points, and sums are taken in it: so order is a part of the result.
+ *
+ * Invariant: two models that differ in the order of their rows alone are the same afterwards, but for where observations and tracks lie.
+ */
+#include "colmap.h"
+
+static int order_compare(const void *a, const void *b)
+{
+    int64_t x, y;
+    memcpy(&x, a, sizeof x);
+    memcpy(&y, b, sizeof y);
+    return (x > y) - (x < y);
+}
+
+/* Rank among the ids, by one bit for each id from the least on. */
+struct order_ranks {
+    int64_t   low;
+    uint64_t *met;    /* (words) */
+    uint32_t *before; /* (words) ids before the word's */
+};
+
+static int order_ones(uint64_t x)
+{
+    x = x - (x >> 1 & UINT64_C(0x5555555555555555)); /* the classic sum of bits, in pairs, in fours, in bytes */
+    x = (x & UINT64_C(0x3333333333333333)) + (x >> 2 & UINT64_C(0x3333333333333333));
+    x = (x + (x >> 4)) & UINT64_C(0x0f0f0f0f0f0f0f0f);
+    return (int)(x * UINT64_C(0x0101010101010101) >> 56);
+}
+
+static size_t order_rank(const struct order_ranks *k, int64_t id)
+{
+    const uint64_t at = (uint64_t)id - (uint64_t)k->low;
+    return k->before[at / 64] + (size_t)order_ones(k->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
+}
+
+/* In place: a second array would be half a gigabyte for 10^7 points. First into buckets of as many rows as a cache holds, then each
+ * swap within a bucket brings a point to its place. */
+static void order_points_by_rank(struct colmap *c, const struct order_ranks *k)
+{
+    enum { BUCKETS = 512 };
+    const size_t size = c->point_count / BUCKETS + 1;
+    size_t       next[BUCKETS]; /* first row of the bucket that may belong to another */
+    for (size_t b = 0; b < BUCKETS; b++) next[b] = b * size;
+    for (size_t b = 0; b < BUCKETS; b++)
+        while (next[b] < OXL_MIN((b + 1) * size, c->point_count)) {
+            const size_t to = order_rank(k, c->point[next[b]].id) / size;
+            if (to != b) OXL_SWAP(struct colmap_point, c->point[next[b]], c->point[next[to]]);
+            next[to]++;
+        }
+    for (size_t i = 0; i < c->point_count; i++)
+        for (size_t to; (to = order_rank(k, c->point[i].id)) != i;) OXL_SWAP(struct colmap_point, c->point[i], c->point[to]);
+}
+
+static oxl_result order_points(oxl_context *ctx, struct colmap *c)
+{
+    struct order_ranks k    = {.low = INT64_MAX};
+    int64_t            high = INT64_MIN;
+    size_t             sorted, words;
+    uint32_t           before = 0;
+    oxl_result         rc     = OXL_OK;
+    for (sorted = 1; sorted < c->point_count && c->point[sorted - 1].id < c->point[sorted].id; sorted++) {}
+    if (sorted >= c->point_count) return OXL_OK;
+    for (size_t i = 0; i < c->point_count; i++) {
+        k.low = OXL_MIN(k.low, c->point[i].id);
+        high  = OXL_MAX(high, c->point[i].id);
+    }
+    if (((uint64_t)high - (uint64_t)k.low) / 64 > c->point_count || c->point_count > UINT32_MAX) {
+        qsort(c->point, c->point_count, sizeof *c->point, order_compare); /* ids far apart: none of COLMAP's */
+        return OXL_OK;
+    }
+    words    = (size_t)(((uint64_t)high - (uint64_t)k.low) / 64) + 1;
+    k.met    = oxl_calloc(ctx, words, sizeof *k.met);
+    k.before = oxl_alloc(ctx, words, sizeof *k.before);
+    if (!k.met || !k.before) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu points", c->point_count);
+    for (size_t i = 0; i < c->point_count && rc == OXL_OK; i++) {
+        const uint64_t at = (uint64_t)c->point[i].id - (uint64_t)k.low;
+        k.met[at / 64] |= UINT64_C(1) << (at & 63);
+    }
+    for (size_t i = 0; i < words && rc == OXL_OK; i++) {
+        k.before[i] = before;
+        before += (uint32_t)order_ones(k.met[i]);
+    }
+    if (rc == OXL_OK) order_points_by_rank(c, &k);
+    oxl_free(ctx, k.met);
+    oxl_free(ctx, k.before);
+    return rc;
+}
+
+struct order_image {
+    int64_t  id;
+    uint32_t row;
+};
+
+static oxl_result order_images(oxl_context *ctx, struct colmap *c)
+{
+    struct order_image *by_id = oxl_alloc(ctx, c->image_count + 1, sizeof *by_id);
+    uint32_t           *now   = oxl_alloc(ctx, c->image_count + 1, sizeof *now); /* where an image has gone */
+    const oxl_result rc = by_id && now ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu images", c->image_count);
+    for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) by_id[i] = (struct order_image){c->image[i].id, (uint32_t)i};
+    if (rc == OXL_OK) qsort(by_id, c->image_count, sizeof *by_id, order_compare);
+    for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) now[by_id[i].row] = (uint32_t)i;
+    for (size_t i = 0; i < c->track_count && rc == OXL_OK; i++) c->track[i].image_row = now[c->track[i].image_row];
+    if (rc == OXL_OK) qsort(c->image, c->image_count, sizeof *c->image, order_compare);
+    oxl_free(ctx, by_id);
+    oxl_free(ctx, now);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c)
+{
+    oxl_result rc = c->image_count ? order_images(ctx, c) : OXL_OK;
+    if (c->camera_count) qsort(c->camera, c->camera_count, sizeof *c->camera, order_compare);
+    return rc == OXL_OK ? order_points(ctx, c) : rc;
+}

@@ -1,0 +1,24 @@
+/* json_survey.h - what the readers of surveys in JSON share. They fill the same struct colmap as COLMAP's files do. */
+#ifndef OXL_JSON_SURVEY_H
+#define OXL_JSON_SURVEY_H
+
+#include "../core/json.h"
+#include "colmap.h"
+
+/* The file in memory, its brackets closed; r->path and r->line (the record) are for messages. json_survey.c */
+OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map);
+OXL_INTERNAL oxl_result json_survey_wrong(struct colmap_reader *r, const char *what, const char *seen, const char *wanted);
+
+/* Rows. The camera's numbers are checked; its id is its row. `name` ends at `end`. */
+OXL_INTERNAL oxl_result json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);
+OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const char *name, const char *end, int64_t camera,
+                                              const double rotation[4], const double translation[3]);
+OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const double position[3], const double rgb[3]);
+
+OXL_INTERNAL int json_survey_numbers(const char *array, int count, double *out); /* 0: they are not there */
+
+/* nerfstudio.c, opensfm.c: the whole file. */
+OXL_INTERNAL oxl_result nerfstudio_read(struct colmap_reader *r, const char *json);
+OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json);
+
+#endif

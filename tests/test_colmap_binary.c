@@ -1,0 +1,378 @@
+/* test_colmap_binary.c - the binary export: the same model as the text, and a refusal with a place for any other bytes. */
+
+/* ---------------------------------------------------------------- a writer */
+
+static void binary_put(FILE *file, uint64_t value, int bytes)
+{
+    for (int i = 0; i < bytes; i++) putc((int)(value >> 8 * i & 255), file);
+}
+
+static void binary_put_real(FILE *file, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    binary_put(file, bits, 8);
+}
+
+static FILE *binary_file(const char *folder, const char *name)
+{
+    char  path[400];
+    FILE *file;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    file = fopen(path, "wb");
+    CHECK(file != NULL);
+    return file;
+}
+
+/* As COLMAP writes it, rows the other way round: its order is that of a hash table. */
+static void binary_write(const char *folder, const struct colmap *c)
+{
+    FILE *file = binary_file(folder, "cameras.bin");
+    binary_put(file, c->camera_count, 8);
+    for (size_t i = c->camera_count; i-- > 0;) {
+        const struct colmap_camera *k = &c->camera[i];
+        binary_put(file, (uint64_t)k->id, 4), binary_put(file, (uint64_t)k->model, 4);
+        binary_put(file, (uint64_t)k->width, 8), binary_put(file, (uint64_t)k->height, 8);
+        for (int j = 0; j < k->parameter_count; j++) binary_put_real(file, k->parameter[j]);
+    }
+    CHECK(fclose(file) == 0);
+    file = binary_file(folder, "images.bin");
+    binary_put(file, c->image_count, 8);
+    for (size_t i = c->image_count; i-- > 0;) {
+        const struct colmap_image *k = &c->image[i];
+        binary_put(file, (uint64_t)k->id, 4);
+        for (int j = 0; j < 4; j++) binary_put_real(file, k->rotation[j]);
+        for (int j = 0; j < 3; j++) binary_put_real(file, k->translation[j]);
+        binary_put(file, (uint64_t)k->camera_id, 4);
+        fwrite(c->names + k->name, 1, strlen(c->names + k->name) + 1, file);
+        binary_put(file, k->observation_count, 8);
+        for (size_t j = 0; j < k->observation_count; j++) {
+            const struct colmap_observation *o = &c->observation[k->first_observation + j];
+            binary_put_real(file, o->x), binary_put_real(file, o->y), binary_put(file, (uint64_t)o->point, 8);
+        }
+    }
+    CHECK(fclose(file) == 0);
+    file = binary_file(folder, "points3D.bin");
+    binary_put(file, c->point_count, 8);
+    for (size_t i = c->point_count; i-- > 0;) {
+        const struct colmap_point *k = &c->point[i];
+        binary_put(file, (uint64_t)k->id, 8);
+        for (int j = 0; j < 3; j++) binary_put_real(file, k->position[j]);
+        fwrite(k->rgb, 1, 3, file);
+        binary_put_real(file, k->error);
+        binary_put(file, k->track_count, 8);
+        for (size_t j = 0; j < k->track_count; j++) {
+            const struct colmap_track *t = &c->track[k->first_track + j];
+            binary_put(file, (uint64_t)c->image[t->image_row].id, 4), binary_put(file, t->observation, 4);
+        }
+    }
+    CHECK(fclose(file) == 0);
+}
+
+/* The good model in the test's folder `binary`, its text in `model`. */
+static void binary_good(void)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
+    binary_write(test_path("binary"), &c);
+    colmap_free(test_ctx, &c);
+}
+
+static const char *const binary_names[] = {"cameras.bin", "images.bin", "points3D.bin"};
+
+/* Puts bytes into a file of the good model; returns what was there. */
+static void binary_replace(const char *name, const void *data, size_t size)
+{
+    FILE *file = binary_file(test_path("binary"), name);
+    CHECK(size == 0 || fwrite(data, 1, size, file) == size);
+    CHECK(fclose(file) == 0);
+}
+
+static const char *binary_refused(void)
+{
+    const struct colmap zero = {0};
+    struct colmap       c;
+    CHECK(colmap_read_in_windows(test_ctx, test_path("binary"), 1, 64, &c) == OXL_ERR_INPUT);
+    CHECK(memcmp(&c, &zero, sizeof c) == 0);
+    CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+    return oxl_error_text(test_ctx);
+}
+
+static void colmap_hear_all(void *user, oxl_log_level level, const char *text)
+{
+    (void)level;
+    colmap_hear(user, OXL_LOG_WARNING, text);
+}
+
+/* ---------------------------------------------------------------- what is read */
+
+/* Rows are the same; where observations and tracks lie is not. */
+static int binary_same(const struct colmap *a, const struct colmap *b)
+{
+    int same = a->camera_count == b->camera_count && a->image_count == b->image_count && a->point_count == b->point_count &&
+               a->observation_count == b->observation_count && a->track_count == b->track_count;
+    for (size_t i = 0; same && i < a->camera_count; i++)
+        same = a->camera[i].id == b->camera[i].id && a->camera[i].model == b->camera[i].model &&
+               a->camera[i].width == b->camera[i].width && a->camera[i].height == b->camera[i].height &&
+               memcmp(a->camera[i].parameter, b->camera[i].parameter, sizeof a->camera[i].parameter) == 0;
+    for (size_t i = 0; same && i < a->image_count; i++) {
+        const struct colmap_image *x = &a->image[i], *y = &b->image[i];
+        same = x->id == y->id && x->camera_id == y->camera_id && strcmp(a->names + x->name, b->names + y->name) == 0 &&
+               memcmp(x->rotation, y->rotation, sizeof x->rotation) == 0 &&
+               memcmp(x->translation, y->translation, sizeof x->translation) == 0 &&
+               x->observation_count == y->observation_count &&
+               (x->observation_count == 0 || memcmp(a->observation + x->first_observation, b->observation + y->first_observation,
+                                                    x->observation_count * sizeof *a->observation) == 0);
+    }
+    for (size_t i = 0; same && i < a->point_count; i++) {
+        const struct colmap_point *x = &a->point[i], *y = &b->point[i];
+        same = x->id == y->id && memcmp(x->position, y->position, sizeof x->position) == 0 && x->error == y->error &&
+               memcmp(x->rgb, y->rgb, 3) == 0 && x->track_count == y->track_count &&
+               (x->track_count == 0 ||
+                memcmp(a->track + x->first_track, b->track + y->first_track, x->track_count * sizeof *a->track) == 0);
+    }
+    return same;
+}
+
+static void binary_check_same(const char *text_folder, const char *binary_folder, size_t window)
+{
+    struct colmap text, binary;
+    CHECK_OK(colmap_read(test_ctx, text_folder, 1, &text));
+    CHECK_OK(colmap_read_in_windows(test_ctx, binary_folder, 1, window, &binary));
+    CHECK(text.format == COLMAP_TEXT && binary.format == COLMAP_BINARY && binary.warnings == 0);
+    CHECK_OK(colmap_order(test_ctx, &text));
+    CHECK_OK(colmap_order(test_ctx, &binary));
+    CHECK(binary_same(&text, &binary));
+    colmap_free(test_ctx, &text);
+    colmap_free(test_ctx, &binary);
+}
+
+TEST(colmap_binary_is_the_model_of_the_text_through_any_window)
+{
+    char text[300];
+    binary_good();
+    snprintf(text, sizeof text, "%s", test_path("model"));
+    for (size_t window = 1; window < 300; window += 7) binary_check_same(text, test_path("binary"), window);
+}
+
+TEST(colmap_binary_real_surveys_are_those_of_their_text)
+{
+    const char   *path = test_shared("data/caliterra/sparse/0");
+    char          text[600];
+    struct colmap c;
+    if (!path) SKIP("no shared data");
+    snprintf(text, sizeof text, "%s", path);
+    CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
+    CHECK_OK(colmap_read(test_ctx, text, 1, &c));
+    binary_write(test_path("binary"), &c);
+    colmap_free(test_ctx, &c);
+    binary_check_same(text, test_path("binary"), COLMAP_WINDOW);
+}
+
+TEST(colmap_binary_without_observations_all_else_is_the_same)
+{
+    struct colmap with, without;
+    binary_good();
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &with));
+    CHECK_OK(colmap_read_in_windows(test_ctx, test_path("binary"), 0, 32, &without));
+    CHECK(without.observation_count == 0 && with.observation_count == 3 && without.track_count == 3);
+    for (size_t i = 0; i < 3; i++)
+        CHECK(without.image[i].points_at == with.image[i].points_at && without.image[i].id == with.image[i].id &&
+              without.image[i].points_size == 24 * with.image[i].observation_count);
+    colmap_free(test_ctx, &with);
+    colmap_free(test_ctx, &without);
+}
+
+TEST(colmap_binary_rigs_and_frames_are_not_read)
+{
+    struct colmap c;
+    binary_good();
+    binary_replace("rigs.bin", "junk", 4);
+    binary_replace("frames.bin", "junk", 4);
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
+    CHECK(c.image_count == 3 && c.warnings == 0);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_binary_oddities_are_mended_as_in_text)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
+    c.observation[0].x     = NAN;
+    c.point[0].position[1] = INFINITY;
+    c.point[1].error       = NAN;
+    c.image[1].rotation[0] = 8;
+    binary_write(test_path("binary"), &c);
+    colmap_free(test_ctx, &c);
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
+    CHECK(c.warnings == 4 && c.point_count == 1 && c.point[0].id == 4 && c.point[0].error == -1 && c.track_count == 2);
+    CHECK(c.observation[1].point == -1 && c.observation[1].x == 0);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_of_text_and_binary_the_newer_is_read_with_a_message)
+{
+    struct colmap c;
+    char          command[1000];
+    binary_good();
+    snprintf(command, sizeof command,
+             "cd '%s' && cp ../model/*.txt . && touch -d '2001-01-01' *.txt && touch -d '2001-01-02' *.bin", test_path("binary"));
+    CHECK(system(command) == 0);
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
+    CHECK(c.format == COLMAP_BINARY && strcmp(c.images_file, "images.bin") == 0);
+    colmap_free(test_ctx, &c);
+    test_ctx->options.log = colmap_hear_all;
+    snprintf(command, sizeof command, "touch -d '2001-01-03' '%s/points3D.txt'", test_path("binary"));
+    CHECK(system(command) == 0);
+    CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
+    CHECK(c.format == COLMAP_TEXT);
+    CHECK_TEXT(colmap_warned.last, "the text files are newer and are read");
+    colmap_free(test_ctx, &c);
+}
+
+/* ---------------------------------------------------------------- what is refused */
+
+TEST(colmap_binary_cut_anywhere_is_refused_with_the_place)
+{
+    for (int f = 0; f < 3; f++) {
+        struct os_file_map map;
+        char               path[400];
+        binary_good();
+        snprintf(path, sizeof path, "%s/%s", test_path("binary"), binary_names[f]);
+        CHECK_OK(os_read_file(test_ctx, path, &map));
+        for (size_t size = 0; size < map.size; size++) {
+            binary_replace(binary_names[f], map.data, size);
+            CHECK_TEXT(binary_refused(), binary_names[f]);
+            CHECK_TEXT(oxl_error_text(test_ctx), ": byte ");
+        }
+        os_release_file(test_ctx, &map);
+    }
+}
+
+/* Every byte of the three set to 0xff in turn: counts become huge, numbers nan, ids strange. */
+TEST(colmap_binary_with_a_wrong_byte_is_read_or_refused)
+{
+    int refused = 0;
+    for (int f = 0; f < 3; f++) {
+        struct os_file_map map;
+        char               path[400], *copy;
+        binary_good();
+        snprintf(path, sizeof path, "%s/%s", test_path("binary"), binary_names[f]);
+        CHECK_OK(os_read_file(test_ctx, path, &map));
+        copy = oxl_alloc(test_ctx, map.size, 1);
+        for (size_t i = 0; i < map.size; i++) {
+            struct colmap c;
+            oxl_result    rc;
+            memcpy(copy, map.data, map.size);
+            copy[i] = (char)0xff;
+            binary_replace(binary_names[f], copy, map.size);
+            rc = colmap_read(test_ctx, test_path("binary"), 1, &c);
+            CHECK(rc == OXL_OK || rc == OXL_ERR_INPUT);
+            if (rc != OXL_OK) CHECK_TEXT(oxl_error_text(test_ctx), "\nfix: ");
+            refused += rc != OXL_OK;
+            colmap_free(test_ctx, &c);
+        }
+        oxl_free(test_ctx, copy);
+        os_release_file(test_ctx, &map);
+    }
+    CHECK(refused > 60);
+}
+
+TEST(colmap_binary_huge_counts_are_refused_before_memory_is_taken)
+{
+    static const unsigned char many[64] = {0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x0f};
+    for (int f = 0; f < 3; f++) {
+        binary_good();
+        binary_replace(binary_names[f], many, sizeof many);
+        CHECK_TEXT(binary_refused(), "seen the number 1152921504606846975 where 56 bytes follow");
+    }
+}
+
+TEST(colmap_binary_a_track_leaves_room_for_the_points_that_follow)
+{
+    unsigned char points[8 + 3 * 51] = {3};
+    binary_good();
+    points[8]      = 1;  /* id */
+    points[8 + 43] = 12; /* of 102 bytes that two points need */
+    binary_replace("points3D.bin", points, sizeof points);
+    CHECK_TEXT(binary_refused(), "byte 51, record 1: seen the number 12 where 102 bytes and as many points as 2 follow");
+}
+
+TEST(colmap_binary_empty_and_random_files_are_refused)
+{
+    char noise[500];
+    for (int f = 0; f < 3; f++) {
+        binary_good();
+        binary_replace(binary_names[f], "", 0);
+        CHECK_TEXT(binary_refused(), "byte 0, record 0: seen the end of the file");
+        for (uint64_t seed = 1; seed < 20; seed++) {
+            for (size_t i = 0; i < sizeof noise; i++) noise[i] = (char)random_bits(seed, i, 0);
+            binary_replace(binary_names[f], noise, sizeof noise);
+            binary_refused();
+        }
+    }
+}
+
+TEST(colmap_binary_an_unknown_camera_model_leads_to_the_undistorter)
+{
+    unsigned char cameras[64] = {1, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 18, 0, 0, 0, 100, 0, 0, 0, 0, 0, 0, 0, 100};
+    binary_good();
+    binary_replace("cameras.bin", cameras, sizeof cameras);
+    CHECK_TEXT(binary_refused(), "byte 12, record 1: seen the camera model 18, wanted 0 to 17 (SIMPLE_PINHOLE, ");
+    CHECK_TEXT(oxl_error_text(test_ctx), "colmap image_undistorter");
+}
+
+TEST(colmap_binary_names_stay_in_the_image_folder_and_on_one_line)
+{
+    static const char *const wrong[][2] = {{"../b.jpg", "wanted a path inside the image folder"},
+                                           {"b\nc.jpg", "a line end in a name"}};
+    for (size_t i = 0; i < OXL_COUNT(wrong); i++) {
+        struct colmap c;
+        CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 12345678\n\n", "", &c));
+        CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
+        strcpy(c.names + c.image[0].name, wrong[i][0]);
+        binary_write(test_path("binary"), &c);
+        colmap_free(test_ctx, &c);
+        CHECK_TEXT(binary_refused(), wrong[i][1]);
+    }
+}
+
+TEST(colmap_binary_incomplete_models_are_named_by_what_is_missing)
+{
+    struct colmap c;
+    binary_good();
+    CHECK(remove(test_path("binary/images.bin")) == 0);
+    CHECK(colmap_read(test_ctx, test_path("binary"), 1, &c) == OXL_ERR_INPUT);
+    CHECK_TEXT(oxl_error_text(test_ctx), "images.bin is not there, wanted a COLMAP model");
+}
+
+/* ---------------------------------------------------------------- order */
+
+TEST(colmap_order_is_by_id_and_tracks_follow_their_images)
+{
+    struct colmap c;
+    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
+    CHECK_OK(colmap_order(test_ctx, &c));
+    CHECK(c.image[0].id == 2 && c.image[1].id == 5 && c.image[2].id == 7 && c.point[0].id == 4 && c.point[1].id == 9);
+    CHECK(c.image[c.track[c.point[0].first_track].image_row].id == 7 &&
+          c.image[c.track[c.point[1].first_track].image_row].id == 5);
+    colmap_free(test_ctx, &c);
+}
+
+TEST(colmap_order_of_many_points_is_that_of_their_ids_near_or_far_apart)
+{
+    for (int far = 0; far < 2; far++) {
+        struct colmap c = {.point_count = 1000};
+        c.point         = oxl_calloc(test_ctx, c.point_count, sizeof *c.point);
+        for (size_t i = 0; i < c.point_count; i++) {
+            c.point[i].id          = (int64_t)(i * 7919 % 1009) * (far ? INT64_C(1) << 40 : 1) - 50;
+            c.point[i].position[0] = (double)c.point[i].id;
+        }
+        CHECK_OK(colmap_order(test_ctx, &c));
+        for (size_t i = 0; i < c.point_count; i++)
+            CHECK((i == 0 || c.point[i - 1].id < c.point[i].id) && c.point[i].position[0] == (double)c.point[i].id);
+        colmap_free(test_ctx, &c);
+    }
+}

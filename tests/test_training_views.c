@@ -1,0 +1,89 @@
+/* test_training_views.c - images that fit far worse than their neighbours are told, and no others. */
+
+enum { TVIEWS = 24, TVIEWS_W = 96, TVIEWS_H = 64, TVIEWS_GAUSSIANS = 600 };
+
+/* A flat field of blobs seen from a grid of cameras 4 above it. */
+static oxl_model tviews_model(void)
+{
+    oxl_model m;
+    CHECK_OK(oxl_model_create(test_ctx, TVIEWS_GAUSSIANS, 0, &m));
+    for (size_t i = 0; i < m.count; i++) {
+        for (int k = 0; k < 3; k++) {
+            m.plane[OXL_MEAN + k][i]      = (float)((k < 2 ? 8 : 0.4) * (random_unit(random_bits(5, i, (uint64_t)k)) - 0.5));
+            m.plane[OXL_LOG_SCALE + k][i] = (float)(-2.6 + random_unit(random_bits(6, i, (uint64_t)k)));
+            m.plane[OXL_SH + k][i]        = (float)(3 * random_unit(random_bits(7, i, (uint64_t)k)) - 1);
+        }
+        m.plane[OXL_OPACITY][i] = 2;
+    }
+    return m;
+}
+
+/* The views that `broken` names: two with a displaced pose, one darkened, one out of focus. */
+static oxl_scene *tviews_scene(const oxl_model *m, int broken)
+{
+    oxl_view   view[TVIEWS];
+    oxl_image  image[TVIEWS];
+    oxl_point  point[TVIEWS];
+    char       name[TVIEWS][16];
+    oxl_scene *scene = NULL;
+    for (int v = 0; v < TVIEWS; v++) {
+        const double x = 0.7 * (v % 6) - 1.75, y = 0.8 * (v / 6) - 1.2;
+        snprintf(name[v], sizeof name[v], "v%02d", v);
+        view[v]  = (oxl_view){name[v], {TVIEWS_W, TVIEWS_H, 90, 90, 48, 32, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {-x, -y, 4}}, 0};
+        point[v] = (oxl_point){.position = {x, y, 0}, .rgb = {90, 90, 90}};
+        CHECK_OK(oxl_render(test_ctx, m, &view[v].camera, NULL, &image[v], NULL));
+        for (size_t i = 0; i < 3 * TVIEWS_W * TVIEWS_H; i++)
+            image[v].rgb[i] += 0.02f * (float)(random_unit(random_bits(8, i, (uint64_t)v)) - 0.5);
+        if (broken && v == 8) view[v].camera.translation[0] += 0.2;
+        if (broken && v == 15) view[v].camera.translation[1] -= 0.25;
+        for (size_t i = 0; broken && v == 20 && i < 3 * TVIEWS_W * TVIEWS_H; i++) image[v].rgb[i] *= 0.6f;
+        for (int pass = 0; broken && v == 3 && pass < 2; pass++) /* a running mean of 5 px along the rows */
+            for (size_t i = 2; i + 3 < 3 * TVIEWS_W * TVIEWS_H; i++)
+                image[v].rgb[i] =
+                    (image[v].rgb[i - 2] + image[v].rgb[i - 1] + image[v].rgb[i] + image[v].rgb[i + 1] + image[v].rgb[i + 2]) / 5;
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, TVIEWS, point, TVIEWS, &scene));
+    for (int v = 0; v < TVIEWS; v++) oxl_image_free(test_ctx, &image[v]);
+    return scene;
+}
+
+TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_told_and_no_others)
+{
+    oxl_model   m     = tviews_model();
+    oxl_scene  *scene = tviews_scene(&m, 1);
+    struct text t     = {.ctx = test_ctx};
+    colmap_listen();
+    CHECK_OK(training_views_judge(test_ctx, &m, scene, &t, test_path("worst")));
+    CHECK(colmap_warned.count == 4);
+    CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"flagged\": 4, ");
+    for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
+        char        name[16], flag[16];
+        const char *wanted;
+        oxl_json_text(oxl_json_member(row, "name"), name, sizeof name);
+        oxl_json_text(oxl_json_member(row, "flag"), flag, sizeof flag);
+        wanted = !strcmp(name, "v08") || !strcmp(name, "v15") ? "pose"
+                 : !strcmp(name, "v20")                       ? "exposure"
+                 : !strcmp(name, "v03")                       ? "blur"
+                                                              : "";
+        if (strcmp(flag, wanted)) printf("  %s: '%s', wanted '%s'\n", name, flag, wanted);
+        CHECK(strcmp(flag, wanted) == 0);
+    }
+    CHECK(os_is_file(test_path("worst/v20.png")) && os_is_file(test_path("worst/v20.photo.png")));
+    text_free(&t);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &m);
+}
+
+TEST(training_views_of_a_sound_survey_are_not_flagged)
+{
+    oxl_model   m     = tviews_model();
+    oxl_scene  *scene = tviews_scene(&m, 0);
+    struct text t     = {.ctx = test_ctx};
+    colmap_listen();
+    CHECK_OK(training_views_judge(test_ctx, &m, scene, &t, NULL));
+    CHECK(colmap_warned.count == 0);
+    CHECK_TEXT(t.data, "\"flagged\": 0, ");
+    text_free(&t);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &m);
+}
