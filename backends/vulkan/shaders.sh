@@ -1,14 +1,15 @@
 #!/bin/sh
-# shaders.sh [check] - makes generated/spirv.h of shaders/*.comp with glslc, or checks that it is what they give.
+# shaders.sh [check] - makes generated/spirv.h (words) and generated/bindings.h (sizes) of shaders/*.comp with glslc, or checks that
+# they are what the shaders give.
 #
-# The header says which sources and which glslc it was made of. The sources are compared always, the words only by the same glslc.
+# The first header says which sources and which glslc it was made of. The sources are compared always, the words only by the same glslc.
 set -eu
 cd "$(dirname "$0")/shaders"
 header=../generated/spirv.h
 sources=$(cat -- *.comp *.glsl | cksum | tr ' ' '-')
 version=$(glslc --version 2>/dev/null | tr '\n' ' ' | sed 's/ *$//' || true)
 
-# How many storage buffers a shader binds and how many bytes it is pushed, read from its words: vulkan.c takes both from here, so that the
+# How many storage buffers a shader binds and how many bytes it is pushed, read from its words: the C code takes both from here, so that the
 # host and the shader cannot disagree. What is pushed are numbers of 32 bits; the largest offset tells how many.
 tell_size() { # NAME WORDS
     od -An -v -tu4 -w4 "$2" | awk -v name="$1" '
@@ -40,8 +41,13 @@ emit() {
         echo "static const uint32_t SPIRV_$name[] = {"
         od -An -v -tu4 "$work" | sed 's/^ *//; s/  */,/g; s/$/,/'
         echo "};"
-        tell_size "$name" "$work"
+        tell_size "$name" "$work" >>"$work.sizes"
     done
+}
+
+sizes() {
+    echo "/* bindings.h - of each shader: how many storage buffers it binds, how many bytes it is pushed. Made by backends/vulkan/shaders.sh. */"
+    cat "$work.sizes"
 }
 
 if [ "${1:-}" = check ]; then
@@ -55,11 +61,14 @@ if [ "${1:-}" = check ]; then
     fi
 fi
 work=$(mktemp)
-trap 'rm -f "$work" "$work.h"' EXIT
+trap 'rm -f "$work" "$work.h" "$work.sizes" "$work.b"' EXIT
+: >"$work.sizes"
 emit >"$work.h"
+sizes >"$work.b"
 if [ "${1:-}" = check ]; then
-    cmp "$work.h" "$header" || { echo "shaders: $header is not what glslc makes. fix: make shaders" >&2; exit 1; }
+    cmp "$work.h" "$header" && cmp "$work.b" ../generated/bindings.h || { echo "shaders: $header is not what glslc makes. fix: make shaders" >&2; exit 1; }
     echo "shaders: $header is current"
 else
     cat "$work.h" >"$header"
+    cat "$work.b" >../generated/bindings.h
 fi

@@ -1,6 +1,6 @@
 /* renderer.c - the kernels behind one door: draw a view, compare it, walk the error back, step.
  *
- * The doors are the CPU's, unless the context has a device: then each hands over to its own (vulkan.c).
+ * The doors are the CPU's, unless the context has a device: then each hands over to its own (backends/vulkan/renderer.c).
  *
  * Invariant: everything here runs in parallel over packs, strips or tiles that are independent of each other, so the result does
  * not depend on the number of threads.

@@ -1,4 +1,4 @@
-/* adam.comp - the step that follows the gradient (Kingma & Ba 2015), for the rows that the view has seen: the twin of src/adam.c.
+/* adam.comp - the step that follows the gradient (Kingma & Ba 2015), for the rows that the view has seen: the counterpart of src/render/adam.c.
  *
  * A row of which a number or its gradient is not finite is not stepped, counted, and not seen from then on.
  */
@@ -10,7 +10,7 @@ layout(std430, binding = 1) readonly buffer Gradient { float gradient[]; };
 layout(std430, binding = 2) buffer First { float mean[]; };
 layout(std430, binding = 3) buffer Second { float square[]; };
 layout(std430, binding = 4) buffer Seen { uint seen[]; };
-layout(std430, binding = 5) buffer Counts { uint counts[]; };        /* [slot] rows put aside, [slot + 1] the first of them */
+layout(std430, binding = 5) buffer Counts { uint counts[]; };        /* [slot] rows that were not stepped, [slot + 1] the first of them */
 layout(std430, binding = 6) readonly buffer Rates { float rates[]; }; /* by plane, with the first moment's correction */
 layout(push_constant) uniform Push { uint first, count, stride, planes, lobes, lobe_plane, slot; float beta1, beta2, inverse_correction; } push;
 

@@ -1,7 +1,7 @@
-/* common.glsl - what the shaders share: constants, arithmetic, numbering of work. Their CPU twins are in src/kernels.h.
+/* common.glsl - what the shaders share: constants, arithmetic, numbering of work. Their CPU counterparts are in src/render/kernels.h.
  *
  * 256 invocations a workgroup everywhere. Nothing depends on the size of a subgroup. More than 65535 workgroups are dispatched in two
- * dimensions, so a shader asks work_group() for its number.
+ * dimensions, so a shader calls work_group() for its index.
  */
 #extension GL_GOOGLE_include_directive : require
 
@@ -23,7 +23,7 @@ uint work_item() { return work_group() * 256u + gl_LocalInvocationIndex; }
 
 bool is_finite(float x) { return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u; }
 
-/* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/kernels.h: GLSL's own exp2 has no bound that all devices keep. */
+/* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/render/kernels.h: GLSL's own exp2 has no bound that all devices keep. */
 float own_exp2(float x)
 {
     precise float n = floor(x + 0.5), f = x - n;
@@ -46,7 +46,7 @@ float own_exp(float x)
     return x == x ? intBitsToFloat(floatBitsToInt(p) + (int(n) << 23)) : x;
 }
 
-/* log2 x for normal x > 0; of what is no number about 128, whatever its sign, as on the CPU: so that such a row is seen, and told. */
+/* log2 x for normal x > 0; of NaN and infinity about 128, whatever the sign, as on the CPU: so that such a row is visible and reported. */
 float own_log2(float x)
 {
     int           bits     = floatBitsToInt(x) & 0x7FFFFFFF;

@@ -1,4 +1,4 @@
-/* footprint.comp - which tiles see which splat, and which of their 4 x 4 blocks: the twin of src/bin.c. An invocation a splat, in
+/* footprint.comp - which tiles see which splat, and which of their 4 x 4 blocks: the counterpart of src/render/bin.c. An invocation a splat, in
  * depth order.
  *
  *     VARIANT 0  how many tiles: pairs[i]

@@ -1,4 +1,4 @@
-/* geometry.glsl - a Gaussian on the image plane: the twin of src/project.c's struct project_geometry and of what makes it.
+/* geometry.glsl - a Gaussian on the image plane: the counterpart of src/render/project.c's struct project_geometry and of what makes it.
  *
  * Needs `view` and the planes of a slab: plane k of row i is at parameter[k * stride + i].
  */

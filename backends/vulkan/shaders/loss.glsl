@@ -1,4 +1,4 @@
-/* loss.glsl - L1 + SSIM as in src/loss.c. A workgroup is a tile of 16 x 16 pixels of one channel; its windows reach 5 pixels further. */
+/* loss.glsl - L1 + SSIM as in src/render/loss.c. A workgroup is a tile of 16 x 16 pixels of one channel; its windows reach 5 pixels further. */
 layout(push_constant) uniform Push { uint width, height, channel, tiles; float ssim_weight; uint masked; } push;
 
 const uint  HALF = 5u, REACH = 26u;

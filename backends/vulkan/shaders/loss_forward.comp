@@ -4,7 +4,7 @@
 #include "loss.glsl"
 
 layout(std430, binding = 0) readonly buffer Rgb { float rgb[]; };       /* (3,H,W) drawn */
-layout(std430, binding = 1) readonly buffer Target { float target[]; }; /* (3,H,W) photographed */
+layout(std430, binding = 1) readonly buffer Target { float target[]; }; /* (3,H,W) training image */
 layout(std430, binding = 2) readonly buffer Weight { float weight[]; }; /* (H,W), read when masked */
 layout(std430, binding = 3) writeonly buffer Slope { float slope[]; };  /* (3,H,W) of SSIM in the blurred x, x^2 + y^2, xy */
 layout(std430, binding = 4) writeonly buffer Partial { float partial[]; }; /* (3,tiles,5) see loss_total.comp */
@@ -54,7 +54,7 @@ void blur(uint i, out float m[4])
     }
 }
 
-/* Wang et al. 2004; the derivatives as in loss_differentiate of src/loss.c. */
+/* Wang et al. 2004; the derivatives as in loss_differentiate of src/render/loss.c. */
 float ssim_of(float m[4], out vec3 d)
 {
     float ux = m[0], uy = m[1], uu = fma(ux, ux, uy * uy), uxy = ux * uy;

@@ -1,4 +1,4 @@
-/* project.comp - Gaussians onto the image plane: the twin of src/project.c, forward. An invocation a row of a slab.
+/* project.comp - Gaussians onto the image plane: the counterpart of src/render/project.c, forward. An invocation a row of a slab.
  *
  * What raster.comp needs of a row lies in vectors of four numbers, in arrays apart: no array exceeds maxStorageBufferRange before
  * there are 8 million rows, and reads are coalesced.

@@ -1,4 +1,4 @@
-/* project_backward.comp - the pairs' sums back to the Gaussians: the twin of src/project.c, backward. An invocation a row of a slab.
+/* project_backward.comp - the pairs' sums back to the Gaussians: the counterpart of src/render/project.c, backward. An invocation a row of a slab.
  *
  * A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
  */
@@ -24,7 +24,7 @@ struct Sums {
     vec3  light;
 };
 
-struct Pull { /* what a Gaussian on the image plane pulls at */
+struct Pull { /* dL/d(parameter), through the Gaussian on the image plane */
     vec3  mean, log_scale;
     vec4  q;
     float u, v;

@@ -1,4 +1,4 @@
-/* raster.glsl - what drawing and its way back must have alike to the bit: a splat over a pixel. The twin of src/raster.c.
+/* raster.glsl - what forward and backward must compute alike to the bit: a splat over a pixel. The counterpart of src/render/raster.c.
  *
  * A workgroup is a tile, an invocation a pixel: 16 invocations that follow each other are a block of 4 x 4.
  * VARIANT & 1: rows below push.lobes have a second lobe.

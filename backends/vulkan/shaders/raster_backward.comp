@@ -1,7 +1,7 @@
 /* raster_backward.comp - the pixels' gradients back to the pairs, or (VARIANT & 2) how much each pair matters.
  *
- * In forward order, a batch at a time, in two rooms. First each invocation takes its pixel past the batch's splats and leaves
- * alpha dL/dalpha and alpha T in shared memory. Then the invocations are dealt out anew, 256 / BATCH to a splat: each adds up some
+ * In forward order, a batch at a time, in two phases. First each invocation takes its pixel past the batch's splats and leaves
+ * alpha dL/dalpha and alpha T in shared memory. Then the invocations are assigned anew, 256 / BATCH to a splat: each adds up some
  * of the splat's pixels, and one for each of the splat's numbers adds up what these have. So there is no atomic, and every sum has a
  * written order. A pair's sums go to its own slot.
  */
@@ -27,7 +27,7 @@ shared float gradient[3 * 256]; /* dL/dC of the tile's pixels */
 
 float component(uint n, uint k) { return k < 4u ? batch_shape[n][k] : batch_light[n][k - 4u]; }
 
-/* The first room: a pixel past splat n. */
+/* Phase 1: a pixel past splat n. */
 void differentiate(uint n, uint i, vec2 pixel, vec3 g, inout float t, inout float behind)
 {
     float value = 0.0, lobe = 0.0, weight = 0.0;
@@ -59,7 +59,7 @@ float gather(uint n, uint k, uint each)
     return sum;
 }
 
-/* The second room: invocation j of splat n, `each` a splat. count: splats of the batch. */
+/* Phase 2: invocation j of splat n, `each` a splat. count: splats of the batch. */
 void add_up(uint i, uint count)
 {
     const uint each = 256u / BATCH;

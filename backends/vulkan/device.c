@@ -1,0 +1,317 @@
+/* device.c - the Vulkan loader, opened at run time, an instance, the choice of a device.
+ *
+ * Built by make VULKAN=1 alone; needs the headers to compile, and nothing to start: a machine without a loader or a device says so in
+ * one line.
+ */
+#include "device.h"
+
+/* ---------------------------------------------------------------- what went wrong */
+
+static const char *vulkan_word(VkResult result)
+{
+    switch (result) {
+    case VK_TIMEOUT: return "it did not answer in time";
+    case VK_ERROR_OUT_OF_HOST_MEMORY: return "no host memory";
+    case VK_ERROR_OUT_OF_DEVICE_MEMORY: return "no device memory";
+    case VK_ERROR_DEVICE_LOST: return "the device is lost";
+    case VK_ERROR_INITIALIZATION_FAILED: return "it could not be started";
+    case VK_ERROR_INCOMPATIBLE_DRIVER: return "no driver";
+    default: return "refused";
+    }
+}
+
+/* Keeps the first failure. 1: all is well. */
+OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
+{
+    const int memory = result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    if (result == VK_SUCCESS) return v->rc == OXL_OK;
+    if (v->rc == OXL_OK)
+        v->rc = oxl_fail(v->ctx, memory ? OXL_ERR_MEMORY : OXL_ERR_FAILED, "Vulkan, %s: %s (%d)\nfix: --backend cpu", what,
+                         vulkan_word(result), (int)result);
+    return 0;
+}
+
+/* ---------------------------------------------------------------- loader and instance */
+
+static const char *const VULKAN_LIBRARY[] = {"libvulkan.so.1", "libvulkan.so", "vulkan-1.dll", "libvulkan.1.dylib"};
+
+static int vulkan_load(struct vulkan *v)
+{
+    const char *named = getenv("OXL_VULKAN_LIBRARY"); /* another loader; a name that is not there: a machine without one */
+    for (size_t i = 0; !named && !v->library && i < OXL_COUNT(VULKAN_LIBRARY); i++)
+        v->library = os_library_open(VULKAN_LIBRARY[i]);
+    if (named) v->library = os_library_open(named);
+    if (!v->library) return 0;
+    os_library_symbol(v->library, "vkGetInstanceProcAddr", &v->GetInstanceProcAddr, sizeof v->GetInstanceProcAddr);
+    if (!v->GetInstanceProcAddr) return 0;
+#define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetInstanceProcAddr(NULL, "vk" #name);
+    VULKAN_OF_LOADER(VULKAN_FIND)
+#undef VULKAN_FIND
+    return v->CreateInstance != NULL;
+}
+
+static VKAPI_ATTR VkBool32 VKAPI_CALL vulkan_complaint(VkDebugUtilsMessageSeverityFlagBitsEXT      severity,
+                                                       VkDebugUtilsMessageTypeFlagsEXT             types,
+                                                       const VkDebugUtilsMessengerCallbackDataEXT *data, void *user)
+{
+    struct vulkan *v = user;
+    (void)severity, (void)types;
+    if (v->complaints++ < 10) oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan validation: %s", data->pMessage);
+    return VK_FALSE;
+}
+
+static const char *const VULKAN_VALIDATION = "VK_LAYER_KHRONOS_validation";
+
+/* The validation layer is for those who change this file: OXL_VULKAN_VALIDATE=1, and installed. */
+static int vulkan_validates(struct vulkan *v)
+{
+    VkLayerProperties layer[64];
+    uint32_t          count = OXL_COUNT(layer);
+    if (!getenv("OXL_VULKAN_VALIDATE") || !v->EnumerateInstanceLayerProperties) return 0;
+    if (v->EnumerateInstanceLayerProperties(&count, layer) < 0) return 0;
+    for (uint32_t i = 0; i < count; i++)
+        if (strcmp(layer[i].layerName, VULKAN_VALIDATION) == 0) return 1;
+    return 0;
+}
+
+/* Chained to the instance, the layer checks from the first call on, and synchronization too. */
+static VkResult vulkan_make_instance(struct vulkan *v, int validates, const VkDebugUtilsMessengerCreateInfoEXT *listen)
+{
+    const VkValidationFeatureEnableEXT also        = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+    const VkValidationFeaturesEXT      features    = {.sType                         = VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT,
+                                                      .pNext                         = listen,
+                                                      .enabledValidationFeatureCount = 1,
+                                                      .pEnabledValidationFeatures    = &also};
+    const char *const                  extension   = VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
+    const VkApplicationInfo            application = {
+                   .sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .pApplicationName = "oceanxl", .apiVersion = VK_API_VERSION_1_0};
+    const VkInstanceCreateInfo info = {.sType                   = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
+                                       .pNext                   = validates ? &features : NULL,
+                                       .pApplicationInfo        = &application,
+                                       .enabledLayerCount       = validates ? 1u : 0u,
+                                       .ppEnabledLayerNames     = &VULKAN_VALIDATION,
+                                       .enabledExtensionCount   = validates ? 1u : 0u,
+                                       .ppEnabledExtensionNames = &extension};
+    return v->CreateInstance(&info, NULL, &v->instance);
+}
+
+static oxl_result vulkan_start(struct vulkan *v)
+{
+    const VkDebugUtilsMessengerCreateInfoEXT listen = {
+        .sType           = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT,
+        .messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT,
+        .messageType     = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT,
+        .pfnUserCallback = vulkan_complaint,
+        .pUserData       = v};
+    PFN_vkCreateDebugUtilsMessengerEXT create;
+    if (!vulkan_load(v))
+        return oxl_fail(v->ctx, OXL_ERR_FAILED,
+                        "no Vulkan loader (libvulkan.so.1) on this machine\nfix: install a driver, or --backend cpu");
+    v->validates = vulkan_validates(v);
+    if (!vulkan_ok(v, vulkan_make_instance(v, v->validates, &listen), "the loader")) return v->rc;
+#define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetInstanceProcAddr(v->instance, "vk" #name);
+    VULKAN_OF_INSTANCE(VULKAN_FIND)
+#undef VULKAN_FIND
+    if (!v->validates) return OXL_OK;
+    create = (PFN_vkCreateDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance, "vkCreateDebugUtilsMessengerEXT");
+    if (create) vulkan_ok(v, create(v->instance, &listen, NULL, &v->messenger), "the validation layer");
+    return v->rc;
+}
+
+static void vulkan_stop(struct vulkan *v)
+{
+    PFN_vkDestroyDebugUtilsMessengerEXT destroy;
+    if (v->messenger) {
+        destroy = (PFN_vkDestroyDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance, "vkDestroyDebugUtilsMessengerEXT");
+        if (destroy) destroy(v->instance, v->messenger, NULL);
+    }
+    if (v->instance) v->DestroyInstance(v->instance, NULL);
+    if (v->library) os_library_close(v->library);
+}
+
+/* ---------------------------------------------------------------- devices */
+
+enum { VULKAN_DEVICES = 32 };
+
+static uint32_t vulkan_devices(struct vulkan *v, VkPhysicalDevice device[VULKAN_DEVICES])
+{
+    uint32_t count = VULKAN_DEVICES;
+    return v->EnumeratePhysicalDevices(v->instance, &count, device) < 0 ? 0 : count;
+}
+
+static const char *vulkan_kind(VkPhysicalDeviceType type)
+{
+    switch (type) {
+    case VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU: return "discrete GPU";
+    case VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU: return "integrated GPU";
+    case VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU: return "virtual GPU";
+    case VK_PHYSICAL_DEVICE_TYPE_CPU: return "a CPU";
+    default: return "unknown kind";
+    }
+}
+
+/* Better ones first. */
+static int vulkan_rank(VkPhysicalDeviceType type)
+{
+    switch (type) {
+    case VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU: return 4;
+    case VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU: return 3;
+    case VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU: return 2;
+    case VK_PHYSICAL_DEVICE_TYPE_CPU: return 0;
+    default: return 1;
+    }
+}
+
+OXL_INTERNAL oxl_result vulkan_list(oxl_context *ctx, struct text *out)
+{
+    struct vulkan    v = {.ctx = ctx};
+    VkPhysicalDevice device[VULKAN_DEVICES];
+    uint32_t         count = 0;
+    if (vulkan_start(&v) == OXL_OK) {
+        count = vulkan_devices(&v, device);
+        if (count == 0) v.rc = oxl_fail(ctx, OXL_ERR_FAILED, "Vulkan finds no device here");
+    } else v.rc = ctx->failed;
+    for (uint32_t i = 0; i < count; i++) {
+        VkPhysicalDeviceProperties p;
+        v.GetPhysicalDeviceProperties(device[i], &p);
+        text_add(out, "%u  %s (%s), Vulkan %u.%u.%u, arrays of %u MiB at most\n", i, p.deviceName, vulkan_kind(p.deviceType),
+                 VK_VERSION_MAJOR(p.apiVersion), VK_VERSION_MINOR(p.apiVersion), VK_VERSION_PATCH(p.apiVersion),
+                 p.limits.maxStorageBufferRange >> 20);
+    }
+    vulkan_stop(&v);
+    return v.rc;
+}
+
+static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any)
+{
+    VkPhysicalDevice device[VULKAN_DEVICES];
+    const uint32_t   count = vulkan_devices(v, device);
+    int              best  = -1;
+    if (count == 0) return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here\nfix: --backend cpu");
+    if (wanted >= (int)count)
+        return oxl_fail(v->ctx, OXL_ERR_USAGE, "device %d of %u\nfix: oceanxl info --devices has the list, from 0", wanted,
+                        count);
+    for (uint32_t i = 0; i < count; i++) {
+        VkPhysicalDeviceProperties p;
+        v->GetPhysicalDeviceProperties(device[i], &p);
+        if (wanted >= 0 ? (int)i != wanted : vulkan_rank(p.deviceType) <= best) continue;
+        if (wanted < 0 && !any && p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU) continue;
+        best          = vulkan_rank(p.deviceType);
+        v->physical   = device[i];
+        v->properties = p;
+    }
+    if (best < 0) return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here but the CPU");
+    v->GetPhysicalDeviceMemoryProperties(v->physical, &v->memory);
+    for (uint32_t i = 0; i < v->memory.memoryHeapCount; i++)
+        if (v->memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT)
+            v->photos = OXL_MAX(v->photos, (size_t)(v->memory.memoryHeaps[i].size / VULKAN_PHOTO_SHARE));
+    return OXL_OK;
+}
+
+/* What the passes ask for; most of it is what Vulkan 1.0 promises of any device, the bindings are not. */
+static oxl_result vulkan_check(struct vulkan *v)
+{
+    const VkPhysicalDeviceLimits *l = &v->properties.limits;
+    v->range                        = l->maxStorageBufferRange;
+    v->groups_max                   = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
+    v->batch                        = l->maxComputeSharedMemorySize >= 32768 ? 8 : 4;
+    v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS, v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
+    if (l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS && l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
+        l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= 16384 && v->slab_rows > 0)
+        return OXL_OK;
+    return oxl_fail(
+        v->ctx, OXL_ERR_FAILED,
+        "%s: %u storage buffers a shader, %u invocations a workgroup, %u bytes shared: wanted %d, %u, 16384\nfix: another "
+        "--device, or --backend cpu",
+        v->properties.deviceName, l->maxPerStageDescriptorStorageBuffers, l->maxComputeWorkGroupInvocations,
+        l->maxComputeSharedMemorySize, VULKAN_BINDINGS, VULKAN_GROUP);
+}
+
+static oxl_result vulkan_open_device(struct vulkan *v)
+{
+    VkQueueFamilyProperties family[64];
+    uint32_t                count = OXL_COUNT(family), chosen = 0;
+    const float             priority = 1;
+    VkDeviceQueueCreateInfo queue    = {
+           .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority};
+    const VkDeviceCreateInfo info = {
+        .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, .queueCreateInfoCount = 1, .pQueueCreateInfos = &queue};
+    VkCommandPoolCreateInfo          pool     = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
+    VkCommandBufferAllocateInfo      commands = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                                 .level              = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                                 .commandBufferCount = 1};
+    const VkFenceCreateInfo          fence    = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    const VkDescriptorPoolSize       size     = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
+    const VkDescriptorPoolCreateInfo sets     = {
+            .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = VULKAN_SETS, .poolSizeCount = 1, .pPoolSizes = &size};
+    v->GetPhysicalDeviceQueueFamilyProperties(v->physical, &count, family);
+    while (chosen < count && !(family[chosen].queueFlags & VK_QUEUE_COMPUTE_BIT)) chosen++;
+    if (chosen == count)
+        return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s cannot compute\nfix: --backend cpu", v->properties.deviceName);
+    queue.queueFamilyIndex = pool.queueFamilyIndex = chosen;
+    if (!vulkan_ok(v, v->CreateDevice(v->physical, &info, NULL, &v->device), v->properties.deviceName)) return v->rc;
+#define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetDeviceProcAddr(v->device, "vk" #name);
+    VULKAN_OF_DEVICE(VULKAN_FIND)
+#undef VULKAN_FIND
+    v->GetDeviceQueue(v->device, chosen, 0, &v->queue);
+    if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &v->command_pool), "a command pool")) return v->rc;
+    commands.commandPool = v->command_pool;
+    if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, &v->commands), "a command buffer") &&
+        vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &v->fence), "a fence"))
+        vulkan_ok(v, v->CreateDescriptorPool(v->device, &sets, NULL, &v->descriptor_pool), "descriptors");
+    return v->rc;
+}
+
+/* ---------------------------------------------------------------- opening and closing */
+
+OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out)
+{
+    struct vulkan *v      = oxl_calloc(ctx, 1, sizeof *v);
+    void          *mapped = NULL;
+    oxl_result     rc;
+    *out = NULL;
+    if (!v) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the Vulkan backend");
+    v->ctx = ctx;
+    rc     = vulkan_start(v);
+    if (rc == OXL_OK) rc = vulkan_choose(v, device, any);
+    if (rc == OXL_OK) rc = vulkan_check(v);
+    if (rc == OXL_OK) rc = vulkan_open_device(v);
+    if (rc == OXL_OK) {
+        vulkan_create(v, &v->staging, VULKAN_STAGING, 1);
+        vulkan_create(v, &v->nothing, 256, 0);
+        if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VULKAN_STAGING, 0, &mapped), "staging");
+        v->mapped = mapped;
+        rc        = v->rc;
+    }
+    if (rc == OXL_OK) *out = v;
+    else vulkan_close(v);
+    return rc;
+}
+
+OXL_INTERNAL void vulkan_close(struct vulkan *v)
+{
+    if (!v) return;
+    if (v->device && v->DeviceWaitIdle) {
+        v->DeviceWaitIdle(v->device);
+        for (int pass = 0; pass < PASS_COUNT; pass++) {
+            struct vulkan_pipeline *p = &v->pipeline[pass];
+            for (int i = 0; i < VULKAN_VARIANTS; i++) v->DestroyPipeline(v->device, p->variant[i], NULL);
+            v->DestroyPipelineLayout(v->device, p->layout, NULL);
+            v->DestroyDescriptorSetLayout(v->device, p->set, NULL);
+        }
+        vulkan_release(v, &v->staging);
+        vulkan_release(v, &v->nothing);
+        v->DestroyQueryPool(v->device, v->clock, NULL);
+        v->DestroyDescriptorPool(v->device, v->descriptor_pool, NULL);
+        v->DestroyFence(v->device, v->fence, NULL);
+        v->DestroyCommandPool(v->device, v->command_pool, NULL);
+        v->DestroyDevice(v->device, NULL);
+    }
+    vulkan_stop(v);
+    oxl_free(v->ctx, v);
+}
+
+OXL_INTERNAL const char *vulkan_name(const struct vulkan *v)
+{
+    return v->properties.deviceName;
+}

@@ -1,0 +1,338 @@
+/* passes.c - buffers, the command buffer, and passes: one compute shader over a number of workgroups.
+ *
+ * Every command has a barrier behind it, so passes see what earlier ones wrote. What the host sends and reads goes through one
+ * staging buffer.
+ *
+ * Invariant: whatever is recorded works on buffers that live until it was submitted and waited for (vulkan_reserve sees to that).
+ */
+#include "device.h"
+#include "generated/spirv.h"
+
+#define VULKAN_PASS(name) [PASS_##name] = {SPIRV_##name, sizeof SPIRV_##name, SPIRV_##name##_BINDINGS, SPIRV_##name##_PUSH}
+static const struct {
+    const uint32_t *words;
+    size_t          bytes;
+    uint32_t        bindings, push; /* storage buffers, in the shader's order; bytes of push constants: as the shader has them */
+} VULKAN_PASSES[PASS_COUNT] = {
+    VULKAN_PASS(PROJECT),          VULKAN_PASS(SCAN),         VULKAN_PASS(COMPACT),    VULKAN_PASS(SORT_COUNT),
+    VULKAN_PASS(SORT_SCATTER),     VULKAN_PASS(FOOTPRINT),    VULKAN_PASS(RANGES),     VULKAN_PASS(RASTER),
+    VULKAN_PASS(RASTER_BACKWARD),  VULKAN_PASS(LOSS_FORWARD), VULKAN_PASS(LOSS_TOTAL), VULKAN_PASS(LOSS_BACKWARD),
+    VULKAN_PASS(PROJECT_BACKWARD), VULKAN_PASS(ADAM),         VULKAN_PASS(OBSERVE),    VULKAN_PASS(SCORE),
+    VULKAN_PASS(UNPACK),           VULKAN_PASS(PEAK),
+};
+
+/* ---------------------------------------------------------------- buffers */
+
+/* A kind of memory with all of the properties, those that are also `preferred` first; -1: none. */
+static int vulkan_memory_kind(const struct vulkan *v, uint32_t allowed, VkMemoryPropertyFlags needed,
+                              VkMemoryPropertyFlags preferred)
+{
+    for (int strict = 1; strict >= 0; strict--)
+        for (uint32_t i = 0; i < v->memory.memoryTypeCount; i++) {
+            const VkMemoryPropertyFlags has = v->memory.memoryTypes[i].propertyFlags, want = strict ? needed | preferred : needed;
+            if ((allowed >> i & 1) && (has & want) == want) return (int)i;
+        }
+    return -1;
+}
+
+OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
+{
+    if (b->handle) v->DestroyBuffer(v->device, b->handle, NULL);
+    if (b->memory) v->FreeMemory(v->device, b->memory, NULL);
+    *b = (struct vulkan_buffer){0};
+}
+
+OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host)
+{
+    const VkBufferCreateInfo    info   = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                          .size  = size,
+                                          .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
+                                                   VK_BUFFER_USAGE_TRANSFER_DST_BIT};
+    const VkMemoryPropertyFlags host   = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    VkMemoryAllocateInfo        memory = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO};
+    VkMemoryRequirements        needs;
+    int                         kind;
+    if (!vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer")) return;
+    v->GetBufferMemoryRequirements(v->device, b->handle, &needs);
+    kind                   = vulkan_memory_kind(v, needs.memoryTypeBits, for_host ? host : 0,
+                              for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    memory.allocationSize  = needs.size;
+    memory.memoryTypeIndex = (uint32_t)OXL_MAX(kind, 0);
+    if (kind < 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
+    else if (vulkan_ok(v, v->AllocateMemory(v->device, &memory, NULL, &b->memory), "memory for a buffer"))
+        vulkan_ok(v, v->BindBufferMemory(v->device, b->handle, b->memory, 0), "memory for a buffer");
+    if (v->rc == OXL_OK) b->size = size;
+    else vulkan_release(v, b);
+}
+
+/* At least so many elements; what it held is lost. */
+OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what)
+{
+    const size_t least = OXL_MAX(count, (size_t)1) * element, roomy = OXL_MIN(least + least / 4, v->range) & ~(size_t)15;
+    if (v->rc != OXL_OK || b->size >= least) return;
+    if (least > v->range || count > SIZE_MAX / element) {
+        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
+                         "%s: %zu %s need %zu MiB in one array, %zu MiB is the most here\nfix: a smaller "
+                         "--max-side, fewer --max-gaussians, or --backend cpu",
+                         v->properties.deviceName, count, what, least >> 20, v->range >> 20);
+        return;
+    }
+    if (b->handle && vulkan_finish(v) != OXL_OK) return; /* commands under way may name it */
+    vulkan_release(v, b);
+    vulkan_create(v, b, OXL_MAX(OXL_MAX(roomy, least), (size_t)256), 0);
+}
+
+/* ---------------------------------------------------------------- recording and submitting */
+
+OXL_INTERNAL int vulkan_record(struct vulkan *v)
+{
+    const VkCommandBufferBeginInfo begin = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
+                                            .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
+    if (v->rc != OXL_OK || v->recording) return v->rc == OXL_OK;
+    if (!vulkan_ok(v, v->BeginCommandBuffer(v->commands, &begin), "recording")) return 0;
+    v->recording = 1;
+    if (v->clock) v->CmdResetQueryPool(v->commands, v->clock, 0, 2 * VULKAN_SETS);
+    return 1;
+}
+
+/* From now on each pass is timed by the device's own clock, into pass_seconds and pass_runs. For the benchmark. */
+OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
+{
+    const VkQueryPoolCreateInfo info = {
+        .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2 * VULKAN_SETS};
+    if (!v->properties.limits.timestampComputeAndGraphics)
+        return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s has no clock", v->properties.deviceName);
+    if (!v->clock) vulkan_ok(v, v->CreateQueryPool(v->device, &info, NULL, &v->clock), "a clock");
+    return v->rc;
+}
+
+/* Before (0) and after (1) the pass that is recorded next. What went before has ended: the barrier behind it sees to that. */
+static void vulkan_stamp(struct vulkan *v, enum vulkan_pass pass, uint32_t after)
+{
+    const uint32_t set = (uint32_t)v->sets - 1;
+    if (!v->clock) return;
+    v->pass_at[set] = (uint8_t)pass;
+    v->CmdWriteTimestamp(v->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, v->clock, 2 * set + after);
+}
+
+static void vulkan_read_clock(struct vulkan *v)
+{
+    uint64_t stamp[2 * VULKAN_SETS];
+    if (!v->clock || v->sets == 0) return;
+    if (v->GetQueryPoolResults(v->device, v->clock, 0, 2 * (uint32_t)v->sets, sizeof stamp, stamp, sizeof *stamp,
+                               VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT) != VK_SUCCESS)
+        return;
+    for (int i = 0; i < v->sets; i++) {
+        v->pass_seconds[v->pass_at[i]] += 1e-9 * v->properties.limits.timestampPeriod * (double)(stamp[2 * i + 1] - stamp[2 * i]);
+        v->pass_runs[v->pass_at[i]]++;
+    }
+}
+
+/* What was recorded before is done, and seen, before what comes. */
+OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
+{
+    const VkMemoryBarrier      barrier = {.sType         = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                                          .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT,
+                                          .dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT |
+                                                           VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT |
+                                                           VK_ACCESS_HOST_READ_BIT};
+    const VkPipelineStageFlags from    = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
+    v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
+}
+
+/* Sends what was recorded and waits for it. */
+OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v)
+{
+    const VkSubmitInfo submit = {
+        .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &v->commands};
+    if (v->recording) {
+        if (vulkan_ok(v, v->EndCommandBuffer(v->commands), "recording") &&
+            vulkan_ok(v, v->QueueSubmit(v->queue, 1, &submit, v->fence), "a submission") &&
+            vulkan_ok(v, v->WaitForFences(v->device, 1, &v->fence, VK_TRUE, VULKAN_WAIT), "a submission"))
+            vulkan_ok(v, v->ResetFences(v->device, 1, &v->fence), "a fence");
+        if (v->rc != OXL_OK) v->DeviceWaitIdle(v->device);
+        else vulkan_read_clock(v);
+        v->ResetCommandPool(v->device, v->command_pool, 0);
+        v->ResetDescriptorPool(v->device, v->descriptor_pool, 0);
+        v->recording = v->sets = 0;
+    }
+    v->staged = 0;
+    return v->rc;
+}
+
+/* First in every interface function. What was recorded before a failure is dropped: the buffers it works on may not exist. */
+OXL_INTERNAL void vulkan_enter(struct vulkan *v)
+{
+    if (v->rc != OXL_OK && v->recording) {
+        v->ResetCommandPool(v->device, v->command_pool, 0);
+        v->ResetDescriptorPool(v->device, v->descriptor_pool, 0);
+        v->recording = v->sets = v->asked = 0;
+        v->staged                         = 0;
+    }
+    v->rc = OXL_OK;
+}
+
+/* A place of `size` bytes in the staging buffer for what is recorded next. */
+static size_t vulkan_stage(struct vulkan *v, size_t size)
+{
+    size_t at;
+    if (v->staged + size > VULKAN_STAGING) vulkan_finish(v);
+    at        = v->staged;
+    v->staged = (at + size + 15) & ~(size_t)15;
+    return at;
+}
+
+OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
+{
+    v->sent += size;
+    for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
+        VkBufferCopy copy;
+        size_t       at;
+        piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
+        at    = vulkan_stage(v, piece);
+        if (!vulkan_record(v)) return;
+        memcpy(v->mapped + at, (const char *)from + done, piece);
+        copy = (VkBufferCopy){at, offset + done, piece};
+        v->CmdCopyBuffer(v->commands, v->staging.handle, to->handle, 1, &copy);
+        vulkan_barrier(v);
+    }
+}
+
+/* Waits for all that was recorded, and hands out what was asked for. */
+OXL_INTERNAL void vulkan_collect(struct vulkan *v)
+{
+    const int asked = v->asked;
+    v->asked        = 0;
+    if (vulkan_finish(v) != OXL_OK) return;
+    for (int i = 0; i < asked; i++) memcpy(v->ask[i].to, v->mapped + v->ask[i].at, v->ask[i].size);
+}
+
+/* `to` is filled by vulkan_collect, which must come before anything else is sent: many small pieces, one wait. */
+OXL_INTERNAL void vulkan_ask(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
+{
+    for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
+        VkBufferCopy copy;
+        piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
+        if (v->staged + piece > VULKAN_STAGING || v->asked == VULKAN_ASKED) vulkan_collect(v);
+        if (!vulkan_record(v)) return;
+        copy               = (VkBufferCopy){offset + done, vulkan_stage(v, piece), piece};
+        v->ask[v->asked++] = (struct vulkan_asked){(char *)to + done, copy.dstOffset, piece};
+        v->CmdCopyBuffer(v->commands, from->handle, v->staging.handle, 1, &copy);
+        vulkan_barrier(v);
+    }
+}
+
+OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
+{
+    vulkan_ask(v, from, offset, to, size);
+    vulkan_collect(v);
+}
+
+/* A few words, kept in the command itself. */
+OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
+{
+    if (!vulkan_record(v)) return;
+    v->CmdUpdateBuffer(v->commands, to->handle, offset, size, from);
+    vulkan_barrier(v);
+}
+
+OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, uint32_t value)
+{
+    if (!vulkan_record(v)) return;
+    v->CmdFillBuffer(v->commands, to->handle, 0, VK_WHOLE_SIZE, value);
+    vulkan_barrier(v);
+}
+
+/* ---------------------------------------------------------------- running a pass */
+
+static void vulkan_make_layout(struct vulkan *v, enum vulkan_pass pass)
+{
+    struct vulkan_pipeline          *p = &v->pipeline[pass];
+    VkDescriptorSetLayoutBinding     binding[VULKAN_BINDINGS];
+    const VkPushConstantRange        push   = {VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push};
+    VkDescriptorSetLayoutCreateInfo  set    = {.sType        = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
+                                               .bindingCount = VULKAN_PASSES[pass].bindings,
+                                               .pBindings    = binding};
+    const VkPipelineLayoutCreateInfo layout = {.sType                  = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
+                                               .setLayoutCount         = 1,
+                                               .pSetLayouts            = &p->set,
+                                               .pushConstantRangeCount = 1,
+                                               .pPushConstantRanges    = &push};
+    for (uint32_t i = 0; i < VULKAN_PASSES[pass].bindings; i++)
+        binding[i] = (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL};
+    if (vulkan_ok(v, v->CreateDescriptorSetLayout(v->device, &set, NULL, &p->set), "a layout"))
+        vulkan_ok(v, v->CreatePipelineLayout(v->device, &layout, NULL, &p->layout), "a layout");
+}
+
+static void vulkan_make_variant(struct vulkan *v, enum vulkan_pass pass, uint32_t variant)
+{
+    const uint32_t                 constants[2] = {variant, pass == PASS_RASTER ? VULKAN_BATCH : v->batch};
+    const VkSpecializationMapEntry entry[2]     = {{0, 0, 4}, {1, 4, 4}};
+    const VkSpecializationInfo     special      = {2, entry, sizeof constants, constants};
+    const VkShaderModuleCreateInfo code         = {.sType    = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                                   .codeSize = VULKAN_PASSES[pass].bytes,
+                                                   .pCode    = VULKAN_PASSES[pass].words};
+    VkShaderModule                 module;
+    VkComputePipelineCreateInfo    info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};
+    if (!v->pipeline[pass].layout) vulkan_make_layout(v, pass);
+    if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateShaderModule(v->device, &code, NULL, &module), "a shader")) return;
+    info.layout = v->pipeline[pass].layout;
+    info.stage  = (VkPipelineShaderStageCreateInfo){.sType               = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                                                    .stage               = VK_SHADER_STAGE_COMPUTE_BIT,
+                                                    .module              = module,
+                                                    .pName               = "main",
+                                                    .pSpecializationInfo = &special};
+    vulkan_ok(v, v->CreateComputePipelines(v->device, VK_NULL_HANDLE, 1, &info, NULL, &v->pipeline[pass].variant[variant]),
+              "a shader");
+    v->DestroyShaderModule(v->device, module, NULL);
+}
+
+static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass, const struct vulkan_buffer *const *buffer)
+{
+    const uint32_t                    count = VULKAN_PASSES[pass].bindings;
+    const VkDescriptorSetAllocateInfo info  = {.sType              = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
+                                               .descriptorPool     = v->descriptor_pool,
+                                               .descriptorSetCount = 1,
+                                               .pSetLayouts        = &v->pipeline[pass].set};
+    VkDescriptorSet                   set   = VK_NULL_HANDLE;
+    VkDescriptorBufferInfo            whole[VULKAN_BINDINGS];
+    VkWriteDescriptorSet              write = {.sType           = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                               .descriptorCount = count,
+                                               .descriptorType  = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                               .pBufferInfo     = whole};
+    if (!vulkan_ok(v, v->AllocateDescriptorSets(v->device, &info, &set), "descriptors")) return VK_NULL_HANDLE;
+    for (uint32_t i = 0; i < count; i++)
+        whole[i] =
+            (VkDescriptorBufferInfo){buffer[i] && buffer[i]->handle ? buffer[i]->handle : v->nothing.handle, 0, VK_WHOLE_SIZE};
+    write.dstSet = set;
+    v->UpdateDescriptorSets(v->device, 1, &write, 0, NULL);
+    return set;
+}
+
+/* Records a pass of so many workgroups, see VULKAN_RUN. buffer: NULL where the variant uses none. */
+OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
+                             const struct vulkan_buffer *const *buffer)
+{
+    struct vulkan_pipeline *p      = &v->pipeline[pass];
+    const size_t            across = OXL_MIN(groups, v->groups_max), down = across ? (groups + across - 1) / across : 0;
+    VkDescriptorSet         set;
+    if (v->rc != OXL_OK || groups == 0) return;
+    if (v->sets == VULKAN_SETS) vulkan_finish(v);
+    if (down > v->groups_max) {
+        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED, "%s: %zu workgroups are more than it takes\nfix: --backend cpu",
+                         v->properties.deviceName, groups);
+        return;
+    }
+    if (!p->variant[variant]) vulkan_make_variant(v, pass, variant);
+    if (!vulkan_record(v)) return;
+    set = vulkan_bind(v, pass, buffer);
+    if (v->rc != OXL_OK) return;
+    v->sets++;
+    v->CmdBindPipeline(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->variant[variant]);
+    v->CmdBindDescriptorSets(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->layout, 0, 1, &set, 0, NULL);
+    v->CmdPushConstants(v->commands, p->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push, push);
+    vulkan_stamp(v, pass, 0);
+    v->CmdDispatch(v->commands, (uint32_t)across, (uint32_t)down, 1);
+    vulkan_stamp(v, pass, 1);
+    vulkan_barrier(v);
+}
