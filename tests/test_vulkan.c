@@ -197,7 +197,7 @@ static void vulkan_check_scan(oxl_context *device, size_t n)
     vulkan_reserve(v, &r->seen, n, 4, "numbers");
     vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "numbers");
     vulkan_upload(v, &r->seen, 0, in, 4 * n);
-    vulkan_scan(r, &r->seen, &r->seen, n, COUNT_PAIRS);
+    vulkan_scan(r, &r->seen, n, COUNT_PAIRS);
     vulkan_download(v, &r->seen, 0, out, 4 * n);
     vulkan_download(v, &r->counts, 4 * COUNT_PAIRS, &total, 4);
     for (size_t i = 0; i < n; i++) wrong += out[i] != sum, sum += in[i];

@@ -287,6 +287,15 @@ static void vulkan_make_variant(struct vulkan *v, enum vulkan_pass pass, uint32_
     v->DestroyShaderModule(v->device, module, NULL);
 }
 
+/* Shaders are compiled as if no two bindings shared memory, so one buffer must not be bound twice. */
+static void vulkan_check_bindings(struct vulkan *v, enum vulkan_pass pass, const struct vulkan_buffer *const *buffer)
+{
+    for (uint32_t i = 0; v->validates && i < VULKAN_PASSES[pass].bindings; i++)
+        for (uint32_t k = 0; k < i; k++)
+            if (buffer[i] && buffer[k] && buffer[i]->handle && buffer[i]->handle == buffer[k]->handle && v->complaints++ < 10)
+                oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan: pass %d binds one buffer as %u and %u", (int)pass, k, i);
+}
+
 static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass, const struct vulkan_buffer *const *buffer)
 {
     const uint32_t                    count = VULKAN_PASSES[pass].bindings;
@@ -300,6 +309,7 @@ static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass, cons
                                                .descriptorCount = count,
                                                .descriptorType  = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
                                                .pBufferInfo     = whole};
+    vulkan_check_bindings(v, pass, buffer);
     if (!vulkan_ok(v, v->AllocateDescriptorSets(v->device, &info, &set), "descriptors")) return VK_NULL_HANDLE;
     for (uint32_t i = 0; i < count; i++)
         whole[i] =

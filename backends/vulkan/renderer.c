@@ -13,17 +13,16 @@
 /* ---------------------------------------------------------------- scanning and sorting */
 
 /* Exclusive prefix sums of n numbers, in place; the total goes to counts[slot]. */
-static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *in, const struct vulkan_buffer *out, size_t n,
-                        enum vulkan_count slot)
+static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *data, size_t n, enum vulkan_count slot)
 {
     const uint32_t push[2] = {(uint32_t)n, slot}, sums[2] = {(uint32_t)vulkan_blocks(n), slot};
     if (n <= VULKAN_SCAN_WHOLE) {
-        VULKAN_RUN(r->v, SCAN, 1, 1, push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
+        VULKAN_RUN(r->v, SCAN, 1, 1, push, VULKAN_BUFFERS(data, &r->counts, NULL));
         return;
     }
-    VULKAN_RUN(r->v, SCAN, 0, vulkan_blocks(n), push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
-    VULKAN_RUN(r->v, SCAN, 1, 1, sums, VULKAN_BUFFERS(&r->scan_sums, &r->scan_sums, &r->counts, NULL));
-    VULKAN_RUN(r->v, SCAN, 2, vulkan_blocks(n), push, VULKAN_BUFFERS(in, out, &r->counts, &r->scan_sums));
+    VULKAN_RUN(r->v, SCAN, 0, vulkan_blocks(n), push, VULKAN_BUFFERS(data, &r->counts, &r->scan_sums));
+    VULKAN_RUN(r->v, SCAN, 1, 1, sums, VULKAN_BUFFERS(&r->scan_sums, &r->counts, NULL));
+    VULKAN_RUN(r->v, SCAN, 2, vulkan_blocks(n), push, VULKAN_BUFFERS(data, &r->counts, &r->scan_sums));
 }
 
 /* counts[slot] keys, `most` at most, by their lowest `bits`; returns which of the two holds them sorted. */
@@ -35,7 +34,7 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
     for (uint32_t shift = 0; shift < bits; shift += 4, at ^= 1) {
         const uint32_t push[3] = {slot, shift, (uint32_t)blocks};
         VULKAN_RUN(r->v, SORT_COUNT, 0, blocks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
-        vulkan_scan(r, &r->histogram, &r->histogram, 16 * blocks, COUNT_SCRATCH);
+        vulkan_scan(r, &r->histogram, 16 * blocks, COUNT_SCRATCH);
         VULKAN_RUN(r->v, SORT_SCATTER, 0, blocks, push,
                    VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &key[at ^ 1], &value[at], &value[at ^ 1]));
     }
@@ -86,7 +85,7 @@ static void vulkan_project(struct vulkan_renderer *r)
         vulkan_row_push(r, s, push);
         VULKAN_RUN(r->v, PROJECT, 0, vulkan_groups(push[1]), push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b, &r->splat_c, &r->seen,
-                                  &r->lobe_a, &r->lobe_b));
+                                  &r->lobe_a, &r->lobe_b, &r->rank));
     }
 }
 
@@ -104,12 +103,12 @@ static void vulkan_order_rows(struct vulkan_renderer *r)
     struct vulkan *v     = r->v;
     uint32_t       pairs = 0;
     vulkan_project(r);
-    vulkan_scan(r, &r->seen, &r->rank, r->count, COUNT_VISIBLE);
+    vulkan_scan(r, &r->rank, r->count, COUNT_VISIBLE);
     VULKAN_RUN(v, COMPACT, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
                VULKAN_BUFFERS(&r->seen, &r->rank, &r->splat_c, &r->row_key[0], &r->row_value[0]));
     vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32); /* 8 passes: they end where they began */
     vulkan_footprint(r, 0);
-    vulkan_scan(r, &r->row_pairs, &r->row_pairs, r->count, COUNT_PAIRS);
+    vulkan_scan(r, &r->row_pairs, r->count, COUNT_PAIRS);
     vulkan_download(v, &r->counts, COUNT_PAIRS * sizeof pairs, &pairs, sizeof pairs);
     r->pairs = pairs;
     if (pairs == UINT32_MAX && v->rc == OXL_OK)

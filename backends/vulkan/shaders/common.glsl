@@ -21,7 +21,10 @@ const float LN_2              = 0.6931471805599453;
 uint work_group() { return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x; }
 uint work_item() { return work_group() * 256u + gl_LocalInvocationIndex; }
 
+/* By their bits: a device need not keep NaN in comparisons, in min, max and clamp least of all. It may also flush denormal numbers
+ * to 0, so nothing here depends on one. */
 bool is_finite(float x) { return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u; }
+bool is_nan(float x) { return (floatBitsToUint(x) & 0x7FFFFFFFu) > 0x7F800000u; }
 
 /* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/render/kernels.h: GLSL's own exp2 has no bound that all devices keep. */
 float own_exp2(float x)
@@ -43,7 +46,7 @@ float own_exp(float x)
     precise float n      = floor(inside * 1.44269502 + 0.5);
     precise float f      = fma(inside, 1.92596299e-8, fma(inside, 1.44269502, -n));
     precise float p      = own_exp2(f);
-    return x == x ? intBitsToFloat(floatBitsToInt(p) + (int(n) << 23)) : x;
+    return is_nan(x) ? x : intBitsToFloat(floatBitsToInt(p) + (int(n) << 23));
 }
 
 /* log2 x for normal x > 0; of NaN and infinity about 128, whatever the sign, as on the CPU: so that such a row is visible and reported. */
@@ -67,5 +70,5 @@ float own_log2(float x)
 float own_sigmoid(float x)
 {
     float e = own_exp(-abs(x)), s = 1.0 / (1.0 + e);
-    return x >= 0.0 ? s : e * s;
+    return is_nan(x) ? x : x >= 0.0 ? s : e * s;
 }

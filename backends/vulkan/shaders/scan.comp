@@ -1,4 +1,4 @@
-/* scan.comp - exclusive prefix sums of whole numbers (Blelloch 1990). A workgroup takes 2048 numbers, eight an invocation.
+/* scan.comp - exclusive prefix sums of whole numbers, in place (Blelloch 1990). A workgroup takes 2048 numbers, eight an invocation.
  *
  *     VARIANT 0  the sum of each workgroup's numbers
  *     VARIANT 1  one workgroup goes through all numbers, 2048 at a time; the total goes to counts[slot]
@@ -7,10 +7,9 @@
 #version 450
 #include "common.glsl"
 
-layout(std430, binding = 0) readonly buffer In { uint in_[]; };
-layout(std430, binding = 1) buffer Out { uint out_[]; };
-layout(std430, binding = 2) buffer Counts { uint counts[]; };
-layout(std430, binding = 3) buffer Sums { uint sums[]; };
+layout(std430, binding = 0) buffer Data { uint data[]; };
+layout(std430, binding = 1) buffer Counts { uint counts[]; };
+layout(std430, binding = 2) buffer Sums { uint sums[]; };
 layout(push_constant) uniform Push { uint n, slot; } push;
 
 shared uint total[256];
@@ -37,7 +36,7 @@ uint before(uint value)
     return total[t] - value;
 }
 
-uint load(uint at) { return at < push.n ? in_[at] : 0u; }
+uint load(uint at) { return at < push.n ? data[at] : 0u; }
 
 uint sum_of(uint first)
 {
@@ -49,8 +48,8 @@ uint sum_of(uint first)
 void prefixes(uint first, uint sum)
 {
     for (uint k = 0u; k < 8u && first + k < push.n; k++) {
-        uint value       = in_[first + k];
-        out_[first + k] = sum;
+        uint value      = data[first + k];
+        data[first + k] = sum;
         sum += value;
     }
 }
