@@ -27,24 +27,26 @@ enum {
     DEVICE_BACKWARD = DEVICE_SHARE + 12 + 14 /* raster_backward.comp: the first room, the second */
 };
 
-static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]          = "project",
-                                                      [PASS_SCAN]             = "scan",
-                                                      [PASS_COMPACT]          = "compact",
-                                                      [PASS_SORT_COUNT]       = "sort, count",
-                                                      [PASS_SORT_SCATTER]     = "sort, scatter",
-                                                      [PASS_FOOTPRINT]        = "footprint",
-                                                      [PASS_RANGES]           = "ranges",
-                                                      [PASS_RASTER]           = "raster",
-                                                      [PASS_RASTER_BACKWARD]  = "raster backward",
-                                                      [PASS_LOSS_FORWARD]     = "loss forward",
-                                                      [PASS_LOSS_TOTAL]       = "loss total",
-                                                      [PASS_LOSS_BACKWARD]    = "loss backward",
-                                                      [PASS_PROJECT_BACKWARD] = "project backward",
-                                                      [PASS_ADAM]             = "Adam",
-                                                      [PASS_OBSERVE]          = "observe",
-                                                      [PASS_SCORE]            = "score",
-                                                      [PASS_UNPACK]           = "unpack",
-                                                      [PASS_PEAK]             = "peak"};
+static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]            = "project",
+                                                      [PASS_SCAN]               = "scan",
+                                                      [PASS_COMPACT]            = "compact",
+                                                      [PASS_SORT_COUNT]         = "sort, count",
+                                                      [PASS_SORT_SCATTER]       = "sort, scatter",
+                                                      [PASS_FOOTPRINT]          = "footprint",
+                                                      [PASS_RANGES]             = "ranges",
+                                                      [PASS_RASTER]             = "raster",
+                                                      [PASS_RASTER_BACKWARD_4]  = "raster backward",
+                                                      [PASS_RASTER_BACKWARD_8]  = "raster backward",
+                                                      [PASS_RASTER_BACKWARD_16] = "raster backward",
+                                                      [PASS_LOSS_FORWARD]       = "loss forward",
+                                                      [PASS_LOSS_TOTAL]         = "loss total",
+                                                      [PASS_LOSS_BACKWARD]      = "loss backward",
+                                                      [PASS_PROJECT_BACKWARD]   = "project backward",
+                                                      [PASS_ADAM]               = "Adam",
+                                                      [PASS_OBSERVE]            = "observe",
+                                                      [PASS_SCORE]              = "score",
+                                                      [PASS_UNPACK]             = "unpack",
+                                                      [PASS_PEAK]               = "peak"};
 
 struct device_most {    /* what the passes are held against */
     double copy, peak;  /* GB/s; G multiply-adds a second */
@@ -198,7 +200,7 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
         if (p == PASS_PROJECT)
             printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each, 1e-7 * touched / each / most->copy);
         if (p == PASS_RASTER) device_arithmetic(most, DEVICE_FORWARD, each);
-        if (p == PASS_RASTER_BACKWARD) device_arithmetic(most, DEVICE_BACKWARD, each);
+        if (p >= PASS_RASTER_BACKWARD_4 && p <= PASS_RASTER_BACKWARD_16) device_arithmetic(most, DEVICE_BACKWARD, each);
         printf("\n");
     }
     printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes", 1e3 * all / rounds, "step",

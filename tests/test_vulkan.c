@@ -382,6 +382,73 @@ static void vulkan_check_refusal(oxl_context *device)
     oxl_model_free(test_ctx, &m);
 }
 
+/* ---------------------------------------------------------------- other drivers, played */
+
+static VkInstanceCreateFlags vulkan_seen_flags;
+static char                  vulkan_seen_names[400];
+
+static void vulkan_note_names(const char *const *name, uint32_t count)
+{
+    vulkan_seen_names[0] = 0;
+    for (uint32_t i = 0; i < count; i++) strcat(strcat(vulkan_seen_names, name[i]), " ");
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance_list(const char *layer, uint32_t *count, VkExtensionProperties *out)
+{
+    (void)layer;
+    memset(out, 0, 2 * sizeof *out);
+    strcpy(out[0].extensionName, "VK_KHR_portability_enumeration");
+    strcpy(out[1].extensionName, "VK_KHR_get_physical_device_properties2");
+    *count = 2;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device_list(VkPhysicalDevice device, const char *layer, uint32_t *count,
+                                                              VkExtensionProperties *out)
+{
+    (void)device, (void)layer;
+    memset(out, 0, sizeof *out);
+    strcpy(out[0].extensionName, "VK_KHR_portability_subset");
+    *count = 1;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance(const VkInstanceCreateInfo *info, const VkAllocationCallbacks *a,
+                                                           VkInstance *out)
+{
+    (void)a, (void)out;
+    vulkan_seen_flags = info->flags;
+    vulkan_note_names(info->ppEnabledExtensionNames, info->enabledExtensionCount);
+    return VK_ERROR_INCOMPATIBLE_DRIVER;
+}
+
+/* As MoltenVK: listed to those alone who ask for portability drivers, and usable when the subset is enabled. */
+static void vulkan_check_portability(oxl_context *device)
+{
+    struct vulkan            v          = {.ctx                                  = device,
+                                           .EnumerateInstanceExtensionProperties = vulkan_play_instance_list,
+                                           .EnumerateDeviceExtensionProperties   = vulkan_play_device_list,
+                                           .CreateInstance                       = vulkan_play_instance};
+    struct vulkan_extensions extensions = {0};
+    CHECK(vulkan_make_instance(&v, NULL) == VK_ERROR_INCOMPATIBLE_DRIVER);
+    CHECK(vulkan_seen_flags == VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR);
+    CHECK_TEXT(vulkan_seen_names, "VK_KHR_portability_enumeration");
+    CHECK_TEXT(vulkan_seen_names, "VK_KHR_get_physical_device_properties2");
+    vulkan_device_extensions(&v, &extensions);
+    vulkan_note_names(extensions.name, extensions.enabled);
+    CHECK_TEXT(vulkan_seen_names, "VK_KHR_portability_subset");
+    oxl_free(device, extensions.there);
+}
+
+/* 16384 bytes is what Vulkan 1.0 promises of any device. */
+static void vulkan_check_shared(oxl_context *device)
+{
+    const struct vulkan *v = device->vulkan;
+    CHECK(vulkan_shared() <= 16384);
+    CHECK(vulkan_batch(16384) == 4 && vulkan_batch(32768) == 8);
+    CHECK(v->batch == vulkan_batch(v->properties.limits.maxComputeSharedMemorySize));
+}
+
 /* ---------------------------------------------------------------- loss */
 
 static void vulkan_check_loss_of(oxl_context *device, int width, int height, float ssim_weight, int masked)
@@ -873,6 +940,16 @@ TEST(vulkan_draws_the_same_within_the_limits_of_any_device)
 TEST(vulkan_says_what_is_too_large_and_goes_on)
 {
     ON_DEVICE(vulkan_check_refusal);
+}
+
+TEST(vulkan_takes_portability_drivers)
+{
+    ON_DEVICE(vulkan_check_portability);
+}
+
+TEST(vulkan_shaders_fit_the_least_shared_memory)
+{
+    ON_DEVICE(vulkan_check_shared);
 }
 
 TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus)

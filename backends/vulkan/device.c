@@ -33,7 +33,8 @@ OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
 
 /* ---------------------------------------------------------------- loader and instance */
 
-static const char *const VULKAN_LIBRARY[] = {"libvulkan.so.1", "libvulkan.so", "vulkan-1.dll", "libvulkan.1.dylib"};
+static const char *const VULKAN_LIBRARY[] = {"libvulkan.so.1",  "libvulkan.so",      "vulkan-1.dll",
+                                             "libvulkan.dylib", "libvulkan.1.dylib", "libMoltenVK.dylib"};
 
 static int vulkan_load(struct vulkan *v)
 {
@@ -74,25 +75,67 @@ static int vulkan_validates(struct vulkan *v)
     return 0;
 }
 
-/* Chained to the instance, the layer checks from the first call on, and synchronization too. */
-static VkResult vulkan_make_instance(struct vulkan *v, int validates, const VkDebugUtilsMessengerCreateInfoEXT *listen)
+enum { VULKAN_EXTENSIONS = 4, VULKAN_LISTED = 512 };
+
+/* Extensions that are there and wanted. */
+struct vulkan_extensions {
+    VkExtensionProperties *there; /* (count) */
+    uint32_t               count, enabled;
+    const char            *name[VULKAN_EXTENSIONS];
+};
+
+static int vulkan_enable(struct vulkan_extensions *e, const char *name)
 {
-    const VkValidationFeatureEnableEXT also        = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+    for (uint32_t i = 0; i < e->count; i++)
+        if (strcmp(e->there[i].extensionName, name) == 0) {
+            e->name[e->enabled++] = name;
+            return 1;
+        }
+    return 0;
+}
+
+/* A portability driver (MoltenVK on Apple's) is listed only for those who say that they know of its limits. */
+static VkInstanceCreateFlags vulkan_instance_extensions(struct vulkan *v, struct vulkan_extensions *e)
+{
+    e->count = VULKAN_LISTED;
+    e->there = oxl_alloc(v->ctx, VULKAN_LISTED, sizeof *e->there);
+    if (!e->there || !v->EnumerateInstanceExtensionProperties ||
+        v->EnumerateInstanceExtensionProperties(NULL, &e->count, e->there) < 0)
+        e->count = 0;
+    v->properties2 = vulkan_enable(e, VK_KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2_EXTENSION_NAME);
+    if (!v->properties2 || !vulkan_enable(e, VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME)) return 0;
+    return VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR;
+}
+
+/* Chained to the instance, the layer checks from the first call on, and synchronization too; OXL_VULKAN_VALIDATE=gpu: also what shaders
+ * read and write, past the end of a buffer. */
+static VkResult vulkan_make_instance(struct vulkan *v, const VkDebugUtilsMessengerCreateInfoEXT *listen)
+{
+    const char                        *mode        = getenv("OXL_VULKAN_VALIDATE");
+    const int                          gpu         = v->validates && mode && strcmp(mode, "gpu") == 0;
+    const VkValidationFeatureEnableEXT more[2]     = {VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_EXT,
+                                                      VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_RESERVE_BINDING_SLOT_EXT};
+    const VkValidationFeatureEnableEXT sync        = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
     const VkValidationFeaturesEXT      features    = {.sType                         = VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT,
                                                       .pNext                         = listen,
-                                                      .enabledValidationFeatureCount = 1,
-                                                      .pEnabledValidationFeatures    = &also};
-    const char *const                  extension   = VK_EXT_DEBUG_UTILS_EXTENSION_NAME;
+                                                      .enabledValidationFeatureCount = gpu ? 2u : 1u,
+                                                      .pEnabledValidationFeatures    = gpu ? more : &sync};
     const VkApplicationInfo            application = {
                    .sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .pApplicationName = "oceanxl", .apiVersion = VK_API_VERSION_1_0};
-    const VkInstanceCreateInfo info = {.sType                   = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
-                                       .pNext                   = validates ? &features : NULL,
-                                       .pApplicationInfo        = &application,
-                                       .enabledLayerCount       = validates ? 1u : 0u,
-                                       .ppEnabledLayerNames     = &VULKAN_VALIDATION,
-                                       .enabledExtensionCount   = validates ? 1u : 0u,
-                                       .ppEnabledExtensionNames = &extension};
-    return v->CreateInstance(&info, NULL, &v->instance);
+    struct vulkan_extensions extensions = {0};
+    VkInstanceCreateInfo     info       = {.sType                   = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
+                                           .pNext                   = v->validates ? &features : NULL,
+                                           .flags                   = vulkan_instance_extensions(v, &extensions),
+                                           .pApplicationInfo        = &application,
+                                           .enabledLayerCount       = v->validates ? 1u : 0u,
+                                           .ppEnabledLayerNames     = &VULKAN_VALIDATION,
+                                           .ppEnabledExtensionNames = extensions.name};
+    VkResult                 result;
+    if (v->validates) extensions.name[extensions.enabled++] = VK_EXT_DEBUG_UTILS_EXTENSION_NAME; /* the layer's own */
+    info.enabledExtensionCount = extensions.enabled;
+    result                     = v->CreateInstance(&info, NULL, &v->instance);
+    oxl_free(v->ctx, extensions.there);
+    return result;
 }
 
 static oxl_result vulkan_start(struct vulkan *v)
@@ -108,7 +151,7 @@ static oxl_result vulkan_start(struct vulkan *v)
         return oxl_fail(v->ctx, OXL_ERR_FAILED,
                         "no Vulkan loader (libvulkan.so.1) on this machine\nfix: install a driver, or --backend cpu");
     v->validates = vulkan_validates(v);
-    if (!vulkan_ok(v, vulkan_make_instance(v, v->validates, &listen), "the loader")) return v->rc;
+    if (!vulkan_ok(v, vulkan_make_instance(v, &listen), "the loader")) return v->rc;
 #define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetInstanceProcAddr(v->instance, "vk" #name);
     VULKAN_OF_INSTANCE(VULKAN_FIND)
 #undef VULKAN_FIND
@@ -208,23 +251,44 @@ static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any)
     return OXL_OK;
 }
 
+/* The larger the batch, the fewer barriers, and the fewer workgroups a processor holds. Batches of 16 were not tried on a GPU:
+ * OXL_VULKAN_BATCH=16 asks for them. */
+static uint32_t vulkan_batch(uint32_t shared)
+{
+    const char *named = getenv("OXL_VULKAN_BATCH");
+    const int   most  = named ? atoi(named) : 8;
+    if (most >= 16 && shared >= SPIRV_RASTER_BACKWARD_16_SHARED) return 16;
+    return most >= 8 && shared >= SPIRV_RASTER_BACKWARD_8_LOBED_SHARED ? 8 : 4;
+}
+
 /* What the passes ask for; most of it is what Vulkan 1.0 promises of any device, the bindings are not. */
 static oxl_result vulkan_check(struct vulkan *v)
 {
     const VkPhysicalDeviceLimits *l = &v->properties.limits;
     v->range                        = l->maxStorageBufferRange;
     v->groups_max                   = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
-    v->batch                        = l->maxComputeSharedMemorySize >= 32768 ? 8 : 4;
+    v->batch                        = vulkan_batch(l->maxComputeSharedMemorySize);
     v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS, v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
     if (l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS && l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
-        l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= 16384 && v->slab_rows > 0)
+        l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= vulkan_shared() && v->slab_rows > 0)
         return OXL_OK;
     return oxl_fail(
         v->ctx, OXL_ERR_FAILED,
-        "%s: %u storage buffers a shader, %u invocations a workgroup, %u bytes shared: wanted %d, %u, 16384\nfix: another "
+        "%s: %u storage buffers a shader, %u invocations a workgroup, %u bytes shared: wanted %d, %u, %zu\nfix: another "
         "--device, or --backend cpu",
         v->properties.deviceName, l->maxPerStageDescriptorStorageBuffers, l->maxComputeWorkGroupInvocations,
-        l->maxComputeSharedMemorySize, VULKAN_BINDINGS, VULKAN_GROUP);
+        l->maxComputeSharedMemorySize, VULKAN_BINDINGS, VULKAN_GROUP, vulkan_shared());
+}
+
+/* A device that implements a part of Vulkan must be told that the part is known; the passes need none of what it may lack. */
+static void vulkan_device_extensions(struct vulkan *v, struct vulkan_extensions *e)
+{
+    e->count = VULKAN_LISTED;
+    e->there = oxl_alloc(v->ctx, VULKAN_LISTED, sizeof *e->there);
+    if (!e->there || v->EnumerateDeviceExtensionProperties(v->physical, NULL, &e->count, e->there) < 0) e->count = 0;
+    if (v->properties2) vulkan_enable(e, "VK_KHR_portability_subset");
+    v->budgets =
+        v->properties2 && v->GetPhysicalDeviceMemoryProperties2KHR && vulkan_enable(e, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
 }
 
 static oxl_result vulkan_open_device(struct vulkan *v)
@@ -234,22 +298,29 @@ static oxl_result vulkan_open_device(struct vulkan *v)
     const float             priority = 1;
     VkDeviceQueueCreateInfo queue    = {
            .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority};
-    const VkDeviceCreateInfo info = {
-        .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, .queueCreateInfoCount = 1, .pQueueCreateInfos = &queue};
-    VkCommandPoolCreateInfo          pool     = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
-    VkCommandBufferAllocateInfo      commands = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
-                                                 .level              = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-                                                 .commandBufferCount = 1};
-    const VkFenceCreateInfo          fence    = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
-    const VkDescriptorPoolSize       size     = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
-    const VkDescriptorPoolCreateInfo sets     = {
-            .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = VULKAN_SETS, .poolSizeCount = 1, .pPoolSizes = &size};
+    struct vulkan_extensions         extensions = {0};
+    VkDeviceCreateInfo               info       = {.sType                   = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
+                                                   .queueCreateInfoCount    = 1,
+                                                   .pQueueCreateInfos       = &queue,
+                                                   .ppEnabledExtensionNames = extensions.name};
+    VkCommandPoolCreateInfo          pool       = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
+    VkCommandBufferAllocateInfo      commands   = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                                   .level              = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                                   .commandBufferCount = 1};
+    const VkFenceCreateInfo          fence      = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    const VkDescriptorPoolSize       size       = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
+    const VkDescriptorPoolCreateInfo sets       = {
+              .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = VULKAN_SETS, .poolSizeCount = 1, .pPoolSizes = &size};
     v->GetPhysicalDeviceQueueFamilyProperties(v->physical, &count, family);
     while (chosen < count && !(family[chosen].queueFlags & VK_QUEUE_COMPUTE_BIT)) chosen++;
     if (chosen == count)
         return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s cannot compute\nfix: --backend cpu", v->properties.deviceName);
     queue.queueFamilyIndex = pool.queueFamilyIndex = chosen;
-    if (!vulkan_ok(v, v->CreateDevice(v->physical, &info, NULL, &v->device), v->properties.deviceName)) return v->rc;
+    vulkan_device_extensions(v, &extensions);
+    info.enabledExtensionCount = extensions.enabled;
+    vulkan_ok(v, v->CreateDevice(v->physical, &info, NULL, &v->device), v->properties.deviceName);
+    oxl_free(v->ctx, extensions.there);
+    if (v->rc != OXL_OK) return v->rc;
 #define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetDeviceProcAddr(v->device, "vk" #name);
     VULKAN_OF_DEVICE(VULKAN_FIND)
 #undef VULKAN_FIND

@@ -19,7 +19,6 @@
 #define VULKAN_STAGING    (16u << 20)    /* bytes of the buffer between host and device */
 #define VULKAN_SETS       1024           /* passes of a submission, at most */
 #define VULKAN_BINDINGS   15             /* of a pass, at most */
-#define VULKAN_BATCH      64             /* splats that raster.comp holds at a time */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
 #define VULKAN_WAIT       60000000000ull /* ns: a device that takes longer for a submission is given up */
 enum {
@@ -31,10 +30,11 @@ enum {
 /* ---------------------------------------------------------------- functions of the loader, by name */
 
 /* clang-format off */ /* it would make a staircase of these */
-#define VULKAN_OF_LOADER(X) X(CreateInstance) X(EnumerateInstanceLayerProperties)
+#define VULKAN_OF_LOADER(X) X(CreateInstance) X(EnumerateInstanceLayerProperties) X(EnumerateInstanceExtensionProperties)
 #define VULKAN_OF_INSTANCE(X) \
     X(DestroyInstance) X(EnumeratePhysicalDevices) X(GetPhysicalDeviceProperties) X(GetPhysicalDeviceMemoryProperties) \
-    X(GetPhysicalDeviceQueueFamilyProperties) X(CreateDevice) X(GetDeviceProcAddr)
+    X(GetPhysicalDeviceQueueFamilyProperties) X(EnumerateDeviceExtensionProperties) X(CreateDevice) X(GetDeviceProcAddr) \
+    X(GetPhysicalDeviceMemoryProperties2KHR) /* NULL where the instance has no such extension */
 #define VULKAN_OF_DEVICE(X) \
     X(DestroyDevice) X(GetDeviceQueue) X(DeviceWaitIdle) X(CreateBuffer) X(DestroyBuffer) X(GetBufferMemoryRequirements) \
     X(AllocateMemory) X(FreeMemory) X(BindBufferMemory) X(MapMemory) X(CreateShaderModule) X(DestroyShaderModule) \
@@ -59,7 +59,12 @@ enum vulkan_pass {
     PASS_FOOTPRINT,
     PASS_RANGES,
     PASS_RASTER,
-    PASS_RASTER_BACKWARD,
+    PASS_RASTER_LOBED,
+    PASS_RASTER_BACKWARD_4, /* splats that a workgroup holds at a time */
+    PASS_RASTER_BACKWARD_8,
+    PASS_RASTER_BACKWARD_16,
+    PASS_RASTER_BACKWARD_4_LOBED,
+    PASS_RASTER_BACKWARD_8_LOBED,
     PASS_LOSS_FORWARD,
     PASS_LOSS_TOTAL,
     PASS_LOSS_BACKWARD,
@@ -98,6 +103,8 @@ struct vulkan {
     PFN_vkGetInstanceProcAddr        GetInstanceProcAddr;
     VkInstance                       instance;
     VkDebugUtilsMessengerEXT         messenger;
+    int                              properties2; /* VK_KHR_get_physical_device_properties2 is on: what the next two depend on */
+    int                              budgets;     /* VK_EXT_memory_budget is on */
     int                              validates, complaints; /* whether the validation layer is on; its messages so far */
     VkPhysicalDevice                 physical;
     VkPhysicalDeviceProperties       properties;
@@ -125,7 +132,7 @@ struct vulkan {
     size_t                           photos;     /* bytes of images that a renderer may keep */
     uint32_t                         slab_rows;  /* at most */
     uint32_t                         groups_max; /* in one dimension of a dispatch */
-    uint32_t                         batch;      /* splats that raster_backward.comp holds at a time */
+    uint32_t                         batch;      /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
 /* ---------------------------------------------------------------- device.c */
@@ -144,6 +151,7 @@ OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for it */
 OXL_INTERNAL void       vulkan_enter(struct vulkan *v);  /* first in every interface function: forgets an earlier error */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
+OXL_INTERNAL size_t     vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
 
 OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
 /* vulkan_ask records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in between. */

@@ -8,18 +8,46 @@
 #include "device.h"
 #include "generated/spirv.h"
 
-#define VULKAN_PASS(name) [PASS_##name] = {SPIRV_##name, sizeof SPIRV_##name, SPIRV_##name##_BINDINGS, SPIRV_##name##_PUSH}
+#define VULKAN_PASS(name) \
+    [PASS_##name] = {SPIRV_##name, sizeof SPIRV_##name, SPIRV_##name##_BINDINGS, SPIRV_##name##_PUSH, SPIRV_##name##_SHARED}
 static const struct {
     const uint32_t *words;
     size_t          bytes;
-    uint32_t        bindings, push; /* storage buffers, in the shader's order; bytes of push constants: as the shader has them */
+    uint32_t bindings, push, shared; /* storage buffers, in the shader's order; bytes of push constants; of shared memory */
 } VULKAN_PASSES[PASS_COUNT] = {
-    VULKAN_PASS(PROJECT),          VULKAN_PASS(SCAN),         VULKAN_PASS(COMPACT),    VULKAN_PASS(SORT_COUNT),
-    VULKAN_PASS(SORT_SCATTER),     VULKAN_PASS(FOOTPRINT),    VULKAN_PASS(RANGES),     VULKAN_PASS(RASTER),
-    VULKAN_PASS(RASTER_BACKWARD),  VULKAN_PASS(LOSS_FORWARD), VULKAN_PASS(LOSS_TOTAL), VULKAN_PASS(LOSS_BACKWARD),
-    VULKAN_PASS(PROJECT_BACKWARD), VULKAN_PASS(ADAM),         VULKAN_PASS(OBSERVE),    VULKAN_PASS(SCORE),
-    VULKAN_PASS(UNPACK),           VULKAN_PASS(PEAK),
+    VULKAN_PASS(PROJECT),
+    VULKAN_PASS(SCAN),
+    VULKAN_PASS(COMPACT),
+    VULKAN_PASS(SORT_COUNT),
+    VULKAN_PASS(SORT_SCATTER),
+    VULKAN_PASS(FOOTPRINT),
+    VULKAN_PASS(RANGES),
+    VULKAN_PASS(RASTER),
+    VULKAN_PASS(RASTER_LOBED),
+    VULKAN_PASS(RASTER_BACKWARD_4),
+    VULKAN_PASS(RASTER_BACKWARD_8),
+    VULKAN_PASS(RASTER_BACKWARD_16),
+    VULKAN_PASS(RASTER_BACKWARD_4_LOBED),
+    VULKAN_PASS(RASTER_BACKWARD_8_LOBED),
+    VULKAN_PASS(LOSS_FORWARD),
+    VULKAN_PASS(LOSS_TOTAL),
+    VULKAN_PASS(LOSS_BACKWARD),
+    VULKAN_PASS(PROJECT_BACKWARD),
+    VULKAN_PASS(ADAM),
+    VULKAN_PASS(OBSERVE),
+    VULKAN_PASS(SCORE),
+    VULKAN_PASS(UNPACK),
+    VULKAN_PASS(PEAK),
 };
+
+OXL_INTERNAL size_t vulkan_shared(void)
+{
+    size_t most = 0;
+    for (int pass = 0; pass < PASS_COUNT; pass++)
+        if (pass != PASS_RASTER_BACKWARD_8 && pass != PASS_RASTER_BACKWARD_16 && pass != PASS_RASTER_BACKWARD_8_LOBED)
+            most = OXL_MAX(most, VULKAN_PASSES[pass].shared);
+    return most;
+}
 
 /* ---------------------------------------------------------------- buffers */
 
@@ -266,12 +294,11 @@ static void vulkan_make_layout(struct vulkan *v, enum vulkan_pass pass)
 
 static void vulkan_make_variant(struct vulkan *v, enum vulkan_pass pass, uint32_t variant)
 {
-    const uint32_t                 constants[2] = {variant, pass == PASS_RASTER ? VULKAN_BATCH : v->batch};
-    const VkSpecializationMapEntry entry[2]     = {{0, 0, 4}, {1, 4, 4}};
-    const VkSpecializationInfo     special      = {2, entry, sizeof constants, constants};
-    const VkShaderModuleCreateInfo code         = {.sType    = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
-                                                   .codeSize = VULKAN_PASSES[pass].bytes,
-                                                   .pCode    = VULKAN_PASSES[pass].words};
+    const VkSpecializationMapEntry entry   = {0, 0, sizeof variant};
+    const VkSpecializationInfo     special = {1, &entry, sizeof variant, &variant};
+    const VkShaderModuleCreateInfo code    = {.sType    = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                              .codeSize = VULKAN_PASSES[pass].bytes,
+                                              .pCode    = VULKAN_PASSES[pass].words};
     VkShaderModule                 module;
     VkComputePipelineCreateInfo    info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};
     if (!v->pipeline[pass].layout) vulkan_make_layout(v, pass);

@@ -136,9 +136,15 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
 
 static void vulkan_draw(struct vulkan_renderer *r, int depths)
 {
-    VULKAN_RUN(r->v, RASTER, r->lobes ? 1 : 0, r->tiles, VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)depths),
-               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
-                              &r->splat_c, &r->lobe_a, &r->rgb));
+    const uint32_t push[3] = {(uint32_t)r->lobes, 0, (uint32_t)depths};
+    if (r->lobes)
+        VULKAN_RUN(r->v, RASTER_LOBED, 0, r->tiles, push,
+                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
+                                  &r->splat_c, &r->lobe_a, &r->rgb));
+    else
+        VULKAN_RUN(r->v, RASTER, 0, r->tiles, push,
+                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
+                                  &r->splat_c, NULL, &r->rgb));
 }
 
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
@@ -209,6 +215,15 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
 
 /* ---------------------------------------------------------------- backward and score */
 
+/* They bind and are pushed alike, but that those without second lobes leave out the last two bindings. */
+static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
+{
+    VULKAN_SAME(SPIRV_RASTER_BACKWARD_4_LOBED_BINDINGS, VULKAN_BINDINGS);
+    VULKAN_SAME(SPIRV_RASTER_BACKWARD_8_LOBED_BINDINGS, VULKAN_BINDINGS);
+    if (lobed) return v->batch >= 8 ? PASS_RASTER_BACKWARD_8_LOBED : PASS_RASTER_BACKWARD_4_LOBED;
+    return v->batch == 16 ? PASS_RASTER_BACKWARD_16 : v->batch == 8 ? PASS_RASTER_BACKWARD_8 : PASS_RASTER_BACKWARD_4;
+}
+
 static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
 {
     struct vulkan *v = r->v;
@@ -217,10 +232,10 @@ static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
     if (!score) vulkan_reserve(v, &r->sums_c, r->pairs, 4, "(tile, splat) pairs");
     if (!score && r->lobes) vulkan_reserve(v, &r->sums_d, r->pairs, 16, "(tile, splat) pairs");
     if (!score && r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
-    VULKAN_RUN(v, RASTER_BACKWARD, (r->lobes ? 1 : 0) + 2 * score, r->tiles, VULKAN_PUSH((uint32_t)r->lobes),
+    vulkan_run(v, vulkan_backward_pass(v, r->lobes > 0), 2 * score, r->tiles, VULKAN_PUSH((uint32_t)r->lobes, 0, 0),
                VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
-                              &r->splat_c, &r->lobe_a, &r->rgb, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c, &r->sums_d,
-                              &r->sums_e));
+                              &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c,
+                              &r->sums_d, &r->sums_e));
 }
 
 static void vulkan_take_drgb(struct vulkan_renderer *r, const float *drgb)

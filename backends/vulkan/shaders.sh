@@ -10,7 +10,7 @@ sources=$(cat -- *.comp *.glsl | cksum | tr ' ' '-')
 version=$(glslc --version 2>/dev/null | tr '\n' ' ' | sed 's/ *$//' || true)
 
 # How many storage buffers a shader binds and how many bytes it is pushed, read from its words: the C code takes both from here, so that the
-# host and the shader cannot disagree. What is pushed are numbers of 32 bits; the largest offset tells how many.
+# host and the shader cannot disagree; and the bytes of its shared memory. What is pushed are numbers of 32 bits; the largest offset tells how many.
 tell_size() { # NAME WORDS
     od -An -v -tu4 -w4 "$2" | awk -v name="$1" '
     { word[NR - 1] = $1 }
@@ -21,13 +21,21 @@ tell_size() { # NAME WORDS
             if (code == 72 && word[i + 3] == 35 && word[i + 4] >= size[word[i + 1]]) size[word[i + 1]] = word[i + 4] + 4 # Offset
             if ((code == 21 || code == 22) && word[i + 2] == 32) number[word[i + 1]] = 1 # OpTypeInt, OpTypeFloat
             if (code == 30) for (k = 2; k < int(word[i] / 65536); k++) others[word[i + 1]] += !(word[i + k] in number) # OpTypeStruct
+            if (code == 21 || code == 22) bytes[word[i + 1]] = word[i + 2] / 8 # of shared memory: numbers,
+            if (code == 23) bytes[word[i + 1]] = word[i + 3] * bytes[word[i + 2]] # vectors
+            if (code == 43) value[word[i + 2]] = word[i + 3] # OpConstant
+            if (code == 28) bytes[word[i + 1]] = bytes[word[i + 2]] * value[word[i + 3]] # arrays
+            if (code == 28 && !(word[i + 3] in value)) unsized[word[i + 1]] = 1 # by a specialization constant: see raster.glsl
+            if (code == 32 && word[i + 2] == 4) { points[word[i + 1]] = bytes[word[i + 3]]; wrong += unsized[word[i + 3]] }
+            if (code == 59 && word[i + 3] == 4) shared += points[word[i + 1]] # OpVariable Workgroup
             if (code == 32 && word[i + 2] == 9 && word[i + 3] in others) push = word[i + 3] # OpTypePointer PushConstant
         }
+        if (wrong) { print "shaders: " name " has a shared array sized by a specialization constant" > "/dev/stderr"; exit 1 }
         if (others[push] > 0 || bindings == 0 || size[push] == 0) {
             print "shaders: " name " pushes what is no number of 32 bits, or binds or pushes nothing" > "/dev/stderr"
             exit 1
         }
-        print "enum { SPIRV_" name "_BINDINGS = " bindings ", SPIRV_" name "_PUSH = " size[push] " };"
+        print "enum { SPIRV_" name "_BINDINGS = " bindings ", SPIRV_" name "_PUSH = " size[push] ", SPIRV_" name "_SHARED = " shared + 0 " };"
     }'
 }
 
@@ -36,17 +44,32 @@ emit() {
     echo " * sources: $sources"
     echo " * glslc: $version */"
     for shader in *.comp; do
-        name=$(echo "${shader%.comp}" | tr a-z A-Z)
-        glslc --target-env=vulkan1.0 -O -I. "$shader" -o "$work"
-        echo "static const uint32_t SPIRV_$name[] = {"
-        od -An -v -tu4 "$work" | sed 's/^ *//; s/  */,/g; s/$/,/'
-        echo "};"
-        tell_size "$name" "$work" >>"$work.sizes"
+        base=$(echo "${shader%.comp}" | tr a-z A-Z)
+        case $base in
+        RASTER) build "$base" -DBATCH=64 -DLOBED=0 && build "${base}_LOBED" -DBATCH=64 -DLOBED=1 ;;
+        RASTER_BACKWARD)
+            for batch in 4 8 16; do build "${base}_$batch" -DBATCH=$batch -DLOBED=0; done
+            for batch in 4 8; do build "${base}_${batch}_LOBED" -DBATCH=$batch -DLOBED=1; done
+            ;;
+        *) build "$base" ;;
+        esac
     done
 }
 
+# build NAME [MACRO...]: $shader as SPIRV_NAME. spirv-val, where it is installed, has the last word.
+build() {
+    name=$1
+    shift
+    glslc --target-env=vulkan1.0 -O -I. "$@" "$shader" -o "$work"
+    if command -v spirv-val >/dev/null; then spirv-val --target-env vulkan1.0 "$work"; fi
+    echo "static const uint32_t SPIRV_$name[] = {"
+    od -An -v -tu4 "$work" | sed 's/^ *//; s/  */,/g; s/$/,/'
+    echo "};"
+    tell_size "$name" "$work" >>"$work.sizes"
+}
+
 sizes() {
-    echo "/* bindings.h - of each shader: how many storage buffers it binds, how many bytes it is pushed. Made by backends/vulkan/shaders.sh. */"
+    echo "/* bindings.h - of each shader: how many storage buffers it binds, how many bytes it is pushed, how many are shared. Made by backends/vulkan/shaders.sh. */"
     cat "$work.sizes"
 }
 

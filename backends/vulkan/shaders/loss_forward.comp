@@ -10,8 +10,8 @@ layout(std430, binding = 3) writeonly buffer Slope { float slope[]; };  /* (3,H,
 layout(std430, binding = 4) writeonly buffer Partial { float partial[]; }; /* (3,tiles,5) see loss_total.comp */
 
 shared float x[REACH * REACH], y[REACH * REACH];
-shared float along[4][REACH * 16];
-shared float sums[5][256];
+const uint ALONG = REACH * 16u;
+shared float along[4 * REACH * 16]; /* (4, ALONG); later the sums, (5,256): some devices have no more than 16384 bytes */
 
 /* Whether the whole window of the invocation's pixel counts; leaves x as scratch. */
 bool whole_window(uint i, ivec2 origin)
@@ -25,11 +25,11 @@ bool whole_window(uint i, ivec2 origin)
     for (uint k = i; k < REACH * 16u; k += 256u) {
         float all_ = 1.0;
         for (uint d = 0u; d < 11u; d++) all_ *= x[k / 16u * REACH + k % 16u + d];
-        along[0][k] = all_;
+        along[k] = all_;
     }
     barrier();
     float all_ = 1.0;
-    for (uint d = 0u; d < 11u; d++) all_ *= along[0][(i / 16u + d) * 16u + i % 16u];
+    for (uint d = 0u; d < 11u; d++) all_ *= along[(i / 16u + d) * 16u + i % 16u];
     barrier();
     return all_ > 0.0;
 }
@@ -45,12 +45,12 @@ void blur(uint i, out float m[4])
             s[2] = fma(WINDOW[d], fma(a, a, b * b), s[2]);
             s[3] = fma(WINDOW[d], a * b, s[3]);
         }
-        for (uint map = 0u; map < 4u; map++) along[map][k] = s[map];
+        for (uint map = 0u; map < 4u; map++) along[map * ALONG + k] = s[map];
     }
     barrier();
     for (uint map = 0u; map < 4u; map++) {
         m[map] = 0.0;
-        for (uint d = 0u; d < 11u; d++) m[map] = fma(WINDOW[d], along[map][(i / 16u + d) * 16u + i % 16u], m[map]);
+        for (uint d = 0u; d < 11u; d++) m[map] = fma(WINDOW[d], along[map * ALONG + (i / 16u + d) * 16u + i % 16u], m[map]);
     }
 }
 
@@ -86,15 +86,16 @@ void main()
         ssim = ssim_of(m, d);
         for (uint k = 0u; k < 3u && inside; k++) slope[k * plane + pixel_index(at)] = counts ? d[k] : 0.0;
     }
-    sums[0][i] = w * abs(difference);
-    sums[1][i] = counts ? ssim : 0.0;
-    sums[2][i] = w * difference * difference;
-    sums[3][i] = w > 0.0 ? 1.0 : 0.0;
-    sums[4][i] = counts ? 1.0 : 0.0;
+    barrier(); /* nobody reads `along` any more */
+    along[0 + i] = w * abs(difference);
+    along[256 + i] = counts ? ssim : 0.0;
+    along[512 + i] = w * difference * difference;
+    along[768 + i] = w > 0.0 ? 1.0 : 0.0;
+    along[1024 + i] = counts ? 1.0 : 0.0;
     for (uint half_ = 128u; half_ > 0u; half_ /= 2u) {
         barrier();
-        for (uint k = 0u; k < 5u && i < half_; k++) sums[k][i] += sums[k][i + half_];
+        for (uint k = 0u; k < 5u && i < half_; k++) along[256u * k + i] += along[256u * k + i + half_];
     }
     if (i == 0u)
-        for (uint k = 0u; k < 5u; k++) partial[(push.channel * push.tiles + tile) * 5u + k] = sums[k][0];
+        for (uint k = 0u; k < 5u; k++) partial[(push.channel * push.tiles + tile) * 5u + k] = along[256u * k];
 }
