@@ -703,6 +703,161 @@ static void vulkan_check_aside(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
+/* ---------------------------------------------------------------- what goes wrong */
+
+static int vulkan_idle_waits;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_timeout(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
+                                                          uint64_t timeout)
+{
+    (void)device, (void)count, (void)fence, (void)all, (void)timeout;
+    return VK_TIMEOUT;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
+{
+    (void)queue, (void)count, (void)info, (void)fence;
+    return VK_ERROR_DEVICE_LOST;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_idle(VkDevice device)
+{
+    (void)device;
+    vulkan_idle_waits++;
+    return VK_SUCCESS;
+}
+
+/* What the host has of the model, and so what the next checkpoint would hold, stays as it was. */
+static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struct vulkan_run *run, const char *words)
+{
+    const oxl_camera         camera  = vulkan_camera(64, 48);
+    const oxl_render_options options = oxl_render_options_default();
+    float                   *before  = oxl_alloc(test_ctx, run->model.count, sizeof *before);
+    const float             *image;
+    memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
+    vulkan_idle_waits              = 0;
+    device->vulkan->DeviceWaitIdle = vulkan_play_idle;
+    CHECK(renderer_fetch(device, r) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(device), words);
+    CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
+    CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
+    CHECK(renderer_forward(device, r, &run->model, &camera, &options) == OXL_ERR_FAILED);
+    CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
+    CHECK(vulkan_idle_waits == 0);
+    oxl_free(test_ctx, before);
+}
+
+static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
+{
+    const oxl_camera      camera  = vulkan_camera(64, 48);
+    float                *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
+    struct vulkan_run     run     = vulkan_run_begin(300, 1, 0);
+    oxl_render_options    options = oxl_render_options_default();
+    struct renderer_pace  pace    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct renderer_aside aside;
+    struct renderer      *r;
+    CHECK_OK(renderer_create(device, &r));
+    vulkan_run_steps(device, r, &camera, &run, drgb, 1, 2, 0);
+    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
+    CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &pace, &aside));
+    if (times_out) device->vulkan->WaitForFences = vulkan_play_timeout;
+    else device->vulkan->QueueSubmit = vulkan_play_loss;
+    vulkan_check_given_up(device, r, &run, times_out ? "did not answer in time" : "the device is lost");
+    renderer_free(device, r);
+    vulkan_run_free(&run);
+    oxl_free(test_ctx, drgb);
+}
+
+static void vulkan_check_timeout(oxl_context *device)
+{
+    vulkan_check_loss_of_device(device, 1);
+}
+
+static void vulkan_check_lost(oxl_context *device)
+{
+    vulkan_check_loss_of_device(device, 0);
+}
+
+/* Between counting and emitting every splat grows or shrinks, as if the two were not compiled alike: no pair leaves its splat's slots. */
+static void vulkan_check_slots(oxl_context *device)
+{
+    struct vulkan           *v       = device->vulkan;
+    const oxl_camera         camera  = vulkan_camera(100, 75);
+    const oxl_render_options options = oxl_render_options_default();
+    struct vulkan_renderer  *d;
+    struct renderer         *r;
+    oxl_model                m;
+    float(*shape)[4] = oxl_alloc(test_ctx, 600, sizeof *shape);
+    uint32_t *order = oxl_alloc(test_ctx, 2 * 600, sizeof *order), *first = order + 600, (*staged)[2], used[2];
+    size_t    wrong = 0, unused = 0;
+    vulkan_scene(600, 0, 0, &m);
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+    d = r->device;
+    vulkan_order_rows(d);
+    vulkan_download(v, &d->row_value[0], 0, order, 600 * sizeof *order);
+    vulkan_download(v, &d->row_pairs, 0, first, 600 * sizeof *first);
+    vulkan_download(v, &d->splat_b, 0, shape, 600 * sizeof *shape);
+    for (int i = 0; i < 600; i++)
+        shape[i][0] *= i % 2 ? 0.2f : 5, shape[i][2] *= i % 2 ? 2 : 0.5f, shape[i][3] *= i % 2 ? 2 : 0.5f;
+    vulkan_upload(v, &d->splat_b, 0, shape, 600 * sizeof *shape);
+    vulkan_order_pairs(d);
+    vulkan_draw(d, 0);
+    staged = oxl_alloc(test_ctx, d->pairs, sizeof *staged);
+    vulkan_download(v, &d->staged, 0, staged, d->pairs * sizeof *staged);
+    CHECK(v->rc == OXL_OK && d->pairs > 1000);
+    for (int i = 0; i < 599; i++) {
+        vulkan_download(v, &d->row_slots, order[i] * sizeof used, used, sizeof used);
+        if (first[i] == first[i + 1]) continue;
+        wrong += used[0] != first[i] || used[1] > first[i + 1] - first[i];
+        unused += first[i + 1] - first[i] - used[1];
+        for (uint32_t k = first[i]; k < first[i + 1]; k++)
+            wrong += staged[k][0] != order[i] || (k >= used[0] + used[1]) != (staged[k][1] == 0);
+    }
+    CHECK(wrong == 0);
+    CHECK(unused > 0);
+    oxl_free(test_ctx, staged);
+    oxl_free(test_ctx, order);
+    oxl_free(test_ctx, shape);
+    renderer_free(device, r);
+    oxl_model_free(test_ctx, &m);
+}
+
+/* Drawn whole and in parts, each a submission. */
+static void vulkan_check_parts(oxl_context *device)
+{
+    const oxl_camera   camera = vulkan_camera(200, 150);
+    const size_t       pixels = 200 * 150;
+    float             *rgb = oxl_alloc(test_ctx, 6 * pixels, sizeof *rgb), *drgb = vulkan_noise(3 * pixels, 57);
+    oxl_render_options options = oxl_render_options_default();
+    oxl_model          m, gradient[2];
+    vulkan_scene(900, 1, 200, &m);
+    for (int k = 0; k < 2; k++) {
+        struct renderer *r;
+        const float     *image;
+        const size_t     before = device->vulkan->dispatches;
+        device->vulkan->part    = k ? 500 : 0;
+        CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &gradient[k]));
+        memset(gradient[k].plane[OXL_ROTATION], 0, gradient[k].capacity * sizeof(float));
+        CHECK_OK(renderer_create(device, &r));
+        CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+        CHECK_OK(renderer_image(device, r, &image));
+        memcpy(rgb + 3 * pixels * (size_t)k, image, 3 * pixels * sizeof *rgb);
+        CHECK_OK(renderer_backward(device, r, drgb, &gradient[k]));
+        CHECK_OK(renderer_gradient(device, r, &gradient[k]));
+        if (k) CHECK(device->vulkan->dispatches - before >= 2 * 8);
+        renderer_free(device, r);
+    }
+    CHECK(memcmp(rgb, rgb + 3 * pixels, 3 * pixels * sizeof *rgb) == 0);
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        CHECK(memcmp(gradient[0].plane[k], gradient[1].plane[k], m.count * sizeof(float)) == 0);
+    for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &gradient[k]);
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, rgb);
+    oxl_free(test_ctx, drgb);
+}
+
 /* ---------------------------------------------------------------- a survey */
 
 static oxl_scene *vulkan_survey(oxl_context *ctx)
@@ -945,6 +1100,26 @@ TEST(vulkan_says_what_is_too_large_and_goes_on)
 TEST(vulkan_takes_portability_drivers)
 {
     ON_DEVICE(vulkan_check_portability);
+}
+
+TEST(vulkan_gives_up_a_device_that_does_not_answer)
+{
+    ON_DEVICE(vulkan_check_timeout);
+}
+
+TEST(vulkan_gives_up_a_device_that_is_lost)
+{
+    ON_DEVICE(vulkan_check_lost);
+}
+
+TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
+{
+    ON_DEVICE(vulkan_check_slots);
+}
+
+TEST(vulkan_draws_the_same_whole_and_in_parts)
+{
+    ON_DEVICE(vulkan_check_parts);
 }
 
 TEST(vulkan_shaders_fit_the_least_shared_memory)

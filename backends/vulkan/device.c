@@ -7,7 +7,7 @@
 
 /* ---------------------------------------------------------------- what went wrong */
 
-static const char *vulkan_word(VkResult result)
+OXL_INTERNAL const char *vulkan_word(VkResult result)
 {
     switch (result) {
     case VK_TIMEOUT: return "it did not answer in time";
@@ -268,6 +268,10 @@ static oxl_result vulkan_check(struct vulkan *v)
     v->range                        = l->maxStorageBufferRange;
     v->groups_max                   = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
     v->batch                        = vulkan_batch(l->maxComputeSharedMemorySize);
+    v->part                         = v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ||
+                      v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU
+                                          ? 0
+                                          : VULKAN_PART;
     v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS, v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
     if (l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS && l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
         l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= vulkan_shared() && v->slab_rows > 0)
@@ -306,7 +310,7 @@ static oxl_result vulkan_open_device(struct vulkan *v)
     VkCommandPoolCreateInfo          pool       = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
     VkCommandBufferAllocateInfo      commands   = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
                                                    .level              = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-                                                   .commandBufferCount = 1};
+                                                   .commandBufferCount = VULKAN_COMMANDS};
     const VkFenceCreateInfo          fence      = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
     const VkDescriptorPoolSize       size       = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
     const VkDescriptorPoolCreateInfo sets       = {
@@ -327,7 +331,7 @@ static oxl_result vulkan_open_device(struct vulkan *v)
     v->GetDeviceQueue(v->device, chosen, 0, &v->queue);
     if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &v->command_pool), "a command pool")) return v->rc;
     commands.commandPool = v->command_pool;
-    if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, &v->commands), "a command buffer") &&
+    if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, v->command), "a command buffer") &&
         vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &v->fence), "a fence"))
         vulkan_ok(v, v->CreateDescriptorPool(v->device, &sets, NULL, &v->descriptor_pool), "descriptors");
     return v->rc;
@@ -362,6 +366,10 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
 OXL_INTERNAL void vulkan_close(struct vulkan *v)
 {
     if (!v) return;
+    if (v->lost) { /* may neither be waited for nor destroyed: vulkan_submitted */
+        oxl_free(v->ctx, v);
+        return;
+    }
     if (v->device && v->DeviceWaitIdle) {
         v->DeviceWaitIdle(v->device);
         for (int pass = 0; pass < PASS_COUNT; pass++) {

@@ -21,8 +21,11 @@
 #define VULKAN_BINDINGS   15             /* of a pass, at most */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
 #define VULKAN_WAIT       60000000000ull /* ns: a device that takes longer for a submission is given up */
+#define VULKAN_PART       (1u << 19)     /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 enum {
     VULKAN_VARIANTS    = 4,
+    VULKAN_COMMANDS    = 64,  /* submissions without a wait in between, at most */
+    VULKAN_PARTS       = 24,  /* of an image, at most */
     VULKAN_ASKED       = 128, /* pieces that the host waits for at a time */
     VULKAN_PHOTO_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
 };
@@ -112,17 +115,20 @@ struct vulkan {
     VkDevice                         device;
     VkQueue                          queue;
     VkCommandPool                    command_pool;
-    VkCommandBuffer                  commands;
+    VkCommandBuffer                  commands, command[VULKAN_COMMANDS]; /* the one that is recorded; all of them */
+    int                              command_at;                         /* submissions that nobody waited for yet */
     VkDescriptorPool                 descriptor_pool;
     VkFence                          fence;
     struct vulkan_pipeline           pipeline[PASS_COUNT];
-    struct vulkan_buffer             staging, nothing; /* nothing: for bindings that a pass does not use */
-    char                            *mapped;           /* staging, as the host sees it */
-    size_t                           staged;           /* bytes of it in use */
-    size_t                           sent;             /* bytes that vulkan_upload took there so far: for tests */
+    struct vulkan_buffer             staging, nothing;  /* nothing: for bindings that a pass does not use */
+    char                            *mapped;            /* staging, as the host sees it */
+    size_t                           staged;            /* bytes of it in use */
+    size_t                           sent;              /* bytes that vulkan_upload took there so far */
+    size_t                           waits, dispatches; /* of the host for the device; passes: so far */
     struct vulkan_asked              ask[VULKAN_ASKED];
     int                              asked;
     int                              recording, sets;
+    int                              lost;                 /* for good: nothing may be asked of the device, not even to wait */
     VkQueryPool                      clock;                /* (2 VULKAN_SETS) see vulkan_measure */
     uint8_t                          pass_at[VULKAN_SETS]; /* of the sets in use: which pass */
     double                           pass_seconds[PASS_COUNT];
@@ -132,11 +138,13 @@ struct vulkan {
     size_t                           photos;     /* bytes of images that a renderer may keep */
     uint32_t                         slab_rows;  /* at most */
     uint32_t                         groups_max; /* in one dimension of a dispatch */
+    size_t                           part;       /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
     uint32_t                         batch;      /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
 /* ---------------------------------------------------------------- device.c */
 
+OXL_INTERNAL const char *vulkan_word(VkResult result);
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
 
 /* ---------------------------------------------------------------- passes.c */
@@ -149,6 +157,7 @@ OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size
 OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be recorded */
 OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for it */
+OXL_INTERNAL void       vulkan_flush(struct vulkan *v);  /* submits what was recorded, without waiting */
 OXL_INTERNAL void       vulkan_enter(struct vulkan *v);  /* first in every interface function: forgets an earlier error */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
 OXL_INTERNAL size_t     vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */

@@ -65,8 +65,8 @@ static int vulkan_memory_kind(const struct vulkan *v, uint32_t allowed, VkMemory
 
 OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
 {
-    if (b->handle) v->DestroyBuffer(v->device, b->handle, NULL);
-    if (b->memory) v->FreeMemory(v->device, b->memory, NULL);
+    if (b->handle && !v->lost) v->DestroyBuffer(v->device, b->handle, NULL);
+    if (b->memory && !v->lost) v->FreeMemory(v->device, b->memory, NULL);
     *b = (struct vulkan_buffer){0};
 }
 
@@ -117,9 +117,10 @@ OXL_INTERNAL int vulkan_record(struct vulkan *v)
     const VkCommandBufferBeginInfo begin = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
                                             .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
     if (v->rc != OXL_OK || v->recording) return v->rc == OXL_OK;
+    v->commands = v->command[v->command_at];
     if (!vulkan_ok(v, v->BeginCommandBuffer(v->commands, &begin), "recording")) return 0;
     v->recording = 1;
-    if (v->clock) v->CmdResetQueryPool(v->commands, v->clock, 0, 2 * VULKAN_SETS);
+    if (v->clock && v->command_at == 0) v->CmdResetQueryPool(v->commands, v->clock, 0, 2 * VULKAN_SETS);
     return 1;
 }
 
@@ -168,35 +169,68 @@ OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
     v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
 }
 
-/* Sends what was recorded and waits for it. */
-OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v)
+/* Forgets what was recorded, or submitted and is done. */
+static void vulkan_drop(struct vulkan *v)
+{
+    v->ResetCommandPool(v->device, v->command_pool, 0);
+    v->ResetDescriptorPool(v->device, v->descriptor_pool, 0);
+    v->recording = v->sets = v->asked = v->command_at = 0;
+    v->staged                                         = 0;
+}
+
+/* After a timeout the submission goes on, or hangs: its fence, buffers and pools must not be touched, and another wait may not end. A
+ * lost device gives nothing back either. In both cases the device is given up, and what belongs to it stays allocated. */
+static int vulkan_submitted(struct vulkan *v, VkResult result)
+{
+    if (result == VK_TIMEOUT || result == VK_ERROR_DEVICE_LOST) v->lost = 1;
+    if (!v->lost) return vulkan_ok(v, result, "a submission");
+    if (v->rc == OXL_OK)
+        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
+                         "Vulkan, %s: %s (%d)\nfix: run the command again, it goes on from the last checkpoint; if that does "
+                         "not help, a smaller --max-side, or --backend cpu",
+                         v->properties.deviceName, vulkan_word(result), (int)result);
+    return 0;
+}
+
+static int vulkan_submit(struct vulkan *v, VkFence fence)
 {
     const VkSubmitInfo submit = {
         .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &v->commands};
-    if (v->recording) {
-        if (vulkan_ok(v, v->EndCommandBuffer(v->commands), "recording") &&
-            vulkan_ok(v, v->QueueSubmit(v->queue, 1, &submit, v->fence), "a submission") &&
-            vulkan_ok(v, v->WaitForFences(v->device, 1, &v->fence, VK_TRUE, VULKAN_WAIT), "a submission"))
+    return vulkan_ok(v, v->EndCommandBuffer(v->commands), "recording") &&
+           vulkan_submitted(v, v->QueueSubmit(v->queue, 1, &submit, fence));
+}
+
+OXL_INTERNAL void vulkan_flush(struct vulkan *v)
+{
+    if (v->rc != OXL_OK || !v->recording || v->command_at + 1 == VULKAN_COMMANDS) return;
+    if (!vulkan_submit(v, VK_NULL_HANDLE)) return;
+    v->recording = 0;
+    v->command_at++;
+}
+
+/* A fence behind the last submission stands for those before it. */
+OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v)
+{
+    if (v->command_at > 0) vulkan_record(v);
+    if (v->recording && !v->lost) {
+        v->waits++;
+        if (vulkan_submit(v, v->fence) && vulkan_submitted(v, v->WaitForFences(v->device, 1, &v->fence, VK_TRUE, VULKAN_WAIT)))
             vulkan_ok(v, v->ResetFences(v->device, 1, &v->fence), "a fence");
-        if (v->rc != OXL_OK) v->DeviceWaitIdle(v->device);
-        else vulkan_read_clock(v);
-        v->ResetCommandPool(v->device, v->command_pool, 0);
-        v->ResetDescriptorPool(v->device, v->descriptor_pool, 0);
-        v->recording = v->sets = 0;
+        if (v->lost) return v->rc;
+        if (v->rc == OXL_OK) vulkan_read_clock(v);
+        else v->DeviceWaitIdle(v->device);
+        vulkan_drop(v);
     }
     v->staged = 0;
     return v->rc;
 }
 
-/* First in every interface function. What was recorded before a failure is dropped: the buffers it works on may not exist. */
+/* What was recorded before a failure is dropped: the buffers it works on may not exist. A lost device stays as it is. */
 OXL_INTERNAL void vulkan_enter(struct vulkan *v)
 {
-    if (v->rc != OXL_OK && v->recording) {
-        v->ResetCommandPool(v->device, v->command_pool, 0);
-        v->ResetDescriptorPool(v->device, v->descriptor_pool, 0);
-        v->recording = v->sets = v->asked = 0;
-        v->staged                         = 0;
-    }
+    if (v->lost) return;
+    if (v->rc != OXL_OK && v->command_at > 0) v->DeviceWaitIdle(v->device);
+    if (v->rc != OXL_OK) vulkan_drop(v);
     v->rc = OXL_OK;
 }
 
@@ -369,6 +403,7 @@ OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t v
     v->CmdBindDescriptorSets(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->layout, 0, 1, &set, 0, NULL);
     v->CmdPushConstants(v->commands, p->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push, push);
     vulkan_stamp(v, pass, 0);
+    v->dispatches++;
     v->CmdDispatch(v->commands, (uint32_t)across, (uint32_t)down, 1);
     vulkan_stamp(v, pass, 1);
     vulkan_barrier(v);

@@ -92,7 +92,7 @@ static void vulkan_project(struct vulkan_renderer *r)
 static void vulkan_footprint(struct vulkan_renderer *r, uint32_t variant)
 {
     VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count),
-               VULKAN_PUSH(COUNT_VISIBLE, (uint32_t)r->lobes, (uint32_t)r->count),
+               VULKAN_PUSH(COUNT_VISIBLE, COUNT_PAIRS, (uint32_t)r->lobes, (uint32_t)r->count),
                VULKAN_BUFFERS(&r->view_buffer, &r->counts, &r->row_value[0], &r->splat_a, &r->splat_b, &r->lobe_a, &r->lobe_b,
                               &r->row_pairs, &r->pair_key[0], &r->pair_value[0], &r->staged, &r->row_slots));
 }
@@ -134,17 +134,39 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
                VULKAN_BUFFERS(&r->pair_key[r->sort_end], &r->start));
 }
 
-static void vulkan_draw(struct vulkan_renderer *r, int depths)
+/* Calls draw(r, first tile, tiles, argument) for the whole image, or for some rows of tiles at a time, each a submission of its own: an
+ * operating system resets a GPU that is busy for longer than 2 s with one (Windows' default), and integrated ones may be. With
+ * VULKAN_PART pairs of 256 pixels x 55 operations, 7 G operations: 0.4 s where a tenth of 200 G a second is reached. Estimated, not
+ * measured. */
+static void vulkan_in_parts(struct vulkan_renderer *r,
+                            void (*draw)(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t argument),
+                            uint32_t argument)
 {
-    const uint32_t push[3] = {(uint32_t)r->lobes, 0, (uint32_t)depths};
+    const size_t part = r->v->part, parts = part ? OXL_MIN((r->pairs + part - 1) / part, (size_t)VULKAN_PARTS) : 1;
+    const size_t rows = r->view.tiles_y, each = (rows + OXL_MAX(parts, (size_t)1) - 1) / OXL_MAX(parts, (size_t)1);
+    if (parts > 1) vulkan_flush(r->v);
+    for (size_t row = 0; row < rows; row += each) {
+        draw(r, (uint32_t)(row * r->view.tiles_x), OXL_MIN(each, rows - row) * r->view.tiles_x, argument);
+        if (parts > 1) vulkan_flush(r->v);
+    }
+}
+
+static void vulkan_draw_part(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t depths)
+{
+    const uint32_t push[3] = {(uint32_t)r->lobes, first, depths};
     if (r->lobes)
-        VULKAN_RUN(r->v, RASTER_LOBED, 0, r->tiles, push,
+        VULKAN_RUN(r->v, RASTER_LOBED, 0, tiles, push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
                                   &r->splat_c, &r->lobe_a, &r->rgb));
     else
-        VULKAN_RUN(r->v, RASTER, 0, r->tiles, push,
+        VULKAN_RUN(r->v, RASTER, 0, tiles, push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
                                   &r->splat_c, NULL, &r->rgb));
+}
+
+static void vulkan_draw(struct vulkan_renderer *r, int depths)
+{
+    vulkan_in_parts(r, vulkan_draw_part, (uint32_t)depths);
 }
 
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
@@ -224,6 +246,14 @@ static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
     return v->batch == 16 ? PASS_RASTER_BACKWARD_16 : v->batch == 8 ? PASS_RASTER_BACKWARD_8 : PASS_RASTER_BACKWARD_4;
 }
 
+static void vulkan_draw_backward_part(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t score)
+{
+    vulkan_run(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 2 * score, tiles, VULKAN_PUSH((uint32_t)r->lobes, first, 0),
+               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
+                              &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c,
+                              &r->sums_d, &r->sums_e));
+}
+
 static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
 {
     struct vulkan *v = r->v;
@@ -232,10 +262,7 @@ static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
     if (!score) vulkan_reserve(v, &r->sums_c, r->pairs, 4, "(tile, splat) pairs");
     if (!score && r->lobes) vulkan_reserve(v, &r->sums_d, r->pairs, 16, "(tile, splat) pairs");
     if (!score && r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
-    vulkan_run(v, vulkan_backward_pass(v, r->lobes > 0), 2 * score, r->tiles, VULKAN_PUSH((uint32_t)r->lobes, 0, 0),
-               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
-                              &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c,
-                              &r->sums_d, &r->sums_e));
+    vulkan_in_parts(r, vulkan_draw_backward_part, score);
 }
 
 static void vulkan_take_drgb(struct vulkan_renderer *r, const float *drgb)
@@ -370,7 +397,8 @@ static oxl_result vulkan_rows(void *device, struct splat *splat, uint16_t *visib
     const size_t            n = r->count;
     float(*a)[4]              = oxl_alloc(v->ctx, 3 * n + 1, sizeof *a);
     uint32_t *seen            = oxl_alloc(v->ctx, n + 1, sizeof *seen);
-    v->rc                     = a && seen ? OXL_OK : oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory to look at %zu Gaussians", n);
+    vulkan_enter(v);
+    if (!a || !seen) v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory to look at %zu Gaussians", n);
     if (v->rc == OXL_OK) {
         vulkan_download(v, &r->splat_a, 0, a, n * sizeof *a);
         vulkan_download(v, &r->splat_b, 0, a + n, n * sizeof *a);
