@@ -276,6 +276,26 @@ static void vulkan_check_drawing(oxl_context *device)
     }
 }
 
+static void vulkan_check_alpha_min(oxl_context *device)
+{
+    for (size_t lobes = 0; lobes <= 400; lobes += 400) {
+        struct vulkan_twins t       = vulkan_twins(device, 100, 75);
+        oxl_render_options  options = oxl_render_options_default();
+        const float        *image[2];
+        oxl_model           m;
+        options.alpha_min = 0.06f;
+        vulkan_scene(600, 1, lobes, &m);
+        for (int k = 0; k < 2; k++) {
+            CHECK_OK(renderer_forward(t.ctx[k], t.r[k], &m, &t.camera, &options));
+            CHECK_OK(renderer_image(t.ctx[k], t.r[k], &image[k]));
+        }
+        CHECK_CLOSE(vulkan_distance(image[0], image[1], 3 * t.pixels).relative, 0, 1e-3); /* a pixel at the threshold: 0.06 */
+        CHECK_CLOSE((double)((struct vulkan_renderer *)t.r[1]->device)->pairs, (double)t.r[0]->bins.pair_count, 3);
+        oxl_model_free(test_ctx, &m);
+        vulkan_twins_free(&t);
+    }
+}
+
 static void vulkan_check_wild_drawing(oxl_context *device)
 {
     struct vulkan_twins t = vulkan_twins(device, 64, 64);
@@ -824,6 +844,82 @@ static void vulkan_check_slots(oxl_context *device)
     oxl_model_free(test_ctx, &m);
 }
 
+static PFN_vkAllocateMemory vulkan_real_allocate;
+static int                  vulkan_allocations_left;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_allocate(VkDevice device, const VkMemoryAllocateInfo *info,
+                                                           const VkAllocationCallbacks *a, VkDeviceMemory *out)
+{
+    if (vulkan_allocations_left-- <= 0) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    return vulkan_real_allocate(device, info, a, out);
+}
+
+/* After so many allocations a device has no memory left. */
+static void vulkan_play_full(struct vulkan *v, int allocations)
+{
+    if (v->AllocateMemory != vulkan_play_allocate) vulkan_real_allocate = v->AllocateMemory;
+    v->AllocateMemory       = vulkan_play_allocate;
+    vulkan_allocations_left = allocations;
+}
+
+static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_model *m, int view, struct renderer_loss *loss)
+{
+    oxl_render_options options = oxl_render_options_default();
+    const size_t       bytes   = 4 * t->pixels;
+    uint8_t           *rgb     = oxl_alloc(test_ctx, bytes, 1);
+    struct photo       photo   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
+    oxl_result         rc;
+    for (size_t i = 0; i < bytes; i++) rgb[i] = (uint8_t)random_bits(9, i, (uint64_t)view);
+    rc = renderer_take_photo(t->ctx[k], t->r[k], view, &photo, 0);
+    if (rc == OXL_OK) rc = renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options);
+    if (rc == OXL_OK) rc = renderer_loss(t->ctx[k], t->r[k], NULL, NULL, 0.2f, loss);
+    oxl_free(test_ctx, rgb);
+    return rc;
+}
+
+/* Where memory runs out, images that are kept make room; the one that is worked on stays. */
+static void vulkan_check_full(oxl_context *device)
+{
+    struct vulkan_twins  t = vulkan_twins(device, 64, 48);
+    struct renderer_loss loss[2];
+    oxl_model            m, larger;
+    int                  tries = 0;
+    vulkan_scene(300, 1, 0, &m);
+    vulkan_scene(3000, 1, 0, &larger);
+    for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));
+    CHECK(renderer_has_photo(t.r[1], 0) && renderer_has_photo(t.r[1], 3));
+    vulkan_play_full(device->vulkan, 0); /* the first fails, images leave, and the second is the real one */
+    while (vulkan_take_and_draw(&t, 1, &larger, 3, &loss[1]) == OXL_ERR_MEMORY && tries < 60)
+        vulkan_play_full(device->vulkan, ++tries);
+    CHECK(tries > 0 && tries < 60);
+    CHECK(!renderer_has_photo(t.r[1], 0));
+    CHECK_OK(vulkan_take_and_draw(&t, 0, &larger, 3, &loss[0]));
+    CHECK_CLOSE(loss[1].total, loss[0].total, 1e-5);
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &larger);
+    vulkan_twins_free(&t);
+}
+
+/* --backend auto: the CPU goes on, with the image that the device had. */
+static void vulkan_check_fallback(oxl_context *device)
+{
+    struct vulkan_twins  t = vulkan_twins(device, 64, 48);
+    struct renderer_loss loss[2];
+    oxl_model            m;
+    vulkan_scene(300, 1, 0, &m);
+    vulkan_play_full(device->vulkan, 3); /* the image fits, the model does not */
+    CHECK(vulkan_take_and_draw(&t, 1, &m, 0, &loss[1]) == OXL_ERR_MEMORY);
+    CHECK_TEXT(oxl_error_text(device), "no device memory is left");
+    CHECK_TEXT(oxl_error_text(device), "fix: ");
+    device->options.backend = OXL_BACKEND_AUTO;
+    CHECK_OK(vulkan_take_and_draw(&t, 1, &m, 0, &loss[1]));
+    CHECK(t.r[1]->device == NULL);
+    CHECK_OK(vulkan_take_and_draw(&t, 0, &m, 0, &loss[0]));
+    CHECK(loss[0].total == loss[1].total);
+    oxl_model_free(test_ctx, &m);
+    vulkan_twins_free(&t);
+}
+
 /* Drawn whole and in parts, each a submission. */
 static void vulkan_check_parts(oxl_context *device)
 {
@@ -1115,6 +1211,21 @@ TEST(vulkan_gives_up_a_device_that_is_lost)
 TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
 {
     ON_DEVICE(vulkan_check_slots);
+}
+
+TEST(vulkan_drops_images_where_memory_is_short)
+{
+    ON_DEVICE(vulkan_check_full);
+}
+
+TEST(vulkan_hands_over_to_the_cpu_where_memory_is_gone)
+{
+    ON_DEVICE(vulkan_check_fallback);
+}
+
+TEST(vulkan_leaves_out_what_is_below_alpha_min)
+{
+    ON_DEVICE(vulkan_check_alpha_min);
 }
 
 TEST(vulkan_draws_the_same_whole_and_in_parts)

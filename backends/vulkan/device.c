@@ -12,7 +12,7 @@ OXL_INTERNAL const char *vulkan_word(VkResult result)
     switch (result) {
     case VK_TIMEOUT: return "it did not answer in time";
     case VK_ERROR_OUT_OF_HOST_MEMORY: return "no host memory";
-    case VK_ERROR_OUT_OF_DEVICE_MEMORY: return "no device memory";
+    case VK_ERROR_OUT_OF_DEVICE_MEMORY: return "no device memory is left";
     case VK_ERROR_DEVICE_LOST: return "the device is lost";
     case VK_ERROR_INITIALIZATION_FAILED: return "it could not be started";
     case VK_ERROR_INCOMPATIBLE_DRIVER: return "no driver";
@@ -25,9 +25,13 @@ OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
 {
     const int memory = result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
     if (result == VK_SUCCESS) return v->rc == OXL_OK;
-    if (v->rc == OXL_OK)
-        v->rc = oxl_fail(v->ctx, memory ? OXL_ERR_MEMORY : OXL_ERR_FAILED, "Vulkan, %s: %s (%d)\nfix: --backend cpu", what,
+    if (v->rc == OXL_OK && memory)
+        v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
+                         "Vulkan, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", what,
                          vulkan_word(result), (int)result);
+    if (v->rc == OXL_OK)
+        v->rc =
+            oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan, %s: %s (%d)\nfix: --backend cpu", what, vulkan_word(result), (int)result);
     return 0;
 }
 
@@ -245,9 +249,6 @@ static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any)
     }
     if (best < 0) return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here but the CPU");
     v->GetPhysicalDeviceMemoryProperties(v->physical, &v->memory);
-    for (uint32_t i = 0; i < v->memory.memoryHeapCount; i++)
-        if (v->memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT)
-            v->photos = OXL_MAX(v->photos, (size_t)(v->memory.memoryHeaps[i].size / VULKAN_PHOTO_SHARE));
     return OXL_OK;
 }
 
@@ -352,6 +353,7 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
     if (rc == OXL_OK) rc = vulkan_check(v);
     if (rc == OXL_OK) rc = vulkan_open_device(v);
     if (rc == OXL_OK) {
+        v->photos = vulkan_memory_left(v) / VULKAN_PHOTO_SHARE;
         vulkan_create(v, &v->staging, VULKAN_STAGING, 1);
         vulkan_create(v, &v->nothing, 256, 0);
         if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VULKAN_STAGING, 0, &mapped), "staging");

@@ -97,9 +97,12 @@ struct vulkan_asked { /* something that the host waits for */
     size_t at, size; /* in the staging buffer */
 };
 
+struct vulkan_renderer;
+
 struct vulkan {
-    oxl_context *ctx;
-    void        *library;
+    oxl_context            *ctx;
+    struct vulkan_renderer *renderers; /* a list of all that are there */
+    void                   *library;
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
     VULKAN_OF_DEVICE(VULKAN_DECLARE)
@@ -147,12 +150,20 @@ struct vulkan {
 OXL_INTERNAL const char *vulkan_word(VkResult result);
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
 
-/* ---------------------------------------------------------------- passes.c */
+/* ---------------------------------------------------------------- memory.c */
 
 OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host);
 OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b);
 /* At least so many elements; the contents are lost when it grows. what: names them in an error. */
 OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what);
+
+OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v);
+
+/* ---------------------------------------------------------------- resident.c */
+
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v); /* of every renderer, but the one that is in use; how many */
+
+/* ---------------------------------------------------------------- passes.c */
 
 OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be recorded */
 OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);

@@ -45,7 +45,8 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
 
 static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, const oxl_render_options *o)
 {
-    const struct lens l = render_lens(c, o->near_plane);
+    struct lens l = render_lens(c, o->near_plane);
+    render_set_alpha_min(&l, o->alpha_min);
     r->view  = (struct vulkan_view){.rotation    = {l.rotation.x.x, l.rotation.x.y, l.rotation.x.z, l.rotation.y.x, l.rotation.y.y,
                                                     l.rotation.y.z, l.rotation.z.x, l.rotation.z.y, l.rotation.z.z},
                                     .translation = {l.translation.x, l.translation.y, l.translation.z},
@@ -58,6 +59,8 @@ static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, con
                                     .limit_y     = l.limit_y,
                                     .near_plane  = l.near_plane,
                                     .background  = {o->background[0], o->background[1], o->background[2]},
+                                    .alpha_min   = l.alpha_min,
+                                    .cut         = l.cut,
                                     .width       = (uint32_t)c->width,
                                     .height      = (uint32_t)c->height,
                                     .tiles_x     = (uint32_t)(c->width + TILE - 1) / TILE,
@@ -169,6 +172,32 @@ static void vulkan_draw(struct vulkan_renderer *r, int depths)
     vulkan_in_parts(r, vulkan_draw_part, (uint32_t)depths);
 }
 
+static void vulkan_reserve_sums(struct vulkan_renderer *r, int score)
+{
+    struct vulkan *v = r->v;
+    vulkan_reserve(v, &r->sums_a, r->pairs, 16, "(tile, splat) pairs");
+    if (score) return;
+    vulkan_reserve(v, &r->sums_b, r->pairs, 16, "(tile, splat) pairs");
+    vulkan_reserve(v, &r->sums_c, r->pairs, 4, "(tile, splat) pairs");
+    if (r->lobes) vulkan_reserve(v, &r->sums_d, r->pairs, 16, "(tile, splat) pairs");
+    if (r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
+}
+
+/* All that a step needs, in forward: a step whose memory cannot be had has changed nothing then, and the CPU can do it. */
+static void vulkan_reserve_step(struct vulkan_renderer *r)
+{
+    const size_t pixels = (size_t)r->view.width * r->view.height;
+    vulkan_reserve_sums(r, 0);
+    vulkan_reserve(r->v, &r->drgb, pixels, 12, "pixels");
+    for (int ch = 0; ch < 3; ch++) vulkan_reserve(r->v, &r->slope[ch], pixels, 12, "pixels");
+    vulkan_reserve(r->v, &r->partial, 15 * r->tiles, 4, "tiles");
+    vulkan_reserve(r->v, &r->mean2d, r->count, 4, "Gaussians");
+    vulkan_reserve(r->v, &r->statistics, r->count, 16, "Gaussians");
+    vulkan_reserve_moments(r);
+    for (size_t s = 0; s < r->slabs; s++)
+        vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+}
+
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
                                  const oxl_render_options *options)
 {
@@ -183,6 +212,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
     vulkan_take_view(r, camera, options);
     vulkan_order_rows(r);
     vulkan_order_pairs(r);
+    if (r->target.handle) vulkan_reserve_step(r);
     vulkan_draw(r, 0);
     return r->v->rc;
 }
@@ -256,12 +286,7 @@ static void vulkan_draw_backward_part(struct vulkan_renderer *r, uint32_t first,
 
 static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
 {
-    struct vulkan *v = r->v;
-    vulkan_reserve(v, &r->sums_a, r->pairs, 16, "(tile, splat) pairs");
-    if (!score) vulkan_reserve(v, &r->sums_b, r->pairs, 16, "(tile, splat) pairs");
-    if (!score) vulkan_reserve(v, &r->sums_c, r->pairs, 4, "(tile, splat) pairs");
-    if (!score && r->lobes) vulkan_reserve(v, &r->sums_d, r->pairs, 16, "(tile, splat) pairs");
-    if (!score && r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
+    vulkan_reserve_sums(r, (int)score);
     vulkan_in_parts(r, vulkan_draw_backward_part, score);
 }
 
@@ -435,6 +460,7 @@ OXL_INTERNAL const struct renderer_device *vulkan_doors(void)
                                                  .image      = vulkan_image,
                                                  .has_photo  = vulkan_has_photo,
                                                  .take_photo = vulkan_take_photo,
+                                                 .target     = vulkan_target,
                                                  .loss       = vulkan_loss,
                                                  .backward   = vulkan_backward,
                                                  .gradient   = vulkan_gradient,

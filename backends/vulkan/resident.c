@@ -11,6 +11,11 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
 {
     struct vulkan_renderer *r = device;
     struct vulkan          *v = r->v;
+    for (struct vulkan_renderer **at = &v->renderers; *at; at = &(*at)->next)
+        if (*at == r) {
+            *at = r->next;
+            break;
+        }
     vulkan_finish(v);
     for (size_t at = offsetof(struct vulkan_renderer, splat_a); at < sizeof *r; at += sizeof(struct vulkan_buffer))
         vulkan_release(v, (struct vulkan_buffer *)((char *)r + at));
@@ -32,7 +37,10 @@ OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
     struct vulkan          *v = ctx->vulkan;
     *out                      = NULL;
     if (!r) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
-    r->v = v;
+    r->v         = v;
+    r->using     = -1;
+    r->next      = v->renderers;
+    v->renderers = r;
     vulkan_enter(v);
     vulkan_reserve(v, &r->view_buffer, 1, sizeof r->view, "views");
     vulkan_reserve(v, &r->counts, COUNTS, sizeof(uint32_t), "numbers");
@@ -135,15 +143,20 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     r->model_here = r->v->rc == OXL_OK;
 }
 
+OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r)
+{
+    for (size_t s = 0; s < r->slabs; s++) {
+        vulkan_reserve(r->v, &r->slab[s].first, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_reserve(r->v, &r->slab[s].second, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+    }
+}
+
 OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second)
 {
     if (r->moments_here && r->first == first && r->second == second) return;
     r->first  = first;
     r->second = second;
-    for (size_t s = 0; s < r->slabs; s++) {
-        vulkan_reserve(r->v, &r->slab[s].first, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
-        vulkan_reserve(r->v, &r->slab[s].second, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
-    }
+    vulkan_reserve_moments(r);
     vulkan_copy_model(r, first, 1);
     vulkan_copy_model(r, second, 1);
     r->moments_here = r->v->rc == OXL_OK;
@@ -191,6 +204,7 @@ OXL_INTERNAL int vulkan_has_photo(const void *device, int view)
     return (size_t)view < r->photo_capacity && r->photo[view].bytes.handle;
 }
 
+/* Each is an allocation, and a device may allow but 4096. */
 static void vulkan_send_photo(struct vulkan *v, const struct photo *photo, struct vulkan_photo *to)
 {
     const size_t pixels = (size_t)photo->width * (size_t)photo->height;
@@ -202,10 +216,32 @@ static void vulkan_send_photo(struct vulkan *v, const struct photo *photo, struc
     if (photo->mask) vulkan_upload(v, &to->bytes, to->mask_at, photo->mask, pixels);
 }
 
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v)
+{
+    size_t dropped = 0, bytes = 0;
+    if (vulkan_finish(v) != OXL_OK) return 0; /* commands under way may name them */
+    for (struct vulkan_renderer *r = v->renderers; r; r = r->next)
+        for (size_t i = 0; i < r->photo_capacity; i++) {
+            const size_t size = r->photo[i].bytes.size;
+            if (!r->photo[i].bytes.handle || (int)i == r->using) continue;
+            vulkan_release(v, &r->photo[i].bytes);
+            r->photo_bytes -= OXL_MIN(r->photo_bytes, size);
+            r->photos--;
+            dropped++, bytes += size;
+        }
+    v->photos = OXL_MIN(v->photos, bytes / 2); /* they are not to take what was just freed */
+    if (dropped)
+        oxl_log(v->ctx, OXL_LOG_WARNING,
+                "%s: no memory is left: %zu training images (%zu MiB) leave the device, %zu MiB may stay there",
+                v->properties.deviceName, dropped, bytes >> 20, v->photos >> 20);
+    return dropped;
+}
+
 /* A place to keep an image of so many bytes, or NULL: the first ones are kept, the others are uploaded at each use. */
 static struct vulkan_photo *vulkan_photo_place(struct vulkan_renderer *r, int view, size_t bytes)
 {
     const size_t wanted = (size_t)view + 1, more = wanted + wanted / 2;
+    if (r->v->budgets && vulkan_memory_left(r->v) / 2 < bytes) return NULL;
     if (r->photo_bytes + bytes > r->v->photos || r->photos >= r->v->properties.limits.maxMemoryAllocationCount / 2) return NULL;
     if (wanted > r->photo_capacity) {
         struct vulkan_photo *grown = oxl_regrow(r->v->ctx, r->photo, r->photo_capacity, more, sizeof *grown);
@@ -214,30 +250,60 @@ static struct vulkan_photo *vulkan_photo_place(struct vulkan_renderer *r, int vi
         r->photo          = grown;
         r->photo_capacity = more;
     }
-    r->photo_bytes += bytes;
-    r->photos++; /* each is an allocation, and a device may allow but 4096 */
     return &r->photo[view];
+}
+
+/* Room for the image comes first: after it nothing is allocated, so nothing is dropped. */
+static void vulkan_reserve_target(struct vulkan_renderer *r, size_t pixels)
+{
+    vulkan_reserve(r->v, &r->target, pixels, 12, "pixels");
+    if (r->masked) vulkan_reserve(r->v, &r->weight, pixels, 4, "pixels");
+}
+
+static struct vulkan_photo *vulkan_add_photo(struct vulkan_renderer *r, int view, const struct photo *photo,
+                                             struct vulkan_photo *passing)
+{
+    struct vulkan_photo *p = vulkan_photo_place(r, view, 4 * (size_t)photo->width * (size_t)photo->height);
+    if (p) {
+        vulkan_send_photo(r->v, photo, p);
+        r->photo_bytes += p->bytes.size;
+        r->photos += p->bytes.handle != VK_NULL_HANDLE;
+        return p;
+    }
+    passing->bytes = r->passing;
+    vulkan_send_photo(r->v, photo, passing);
+    r->passing = passing->bytes;
+    return passing;
 }
 
 OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct photo *photo, int halved)
 {
     struct vulkan_renderer *r       = device;
     struct vulkan          *v       = r->v;
-    struct vulkan_photo     passing = {.bytes = r->passing}, *p = vulkan_has_photo(r, view) ? &r->photo[view] : NULL;
-    size_t                  pixels;
+    struct vulkan_photo     passing = {0}, *p = vulkan_has_photo(r, view) ? &r->photo[view] : NULL;
+    const uint32_t          width = p ? p->width : (uint32_t)photo->width, height = p ? p->height : (uint32_t)photo->height;
+    r->target_pixels = (size_t)(width >> halved) * (size_t)(height >> halved);
+    r->masked        = p ? p->mask_at > 0 : photo->mask != NULL;
+    r->using         = view;
     vulkan_enter(v);
-    if (!p) {
-        p = vulkan_photo_place(r, view, 4 * (size_t)photo->width * (size_t)photo->height);
-        if (!p) p = &passing;
-        vulkan_send_photo(v, photo, p);
-        if (p == &passing) r->passing = passing.bytes;
-    }
-    pixels    = (size_t)(p->width >> halved) * (size_t)(p->height >> halved);
-    r->masked = p->mask_at > 0;
-    vulkan_reserve(v, &r->target, pixels, 12, "pixels");
-    if (r->masked) vulkan_reserve(v, &r->weight, pixels, 4, "pixels");
-    VULKAN_RUN(v, UNPACK, 0, vulkan_groups(pixels),
-               VULKAN_PUSH(p->width, p->height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
+    vulkan_reserve_target(r, r->target_pixels);
+    if (!p) p = vulkan_add_photo(r, view, photo, &passing);
+    VULKAN_RUN(v, UNPACK, 0, vulkan_groups(r->target_pixels),
+               VULKAN_PUSH(width, height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
                VULKAN_BUFFERS(&p->bytes, &r->target, &r->weight));
+    r->using = -1;
     return v->rc;
+}
+
+/* The image that was taken last, for the CPU that takes over. NULL: how many pixels alone. */
+OXL_INTERNAL size_t vulkan_target(void *device, float *rgb, float *weight, int *masked)
+{
+    struct vulkan_renderer *r = device;
+    *masked                   = r->masked;
+    if (r->target.size < 12 * r->target_pixels || (r->masked && r->weight.size < 4 * r->target_pixels)) return 0;
+    if (!rgb) return r->target_pixels;
+    vulkan_enter(r->v);
+    vulkan_download(r->v, &r->target, 0, rgb, 12 * r->target_pixels);
+    if (r->masked) vulkan_download(r->v, &r->weight, 0, weight, 4 * r->target_pixels);
+    return r->v->rc == OXL_OK ? r->target_pixels : 0;
 }

@@ -10,7 +10,7 @@ struct vulkan_slab {
 
 /* As shaders/view.glsl has it. */
 struct vulkan_view {
-    float    rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3];
+    float    rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3], alpha_min, cut;
     uint32_t width, height, tiles_x, tiles_y;
 };
 
@@ -22,23 +22,26 @@ struct vulkan_photo { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
 enum vulkan_count { COUNT_VISIBLE, COUNT_PAIRS, COUNT_SCRATCH, COUNT_ASIDE, COUNT_FIRST_ASIDE, COUNTS = 8 };
 
 struct vulkan_renderer {
-    struct vulkan       *v;
+    struct vulkan          *v;
+    struct vulkan_renderer *next; /* of v->renderers */
     /* whose model this is, and what of it is here */
-    oxl_model           *model, *first, *second; /* the host's; the last two since a step */
-    const float         *plane;                  /* the host's first one: another is another model */
-    size_t               count, lobes;
-    int                  sh_degree, bands; /* carried; evaluated */
-    int                  model_here, moments_here, stepped;
-    struct renderer_sums sums;
-    int                  observed; /* there are statistics here that the host has not got */
-    struct vulkan_slab  *slab;
-    size_t               slabs, slab_capacity;
-    uint32_t             stride;             /* rows of a slab */
-    uint32_t             planes, lobe_plane; /* of a slab; where the second lobe's begin */
+    oxl_model              *model, *first, *second; /* the host's; the last two since a step */
+    const float            *plane;                  /* the host's first one: another is another model */
+    size_t                  count, lobes;
+    int                     sh_degree, bands; /* carried; evaluated */
+    int                     model_here, moments_here, stepped;
+    struct renderer_sums    sums;
+    int                     observed; /* there are statistics here that the host has not got */
+    struct vulkan_slab     *slab;
+    size_t                  slabs, slab_capacity;
+    uint32_t                stride;             /* rows of a slab */
+    uint32_t                planes, lobe_plane; /* of a slab; where the second lobe's begin */
     /* images */
-    struct vulkan_photo *photo;                               /* (photo_capacity) by view, those that are here */
-    size_t               photo_capacity, photo_bytes, photos; /* photos: how many are here */
-    int                  masked;                              /* whether the one that was taken last is */
+    struct vulkan_photo    *photo;                               /* (photo_capacity) by view, those that are here */
+    size_t                  photo_capacity, photo_bytes, photos; /* photos: how many are here */
+    size_t                  target_pixels;                       /* of the image that was taken last */
+    int using;                                                   /* the view whose image is worked on: it stays; -1: none */
+    int                  masked;                                 /* whether the one that was taken last is */
     /* the last view */
     struct vulkan_view   view;
     size_t               tiles, pairs;
@@ -60,10 +63,12 @@ OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t sla
 OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_renderer *r, uint32_t plane);
 /* Sends the model, or its moments, unless they are there already. */
 OXL_INTERNAL void   vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m);
+OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
 OXL_INTERNAL oxl_result vulkan_fetch(void *device);
 OXL_INTERNAL int        vulkan_has_photo(const void *device, int view);
+OXL_INTERNAL size_t     vulkan_target(void *device, float *rgb, float *weight, int *masked);
 OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct photo *photo, int halved);
 
 #endif

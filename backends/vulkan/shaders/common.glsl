@@ -9,11 +9,9 @@ layout(local_size_x = 256) in;
 layout(constant_id = 0) const uint VARIANT = 0u; /* what each shader takes it for */
 
 const uint  TILE              = 16u;
-const float LOG2_255          = 7.9943534368588578;
 const float ALPHA_MAX         = 0.99;
 const float TRANSMITTANCE_MIN = 1e-4;
 const float TRANSMITTANCE_MAX = 16.0;
-const float ALPHA_MIN         = 1.0 / 255.0;
 const float LOW_PASS          = 0.3;
 const float LOG2_E            = 1.4426950408889634;
 const float LN_2              = 0.6931471805599453;

@@ -39,7 +39,7 @@ Contour contour_of(vec2 c, vec4 shape, vec2 box) /* shape: a k e peak */
     o.e       = shape.z;
     o.half_x  = box.x;
     o.half_y  = box.y;
-    o.r       = (shape.w + LOG2_255) * 1.0001 + 0.001;
+    o.r       = (shape.w + view.cut) * 1.0001 + 0.001;
     o.extreme = o.k * o.r / (o.e * o.half_x);
     o.slack   = 0.001 + 1e-5 * o.half_x;
     return o;

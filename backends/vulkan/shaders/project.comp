@@ -25,7 +25,7 @@ struct Shape {
 Shape shape_of(Geometry g, float peak)
 {
     Shape s;
-    s.reach    = (peak + LOG2_255) * 2.0 * LN_2;
+    s.reach    = (peak + view.cut) * 2.0 * LN_2;
     float safe = max(s.reach, 0.0);
     s.half_x   = sqrt(safe * g.xx / g.shrink2) * 1.0001 + 0.001;
     s.half_y   = sqrt(safe * g.yy / g.shrink2) * 1.0001 + 0.001;

@@ -67,7 +67,7 @@ Share share_of(uint n, vec2 pixel, float t)
 {
     Share p;
     bool  lobed = LOBED == 1 && batch_place[n].w != 0.0;
-    p.value     = value_of(batch_shape[n], batch_place[n].xy, lobed ? -120.0 : -LOG2_255, pixel);
+    p.value     = value_of(batch_shape[n], batch_place[n].xy, lobed ? -120.0 : -view.cut, pixel);
     p.lobe      = 0.0;
     p.alpha     = p.value;
 #if LOBED
@@ -75,7 +75,7 @@ Share share_of(uint n, vec2 pixel, float t)
         p.lobe              = value_of(batch_lobe[n], batch_place[n].xy, -120.0, pixel);
         precise float alpha = p.value - p.lobe;
         float         room  = t < TRANSMITTANCE_MAX ? abs(alpha) : alpha;
-        p.alpha             = room >= ALPHA_MIN ? alpha : 0.0;
+        p.alpha             = room >= view.alpha_min ? alpha : 0.0;
     }
 #endif
     precise float next = fma(-p.alpha, t, t);
