@@ -144,8 +144,9 @@ $(BUILD)/oracle: SOURCE = tests/oracle.c
 $(BUILD)/bench: SOURCE = bench/bench.c
 $(BUILD)/bench_device: SOURCE = bench/device.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
-$(BUILD)/oracle $(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters: tests/oracle.c bench/bench.c \
-  bench/device.c bench/cost.c tests/extremes.c bench/floaters.c $(BUILD)/flags
+$(BUILD)/vulkan_compile: SOURCE = tests/vulkan_compile.c
+$(BUILD)/oracle $(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters $(BUILD)/vulkan_compile: \
+  tests/oracle.c bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c tests/vulkan_compile.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*

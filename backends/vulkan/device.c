@@ -124,17 +124,18 @@ static VkResult vulkan_make_instance(struct vulkan *v, const VkDebugUtilsMesseng
                                                       .pNext                         = listen,
                                                       .enabledValidationFeatureCount = gpu ? 2u : 1u,
                                                       .pEnabledValidationFeatures    = gpu ? more : &sync};
-    const VkApplicationInfo            application = {
-                   .sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .pApplicationName = "oceanxl", .apiVersion = VK_API_VERSION_1_0};
-    struct vulkan_extensions extensions = {0};
-    VkInstanceCreateInfo     info       = {.sType                   = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
-                                           .pNext                   = v->validates ? &features : NULL,
-                                           .flags                   = vulkan_instance_extensions(v, &extensions),
-                                           .pApplicationInfo        = &application,
-                                           .enabledLayerCount       = v->validates ? 1u : 0u,
-                                           .ppEnabledLayerNames     = &VULKAN_VALIDATION,
-                                           .ppEnabledExtensionNames = extensions.name};
-    VkResult                 result;
+    const VkApplicationInfo            application = {.sType            = VK_STRUCTURE_TYPE_APPLICATION_INFO,
+                                                      .pApplicationName = "oceanxl",
+                                                      .apiVersion       = gpu ? VK_API_VERSION_1_1 : VK_API_VERSION_1_0};
+    struct vulkan_extensions           extensions  = {0};
+    VkInstanceCreateInfo               info        = {.sType                   = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
+                                                      .pNext                   = v->validates ? &features : NULL,
+                                                      .flags                   = vulkan_instance_extensions(v, &extensions),
+                                                      .pApplicationInfo        = &application,
+                                                      .enabledLayerCount       = v->validates ? 1u : 0u,
+                                                      .ppEnabledLayerNames     = &VULKAN_VALIDATION,
+                                                      .ppEnabledExtensionNames = extensions.name};
+    VkResult                           result;
     if (v->validates) extensions.name[extensions.enabled++] = VK_EXT_DEBUG_UTILS_EXTENSION_NAME; /* the layer's own */
     info.enabledExtensionCount = extensions.enabled;
     result                     = v->CreateInstance(&info, NULL, &v->instance);
@@ -296,31 +297,23 @@ static void vulkan_device_extensions(struct vulkan *v, struct vulkan_extensions 
         v->properties2 && v->GetPhysicalDeviceMemoryProperties2KHR && vulkan_enable(e, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
 }
 
-static oxl_result vulkan_open_device(struct vulkan *v)
+static oxl_result vulkan_create_device(struct vulkan *v)
 {
     VkQueueFamilyProperties family[64];
-    uint32_t                count = OXL_COUNT(family), chosen = 0;
+    uint32_t                count    = OXL_COUNT(family);
     const float             priority = 1;
     VkDeviceQueueCreateInfo queue    = {
            .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority};
-    struct vulkan_extensions         extensions = {0};
-    VkDeviceCreateInfo               info       = {.sType                   = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
-                                                   .queueCreateInfoCount    = 1,
-                                                   .pQueueCreateInfos       = &queue,
-                                                   .ppEnabledExtensionNames = extensions.name};
-    VkCommandPoolCreateInfo          pool       = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
-    VkCommandBufferAllocateInfo      commands   = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
-                                                   .level              = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-                                                   .commandBufferCount = VULKAN_COMMANDS};
-    const VkFenceCreateInfo          fence      = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
-    const VkDescriptorPoolSize       size       = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
-    const VkDescriptorPoolCreateInfo sets       = {
-              .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = VULKAN_SETS, .poolSizeCount = 1, .pPoolSizes = &size};
+    struct vulkan_extensions extensions = {0};
+    VkDeviceCreateInfo       info       = {.sType                   = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
+                                           .queueCreateInfoCount    = 1,
+                                           .pQueueCreateInfos       = &queue,
+                                           .ppEnabledExtensionNames = extensions.name};
     v->GetPhysicalDeviceQueueFamilyProperties(v->physical, &count, family);
-    while (chosen < count && !(family[chosen].queueFlags & VK_QUEUE_COMPUTE_BIT)) chosen++;
-    if (chosen == count)
+    while (v->family < count && !(family[v->family].queueFlags & VK_QUEUE_COMPUTE_BIT)) v->family++;
+    if (v->family == count)
         return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s cannot compute\nfix: --backend cpu", v->properties.deviceName);
-    queue.queueFamilyIndex = pool.queueFamilyIndex = chosen;
+    queue.queueFamilyIndex = v->family;
     vulkan_device_extensions(v, &extensions);
     info.enabledExtensionCount = extensions.enabled;
     vulkan_ok(v, v->CreateDevice(v->physical, &info, NULL, &v->device), v->properties.deviceName);
@@ -329,7 +322,20 @@ static oxl_result vulkan_open_device(struct vulkan *v)
 #define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetDeviceProcAddr(v->device, "vk" #name);
     VULKAN_OF_DEVICE(VULKAN_FIND)
 #undef VULKAN_FIND
-    v->GetDeviceQueue(v->device, chosen, 0, &v->queue);
+    return OXL_OK;
+}
+
+static oxl_result vulkan_create_pools(struct vulkan *v)
+{
+    const VkCommandPoolCreateInfo    pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO, .queueFamilyIndex = v->family};
+    VkCommandBufferAllocateInfo      commands = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                                 .level              = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                                 .commandBufferCount = VULKAN_COMMANDS};
+    const VkFenceCreateInfo          fence    = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    const VkDescriptorPoolSize       size     = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
+    const VkDescriptorPoolCreateInfo sets     = {
+            .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = VULKAN_SETS, .poolSizeCount = 1, .pPoolSizes = &size};
+    v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
     if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &v->command_pool), "a command pool")) return v->rc;
     commands.commandPool = v->command_pool;
     if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, v->command), "a command buffer") &&
@@ -351,7 +357,8 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
     rc     = vulkan_start(v);
     if (rc == OXL_OK) rc = vulkan_choose(v, device, any);
     if (rc == OXL_OK) rc = vulkan_check(v);
-    if (rc == OXL_OK) rc = vulkan_open_device(v);
+    if (rc == OXL_OK) rc = vulkan_create_device(v);
+    if (rc == OXL_OK) rc = vulkan_create_pools(v);
     if (rc == OXL_OK) {
         v->photos = vulkan_memory_left(v) / VULKAN_PHOTO_SHARE;
         vulkan_create(v, &v->staging, VULKAN_STAGING, 1);

@@ -117,6 +117,7 @@ struct vulkan {
     VkPhysicalDeviceMemoryProperties memory;
     VkDevice                         device;
     VkQueue                          queue;
+    uint32_t                         family; /* of the queue */
     VkCommandPool                    command_pool;
     VkCommandBuffer                  commands, command[VULKAN_COMMANDS]; /* the one that is recorded; all of them */
     int                              command_at;                         /* submissions that nobody waited for yet */
