@@ -42,7 +42,7 @@ static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]            
                                                       [PASS_LOSS_TOTAL]         = "loss total",
                                                       [PASS_LOSS_BACKWARD]      = "loss backward",
                                                       [PASS_PROJECT_BACKWARD]   = "project backward",
-                                                      [PASS_ADAM]               = "Adam",
+                                                      [PASS_STEP]               = "Adam",
                                                       [PASS_OBSERVE]            = "observe",
                                                       [PASS_SCORE]              = "score",
                                                       [PASS_UNPACK]             = "unpack",
@@ -196,7 +196,7 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;
         printf("  %-18s %9.3f ms %5.1f %%", DEVICE_PASSES[p], 1e3 * each, 100 * v->pass_seconds[p] / all);
-        if (p == PASS_ADAM) printf("   %.1f GB/s, %.0f %% of a copy", 7e-9 * touched / each, 7e-7 * touched / each / most->copy);
+        if (p == PASS_STEP) printf("   %.1f GB/s, %.0f %% of a copy", 7e-9 * touched / each, 7e-7 * touched / each / most->copy);
         if (p == PASS_PROJECT)
             printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each, 1e-7 * touched / each / most->copy);
         if (p == PASS_RASTER) device_arithmetic(most, DEVICE_FORWARD, each);

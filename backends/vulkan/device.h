@@ -15,7 +15,7 @@
 
 #define VULKAN_GROUP      256u           /* invocations a workgroup, as in shaders/common.glsl */
 #define VULKAN_BLOCK      2048u          /* numbers that a workgroup scans or sorts */
-#define VULKAN_SLAB_ROWS  (1u << 18)     /* rows of a slab, at most: 66 MB of all planes */
+#define VULKAN_SLAB_ROWS  (1u << 20)     /* rows of a slab, at most: 264 MB of all planes */
 #define VULKAN_STAGING    (16u << 20)    /* bytes of the buffer between host and device */
 #define VULKAN_SETS       1024           /* passes of a submission, at most */
 #define VULKAN_BINDINGS   15             /* of a pass, at most */
@@ -72,7 +72,7 @@ enum vulkan_pass {
     PASS_LOSS_TOTAL,
     PASS_LOSS_BACKWARD,
     PASS_PROJECT_BACKWARD,
-    PASS_ADAM,
+    PASS_STEP,
     PASS_OBSERVE,
     PASS_SCORE,
     PASS_UNPACK,

@@ -194,8 +194,6 @@ static void vulkan_reserve_step(struct vulkan_renderer *r)
     vulkan_reserve(r->v, &r->mean2d, r->count, 4, "Gaussians");
     vulkan_reserve(r->v, &r->statistics, r->count, 16, "Gaussians");
     vulkan_reserve_moments(r);
-    for (size_t s = 0; s < r->slabs; s++)
-        vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
 }
 
 static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
@@ -300,18 +298,9 @@ static void vulkan_take_drgb(struct vulkan_renderer *r, const float *drgb)
 static oxl_result vulkan_backward(void *device, const float *drgb)
 {
     struct vulkan_renderer *r = device;
-    uint32_t                push[6];
     vulkan_enter(r->v);
     if (drgb) vulkan_take_drgb(r, drgb);
     vulkan_draw_backward(r, 0);
-    vulkan_reserve(r->v, &r->mean2d, r->count, 4, "Gaussians");
-    for (size_t s = 0; s < r->slabs; s++) {
-        vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
-        vulkan_row_push(r, s, push);
-        VULKAN_RUN(r->v, PROJECT_BACKWARD, 0, vulkan_groups(push[1]), push,
-                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
-                                  &r->sums_c, &r->sums_d, &r->sums_e, &r->slab[s].gradient, &r->mean2d));
-    }
     return r->v->rc;
 }
 
@@ -326,12 +315,27 @@ static void vulkan_fetch_plane(struct vulkan_renderer *r, size_t slab, uint32_t 
         if (!seen[i]) out[i] = 0;
 }
 
+/* A step has no use for the gradient as such (project_backward.comp). */
+static void vulkan_project_backward(struct vulkan_renderer *r)
+{
+    uint32_t push[6];
+    vulkan_reserve(r->v, &r->mean2d, r->count, 4, "Gaussians");
+    for (size_t s = 0; s < r->slabs; s++) {
+        vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_row_push(r, s, push);
+        VULKAN_RUN(r->v, PROJECT_BACKWARD, 0, vulkan_groups(push[1]), push,
+                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
+                                  &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].gradient));
+    }
+}
+
 static oxl_result vulkan_gradient(void *device, oxl_model *gradient)
 {
     struct vulkan_renderer *r    = device;
     uint32_t               *seen = oxl_alloc(r->v->ctx, r->count + 1, sizeof *seen);
     if (!seen) return oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for a gradient");
     vulkan_enter(r->v);
+    vulkan_project_backward(r);
     vulkan_download(r->v, &r->seen, 0, seen, r->count * sizeof *seen);
     for (size_t s = 0; s < r->slabs; s++)
         for (uint32_t k = 0; k < r->planes; k++) vulkan_fetch_plane(r, s, k, seen, vulkan_host_plane(gradient, r, k));
@@ -366,7 +370,6 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     struct vulkan          *v          = r->v;
     const double            correction = 1 - vecmath_exp(pace->step * vecmath_log(pace->beta[0]));
     const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(pace->step * vecmath_log(pace->beta[1]))));
-    const uint32_t          planes     = (uint32_t)(OXL_SH + 3 * (r->bands + 1) * (r->bands + 1));
     float                   rate[OXL_PLANES];
     uint32_t                aside[2] = {0, UINT32_MAX}, push[6];
     vulkan_enter(v);
@@ -374,14 +377,16 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
         rate[k] = (float)(pace->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
     if (r->model != model) v->rc = oxl_fail(v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
     vulkan_take_moments(r, first, second);
+    vulkan_reserve(v, &r->mean2d, r->count, 4, "Gaussians");
     vulkan_update(v, &r->rates, 0, rate, r->planes * sizeof *rate);
     vulkan_update(v, &r->counts, COUNT_ASIDE * sizeof *aside, aside, sizeof aside);
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
-        VULKAN_RUN(v, ADAM, 0, vulkan_groups(push[1]),
-                   VULKAN_PUSH(push[0], push[1], push[2], planes, push[4], push[5], COUNT_ASIDE,
+        VULKAN_RUN(v, STEP, 0, vulkan_groups(push[1]),
+                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], COUNT_ASIDE,
                                vulkan_bits((float)pace->beta[0]), vulkan_bits((float)pace->beta[1]), vulkan_bits(inverse)),
-                   VULKAN_BUFFERS(&r->slab[s].parameter, &r->slab[s].gradient, &r->slab[s].first, &r->slab[s].second, &r->seen,
+                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
+                                  &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first, &r->slab[s].second,
                                   &r->counts, &r->rates));
     }
     r->stepped = 1;

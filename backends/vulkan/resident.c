@@ -89,9 +89,10 @@ static void vulkan_reserve_slabs(struct vulkan_renderer *r)
 {
     struct vulkan *v      = r->v;
     const size_t   wanted = (r->count + v->slab_rows - 1) / v->slab_rows;
-    r->stride             = (uint32_t)(wanted > 1 ? v->slab_rows : (r->count + VULKAN_GROUP - 1) / VULKAN_GROUP * VULKAN_GROUP);
-    r->lobe_plane         = (uint32_t)(OXL_SH + 3 * (r->sh_degree + 1) * (r->sh_degree + 1));
-    r->planes             = r->lobe_plane + (r->lobes ? MODEL_LOBE_PLANES : 0);
+    r->stride = (uint32_t)((r->count + OXL_MAX(wanted, (size_t)1) - 1) / OXL_MAX(wanted, (size_t)1) + VULKAN_GROUP - 1) /
+                VULKAN_GROUP * VULKAN_GROUP;
+    r->lobe_plane = (uint32_t)(OXL_SH + 3 * (r->sh_degree + 1) * (r->sh_degree + 1));
+    r->planes     = r->lobe_plane + (r->lobes ? MODEL_LOBE_PLANES : 0);
     if (wanted > r->slab_capacity) {
         struct vulkan_slab *more = oxl_regrow(v->ctx, r->slab, r->slab_capacity, wanted, sizeof *more);
         if (!more) v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory for %zu slabs", wanted);

@@ -51,6 +51,7 @@ emit() {
             for batch in 4 8 16; do build "${base}_$batch" -DBATCH=$batch -DLOBED=0; done
             for batch in 4 8; do build "${base}_${batch}_LOBED" -DBATCH=$batch -DLOBED=1; done
             ;;
+        PROJECT_BACKWARD) build "$base" -DSTEP=0 && build STEP -DSTEP=1 ;;
         *) build "$base" ;;
         esac
     done
