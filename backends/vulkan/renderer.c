@@ -228,15 +228,12 @@ static oxl_result vulkan_image(void *device, int depths, float *rgb)
 
 static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int masked)
 {
-    struct vulkan *v       = r->v;
-    uint32_t       push[6] = {r->view.width, r->view.height, 0, (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)masked};
-    for (push[2] = 0; push[2] < 3; push[2]++)
-        VULKAN_RUN(v, LOSS_FORWARD, 0, r->tiles, push,
-                   VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[push[2]], &r->partial));
-    VULKAN_RUN(v, LOSS_TOTAL, 0, 1, VULKAN_PUSH(3 * (uint32_t)r->tiles), VULKAN_BUFFERS(&r->partial, &r->totals));
-    for (push[2] = 0; push[2] < 3; push[2]++)
-        VULKAN_RUN(v, LOSS_BACKWARD, 0, r->tiles, push,
-                   VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[push[2]], &r->totals, &r->drgb));
+    const uint32_t push[5] = {r->view.width, r->view.height, (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)masked};
+    VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
+               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->partial));
+    VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, VULKAN_PUSH(3 * (uint32_t)r->tiles), VULKAN_BUFFERS(&r->partial, &r->totals));
+    VULKAN_RUN(r->v, LOSS_BACKWARD, 0, 3 * r->tiles, push,
+               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->totals, &r->drgb));
 }
 
 static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out)

@@ -1,4 +1,4 @@
-/* loss_forward.comp - |x - y|, SSIM and its derivatives, not yet divided by how many count. One dispatch a channel. */
+/* loss_forward.comp - |x - y|, SSIM and its derivatives, not yet divided by how many count. */
 #version 450
 #include "common.glsl"
 #include "loss.glsl"
@@ -6,8 +6,10 @@
 layout(std430, binding = 0) readonly buffer Rgb { float rgb[]; };       /* (3,H,W) drawn */
 layout(std430, binding = 1) readonly buffer Target { float target[]; }; /* (3,H,W) training image */
 layout(std430, binding = 2) readonly buffer Weight { float weight[]; }; /* (H,W), read when masked */
-layout(std430, binding = 3) writeonly buffer Slope { float slope[]; };  /* (3,H,W) of SSIM in the blurred x, x^2 + y^2, xy */
-layout(std430, binding = 4) writeonly buffer Partial { float partial[]; }; /* (3,tiles,5) see loss_total.comp */
+layout(std430, binding = 3) writeonly buffer Slope0 { float slope0[]; }; /* by channel: (3,H,W) of SSIM in the blurred x, x^2 + y^2, */
+layout(std430, binding = 4) writeonly buffer Slope1 { float slope1[]; }; /* xy; apart, as no array is to be larger than an image */
+layout(std430, binding = 5) writeonly buffer Slope2 { float slope2[]; };
+layout(std430, binding = 6) writeonly buffer Partial { float partial[]; }; /* (3,tiles,5) see loss_total.comp */
 
 shared float x[REACH * REACH], y[REACH * REACH];
 const uint ALONG = REACH * 16u;
@@ -64,17 +66,24 @@ float ssim_of(float m[4], out vec3 d)
     return ssim;
 }
 
+void slope_put(uint channel, uint at, float value)
+{
+    if (channel == 0u) slope0[at] = value;
+    else if (channel == 1u) slope1[at] = value;
+    else slope2[at] = value;
+}
+
 void main()
 {
-    uint i = gl_LocalInvocationIndex, tile = work_group(), plane = push.width * push.height;
-    if (tile >= push.tiles) return;
+    uint i = gl_LocalInvocationIndex, channel = loss_channel(), plane = push.width * push.height;
+    if (channel >= 3u) return;
     ivec2 origin = reach_at(), at = origin + ivec2(i % 16u, i / 16u) + int(HALF);
     bool  inside = in_image(at), counts = whole_window(i, origin) && inside;
     for (uint k = i; k < REACH * REACH; k += 256u) {
         ivec2 p = origin + ivec2(k % REACH, k / REACH);
         bool  in_ = in_image(p);
-        x[k] = in_ ? rgb[push.channel * plane + pixel_index(p)] : 0.0;
-        y[k] = in_ ? target[push.channel * plane + pixel_index(p)] : 0.0;
+        x[k] = in_ ? rgb[channel * plane + pixel_index(p)] : 0.0;
+        y[k] = in_ ? target[channel * plane + pixel_index(p)] : 0.0;
     }
     barrier();
     uint  centre = (i / 16u + HALF) * REACH + i % 16u + HALF;
@@ -84,7 +93,7 @@ void main()
     if (push.ssim_weight > 0.0) {
         blur(i, m);
         ssim = ssim_of(m, d);
-        for (uint k = 0u; k < 3u && inside; k++) slope[k * plane + pixel_index(at)] = counts ? d[k] : 0.0;
+        for (uint k = 0u; k < 3u && inside; k++) slope_put(channel, k * plane + pixel_index(at), counts ? d[k] : 0.0);
     }
     barrier(); /* nobody reads `along` any more */
     along[0 + i] = w * abs(difference);
@@ -97,5 +106,5 @@ void main()
         for (uint k = 0u; k < 5u && i < half_; k++) along[256u * k + i] += along[256u * k + i + half_];
     }
     if (i == 0u)
-        for (uint k = 0u; k < 5u; k++) partial[(push.channel * push.tiles + tile) * 5u + k] = along[256u * k];
+        for (uint k = 0u; k < 5u; k++) partial[work_group() * 5u + k] = along[256u * k];
 }
