@@ -70,9 +70,10 @@ static const char *const VULKAN_VALIDATION = "VK_LAYER_KHRONOS_validation";
 /* The validation layer is for those who change this file: OXL_VULKAN_VALIDATE=1, and installed. */
 static int vulkan_validates(struct vulkan *v)
 {
+    const char       *mode = getenv("OXL_VULKAN_VALIDATE");
     VkLayerProperties layer[64];
     uint32_t          count = OXL_COUNT(layer);
-    if (!getenv("OXL_VULKAN_VALIDATE") || !v->EnumerateInstanceLayerProperties) return 0;
+    if (!mode || strcmp(mode, "0") == 0 || !v->EnumerateInstanceLayerProperties) return 0;
     if (v->EnumerateInstanceLayerProperties(&count, layer) < 0) return 0;
     for (uint32_t i = 0; i < count; i++)
         if (strcmp(layer[i].layerName, VULKAN_VALIDATION) == 0) return 1;
