@@ -13,9 +13,9 @@ build=${BUILD:-build/first_hour}
 log=$build/first_hour.log
 failed=0
 if [ -n "${SMALL:-}" ]; then
-    sizes='2000:160:90 8000:320:180' variants=8000:320:180 share=120 iterations=60 views=8
+    sizes='2000:160:90 8000:320:180' variants=8000:320:180 share=240 iterations=60 views=8 building=900
 else
-    sizes='30000:640:360 300000:1280:720 1000000:1920:1080 4000000:3840:2160' variants=1000000:1920:1080 share=60 iterations=600 views=24
+    sizes='30000:640:360 300000:1280:720 1000000:1920:1080 4000000:3840:2160' variants=1000000:1920:1080 share=60 iterations=600 views=24 building=240
 fi
 
 run() { # SECONDS COMMAND...
@@ -58,7 +58,7 @@ echo "# First hour on a GPU"
 echo
 echo "OceanXL $(sed -n 's/^#define OXL_VERSION "\(.*\)"/\1/p' oceanxl.h), $(git rev-parse --short HEAD 2>/dev/null || echo 'no git'), $(uname -srm)."
 echo
-run 300 make -j"$(nproc)" VULKAN=1 BUILD="$build" CFLAGS='-O2 -g' "$build/oceanxl" "$build/bench_device" "$build/test" || { echo "the build failed, see $log"; exit 1; }
+run $building make -j"$(nproc)" VULKAN=1 BUILD="$build" CFLAGS='-O2 -g' "$build/oceanxl" "$build/bench_device" "$build/test" || { echo "the build failed, see $log"; exit 1; }
 echo '## Devices'
 echo
 echo '```'

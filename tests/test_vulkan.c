@@ -163,8 +163,7 @@ static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
         vulkan_reserve(v, &r->row_key[k], n + 1, 4, "keys");
         vulkan_reserve(v, &r->row_value[k], n + 1, 4, "keys");
     }
-    vulkan_reserve(v, &r->histogram, 16 * vulkan_blocks(n + 9000), 4, "keys");
-    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(16 * vulkan_blocks(n + 9000)) + 1, 4, "keys");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(n + 9000), 4, "keys");
     if (n) vulkan_upload(v, &r->row_key[0], 0, host, 4 * n);
     for (size_t i = 0; i < n; i++) got[i] = (uint32_t)i;
     if (n) vulkan_upload(v, &r->row_value[0], 0, got, 4 * n);

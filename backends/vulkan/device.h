@@ -24,6 +24,8 @@
 #define VULKAN_PART       (1u << 19)     /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 enum {
     VULKAN_VARIANTS    = 4,
+    VULKAN_DIGIT       = 8, /* bits of a digit, of the sort */
+    VULKAN_DIGITS      = 256,
     VULKAN_COMMANDS    = 64,  /* submissions without a wait in between, at most */
     VULKAN_PARTS       = 24,  /* of an image, at most */
     VULKAN_ASKED       = 128, /* pieces that the host waits for at a time */

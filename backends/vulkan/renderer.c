@@ -31,12 +31,13 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
 {
     const size_t blocks = vulkan_blocks(most);
     int          at     = 0;
-    for (uint32_t shift = 0; shift < bits; shift += 4, at ^= 1) {
+    for (uint32_t shift = 0; shift < bits && blocks > 0; shift += VULKAN_DIGIT, at ^= 1) {
         const uint32_t push[3] = {slot, shift, (uint32_t)blocks};
         VULKAN_RUN(r->v, SORT_COUNT, 0, blocks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
-        vulkan_scan(r, &r->histogram, 16 * blocks, COUNT_SCRATCH);
+        VULKAN_RUN(r->v, SCAN, 3, 1u << VULKAN_DIGIT, VULKAN_PUSH((uint32_t)blocks, 0),
+                   VULKAN_BUFFERS(&r->histogram, &r->counts, &r->digits));
         VULKAN_RUN(r->v, SORT_SCATTER, 0, blocks, push,
-                   VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &key[at ^ 1], &value[at], &value[at ^ 1]));
+                   VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &r->digits, &key[at ^ 1], &value[at], &value[at ^ 1]));
     }
     return at;
 }
@@ -109,7 +110,7 @@ static void vulkan_order_rows(struct vulkan_renderer *r)
     vulkan_scan(r, &r->rank, r->count, COUNT_VISIBLE);
     VULKAN_RUN(v, COMPACT, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
                VULKAN_BUFFERS(&r->seen, &r->rank, &r->splat_c, &r->row_key[0], &r->row_value[0]));
-    vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32); /* 8 passes: they end where they began */
+    vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32); /* 4 digits: it ends where it began */
     vulkan_footprint(r, 0);
     vulkan_scan(r, &r->row_pairs, r->count, COUNT_PAIRS);
     vulkan_download(v, &r->counts, COUNT_PAIRS * sizeof pairs, &pairs, sizeof pairs);
@@ -129,8 +130,7 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
         vulkan_reserve(v, &r->pair_value[k], r->pairs, 4, "(tile, splat) pairs");
     }
     vulkan_reserve(v, &r->staged, r->pairs, 8, "(tile, splat) pairs");
-    vulkan_reserve(v, &r->histogram, 16 * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
-    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(16 * vulkan_blocks(r->pairs)), 4, "(tile, splat) pairs");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
     vulkan_footprint(r, 1);
     r->sort_end = vulkan_sort(r, r->pair_key, r->pair_value, COUNT_PAIRS, r->pairs, bits);
     VULKAN_RUN(v, RANGES, 0, vulkan_groups(r->tiles + 1), VULKAN_PUSH((uint32_t)r->pairs, (uint32_t)r->tiles),

@@ -44,6 +44,7 @@ OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
     vulkan_enter(v);
     vulkan_reserve(v, &r->view_buffer, 1, sizeof r->view, "views");
     vulkan_reserve(v, &r->counts, COUNTS, sizeof(uint32_t), "numbers");
+    vulkan_reserve(v, &r->digits, VULKAN_DIGITS, sizeof(uint32_t), "numbers");
     vulkan_reserve(v, &r->rates, OXL_PLANES, sizeof(float), "numbers");
     vulkan_reserve(v, &r->totals, 5, sizeof(float), "numbers");
     if (v->rc == OXL_OK) *out = r;
@@ -123,8 +124,8 @@ static void vulkan_reserve_rows(struct vulkan_renderer *r)
     }
     if (r->lobes) vulkan_reserve(v, &r->lobe_a, r->lobes, 16, "second lobes");
     if (r->lobes) vulkan_reserve(v, &r->lobe_b, r->lobes, 16, "second lobes");
-    vulkan_reserve(v, &r->histogram, 16 * vulkan_blocks(n), 4, "Gaussians");
-    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(OXL_MAX(n, 16 * vulkan_blocks(n))), 4, "Gaussians");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(n), 4, "Gaussians");
+    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "Gaussians");
 }
 
 /* The model, unless it is here already. */

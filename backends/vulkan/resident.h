@@ -54,7 +54,7 @@ struct vulkan_renderer {
     /* by tile or pixel */
     struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing; /* passing: an image that is not kept */
     /* small, or of sorting and scanning */
-    struct vulkan_buffer view_buffer, counts, rates, totals, histogram, scan_sums;
+    struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums;
 };
 
 OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out);
