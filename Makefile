@@ -146,8 +146,9 @@ $(BUILD)/cost: SOURCE = bench/cost.c
 $(BUILD)/bench: SOURCE = bench/bench.c
 $(BUILD)/bench_device: SOURCE = bench/device.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
-$(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters: bench/bench.c \
-  bench/device.c bench/cost.c tests/extremes.c bench/floaters.c $(BUILD)/flags
+$(BUILD)/vulkan_compile: SOURCE = tests/vulkan_compile.c
+$(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters $(BUILD)/vulkan_compile: \
+  bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c tests/vulkan_compile.c $(BUILD)/flags
 	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*

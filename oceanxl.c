@@ -55,7 +55,11 @@
 #include "src/render/adam.c"     /* the step that follows the gradient */
 #include "src/render/renderer.c" /* the chain of the five above behind one door */
 #ifdef OXL_VULKAN
-#include "backends/vulkan/vulkan.c" /* the same on a Vulkan device; in no build but make VULKAN=1 */
+#include "backends/vulkan/device.c"   /* loader, instance, device; in no build but make VULKAN=1 */
+#include "backends/vulkan/memory.c"   /* buffers, and how much memory there is for them */
+#include "backends/vulkan/passes.c"   /* commands, compute shaders */
+#include "backends/vulkan/resident.c" /* what stays on the device between steps */
+#include "backends/vulkan/renderer.c" /* the renderer's functions as passes */
 #endif
 #include "src/render/backend.c" /* which of the two draws */
 

@@ -1,11 +1,12 @@
 /* device.c - a training step on a Vulkan device: iterations a second, and where the device's time goes.
  *
- *     make bench VULKAN=1 BACKEND=vulkan [BENCH="GAUSSIANS WIDTH HEIGHT [DEVICE]"]
+ *     make bench VULKAN=1 BACKEND=vulkan [BENCH="GAUSSIANS WIDTH HEIGHT [DEVICE [cpu]]"]
  *
  * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the device's own (timestamps);
  * those of the step are the host's and hold the waiting. The photograph is on the device, as in training.
  * Bandwidth is read against a copy between two of the device's buffers, arithmetic against multiply-adds in registers, both taken in
- * the same run. Evaluations are those of bench.c: the pixels of the blocks that the footprints ask for, pixel by pixel and splat by splat.
+ * the same run. Waits of the host, dispatches and bytes sent are counted over the measured steps. cpu: the same steps by the CPU, too, which
+ * at 4 million Gaussians takes minutes; it counts the evaluations, without it 256 a pair are taken. Evaluations are those of bench.c: the pixels of the blocks that the footprints ask for, pixel by pixel and splat by splat.
  */
 #include "../oceanxl.c"
 
@@ -27,28 +28,34 @@ enum {
     DEVICE_BACKWARD = DEVICE_SHARE + 12 + 14 /* raster_backward.comp: the first room, the second */
 };
 
-static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]          = "project",
-                                                      [PASS_SCAN]             = "scan",
-                                                      [PASS_COMPACT]          = "compact",
-                                                      [PASS_SORT_COUNT]       = "sort, count",
-                                                      [PASS_SORT_SCATTER]     = "sort, scatter",
-                                                      [PASS_FOOTPRINT]        = "footprint",
-                                                      [PASS_RANGES]           = "ranges",
-                                                      [PASS_RASTER]           = "raster",
-                                                      [PASS_RASTER_BACKWARD]  = "raster backward",
-                                                      [PASS_LOSS_FORWARD]     = "loss forward",
-                                                      [PASS_LOSS_TOTAL]       = "loss total",
-                                                      [PASS_LOSS_BACKWARD]    = "loss backward",
-                                                      [PASS_PROJECT_BACKWARD] = "project backward",
-                                                      [PASS_ADAM]             = "Adam",
-                                                      [PASS_OBSERVE]          = "observe",
-                                                      [PASS_SCORE]            = "score",
-                                                      [PASS_UNPACK]           = "unpack",
-                                                      [PASS_PEAK]             = "peak"};
+static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]            = "project",
+                                                      [PASS_SCAN]               = "scan",
+                                                      [PASS_COMPACT]            = "compact",
+                                                      [PASS_SORT_COUNT]         = "sort, count",
+                                                      [PASS_SORT_SCATTER]       = "sort, scatter",
+                                                      [PASS_FOOTPRINT]          = "footprint",
+                                                      [PASS_RANGES]             = "ranges",
+                                                      [PASS_RASTER]             = "raster",
+                                                      [PASS_RASTER_BACKWARD_4]  = "raster backward",
+                                                      [PASS_RASTER_BACKWARD_8]  = "raster backward",
+                                                      [PASS_RASTER_BACKWARD_16] = "raster backward",
+                                                      [PASS_LOSS_FORWARD]       = "loss forward",
+                                                      [PASS_LOSS_TOTAL]         = "loss total",
+                                                      [PASS_LOSS_BACKWARD]      = "loss backward",
+                                                      [PASS_PROJECT_BACKWARD]   = "project backward",
+                                                      [PASS_STEP]               = "backward + Adam",
+                                                      [PASS_OBSERVE]            = "observe",
+                                                      [PASS_SCORE]              = "score",
+                                                      [PASS_UNPACK]             = "unpack",
+                                                      [PASS_PEAK]               = "peak"};
 
 struct device_most {    /* what the passes are held against */
     double copy, peak;  /* GB/s; G multiply-adds a second */
     size_t evaluations; /* of a drawing */
+};
+
+struct device_counts {
+    size_t waits, dispatches, sent;
 };
 
 static void device_check(oxl_context *ctx, oxl_result rc)
@@ -181,7 +188,7 @@ static void device_arithmetic(const struct device_most *most, int operations, do
 }
 
 static void device_table(const struct vulkan *v, const struct device_run *r, const double seconds[DEVICE_ROUNDS],
-                         const struct device_most *most)
+                         const struct device_most *most, const struct device_counts *before)
 {
     const struct vulkan_renderer *d      = r->renderer->device;
     const double                  rounds = DEVICE_ROUNDS, pixels = (double)r->camera.width * r->camera.height;
@@ -194,13 +201,15 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;
         printf("  %-18s %9.3f ms %5.1f %%", DEVICE_PASSES[p], 1e3 * each, 100 * v->pass_seconds[p] / all);
-        if (p == PASS_ADAM) printf("   %.1f GB/s, %.0f %% of a copy", 7e-9 * touched / each, 7e-7 * touched / each / most->copy);
+        if (p == PASS_STEP) printf("   %.1f GB/s, %.0f %% of a copy", 6e-9 * touched / each, 6e-7 * touched / each / most->copy);
         if (p == PASS_PROJECT)
             printf("   %.1f GB/s, %.0f %% of a copy", 1e-9 * touched / each, 1e-7 * touched / each / most->copy);
         if (p == PASS_RASTER) device_arithmetic(most, DEVICE_FORWARD, each);
-        if (p == PASS_RASTER_BACKWARD) device_arithmetic(most, DEVICE_BACKWARD, each);
+        if (p >= PASS_RASTER_BACKWARD_4 && p <= PASS_RASTER_BACKWARD_16) device_arithmetic(most, DEVICE_BACKWARD, each);
         printf("\n");
     }
+    printf("  a step: %.1f waits, %.1f dispatches, %.0f bytes sent\n", (double)(v->waits - before->waits) / rounds,
+           (double)(v->dispatches - before->dispatches) / rounds, (double)(v->sent - before->sent) / rounds);
     printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes", 1e3 * all / rounds, "step",
            1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
 }
@@ -231,13 +240,17 @@ static double device_robust(oxl_context *ctx, const struct device_run *r)
 
 static void device_bench(oxl_context *ctx, size_t count, int width, int height, const struct device_most *most)
 {
-    struct device_run r;
-    double            seconds[DEVICE_ROUNDS];
+    struct device_run    r;
+    struct device_most   all = *most;
+    struct device_counts before;
+    double               seconds[DEVICE_ROUNDS];
     device_begin(ctx, count, width, height, &r);
     device_step(ctx, &r); /* makes the shaders and the room, and takes the model there */
     device_step(ctx, &r);
     vulkan_finish(ctx->vulkan);
     device_check(ctx, vulkan_measure(ctx->vulkan));
+    before = (struct device_counts){ctx->vulkan->waits, ctx->vulkan->dispatches, ctx->vulkan->sent};
+    if (all.evaluations == 0) all.evaluations = 256 * ((struct vulkan_renderer *)r.renderer->device)->pairs;
     for (int k = 0; k < DEVICE_ROUNDS; k++) {
         const double begun = os_seconds();
         device_step(ctx, &r);
@@ -245,7 +258,7 @@ static void device_bench(oxl_context *ctx, size_t count, int width, int height, 
         seconds[k] = os_seconds() - begun;
     }
     qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
-    device_table(ctx->vulkan, &r, seconds, most);
+    device_table(ctx->vulkan, &r, seconds, &all, &before);
     printf("  %-18s %9.3f ms more, without the CPU's work\n", "with --mask-transients", 1e3 * device_robust(ctx, &r));
     device_end(ctx, &r);
 }
@@ -278,20 +291,21 @@ int main(int argc, char **argv)
     const int           width = argc > 3 ? atoi(argv[2]) : 640, height = argc > 3 ? atoi(argv[3]) : 360;
     oxl_context        *ctx;
     struct device_most  most;
-    double              cpu[DEVICE_ROUNDS];
-    options.backend = OXL_BACKEND_VULKAN;
+    double              cpu[DEVICE_ROUNDS] = {0};
+    options.backend                        = OXL_BACKEND_VULKAN;
     if (argc > 4) options.device = atoi(argv[4]);
     if (oxl_context_create(&options, &ctx) != OXL_OK) return 1;
     device_check(ctx, oxl_backend_begin(ctx));
-    most.evaluations = device_cpu(count, width, height, cpu).pixels;
+    most.evaluations = argc > 5 ? device_cpu(count, width, height, cpu).pixels : 0;
     most.copy        = device_copy(ctx);
     most.peak        = device_peak(ctx);
     printf("%s: copies %.1f GB/s between its buffers; %.1f G multiply-adds a second in registers\n", oxl_backend_name(ctx),
            most.copy, most.peak);
     device_bench(ctx, count, width, height, &most);
     oxl_context_free(ctx);
-    printf("  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step", 1e3 * cpu[DEVICE_ROUNDS / 2],
-           1e3 * cpu[0], 1 / cpu[DEVICE_ROUNDS / 2]);
+    if (argc > 5)
+        printf("  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "the CPU's step", 1e3 * cpu[DEVICE_ROUNDS / 2],
+               1e3 * cpu[0], 1 / cpu[DEVICE_ROUNDS / 2]);
     return 0;
 }
 #endif

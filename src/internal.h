@@ -695,6 +695,8 @@ struct renderer_device {
     oxl_result (*image)(void *device, int depths, float *rgb);
     int (*has_photo)(const void *device, int view);
     oxl_result (*take_photo)(void *device, int view, const struct photo *photo, int halved);
+    /* The image taken last, as (3,H,W) and (H,W); returns its pixels, 0 on failure. rgb NULL: its pixels alone. */
+    size_t (*target)(void *device, float *rgb, float *weight, int *masked);
     oxl_result (*loss)(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out);
     oxl_result (*backward)(void *device, const float *drgb);
     oxl_result (*gradient)(void *device, oxl_model *gradient);

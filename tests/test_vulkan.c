@@ -29,7 +29,7 @@ static oxl_context *vulkan_test_begin(void)
 {
     oxl_context_options options = test_ctx->options;
     oxl_context        *ctx;
-    setenv("OXL_VULKAN_VALIDATE", "1", 1);
+    setenv("OXL_VULKAN_VALIDATE", "1", 0); /* or gpu: backends/vulkan/device.c */
     options.backend = OXL_BACKEND_VULKAN;
     options.log     = vulkan_test_log;
     if (oxl_context_create(&options, &ctx) != OXL_OK) return NULL;
@@ -163,8 +163,7 @@ static void vulkan_check_sort(oxl_context *device, size_t n, uint32_t mask)
         vulkan_reserve(v, &r->row_key[k], n + 1, 4, "keys");
         vulkan_reserve(v, &r->row_value[k], n + 1, 4, "keys");
     }
-    vulkan_reserve(v, &r->histogram, 16 * vulkan_blocks(n + 9000), 4, "keys");
-    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(16 * vulkan_blocks(n + 9000)) + 1, 4, "keys");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(n + 9000), 4, "keys");
     if (n) vulkan_upload(v, &r->row_key[0], 0, host, 4 * n);
     for (size_t i = 0; i < n; i++) got[i] = (uint32_t)i;
     if (n) vulkan_upload(v, &r->row_value[0], 0, got, 4 * n);
@@ -197,7 +196,7 @@ static void vulkan_check_scan(oxl_context *device, size_t n)
     vulkan_reserve(v, &r->seen, n, 4, "numbers");
     vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "numbers");
     vulkan_upload(v, &r->seen, 0, in, 4 * n);
-    vulkan_scan(r, &r->seen, &r->seen, n, COUNT_PAIRS);
+    vulkan_scan(r, &r->seen, n, COUNT_PAIRS);
     vulkan_download(v, &r->seen, 0, out, 4 * n);
     vulkan_download(v, &r->counts, 4 * COUNT_PAIRS, &total, 4);
     for (size_t i = 0; i < n; i++) wrong += out[i] != sum, sum += in[i];
@@ -271,6 +270,26 @@ static void vulkan_check_drawing(oxl_context *device)
         vulkan_scene(600, 2, lobes, &m);
         vulkan_forward_both(&t, &m);
         vulkan_compare_images(&t);
+        oxl_model_free(test_ctx, &m);
+        vulkan_twins_free(&t);
+    }
+}
+
+static void vulkan_check_alpha_min(oxl_context *device)
+{
+    for (size_t lobes = 0; lobes <= 400; lobes += 400) {
+        struct vulkan_twins t       = vulkan_twins(device, 100, 75);
+        oxl_render_options  options = oxl_render_options_default();
+        const float        *image[2];
+        oxl_model           m;
+        options.alpha_min = 0.06f;
+        vulkan_scene(600, 1, lobes, &m);
+        for (int k = 0; k < 2; k++) {
+            CHECK_OK(renderer_forward(t.ctx[k], t.r[k], &m, &t.camera, &options));
+            CHECK_OK(renderer_image(t.ctx[k], t.r[k], &image[k]));
+        }
+        CHECK_CLOSE(vulkan_distance(image[0], image[1], 3 * t.pixels).relative, 0, 1e-3); /* a pixel at the threshold: 0.06 */
+        CHECK_CLOSE((double)((struct vulkan_renderer *)t.r[1]->device)->pairs, (double)t.r[0]->bins.pair_count, 3);
         oxl_model_free(test_ctx, &m);
         vulkan_twins_free(&t);
     }
@@ -380,6 +399,73 @@ static void vulkan_check_refusal(oxl_context *device)
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* and goes on */
     renderer_free(device, r);
     oxl_model_free(test_ctx, &m);
+}
+
+/* ---------------------------------------------------------------- other drivers, played */
+
+static VkInstanceCreateFlags vulkan_seen_flags;
+static char                  vulkan_seen_names[400];
+
+static void vulkan_note_names(const char *const *name, uint32_t count)
+{
+    vulkan_seen_names[0] = 0;
+    for (uint32_t i = 0; i < count; i++) strcat(strcat(vulkan_seen_names, name[i]), " ");
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance_list(const char *layer, uint32_t *count, VkExtensionProperties *out)
+{
+    (void)layer;
+    memset(out, 0, 2 * sizeof *out);
+    strcpy(out[0].extensionName, "VK_KHR_portability_enumeration");
+    strcpy(out[1].extensionName, "VK_KHR_get_physical_device_properties2");
+    *count = 2;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_device_list(VkPhysicalDevice device, const char *layer, uint32_t *count,
+                                                              VkExtensionProperties *out)
+{
+    (void)device, (void)layer;
+    memset(out, 0, sizeof *out);
+    strcpy(out[0].extensionName, "VK_KHR_portability_subset");
+    *count = 1;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance(const VkInstanceCreateInfo *info, const VkAllocationCallbacks *a,
+                                                           VkInstance *out)
+{
+    (void)a, (void)out;
+    vulkan_seen_flags = info->flags;
+    vulkan_note_names(info->ppEnabledExtensionNames, info->enabledExtensionCount);
+    return VK_ERROR_INCOMPATIBLE_DRIVER;
+}
+
+/* As MoltenVK: listed to those alone who ask for portability drivers, and usable when the subset is enabled. */
+static void vulkan_check_portability(oxl_context *device)
+{
+    struct vulkan            v          = {.ctx                                  = device,
+                                           .EnumerateInstanceExtensionProperties = vulkan_play_instance_list,
+                                           .EnumerateDeviceExtensionProperties   = vulkan_play_device_list,
+                                           .CreateInstance                       = vulkan_play_instance};
+    struct vulkan_extensions extensions = {0};
+    CHECK(vulkan_make_instance(&v, NULL) == VK_ERROR_INCOMPATIBLE_DRIVER);
+    CHECK(vulkan_seen_flags == VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR);
+    CHECK_TEXT(vulkan_seen_names, "VK_KHR_portability_enumeration");
+    CHECK_TEXT(vulkan_seen_names, "VK_KHR_get_physical_device_properties2");
+    vulkan_device_extensions(&v, &extensions);
+    vulkan_note_names(extensions.name, extensions.enabled);
+    CHECK_TEXT(vulkan_seen_names, "VK_KHR_portability_subset");
+    oxl_free(device, extensions.there);
+}
+
+/* 16384 bytes is what Vulkan 1.0 promises of any device. */
+static void vulkan_check_shared(oxl_context *device)
+{
+    const struct vulkan *v = device->vulkan;
+    CHECK(vulkan_shared() <= 16384);
+    CHECK(vulkan_batch(16384) == 4 && vulkan_batch(32768) == 8);
+    CHECK(v->batch == vulkan_batch(v->properties.limits.maxComputeSharedMemorySize));
 }
 
 /* ---------------------------------------------------------------- loss */
@@ -636,6 +722,275 @@ static void vulkan_check_aside(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
+/* ---------------------------------------------------------------- what goes wrong */
+
+static int vulkan_idle_waits;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_timeout(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
+                                                          uint64_t timeout)
+{
+    (void)device, (void)count, (void)fence, (void)all, (void)timeout;
+    return VK_TIMEOUT;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
+{
+    (void)queue, (void)count, (void)info, (void)fence;
+    return VK_ERROR_DEVICE_LOST;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_idle(VkDevice device)
+{
+    (void)device;
+    vulkan_idle_waits++;
+    return VK_SUCCESS;
+}
+
+/* What the host has of the model, and so what the next checkpoint would hold, stays as it was. */
+static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struct vulkan_run *run, const char *words)
+{
+    const oxl_camera         camera  = vulkan_camera(64, 48);
+    const oxl_render_options options = oxl_render_options_default();
+    float                   *before  = oxl_alloc(test_ctx, run->model.count, sizeof *before);
+    const float             *image;
+    memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
+    vulkan_idle_waits              = 0;
+    device->vulkan->DeviceWaitIdle = vulkan_play_idle;
+    CHECK(renderer_fetch(device, r) == OXL_ERR_FAILED);
+    CHECK_TEXT(oxl_error_text(device), words);
+    CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
+    CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
+    CHECK(renderer_forward(device, r, &run->model, &camera, &options) == OXL_ERR_FAILED);
+    CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
+    CHECK(vulkan_idle_waits == 0);
+    oxl_free(test_ctx, before);
+}
+
+static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
+{
+    const oxl_camera      camera  = vulkan_camera(64, 48);
+    float                *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
+    struct vulkan_run     run     = vulkan_run_begin(300, 1, 0);
+    oxl_render_options    options = oxl_render_options_default();
+    struct renderer_pace  pace    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct renderer_aside aside;
+    struct renderer      *r;
+    CHECK_OK(renderer_create(device, &r));
+    vulkan_run_steps(device, r, &camera, &run, drgb, 1, 2, 0);
+    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
+    CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &pace, &aside));
+    if (times_out) device->vulkan->WaitForFences = vulkan_play_timeout;
+    else device->vulkan->QueueSubmit = vulkan_play_loss;
+    vulkan_check_given_up(device, r, &run, times_out ? "did not answer in time" : "the device is lost");
+    renderer_free(device, r);
+    vulkan_run_free(&run);
+    oxl_free(test_ctx, drgb);
+}
+
+static void vulkan_check_timeout(oxl_context *device)
+{
+    vulkan_check_loss_of_device(device, 1);
+}
+
+static void vulkan_check_lost(oxl_context *device)
+{
+    vulkan_check_loss_of_device(device, 0);
+}
+
+/* Between counting and emitting every splat grows or shrinks, as if the two were not compiled alike: no pair leaves its splat's slots. */
+static void vulkan_check_slots(oxl_context *device)
+{
+    struct vulkan           *v       = device->vulkan;
+    const oxl_camera         camera  = vulkan_camera(100, 75);
+    const oxl_render_options options = oxl_render_options_default();
+    struct vulkan_renderer  *d;
+    struct renderer         *r;
+    oxl_model                m;
+    float(*shape)[4] = oxl_alloc(test_ctx, 600, sizeof *shape);
+    uint32_t *order = oxl_alloc(test_ctx, 2 * 600, sizeof *order), *first = order + 600, (*staged)[2], used[2];
+    size_t    wrong = 0, unused = 0;
+    vulkan_scene(600, 0, 0, &m);
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+    d = r->device;
+    vulkan_order_rows(d);
+    vulkan_download(v, &d->row_value[0], 0, order, 600 * sizeof *order);
+    vulkan_download(v, &d->row_pairs, 0, first, 600 * sizeof *first);
+    vulkan_download(v, &d->splat_b, 0, shape, 600 * sizeof *shape);
+    for (int i = 0; i < 600; i++)
+        shape[i][0] *= i % 2 ? 0.2f : 5, shape[i][2] *= i % 2 ? 2 : 0.5f, shape[i][3] *= i % 2 ? 2 : 0.5f;
+    vulkan_upload(v, &d->splat_b, 0, shape, 600 * sizeof *shape);
+    vulkan_order_pairs(d);
+    vulkan_draw(d, 0);
+    staged = oxl_alloc(test_ctx, d->pairs, sizeof *staged);
+    vulkan_download(v, &d->staged, 0, staged, d->pairs * sizeof *staged);
+    CHECK(v->rc == OXL_OK && d->pairs > 1000);
+    for (int i = 0; i < 599; i++) {
+        vulkan_download(v, &d->row_slots, order[i] * sizeof used, used, sizeof used);
+        if (first[i] == first[i + 1]) continue;
+        wrong += used[0] != first[i] || used[1] > first[i + 1] - first[i];
+        unused += first[i + 1] - first[i] - used[1];
+        for (uint32_t k = first[i]; k < first[i + 1]; k++)
+            wrong += staged[k][0] != order[i] || (k >= used[0] + used[1]) != (staged[k][1] == 0);
+    }
+    CHECK(wrong == 0);
+    CHECK(unused > 0);
+    oxl_free(test_ctx, staged);
+    oxl_free(test_ctx, order);
+    oxl_free(test_ctx, shape);
+    renderer_free(device, r);
+    oxl_model_free(test_ctx, &m);
+}
+
+static PFN_vkAllocateMemory vulkan_real_allocate;
+static int                  vulkan_allocations_left;
+
+static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_allocate(VkDevice device, const VkMemoryAllocateInfo *info,
+                                                           const VkAllocationCallbacks *a, VkDeviceMemory *out)
+{
+    if (vulkan_allocations_left-- <= 0) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    return vulkan_real_allocate(device, info, a, out);
+}
+
+/* After so many allocations a device has no memory left. */
+static void vulkan_play_full(struct vulkan *v, int allocations)
+{
+    if (v->AllocateMemory != vulkan_play_allocate) vulkan_real_allocate = v->AllocateMemory;
+    v->AllocateMemory       = vulkan_play_allocate;
+    vulkan_allocations_left = allocations;
+}
+
+static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_model *m, int view, struct renderer_loss *loss)
+{
+    oxl_render_options options = oxl_render_options_default();
+    const size_t       bytes   = 4 * t->pixels;
+    uint8_t           *rgb     = oxl_alloc(test_ctx, bytes, 1);
+    struct photo       photo   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
+    oxl_result         rc;
+    for (size_t i = 0; i < bytes; i++) rgb[i] = (uint8_t)random_bits(9, i, (uint64_t)view);
+    rc = renderer_take_photo(t->ctx[k], t->r[k], view, &photo, 0);
+    if (rc == OXL_OK) rc = renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options);
+    if (rc == OXL_OK) rc = renderer_loss(t->ctx[k], t->r[k], NULL, NULL, 0.2f, loss);
+    oxl_free(test_ctx, rgb);
+    return rc;
+}
+
+/* Where memory runs out, images that are kept make room; the one that is worked on stays. */
+static void vulkan_check_full(oxl_context *device)
+{
+    struct vulkan_twins  t = vulkan_twins(device, 64, 48);
+    struct renderer_loss loss[2];
+    oxl_model            m, larger;
+    int                  tries = 0;
+    vulkan_scene(300, 1, 0, &m);
+    vulkan_scene(3000, 1, 0, &larger);
+    for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));
+    CHECK(renderer_has_photo(t.r[1], 0) && renderer_has_photo(t.r[1], 3));
+    vulkan_play_full(device->vulkan, 0); /* the first fails, images leave, and the second is the real one */
+    while (vulkan_take_and_draw(&t, 1, &larger, 3, &loss[1]) == OXL_ERR_MEMORY && tries < 60)
+        vulkan_play_full(device->vulkan, ++tries);
+    CHECK(tries > 0 && tries < 60);
+    CHECK(!renderer_has_photo(t.r[1], 0));
+    CHECK_OK(vulkan_take_and_draw(&t, 0, &larger, 3, &loss[0]));
+    CHECK_CLOSE(loss[1].total, loss[0].total, 1e-5);
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &larger);
+    vulkan_twins_free(&t);
+}
+
+/* --backend auto: the CPU goes on, with the image that the device had. */
+static void vulkan_check_fallback(oxl_context *device)
+{
+    struct vulkan_twins  t = vulkan_twins(device, 64, 48);
+    struct renderer_loss loss[2];
+    oxl_model            m;
+    vulkan_scene(300, 1, 0, &m);
+    vulkan_play_full(device->vulkan, 3); /* the image fits, the model does not */
+    CHECK(vulkan_take_and_draw(&t, 1, &m, 0, &loss[1]) == OXL_ERR_MEMORY);
+    CHECK_TEXT(oxl_error_text(device), "no device memory is left");
+    CHECK_TEXT(oxl_error_text(device), "fix: ");
+    device->options.backend = OXL_BACKEND_AUTO;
+    CHECK_OK(vulkan_take_and_draw(&t, 1, &m, 0, &loss[1]));
+    CHECK(t.r[1]->device == NULL);
+    CHECK_OK(vulkan_take_and_draw(&t, 0, &m, 0, &loss[0]));
+    CHECK(loss[0].total == loss[1].total);
+    oxl_model_free(test_ctx, &m);
+    vulkan_twins_free(&t);
+}
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_barrier(VkCommandBuffer commands, VkPipelineStageFlags from,
+                                                      VkPipelineStageFlags to, VkDependencyFlags flags, uint32_t memories,
+                                                      const VkMemoryBarrier *memory, uint32_t buffers,
+                                                      const VkBufferMemoryBarrier *buffer, uint32_t images,
+                                                      const VkImageMemoryBarrier *image)
+{
+    (void)commands, (void)from, (void)to, (void)flags, (void)memories, (void)memory, (void)buffers, (void)buffer, (void)images;
+    (void)image;
+}
+
+static int vulkan_complains(struct vulkan *v)
+{
+    const int complaints = v->complaints;
+    v->complaints        = 0;
+    return complaints > 0;
+}
+
+/* That validation is silent in the other tests says something when it is not here: barriers left out, and a write past the end of a
+ * buffer, which only GPU-assisted validation sees (OXL_VULKAN_VALIDATE=gpu; the device keeps it from harm, or not: on lavapipe it does). */
+static void vulkan_check_validation(oxl_context *device)
+{
+    struct vulkan                 *v       = device->vulkan;
+    const PFN_vkCmdPipelineBarrier barrier = v->CmdPipelineBarrier;
+    const int                      gpu     = strcmp(getenv("OXL_VULKAN_VALIDATE"), "gpu") == 0;
+    struct vulkan_buffer           small = {0}, number = {0};
+    if (!v->validates) SKIP("no validation layer here");
+    vulkan_reserve(v, &small, 1, 4, "numbers");
+    vulkan_reserve(v, &number, 1 << 16, 4, "numbers");
+    if (!gpu) v->CmdPipelineBarrier = vulkan_play_barrier;
+    VULKAN_RUN(v, UNPACK, 0, 16, VULKAN_PUSH(64, 64, 0, 0, 0), VULKAN_BUFFERS(NULL, gpu ? &small : &number, NULL));
+    VULKAN_RUN(v, SCORE, 0, 1, VULKAN_PUSH(1), VULKAN_BUFFERS(NULL, NULL, NULL, &number));
+    CHECK(vulkan_finish(v) == OXL_OK);
+    CHECK(vulkan_complains(v));
+    v->CmdPipelineBarrier = barrier;
+    vulkan_release(v, &small);
+    vulkan_release(v, &number);
+}
+
+/* Drawn whole and in parts, each a submission. */
+static void vulkan_check_parts(oxl_context *device)
+{
+    const oxl_camera   camera = vulkan_camera(200, 150);
+    const size_t       pixels = 200 * 150;
+    float             *rgb = oxl_alloc(test_ctx, 6 * pixels, sizeof *rgb), *drgb = vulkan_noise(3 * pixels, 57);
+    oxl_render_options options = oxl_render_options_default();
+    oxl_model          m, gradient[2];
+    vulkan_scene(900, 1, 200, &m);
+    for (int k = 0; k < 2; k++) {
+        struct renderer *r;
+        const float     *image;
+        const size_t     before = device->vulkan->dispatches;
+        device->vulkan->part    = k ? 500 : 0;
+        CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &gradient[k]));
+        memset(gradient[k].plane[OXL_ROTATION], 0, gradient[k].capacity * sizeof(float));
+        CHECK_OK(renderer_create(device, &r));
+        CHECK_OK(renderer_forward(device, r, &m, &camera, &options));
+        CHECK_OK(renderer_image(device, r, &image));
+        memcpy(rgb + 3 * pixels * (size_t)k, image, 3 * pixels * sizeof *rgb);
+        CHECK_OK(renderer_backward(device, r, drgb, &gradient[k]));
+        CHECK_OK(renderer_gradient(device, r, &gradient[k]));
+        if (k) CHECK(device->vulkan->dispatches - before >= 2 * 8);
+        renderer_free(device, r);
+    }
+    CHECK(memcmp(rgb, rgb + 3 * pixels, 3 * pixels * sizeof *rgb) == 0);
+    for (int k = 0; k < oxl_model_planes(&m); k++)
+        CHECK(memcmp(gradient[0].plane[k], gradient[1].plane[k], m.count * sizeof(float)) == 0);
+    for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &gradient[k]);
+    oxl_model_free(test_ctx, &m);
+    oxl_free(test_ctx, rgb);
+    oxl_free(test_ctx, drgb);
+}
+
 /* ---------------------------------------------------------------- a survey */
 
 static oxl_scene *vulkan_survey(oxl_context *ctx)
@@ -872,6 +1227,56 @@ TEST(vulkan_draws_the_same_within_the_limits_of_any_device)
 TEST(vulkan_says_what_is_too_large_and_goes_on)
 {
     ON_DEVICE(vulkan_check_refusal);
+}
+
+TEST(vulkan_takes_portability_drivers)
+{
+    ON_DEVICE(vulkan_check_portability);
+}
+
+TEST(vulkan_gives_up_a_device_that_does_not_answer)
+{
+    ON_DEVICE(vulkan_check_timeout);
+}
+
+TEST(vulkan_gives_up_a_device_that_is_lost)
+{
+    ON_DEVICE(vulkan_check_lost);
+}
+
+TEST(vulkan_keeps_pairs_in_the_slots_that_were_counted)
+{
+    ON_DEVICE(vulkan_check_slots);
+}
+
+TEST(vulkan_drops_images_where_memory_is_short)
+{
+    ON_DEVICE(vulkan_check_full);
+}
+
+TEST(vulkan_hands_over_to_the_cpu_where_memory_is_gone)
+{
+    ON_DEVICE(vulkan_check_fallback);
+}
+
+TEST(vulkan_leaves_out_what_is_below_alpha_min)
+{
+    ON_DEVICE(vulkan_check_alpha_min);
+}
+
+TEST(vulkan_validation_reports_planted_faults)
+{
+    ON_DEVICE(vulkan_check_validation);
+}
+
+TEST(vulkan_draws_the_same_whole_and_in_parts)
+{
+    ON_DEVICE(vulkan_check_parts);
+}
+
+TEST(vulkan_shaders_fit_the_least_shared_memory)
+{
+    ON_DEVICE(vulkan_check_shared);
 }
 
 TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus)

@@ -1,4 +1,4 @@
-/* vulkan.h - the doors of the optional Vulkan backend, and what its tests look at. */
+/* vulkan.h - the interface of the optional Vulkan backend. */
 #ifndef OXL_VULKAN_H
 #define OXL_VULKAN_H
 
@@ -6,7 +6,7 @@
 
 struct vulkan; /* an open device; its renderers borrow it */
 
-/* device: its number in the list, or -1: the best. any: a device that is the CPU in disguise will do. One that is named always does. */
+/* device: its number in the list, or -1: the best. any: a device that is a CPU will do. One that is named always does. */
 OXL_INTERNAL oxl_result  vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out);
 OXL_INTERNAL void        vulkan_close(struct vulkan *v); /* NULL is fine */
 OXL_INTERNAL const char *vulkan_name(const struct vulkan *v);

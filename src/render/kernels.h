@@ -325,7 +325,8 @@ OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 
 #ifndef OXL_REFERENCE
-OXL_INTERNAL struct lens render_lens(const oxl_camera *camera, float near_plane); /* renderer.c */
+OXL_INTERNAL struct lens render_lens(const oxl_camera *camera, float near_plane);  /* renderer.c */
+OXL_INTERNAL void        render_set_alpha_min(struct lens *lens, float alpha_min); /* no less than ALPHA_MIN */
 #endif
 
 /* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */

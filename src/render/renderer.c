@@ -1,6 +1,6 @@
 /* renderer.c - the kernels behind one door: draw a view, compare it, walk the error back, step.
  *
- * The doors are the CPU's, unless the context has a device: then each hands over to its own (vulkan.c).
+ * The doors are the CPU's, unless the context has a device: then each hands over to its own (backends/vulkan/renderer.c).
  *
  * Invariant: everything here runs in parallel over packs, strips or tiles that are independent of each other, so the result does
  * not depend on the number of threads.
@@ -110,6 +110,13 @@ OXL_INTERNAL struct lens render_lens(const oxl_camera *c, float near_plane)
     return l;
 }
 
+OXL_INTERNAL void render_set_alpha_min(struct lens *l, float alpha_min)
+{
+    if (!(alpha_min > ALPHA_MIN)) return;
+    l->alpha_min = OXL_MIN(alpha_min, ALPHA_MAX);
+    l->cut       = (float)(-vecmath_log(l->alpha_min) * LOG2_E);
+}
+
 static struct gaussians render_gaussians(const oxl_model *m, int sh_degree)
 {
     struct gaussians g = {.count = m->count, .lobes = m->lobes};
@@ -134,6 +141,34 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t co
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, (void **)&r->transmittance, &r->transmittance_capacity, pixels, sizeof *r->transmittance);
     return rc;
+}
+
+/* ---------------------------------------------------------------- from a device to the CPU */
+
+/* The image taken last comes along: the loss is still to be computed. */
+static oxl_result render_take_target_home(oxl_context *ctx, struct renderer *r)
+{
+    const size_t pixels = r->doors->target(r->device, NULL, NULL, &r->masked);
+    oxl_result   rc     = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
+    if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
+    if (rc == OXL_OK && pixels > 0 && r->doors->target(r->device, r->target, r->weight, &r->masked) == 0) rc = ctx->failed;
+    return rc;
+}
+
+/* With --backend auto a device without enough memory is no reason to stop: from here on the CPU does it. Returns rc where that is not
+ * the case. */
+static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_result rc)
+{
+    char why[160];
+    if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO) return rc;
+    snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
+    rc = render_take_target_home(ctx, r);
+    if (rc == OXL_OK) rc = r->doors->fetch(r->device);
+    if (rc != OXL_OK) return rc;
+    r->doors->free(r->device);
+    r->device = NULL;
+    oxl_log(ctx, OXL_LOG_WARNING, "%s: the CPU goes on", why);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- forward */
@@ -228,10 +263,7 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     r->lens = render_lens(camera, options->near_plane);
     r->in   = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
-    if (options->alpha_min > ALPHA_MIN) {
-        r->lens.alpha_min = OXL_MIN(options->alpha_min, ALPHA_MAX);
-        r->lens.cut       = (float)(-vecmath_log(r->lens.alpha_min) * LOG2_E);
-    }
+    render_set_alpha_min(&r->lens, options->alpha_min);
     r->bins.alpha_min = r->lens.alpha_min;
     r->bins.cut       = r->lens.cut;
     r->bins.packs     = render_packs(model->count);
@@ -258,7 +290,10 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
-    if (r->device) return render_forward_on_device(ctx, r, model, camera, options);
+    if (r->device) {
+        rc = render_leave_device(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
+        if (rc != OXL_OK || r->device) return rc;
+    }
     rc = render_begin(ctx, r, model, camera, options);
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
@@ -285,7 +320,11 @@ OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r
 {
     size_t     pixels;
     oxl_result rc;
-    if (r->device) return r->doors->take_photo(r->device, view, photo, halved);
+    if (r->device) {
+        rc = r->doors->take_photo(r->device, view, photo, halved);
+        if (photo) rc = render_leave_device(ctx, r, rc);
+        if (rc != OXL_OK || r->device) return rc;
+    }
     pixels    = (size_t)photo->width * (size_t)photo->height;
     rc        = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
     r->masked = photo->mask != NULL;

@@ -1,7 +1,7 @@
-/* common.glsl - what the shaders share: constants, arithmetic, numbering of work. Their CPU twins are in src/kernels.h.
+/* common.glsl - what the shaders share: constants, arithmetic, numbering of work. Their CPU counterparts are in src/render/kernels.h.
  *
  * 256 invocations a workgroup everywhere. Nothing depends on the size of a subgroup. More than 65535 workgroups are dispatched in two
- * dimensions, so a shader asks work_group() for its number.
+ * dimensions, so a shader calls work_group() for its index.
  */
 #extension GL_GOOGLE_include_directive : require
 
@@ -9,11 +9,9 @@ layout(local_size_x = 256) in;
 layout(constant_id = 0) const uint VARIANT = 0u; /* what each shader takes it for */
 
 const uint  TILE              = 16u;
-const float LOG2_255          = 7.9943534368588578;
 const float ALPHA_MAX         = 0.99;
 const float TRANSMITTANCE_MIN = 1e-4;
 const float TRANSMITTANCE_MAX = 16.0;
-const float ALPHA_MIN         = 1.0 / 255.0;
 const float LOW_PASS          = 0.3;
 const float LOG2_E            = 1.4426950408889634;
 const float LN_2              = 0.6931471805599453;
@@ -21,9 +19,12 @@ const float LN_2              = 0.6931471805599453;
 uint work_group() { return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x; }
 uint work_item() { return work_group() * 256u + gl_LocalInvocationIndex; }
 
+/* By their bits: a device need not keep NaN in comparisons, in min, max and clamp least of all. It may also flush denormal numbers
+ * to 0, so nothing here depends on one. */
 bool is_finite(float x) { return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u; }
+bool is_nan(float x) { return (floatBitsToUint(x) & 0x7FFFFFFFu) > 0x7F800000u; }
 
-/* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/kernels.h: GLSL's own exp2 has no bound that all devices keep. */
+/* 2^x for -126 <= x <= 127; anything outside. The polynomial of src/render/kernels.h: GLSL's own exp2 has no bound that all devices keep. */
 float own_exp2(float x)
 {
     precise float n = floor(x + 0.5), f = x - n;
@@ -43,10 +44,10 @@ float own_exp(float x)
     precise float n      = floor(inside * 1.44269502 + 0.5);
     precise float f      = fma(inside, 1.92596299e-8, fma(inside, 1.44269502, -n));
     precise float p      = own_exp2(f);
-    return x == x ? intBitsToFloat(floatBitsToInt(p) + (int(n) << 23)) : x;
+    return is_nan(x) ? x : intBitsToFloat(floatBitsToInt(p) + (int(n) << 23));
 }
 
-/* log2 x for normal x > 0; of what is no number about 128, whatever its sign, as on the CPU: so that such a row is seen, and told. */
+/* log2 x for normal x > 0; of NaN and infinity about 128, whatever the sign, as on the CPU: so that such a row is visible and reported. */
 float own_log2(float x)
 {
     int           bits     = floatBitsToInt(x) & 0x7FFFFFFF;
@@ -67,5 +68,5 @@ float own_log2(float x)
 float own_sigmoid(float x)
 {
     float e = own_exp(-abs(x)), s = 1.0 / (1.0 + e);
-    return x >= 0.0 ? s : e * s;
+    return is_nan(x) ? x : x >= 0.0 ? s : e * s;
 }

@@ -1,8 +1,12 @@
-/* footprint.comp - which tiles see which splat, and which of their 4 x 4 blocks: the twin of src/bin.c. An invocation a splat, in
+/* footprint.comp - which tiles see which splat, and which of their 4 x 4 blocks: the counterpart of src/render/bin.c. An invocation a splat, in
  * depth order.
  *
  *     VARIANT 0  how many tiles: pairs[i]
- *     VARIANT 1  the pairs, from first[i] on: a pair's index is its slot, and its tile the key that it is sorted by
+ *     VARIANT 1  the pairs, from pairs[i] on: a pair's index is its slot, and its tile the key that it is sorted by
+ *
+ * Both are built of the same text, but a compiler may fuse or reorder the arithmetic of one and not of the other, and division and
+ * square root have no exact result in Vulkan: so `precise`, and besides the emission keeps to the slots that were counted. Slots that it
+ * does not fill have the key past the last tile.
  */
 #version 450
 #include "common.glsl"
@@ -19,7 +23,7 @@ layout(std430, binding = 8) writeonly buffer Key { uint key[]; };           /* (
 layout(std430, binding = 9) writeonly buffer Value { uint value[]; };       /* (pairs) slot */
 layout(std430, binding = 10) writeonly buffer Staged { uvec2 staged[]; };   /* (slots) row, blocks */
 layout(std430, binding = 11) writeonly buffer RowSlots { uvec2 row_slots[]; }; /* (rows) first slot, how many */
-layout(push_constant) uniform Push { uint slot, lobes, n; } push;
+layout(push_constant) uniform Push { uint slot, pair_slot, lobes, n; } push; /* counts[slot] splats, counts[pair_slot] pairs */
 
 struct Contour {
     vec2  c;
@@ -28,14 +32,14 @@ struct Contour {
 
 Contour contour_of(vec2 c, vec4 shape, vec2 box) /* shape: a k e peak */
 {
-    Contour o;
+    precise Contour o;
     o.c       = c;
     o.a       = shape.x;
     o.k       = shape.y;
     o.e       = shape.z;
     o.half_x  = box.x;
     o.half_y  = box.y;
-    o.r       = (shape.w + LOG2_255) * 1.0001 + 0.001;
+    o.r       = (shape.w + view.cut) * 1.0001 + 0.001;
     o.extreme = o.k * o.r / (o.e * o.half_x);
     o.slack   = 0.001 + 1e-5 * o.half_x;
     return o;
@@ -44,14 +48,14 @@ Contour contour_of(vec2 c, vec4 shape, vec2 box) /* shape: a k e peak */
 /* Blocks of a block row that the contour meets, inclusive; none: x is large, y -1. */
 ivec2 block_row(Contour o, int block_row)
 {
-    float top = float(block_row * 4) + 0.5 - o.c.y, bottom = top + 3.0, rightmost = float(view.width) - 0.5;
-    float y0 = max(top, -o.half_y), y1 = min(bottom, o.half_y);
+    precise float top = float(block_row * 4) + 0.5 - o.c.y, bottom = top + 3.0, rightmost = float(view.width) - 0.5;
+    precise float y0 = max(top, -o.half_y), y1 = min(bottom, o.half_y);
     if (!(y0 <= y1)) return ivec2(0x7FFFFFFF, -1);
-    float yl = clamp(o.extreme, y0, y1), yr = clamp(-o.extreme, y0, y1);
-    float left  = o.c.x - o.k * yl - sqrt(max(o.r - o.e * yl * yl, 0.0) / o.a) - o.slack;
-    float right = o.c.x - o.k * yr + sqrt(max(o.r - o.e * yr * yr, 0.0) / o.a) + o.slack;
+    precise float yl = clamp(o.extreme, y0, y1), yr = clamp(-o.extreme, y0, y1);
+    precise float left  = o.c.x - o.k * yl - sqrt(max(o.r - o.e * yl * yl, 0.0) / o.a) - o.slack;
+    precise float right = o.c.x - o.k * yr + sqrt(max(o.r - o.e * yr * yr, 0.0) / o.a) + o.slack;
     if (!(right >= 0.5 && left <= rightmost)) return ivec2(0x7FFFFFFF, -1);
-    float from = left + 0.4999, to = right - 0.5;
+    precise float from = left + 0.4999, to = right - 0.5;
     int   first = from > 0.0 ? int(from) : 0, last = to < rightmost ? int(to) : int(rightmost);
     return first <= last ? ivec2(first / 4, last / 4) : ivec2(0x7FFFFFFF, -1);
 }
@@ -63,7 +67,8 @@ void main()
         if (VARIANT == 0u && i < push.n) pairs[i] = 0u;
         return;
     }
-    uint    row = order[i], slot = VARIANT == 1u ? pairs[i] : 0u, first_slot = slot;
+    uint    row = order[i], slot = VARIANT == 1u ? pairs[i] : 0u, first_slot = slot, end_slot = 0xFFFFFFFFu;
+    if (VARIANT == 1u) end_slot = i + 1u < push.n ? pairs[i + 1u] : counts[push.pair_slot];
     vec4    a = splat_a[row], b = splat_b[row];
     bool    lobed = row < push.lobes;
     Contour main_ = contour_of(a.xy, vec4(a.zw, b.xy), lobed ? lobe_b[row].zw : b.zw), other = main_;
@@ -91,7 +96,7 @@ void main()
                 int from = max(span[r].x - 4 * tx, 0), to = min(span[r].y - 4 * tx, 3);
                 if (from <= to) blocks |= ((2u << uint(to - from)) - 1u) << uint(from + 4 * r);
             }
-            if (blocks == 0u) continue;
+            if (blocks == 0u || slot >= end_slot) continue;
             if (VARIANT == 1u) {
                 key[slot]    = uint(ty) * view.tiles_x + uint(tx);
                 value[slot]  = slot;
@@ -102,4 +107,9 @@ void main()
     }
     if (VARIANT == 0u) pairs[i] = slot;
     else row_slots[row] = uvec2(first_slot, slot - first_slot);
+    for (; VARIANT == 1u && slot < end_slot; slot++) {
+        key[slot]    = view.tiles_x * view.tiles_y;
+        value[slot]  = slot;
+        staged[slot] = uvec2(row, 0u);
+    }
 }

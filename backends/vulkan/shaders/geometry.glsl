@@ -1,4 +1,4 @@
-/* geometry.glsl - a Gaussian on the image plane: the twin of src/project.c's struct project_geometry and of what makes it.
+/* geometry.glsl - a Gaussian on the image plane: the counterpart of src/render/project.c's struct project_geometry and of what makes it.
  *
  * Needs `view` and the planes of a slab: plane k of row i is at parameter[k * stride + i].
  */
@@ -34,12 +34,13 @@ void geometry_rotation(vec4 raw, inout Geometry g)
     vec4  m     = abs(raw);
     float most  = max(max(m.x, m.y), max(m.z, m.w));
     bool  turns = most > 1.2e-38;
-    float down  = turns ? 1.0 / most : 0.0;
-    vec4  s     = turns ? raw * down : vec4(1, 0, 0, 0);
+    float near  = most > 1.0 ? 5.421010862427522e-20 : 1.8446744073709552e19; /* 2^-64, 2^64: of 1e38 the inverse would be denormal */
+    float down  = turns ? 1.0 / (most * near) : 0.0;
+    vec4  s     = turns ? raw * near * down : vec4(1, 0, 0, 0);
     float n     = 1.0 / sqrt(dot(s, s));
     float a = s.x * n, b = s.y * n, c = s.z * n, d = s.w * n;
     g.q            = vec4(a, b, c, d);
-    g.inverse_norm = down * n;
+    g.inverse_norm = down * n * near;
     g.rotation     = mat3(1.0 - 2.0 * (c * c + d * d), 2.0 * (b * c - a * d), 2.0 * (b * d + a * c), 2.0 * (b * c + a * d),
                           1.0 - 2.0 * (b * b + d * d), 2.0 * (c * d - a * b), 2.0 * (b * d - a * c), 2.0 * (c * d + a * b),
                           1.0 - 2.0 * (b * b + c * c));
@@ -153,5 +154,5 @@ vec3 colour_of(uint i, uint degree, float basis[16])
     uint bands = (degree + 1u) * (degree + 1u);
     for (uint k = 0u; k < bands; k++)
         sum += basis[k] * vec3(at(SH + 3u * k, i), at(SH + 3u * k + 1u, i), at(SH + 3u * k + 2u, i));
-    return sum;
+    return vec3(is_nan(sum.x) ? 0.0 : sum.x, is_nan(sum.y) ? 0.0 : sum.y, is_nan(sum.z) ? 0.0 : sum.z); /* as the CPU's clamp */
 }

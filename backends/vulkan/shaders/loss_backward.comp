@@ -1,4 +1,4 @@
-/* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part. One dispatch a channel. */
+/* loss_backward.comp - dL/d(drawn image): the derivatives blurred back, and L1's part. */
 #version 450
 #include "common.glsl"
 #include "loss.glsl"
@@ -6,23 +6,27 @@
 layout(std430, binding = 0) readonly buffer Rgb { float rgb[]; };
 layout(std430, binding = 1) readonly buffer Target { float target[]; };
 layout(std430, binding = 2) readonly buffer Weight { float weight[]; };
-layout(std430, binding = 3) readonly buffer Slope { float slope[]; };
-layout(std430, binding = 4) readonly buffer Totals { float totals[]; };
-layout(std430, binding = 5) writeonly buffer Drgb { float drgb[]; };
+layout(std430, binding = 3) readonly buffer Slope0 { float slope0[]; };
+layout(std430, binding = 4) readonly buffer Slope1 { float slope1[]; };
+layout(std430, binding = 5) readonly buffer Slope2 { float slope2[]; };
+layout(std430, binding = 6) readonly buffer Totals { float totals[]; };
+layout(std430, binding = 7) writeonly buffer Drgb { float drgb[]; };
 
 shared float d[3][REACH * REACH];
 shared float along[3][REACH * 16];
 
+float slope_at(uint channel, uint at) { return channel == 0u ? slope0[at] : channel == 1u ? slope1[at] : slope2[at]; }
+
 void main()
 {
-    uint i = gl_LocalInvocationIndex, plane = push.width * push.height;
-    if (work_group() >= push.tiles) return;
+    uint i = gl_LocalInvocationIndex, channel = loss_channel(), plane = push.width * push.height;
+    if (channel >= 3u) return;
     ivec2 origin = reach_at(), at = origin + ivec2(i % 16u, i / 16u) + int(HALF);
     vec3  back = vec3(0.0);
     if (push.ssim_weight > 0.0) {
         for (uint k = i; k < REACH * REACH; k += 256u) {
             ivec2 p = origin + ivec2(k % REACH, k / REACH);
-            for (uint m = 0u; m < 3u; m++) d[m][k] = in_image(p) ? slope[m * plane + pixel_index(p)] : 0.0;
+            for (uint m = 0u; m < 3u; m++) d[m][k] = in_image(p) ? slope_at(channel, m * plane + pixel_index(p)) : 0.0;
         }
         barrier();
         for (uint k = i; k < REACH * 16u; k += 256u)
@@ -37,7 +41,7 @@ void main()
     }
     if (!in_image(at)) return;
     uint  p = pixel_index(at);
-    float a = rgb[push.channel * plane + p], b = target[push.channel * plane + p], w = push.masked != 0u ? weight[p] : 1.0;
+    float a = rgb[channel * plane + p], b = target[channel * plane + p], w = push.masked != 0u ? weight[p] : 1.0;
     float l1 = totals[3] > 0.0 ? (1.0 - push.ssim_weight) / totals[3] : 0.0, s = totals[4] > 0.0 ? push.ssim_weight / totals[4] : 0.0;
-    drgb[push.channel * plane + p] = s * (back.x + fma(2.0 * a, back.y, b * back.z)) + l1 * w * (a > b ? 1.0 : a < b ? -1.0 : 0.0);
+    drgb[channel * plane + p] = s * (back.x + fma(2.0 * a, back.y, b * back.z)) + l1 * w * (a > b ? 1.0 : a < b ? -1.0 : 0.0);
 }

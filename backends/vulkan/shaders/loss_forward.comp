@@ -1,17 +1,19 @@
-/* loss_forward.comp - |x - y|, SSIM and its derivatives, not yet divided by how many count. One dispatch a channel. */
+/* loss_forward.comp - |x - y|, SSIM and its derivatives, not yet divided by how many count. */
 #version 450
 #include "common.glsl"
 #include "loss.glsl"
 
 layout(std430, binding = 0) readonly buffer Rgb { float rgb[]; };       /* (3,H,W) drawn */
-layout(std430, binding = 1) readonly buffer Target { float target[]; }; /* (3,H,W) photographed */
+layout(std430, binding = 1) readonly buffer Target { float target[]; }; /* (3,H,W) training image */
 layout(std430, binding = 2) readonly buffer Weight { float weight[]; }; /* (H,W), read when masked */
-layout(std430, binding = 3) writeonly buffer Slope { float slope[]; };  /* (3,H,W) of SSIM in the blurred x, x^2 + y^2, xy */
-layout(std430, binding = 4) writeonly buffer Partial { float partial[]; }; /* (3,tiles,5) see loss_total.comp */
+layout(std430, binding = 3) writeonly buffer Slope0 { float slope0[]; }; /* by channel: (3,H,W) of SSIM in the blurred x, x^2 + y^2, */
+layout(std430, binding = 4) writeonly buffer Slope1 { float slope1[]; }; /* xy; apart, as no array is to be larger than an image */
+layout(std430, binding = 5) writeonly buffer Slope2 { float slope2[]; };
+layout(std430, binding = 6) writeonly buffer Partial { float partial[]; }; /* (3,tiles,5) see loss_total.comp */
 
 shared float x[REACH * REACH], y[REACH * REACH];
-shared float along[4][REACH * 16];
-shared float sums[5][256];
+const uint ALONG = REACH * 16u;
+shared float along[4 * REACH * 16]; /* (4, ALONG); later the sums, (5,256): some devices have no more than 16384 bytes */
 
 /* Whether the whole window of the invocation's pixel counts; leaves x as scratch. */
 bool whole_window(uint i, ivec2 origin)
@@ -25,11 +27,11 @@ bool whole_window(uint i, ivec2 origin)
     for (uint k = i; k < REACH * 16u; k += 256u) {
         float all_ = 1.0;
         for (uint d = 0u; d < 11u; d++) all_ *= x[k / 16u * REACH + k % 16u + d];
-        along[0][k] = all_;
+        along[k] = all_;
     }
     barrier();
     float all_ = 1.0;
-    for (uint d = 0u; d < 11u; d++) all_ *= along[0][(i / 16u + d) * 16u + i % 16u];
+    for (uint d = 0u; d < 11u; d++) all_ *= along[(i / 16u + d) * 16u + i % 16u];
     barrier();
     return all_ > 0.0;
 }
@@ -45,16 +47,16 @@ void blur(uint i, out float m[4])
             s[2] = fma(WINDOW[d], fma(a, a, b * b), s[2]);
             s[3] = fma(WINDOW[d], a * b, s[3]);
         }
-        for (uint map = 0u; map < 4u; map++) along[map][k] = s[map];
+        for (uint map = 0u; map < 4u; map++) along[map * ALONG + k] = s[map];
     }
     barrier();
     for (uint map = 0u; map < 4u; map++) {
         m[map] = 0.0;
-        for (uint d = 0u; d < 11u; d++) m[map] = fma(WINDOW[d], along[map][(i / 16u + d) * 16u + i % 16u], m[map]);
+        for (uint d = 0u; d < 11u; d++) m[map] = fma(WINDOW[d], along[map * ALONG + (i / 16u + d) * 16u + i % 16u], m[map]);
     }
 }
 
-/* Wang et al. 2004; the derivatives as in loss_differentiate of src/loss.c. */
+/* Wang et al. 2004; the derivatives as in loss_differentiate of src/render/loss.c. */
 float ssim_of(float m[4], out vec3 d)
 {
     float ux = m[0], uy = m[1], uu = fma(ux, ux, uy * uy), uxy = ux * uy;
@@ -64,17 +66,24 @@ float ssim_of(float m[4], out vec3 d)
     return ssim;
 }
 
+void slope_put(uint channel, uint at, float value)
+{
+    if (channel == 0u) slope0[at] = value;
+    else if (channel == 1u) slope1[at] = value;
+    else slope2[at] = value;
+}
+
 void main()
 {
-    uint i = gl_LocalInvocationIndex, tile = work_group(), plane = push.width * push.height;
-    if (tile >= push.tiles) return;
+    uint i = gl_LocalInvocationIndex, channel = loss_channel(), plane = push.width * push.height;
+    if (channel >= 3u) return;
     ivec2 origin = reach_at(), at = origin + ivec2(i % 16u, i / 16u) + int(HALF);
     bool  inside = in_image(at), counts = whole_window(i, origin) && inside;
     for (uint k = i; k < REACH * REACH; k += 256u) {
         ivec2 p = origin + ivec2(k % REACH, k / REACH);
         bool  in_ = in_image(p);
-        x[k] = in_ ? rgb[push.channel * plane + pixel_index(p)] : 0.0;
-        y[k] = in_ ? target[push.channel * plane + pixel_index(p)] : 0.0;
+        x[k] = in_ ? rgb[channel * plane + pixel_index(p)] : 0.0;
+        y[k] = in_ ? target[channel * plane + pixel_index(p)] : 0.0;
     }
     barrier();
     uint  centre = (i / 16u + HALF) * REACH + i % 16u + HALF;
@@ -84,17 +93,18 @@ void main()
     if (push.ssim_weight > 0.0) {
         blur(i, m);
         ssim = ssim_of(m, d);
-        for (uint k = 0u; k < 3u && inside; k++) slope[k * plane + pixel_index(at)] = counts ? d[k] : 0.0;
+        for (uint k = 0u; k < 3u && inside; k++) slope_put(channel, k * plane + pixel_index(at), counts ? d[k] : 0.0);
     }
-    sums[0][i] = w * abs(difference);
-    sums[1][i] = counts ? ssim : 0.0;
-    sums[2][i] = w * difference * difference;
-    sums[3][i] = w > 0.0 ? 1.0 : 0.0;
-    sums[4][i] = counts ? 1.0 : 0.0;
+    barrier(); /* nobody reads `along` any more */
+    along[0 + i] = w * abs(difference);
+    along[256 + i] = counts ? ssim : 0.0;
+    along[512 + i] = w * difference * difference;
+    along[768 + i] = w > 0.0 ? 1.0 : 0.0;
+    along[1024 + i] = counts ? 1.0 : 0.0;
     for (uint half_ = 128u; half_ > 0u; half_ /= 2u) {
         barrier();
-        for (uint k = 0u; k < 5u && i < half_; k++) sums[k][i] += sums[k][i + half_];
+        for (uint k = 0u; k < 5u && i < half_; k++) along[256u * k + i] += along[256u * k + i + half_];
     }
     if (i == 0u)
-        for (uint k = 0u; k < 5u; k++) partial[(push.channel * push.tiles + tile) * 5u + k] = sums[k][0];
+        for (uint k = 0u; k < 5u; k++) partial[work_group() * 5u + k] = along[256u * k];
 }

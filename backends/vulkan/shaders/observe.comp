@@ -1,4 +1,4 @@
-/* observe.comp - density control's statistics: the twin of density_observe's loop. */
+/* observe.comp - density control's statistics: the counterpart of density_observe's loop. */
 #version 450
 #include "common.glsl"
 

@@ -1,4 +1,4 @@
-/* project.comp - Gaussians onto the image plane: the twin of src/project.c, forward. An invocation a row of a slab.
+/* project.comp - Gaussians onto the image plane: the counterpart of src/render/project.c, forward. An invocation a row of a slab.
  *
  * What raster.comp needs of a row lies in vectors of four numbers, in arrays apart: no array exceeds maxStorageBufferRange before
  * there are 8 million rows, and reads are coalesced.
@@ -14,6 +14,7 @@ layout(std430, binding = 4) writeonly buffer SplatC { vec4 splat_c[]; }; /* r g 
 layout(std430, binding = 5) writeonly buffer Seen { uint seen[]; };      /* 1 or 0 */
 layout(std430, binding = 6) writeonly buffer LobeA { vec4 lobe_a[]; };   /* a k e peak */
 layout(std430, binding = 7) writeonly buffer LobeB { vec4 lobe_b[]; };   /* half_x half_y main_x main_y */
+layout(std430, binding = 8) writeonly buffer Rank { uint rank[]; };      /* as seen, to be summed in place */
 layout(push_constant) uniform Push { uint first, count, stride, degree, lobes, lobe_plane; } push;
 #include "geometry.glsl"
 
@@ -24,7 +25,7 @@ struct Shape {
 Shape shape_of(Geometry g, float peak)
 {
     Shape s;
-    s.reach    = (peak + LOG2_255) * 2.0 * LN_2;
+    s.reach    = (peak + view.cut) * 2.0 * LN_2;
     float safe = max(s.reach, 0.0);
     s.half_x   = sqrt(safe * g.xx / g.shrink2) * 1.0001 + 0.001;
     s.half_y   = sqrt(safe * g.yy / g.shrink2) * 1.0001 + 0.001;
@@ -34,12 +35,22 @@ Shape shape_of(Geometry g, float peak)
     return s;
 }
 
-/* Written so that a number that is not finite is out of view. */
 bool in_view(vec2 c, float half_x, float half_y)
 {
     return c.x + half_x >= 0.5 && c.x - half_x <= float(view.width) - 0.5 && c.y + half_y >= 0.5 &&
            c.y - half_y <= float(view.height) - 0.5 && half_x < 1e30 && half_y < 1e30;
 }
+
+/* A row with a mean or rotation that is not finite, or a scale that is NaN, is out of view, as on the CPU. */
+bool row_is_drawable(uint i)
+{
+    bool good = true;
+    for (uint k = 0u; k < 3u; k++) good = good && is_finite(at(MEAN + k, i)) && !is_nan(at(LOG_SCALE + k, i));
+    for (uint k = 0u; k < 4u; k++) good = good && is_finite(at(ROTATION + k, i));
+    return good;
+}
+
+bool shape_is_finite(Shape s) { return is_finite(s.a) && is_finite(s.k) && is_finite(s.e) && is_finite(s.reach); }
 
 void main()
 {
@@ -52,7 +63,7 @@ void main()
     Shape s    = shape_of(g, peak);
     vec2  c    = vec2(view.fx * g.p.x / g.p.z + view.cx, view.fy * g.p.y / g.p.z + view.cy);
     float half_x = s.half_x, half_y = s.half_y;
-    bool  shown = s.reach >= 0.0 && s.a < 1e30;
+    bool  shown = row_is_drawable(i) && shape_is_finite(s) && s.a < 1e30, second = false;
     if (row < push.lobes) {
         g.scale = geometry_lobe_scale(i);
         geometry_covariance(g);
@@ -60,12 +71,15 @@ void main()
         Shape o     = shape_of(g, other);
         half_x      = max(o.half_x, s.half_x);
         half_y      = max(o.half_y, s.half_y);
-        shown       = (o.reach >= 0.0 || peak + LOG2_255 >= 0.0) && o.a < 1e30 && s.a < 1e30;
+        shown       = shown && shape_is_finite(o) && o.a < 1e30;
+        second      = o.reach >= 0.0;
         lobe_a[row] = vec4(o.a, o.k, o.e, other);
         lobe_b[row] = vec4(o.half_x, o.half_y, s.half_x, s.half_y);
     }
-    bool sees = in_front && shown && in_view(c, half_x, half_y);
-    seen[row] = sees ? 1u : 0u;
+    bool numbers = is_finite(c.x) && is_finite(c.y) && is_finite(half_x) && is_finite(half_y);
+    bool sees    = in_front && shown && numbers && (s.reach >= 0.0 || second) && in_view(c, half_x, half_y);
+    seen[row]    = sees ? 1u : 0u;
+    rank[row]    = sees ? 1u : 0u;
     if (!sees) return;
     float inverse, basis[16];
     vec3  way = colour_direction(i, inverse);

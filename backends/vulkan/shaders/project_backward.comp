@@ -1,22 +1,42 @@
-/* project_backward.comp - the pairs' sums back to the Gaussians: the twin of src/project.c, backward. An invocation a row of a slab.
+/* project_backward.comp - the pairs' sums back to the Gaussians: the counterpart of src/render/project.c, backward. An invocation a row of a
+ * slab. Built twice (shaders.sh): STEP 0 writes the gradient; STEP 1 keeps it in registers and steps the row (Kingma & Ba 2015), the
+ * counterpart of src/render/adam.c: so a step neither writes nor reads a gradient of the whole model.
  *
- * A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
+ * A row of which a number or its gradient is not finite is not stepped, counted, and not seen from then on. A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
  */
 #version 450
 #include "common.glsl"
 #include "view.glsl"
 
+#if STEP
+layout(std430, binding = 1) buffer Parameter { float parameter[]; };
+layout(std430, binding = 2) buffer Seen { uint seen[]; };
+#else
 layout(std430, binding = 1) readonly buffer Parameter { float parameter[]; };
 layout(std430, binding = 2) readonly buffer Seen { uint seen[]; };
+#endif
 layout(std430, binding = 3) readonly buffer RowSlots { uvec2 row_slots[]; };
 layout(std430, binding = 4) readonly buffer SumsA { vec4 sums_a[]; };
 layout(std430, binding = 5) readonly buffer SumsB { vec4 sums_b[]; };
 layout(std430, binding = 6) readonly buffer SumsC { float sums_c[]; };
 layout(std430, binding = 7) readonly buffer SumsD { vec4 sums_d[]; };
 layout(std430, binding = 8) readonly buffer SumsE { vec2 sums_e[]; };
-layout(std430, binding = 9) writeonly buffer Gradient { float gradient[]; }; /* planes as the parameters' */
-layout(std430, binding = 10) writeonly buffer Mean2d { float mean2d[]; };    /* (rows) |dL/d(u,v)| in units of half an image */
+layout(std430, binding = 9) writeonly buffer Mean2d { float mean2d[]; }; /* (rows) |dL/d(u,v)| in units of half an image */
+#if STEP
+layout(std430, binding = 10) buffer First { float mean[]; }; /* planes as the parameters' */
+layout(std430, binding = 11) buffer Second { float square[]; };
+layout(std430, binding = 12) buffer Counts { uint counts[]; };         /* [slot] rows not stepped, [slot + 1] the first of them */
+layout(std430, binding = 13) readonly buffer Rates { float rates[]; }; /* by plane, with the first moment's correction */
+layout(push_constant) uniform Push
+{
+    uint  first, count, stride, degree, lobes, lobe_plane, slot;
+    float beta1, beta2, inverse_correction;
+}
+push;
+#else
+layout(std430, binding = 10) writeonly buffer Gradient { float gradient[]; }; /* planes as the parameters' */
 layout(push_constant) uniform Push { uint first, count, stride, degree, lobes, lobe_plane; } push;
+#endif
 #include "geometry.glsl"
 
 struct Sums {
@@ -24,13 +44,26 @@ struct Sums {
     vec3  light;
 };
 
-struct Pull { /* what a Gaussian on the image plane pulls at */
+struct Pull { /* dL/d(parameter), through the Gaussian on the image plane */
     vec3  mean, log_scale;
     vec4  q;
     float u, v;
 };
 
+#if STEP
+void give(uint plane, uint i, float value)
+{
+    uint  at      = plane * push.stride + i;
+    float g       = clamp(value, -1e18, 1e18);
+    float m       = fma(push.beta1, mean[at], (1.0 - push.beta1) * g);
+    float v       = fma(push.beta2, square[at], (1.0 - push.beta2) * g * g);
+    mean[at]      = m;
+    square[at]    = v;
+    parameter[at] = parameter[at] - rates[plane] * (m / fma(sqrt(v), push.inverse_correction, 1e-15));
+}
+#else
 void give(uint plane, uint i, float value) { gradient[plane * push.stride + i] = value; }
+#endif
 
 vec4 rotation_backward(Geometry g, mat3 dr) /* dr[k]: dL/d(row k) */
 {
@@ -96,22 +129,27 @@ vec3 basis_backward(uint degree, vec3 way, float v[16])
     return d;
 }
 
-/* The SH planes' gradients, and dL/d(mean) through the viewing direction. */
-vec3 colour_backward(uint i, vec3 light)
+/* What the colour's gradient needs: dL/d(SH k, channel) is basis[k] d[channel]. */
+struct Light {
+    float basis[16];
+    vec3  d, dmean; /* dmean: dL/d(mean) through the viewing direction */
+};
+
+Light colour_backward(uint i, vec3 light)
 {
-    float basis[16], v[16], inverse;
+    Light o;
+    float v[16], inverse;
     vec3  way   = colour_direction(i, inverse);
     uint  bands = (push.degree + 1u) * (push.degree + 1u);
-    colour_basis(push.degree, way, basis);
-    vec3 value = colour_of(i, push.degree, basis);
-    vec3 d     = vec3(value.x > 0.0 ? light.x : 0.0, value.y > 0.0 ? light.y : 0.0, value.z > 0.0 ? light.z : 0.0);
-    for (uint k = 0u; k < bands; k++) {
-        for (uint ch = 0u; ch < 3u; ch++) give(SH + 3u * k + ch, i, basis[k] * d[ch]);
-        v[k] = dot(vec3(at(SH + 3u * k, i), at(SH + 3u * k + 1u, i), at(SH + 3u * k + 2u, i)), d);
-    }
-    if (push.degree == 0u) return vec3(0.0);
+    colour_basis(push.degree, way, o.basis);
+    vec3 value = colour_of(i, push.degree, o.basis);
+    o.d        = vec3(value.x > 0.0 ? light.x : 0.0, value.y > 0.0 ? light.y : 0.0, value.z > 0.0 ? light.z : 0.0);
+    o.dmean    = vec3(0.0);
+    if (push.degree == 0u) return o;
+    for (uint k = 0u; k < bands; k++) v[k] = dot(vec3(at(SH + 3u * k, i), at(SH + 3u * k + 1u, i), at(SH + 3u * k + 2u, i)), o.d);
     vec3 dway = basis_backward(push.degree, way, v);
-    return (dway - dot(dway, way) * way) * inverse;
+    o.dmean   = (dway - dot(dway, way) * way) * inverse;
+    return o;
 }
 
 Sums sums_of(uvec2 slots)
@@ -139,23 +177,42 @@ Sums lobe_sums_of(uvec2 slots)
     return Sums(a.x, a.y, a.z, a.w, b.x, b.y, vec3(0.0));
 }
 
+struct LobeGradient {
+    float opacity;
+    vec3  log_scale;
+};
+
+bool vec3_is_finite(vec3 v) { return is_finite(v.x) && is_finite(v.y) && is_finite(v.z); }
+
+bool row_is_finite(uint i, bool lobed, Pull p, float opacity, Light light, LobeGradient lobe)
+{
+    uint bands = (push.degree + 1u) * (push.degree + 1u);
+    bool good  = vec3_is_finite(p.mean) && vec3_is_finite(p.log_scale) && vec3_is_finite(p.q.xyz) && is_finite(p.q.w) && is_finite(opacity);
+    for (uint k = 0u; k < SH + 3u * bands; k++) good = good && is_finite(at(k, i));
+    for (uint k = 0u; k < bands; k++) good = good && vec3_is_finite(light.basis[k] * light.d);
+    if (!lobed) return good;
+    for (uint k = 0u; k < 4u; k++) good = good && is_finite(at(push.lobe_plane + k, i));
+    return good && is_finite(lobe.opacity) && vec3_is_finite(lobe.log_scale);
+}
+
 void main()
 {
     uint i = work_item(), row = push.first + i;
     if (i >= push.count || seen[row] == 0u) return;
-    bool     in_front;
-    Geometry g = geometry_place(i, in_front);
+    bool         in_front, lobed = row < push.lobes;
+    Geometry     g = geometry_place(i, in_front);
+    LobeGradient lobe = LobeGradient(0.0, vec3(0.0));
     geometry_covariance(g);
-    Sums  s       = sums_of(row_slots[row]);
-    Pull  p       = pull_of(g, s);
-    float rest    = own_sigmoid(-at(OPACITY, i)), opacity = s.g * rest; /* 1 - o, digits kept */
-    if (row < push.lobes) {
+    Sums  s    = sums_of(row_slots[row]);
+    Pull  p    = pull_of(g, s);
+    float rest = own_sigmoid(-at(OPACITY, i)), opacity = s.g * rest; /* 1 - o, digits kept */
+    if (lobed) {
         g.scale = geometry_lobe_scale(i);
         geometry_covariance(g);
-        Sums o      = lobe_sums_of(row_slots[row]);
-        Pull second = pull_of(g, o);
-        give(push.lobe_plane, i, o.g * own_sigmoid(-at(push.lobe_plane, i)));
-        for (uint k = 0u; k < 3u; k++) give(push.lobe_plane + 1u + k, i, second.log_scale[k]);
+        Sums o         = lobe_sums_of(row_slots[row]);
+        Pull second    = pull_of(g, o);
+        lobe.opacity   = o.g * own_sigmoid(-at(push.lobe_plane, i));
+        lobe.log_scale = second.log_scale;
         p.mean += second.mean;
         p.log_scale += second.log_scale;
         p.q += second.q;
@@ -163,10 +220,24 @@ void main()
         p.v += second.v;
         opacity += o.g * rest;
     }
-    p.mean += colour_backward(i, s.light);
+    Light light = colour_backward(i, s.light);
+    p.mean += light.dmean;
+    mean2d[row] = length(vec2(0.5 * float(view.width) * p.u, 0.5 * float(view.height) * p.v));
+#if STEP
+    if (!row_is_finite(i, lobed, p, opacity, light, lobe)) {
+        seen[row] = 0u;
+        atomicAdd(counts[push.slot], 1u);
+        atomicMin(counts[push.slot + 1u], row);
+        return;
+    }
+#endif
     for (uint k = 0u; k < 3u; k++) give(MEAN + k, i, p.mean[k]);
     for (uint k = 0u; k < 3u; k++) give(LOG_SCALE + k, i, p.log_scale[k]);
     for (uint k = 0u; k < 4u; k++) give(ROTATION + k, i, p.q[k]);
     give(OPACITY, i, opacity);
-    mean2d[row] = length(vec2(0.5 * float(view.width) * p.u, 0.5 * float(view.height) * p.v));
+    for (uint k = 0u; k < (push.degree + 1u) * (push.degree + 1u); k++)
+        for (uint ch = 0u; ch < 3u; ch++) give(SH + 3u * k + ch, i, light.basis[k] * light.d[ch]);
+    if (!lobed) return;
+    give(push.lobe_plane, i, lobe.opacity);
+    for (uint k = 0u; k < 3u; k++) give(push.lobe_plane + 1u + k, i, lobe.log_scale[k]);
 }

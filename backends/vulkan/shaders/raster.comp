@@ -1,29 +1,32 @@
-/* raster.comp - splats to pixels, front to back. push.depths: the colour is (depth, 1, 0) on black. */
+/* raster.comp - splats to pixels, front to back. */
 #version 450
 #include "common.glsl"
 #include "view.glsl"
 #include "raster.glsl"
 layout(std430, binding = 8) writeonly buffer Rgb { float rgb[]; }; /* (3,H,W) */
-layout(push_constant) uniform Push { uint lobes, depths; } push;
 
 void main()
 {
-    uint tile = work_group(), i = gl_LocalInvocationIndex;
+    uint tile = tile_index(), i = gl_LocalInvocationIndex;
     if (tile >= view.tiles_x * view.tiles_y) return;
     uvec2 in_tile = pixel_at(i), at = tile_at() + in_tile;
     bool  inside = at.x < view.width && at.y < view.height;
     float t      = inside ? 1.0 : -1.0;
     vec3  light  = vec3(0.0);
-    for (uint first = start[tile], end = start[tile + 1u]; first < end && any_alive(t); first += BATCH) {
+    alive_begin(t);
+    for (uint first = start[tile], end = start[tile + 1u], round = 0u; first < end; first += BATCH, round++) {
+        barrier(); /* the batch before was drawn */
         if (i < BATCH) batch_load(first, end, i, push.lobes, push.depths != 0u);
         barrier();
-        uint count = min(BATCH, end - first);
+        if (!alive_in(round)) break;
+        uint count = min(uint(BATCH), end - first);
         for (uint n = 0u; n < count; n++) {
             if (!touches(n, i >> 4) || t < 0.0) continue;
             Share p = share_of(n, vec2(in_tile), t);
             light   = fma(vec3(p.weight), batch_light[n].rgb, light);
             t       = p.t;
         }
+        alive_after(round, t);
     }
     if (!inside) return;
     uint plane = view.width * view.height, to = at.y * view.width + at.x;

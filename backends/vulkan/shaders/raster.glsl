@@ -1,10 +1,9 @@
-/* raster.glsl - what drawing and its way back must have alike to the bit: a splat over a pixel. The twin of src/raster.c.
+/* raster.glsl - what forward and backward must compute alike to the bit: a splat over a pixel. The counterpart of src/render/raster.c.
  *
  * A workgroup is a tile, an invocation a pixel: 16 invocations that follow each other are a block of 4 x 4.
- * VARIANT & 1: rows below push.lobes have a second lobe.
+ * Built several times (shaders.sh): BATCH is how many splats the workgroup holds at a time; LOBED 1: rows below push.lobes have a second
+ * lobe. Both are macros, not specialization constants: some drivers size shared arrays by a constant's default.
  */
-layout(constant_id = 1) const uint BATCH = 8u; /* splats that the workgroup holds at a time */
-
 layout(std430, binding = 1) readonly buffer Start { uint start[]; };   /* (tiles + 1) */
 layout(std430, binding = 2) readonly buffer Sorted { uint sorted[]; }; /* (pairs) slots, tile by tile, in depth order */
 layout(std430, binding = 3) readonly buffer Staged { uvec2 staged[]; };
@@ -12,14 +11,19 @@ layout(std430, binding = 4) readonly buffer SplatA { vec4 splat_a[]; };
 layout(std430, binding = 5) readonly buffer SplatB { vec4 splat_b[]; };
 layout(std430, binding = 6) readonly buffer SplatC { vec4 splat_c[]; };
 layout(std430, binding = 7) readonly buffer LobeA { vec4 lobe_a[]; };
+/* first: tile of the first workgroup, for images that are drawn in parts. depths: the colour is (depth, 1, 0) on black. */
+layout(push_constant) uniform Push { uint lobes, first, depths; } push;
 
 shared vec4 batch_shape[BATCH]; /* -a k -e peak */
 shared vec4 batch_place[BATCH]; /* u v from the tile's first pixel centre; blocks; 1: it has a second lobe */
 shared vec4 batch_light[BATCH]; /* colour; w: the pair's slot */
-shared vec4 batch_lobe[(VARIANT & 1u) == 0u ? 1u : BATCH];
-shared uint alive;
+#if LOBED
+shared vec4 batch_lobe[BATCH];
+#endif
+shared uint alive[3];
 
-uvec2 tile_at() { return uvec2(work_group() % view.tiles_x, work_group() / view.tiles_x) * TILE; }
+uint  tile_index() { return push.first + work_group(); }
+uvec2 tile_at() { return uvec2(tile_index() % view.tiles_x, tile_index() / view.tiles_x) * TILE; }
 
 uvec2 pixel_at(uint i)
 {
@@ -34,14 +38,16 @@ void batch_load(uint first, uint end, uint n, uint lobes, bool depths)
     uint  slot = sorted[first + n];
     uvec2 pair = staged[slot];
     vec4  a = splat_a[pair.x], b = splat_b[pair.x], c = splat_c[pair.x];
-    bool  lobed    = (VARIANT & 1u) != 0u && pair.x < lobes;
+    bool  lobed    = LOBED == 1 && pair.x < lobes;
     batch_shape[n] = vec4(-a.z, a.w, -b.x, b.y);
     batch_place[n] = vec4(a.xy - (vec2(tile_at()) + 0.5), uintBitsToFloat(pair.y), lobed ? 1.0 : 0.0);
     batch_light[n] = vec4(depths ? vec3(c.w, 1.0, 0.0) : c.rgb, uintBitsToFloat(slot));
+#if LOBED
     if (lobed) {
         vec4 o        = lobe_a[pair.x];
         batch_lobe[n] = vec4(-o.x, o.y, -o.z, o.w);
     }
+#endif
 }
 
 float value_of(vec4 shape, vec2 place, float least, vec2 pixel)
@@ -60,15 +66,18 @@ struct Share {
 Share share_of(uint n, vec2 pixel, float t)
 {
     Share p;
-    bool  lobed = (VARIANT & 1u) != 0u && batch_place[n].w != 0.0;
-    p.value     = value_of(batch_shape[n], batch_place[n].xy, lobed ? -120.0 : -LOG2_255, pixel);
-    p.lobe      = lobed ? value_of(batch_lobe[n], batch_place[n].xy, -120.0, pixel) : 0.0;
+    bool  lobed = LOBED == 1 && batch_place[n].w != 0.0;
+    p.value     = value_of(batch_shape[n], batch_place[n].xy, lobed ? -120.0 : -view.cut, pixel);
+    p.lobe      = 0.0;
     p.alpha     = p.value;
+#if LOBED
     if (lobed) {
+        p.lobe              = value_of(batch_lobe[n], batch_place[n].xy, -120.0, pixel);
         precise float alpha = p.value - p.lobe;
         float         room  = t < TRANSMITTANCE_MAX ? abs(alpha) : alpha;
-        p.alpha             = room >= ALPHA_MIN ? alpha : 0.0;
+        p.alpha             = room >= view.alpha_min ? alpha : 0.0;
     }
+#endif
     precise float next = fma(-p.alpha, t, t);
     bool          drawn = next >= TRANSMITTANCE_MIN;
     p.weight            = t - (drawn ? next : t);
@@ -78,13 +87,19 @@ Share share_of(uint n, vec2 pixel, float t)
 
 bool touches(uint n, uint block) { return (floatBitsToUint(batch_place[n].z) >> block & 1u) != 0u; }
 
-/* Whether any pixel of the tile has not ended. */
-bool any_alive(float t)
+/* Whether any pixel of the tile goes on, told without barriers of its own. In round r alive[r % 3] is read after the barrier behind the
+ * loading of the batch; until the next barrier pixels that go on set the next round's, and the one after is cleared. */
+void alive_begin(float t)
 {
+    if (gl_LocalInvocationIndex < 3u) alive[gl_LocalInvocationIndex] = 0u;
     barrier();
-    if (gl_LocalInvocationIndex == 0u) alive = 0u;
-    barrier();
-    if (t > 0.0) alive = 1u;
-    barrier();
-    return alive != 0u;
+    if (t > 0.0) alive[0] = 1u;
+}
+
+bool alive_in(uint round) { return alive[round % 3u] != 0u; }
+
+void alive_after(uint round, float t)
+{
+    if (gl_LocalInvocationIndex == 0u) alive[(round + 2u) % 3u] = 0u;
+    if (t > 0.0) alive[(round + 1u) % 3u] = 1u;
 }

@@ -1,7 +1,7 @@
 /* raster_backward.comp - the pixels' gradients back to the pairs, or (VARIANT & 2) how much each pair matters.
  *
- * In forward order, a batch at a time, in two rooms. First each invocation takes its pixel past the batch's splats and leaves
- * alpha dL/dalpha and alpha T in shared memory. Then the invocations are dealt out anew, 256 / BATCH to a splat: each adds up some
+ * In forward order, a batch at a time, in two phases. First each invocation takes its pixel past the batch's splats and leaves
+ * alpha dL/dalpha and alpha T in shared memory. Then the invocations are assigned anew, 256 / BATCH to a splat: each adds up some
  * of the splat's pixels, and one for each of the splat's numbers adds up what these have. So there is no atomic, and every sum has a
  * written order. A pair's sums go to its own slot.
  */
@@ -16,25 +16,25 @@ layout(std430, binding = 11) buffer SumsB { vec4 sums_b[]; }; /* g times w y, y^
 layout(std430, binding = 12) buffer SumsC { float sums_c[]; }; /* blue */
 layout(std430, binding = 13) buffer SumsD { vec4 sums_d[]; }; /* of the second lobe: as sums_a */
 layout(std430, binding = 14) buffer SumsE { vec2 sums_e[]; }; /* and w y, y^2 */
-layout(push_constant) uniform Push { uint lobes; } push;
 
-const bool LOBED = (VARIANT & 1u) != 0u, SCORE = (VARIANT & 2u) != 0u;
-const uint SUMS  = 9u, PLANES_ = LOBED ? 3u : 2u;
-const uint POOL  = BATCH * 256u * PLANES_ > 256u * SUMS ? BATCH * 256u * PLANES_ : 256u * SUMS;
+const bool SCORE = (VARIANT & 2u) != 0u;
+const uint SUMS = 9u, EACH = 256u / BATCH;
+/* Rows of the two layouts of `pool`, padded so that what neighbours read together lies in different banks of 32 words. */
+const uint ROW   = 256u + (EACH & 31u); /* a splat's pixels */
+const uint SHARE = EACH + 1u;           /* what the invocations of a splat have of one sum */
+const uint POOL  = BATCH * ROW * (2u + LOBED) > SUMS * BATCH * SHARE ? BATCH * ROW * (2u + LOBED) : SUMS * BATCH * SHARE;
 
-shared float pool[POOL];       /* (BATCH, 256) value, then weight, then lobe; later (SUMS, 256) */
+shared float pool[POOL];        /* (BATCH, ROW) value, then weight, then lobe; later (SUMS, BATCH, SHARE) */
 shared float gradient[3 * 256]; /* dL/dC of the tile's pixels */
 
-float component(uint n, uint k) { return k < 4u ? batch_shape[n][k] : batch_light[n][k - 4u]; }
-
-/* The first room: a pixel past splat n. */
+/* Phase 1: a pixel past splat n. */
 void differentiate(uint n, uint i, vec2 pixel, vec3 g, inout float t, inout float behind)
 {
     float value = 0.0, lobe = 0.0, weight = 0.0;
     if (touches(n, i >> 4) && t > 0.0) {
         Share p     = share_of(n, pixel, t);
         float light = dot(g, batch_light[n].rgb), rest = fma(-p.weight, light, behind);
-        if (LOBED || SCORE) {
+        if (LOBED == 1 || SCORE) {
             float slope = p.weight != 0.0 ? fma(p.t, light, -rest) / (1.0 - p.alpha) : 0.0;
             value       = p.value < ALPHA_MAX ? (SCORE ? slope : slope * p.value) : 0.0;
             lobe        = p.lobe < ALPHA_MAX ? -slope * p.lobe : 0.0;
@@ -46,33 +46,38 @@ void differentiate(uint n, uint i, vec2 pixel, vec3 g, inout float t, inout floa
         behind = rest;
         t      = p.t;
     }
-    pool[n * 256u + i]           = value;
-    pool[(BATCH + n) * 256u + i] = weight;
-    if (LOBED) pool[(2u * BATCH + n) * 256u + i] = lobe;
+    pool[n * ROW + i]           = value;
+    pool[(BATCH + n) * ROW + i] = weight;
+#if LOBED
+    pool[(2u * BATCH + n) * ROW + i] = lobe;
+#endif
 }
 
-/* Adds up what the invocations of splat n have of sum k: `each` of them. */
-float gather(uint n, uint k, uint each)
+/* Adds up what the invocations of splat n have of sum k. */
+float gather(uint n, uint k)
 {
     float sum = 0.0;
-    for (uint j = 0u; j < each; j++) sum += pool[k * 256u + n * each + j];
+    for (uint j = 0u; j < EACH; j++) sum += pool[(k * BATCH + n) * SHARE + j];
     return sum;
 }
 
-/* The second room: invocation j of splat n, `each` a splat. count: splats of the batch. */
+/* Phase 2: invocation j of splat n, EACH of them a splat, adds up its pixels; then an invocation for each number of each splat adds up
+ * what these have. count: splats of the batch. */
 void add_up(uint i, uint count)
 {
-    const uint each = 256u / BATCH;
-    uint       n = i / each, j = i % each;
-    float      s[9], o[6];
-    vec4       place = batch_place[n], shape = batch_shape[n], other = LOBED ? batch_lobe[n] : vec4(0.0);
-    bool       lobed = LOBED && n < count && place.w != 0.0;
-    for (uint k = 0u; k < 9u; k++) s[k] = 0.0;
+    uint  n = i / EACH, j = i % EACH, to = n * SHARE + j;
+    float s[9];
+    vec4  place = batch_place[n], shape = batch_shape[n];
+#if LOBED
+    float o[6];
+    vec4  other = batch_lobe[n];
     for (uint k = 0u; k < 6u; k++) o[k] = 0.0;
-    for (uint p = j; p < 256u && n < count; p += each) {
+#endif
+    for (uint k = 0u; k < 9u; k++) s[k] = 0.0;
+    for (uint p = j; p < 256u && n < count; p += EACH) {
         if (!touches(n, p >> 4)) continue;
         vec2  pixel = vec2(pixel_at(p));
-        float g = pool[n * 256u + p], c = pool[(BATCH + n) * 256u + p];
+        float g = pool[n * ROW + p], c = pool[(BATCH + n) * ROW + p];
         float dy = pixel.y - place.y, w = fma(shape.y, dy, pixel.x - place.x);
         if (SCORE) {
             s[0] = fma(g, g, s[0]);
@@ -87,8 +92,9 @@ void add_up(uint i, uint count)
         s[6] = fma(c, gradient[p], s[6]);
         s[7] = fma(c, gradient[256u + p], s[7]);
         s[8] = fma(c, gradient[512u + p], s[8]);
-        if (lobed) {
-            float l = pool[(2u * BATCH + n) * 256u + p], v = fma(other.y, dy, pixel.x - place.x);
+#if LOBED
+        if (place.w != 0.0) {
+            float l = pool[(2u * BATCH + n) * ROW + p], v = fma(other.y, dy, pixel.x - place.x);
             o[0] += l;
             o[1] += l * v;
             o[2] += l * dy;
@@ -96,31 +102,33 @@ void add_up(uint i, uint count)
             o[4] = fma(l * v, dy, o[4]);
             o[5] = fma(l * dy, dy, o[5]);
         }
+#endif
     }
+    /* The job of an invocation: sum k of splat m. Its slot is read before the last barrier: behind it the next batch is loaded. */
+    uint  m = i % BATCH, k = i / BATCH, slot = floatBitsToUint(batch_light[m].w);
+    bool  job = m < count, lobed = LOBED == 1 && batch_place[m].w != 0.0;
+    float peak = SCORE ? own_exp2(batch_shape[m].w) : 0.0;
     barrier();
-    for (uint k = 0u; k < (SCORE ? 1u : SUMS); k++) pool[k * 256u + i] = s[k];
+    for (uint q = 0u; q < (SCORE ? 1u : SUMS); q++) pool[q * BATCH * SHARE + to] = s[q];
     barrier();
-    for (uint job = i; job < count * (SCORE ? 1u : SUMS); job += 256u) {
-        uint  m = job % count, k = job / count, slot = floatBitsToUint(batch_light[m].w);
-        float sum = gather(m, k, each);
-        if (SCORE) {
-            float peak   = own_exp2(batch_shape[m].w);
-            sums_a[slot] = vec4(peak * peak * sum, 0.0, 0.0, 0.0);
-        } else if (k < 4u) sums_a[slot][k] = sum;
+    if (SCORE && job && k == 0u) sums_a[slot] = vec4(peak * peak * gather(m, 0u), 0.0, 0.0, 0.0);
+    if (!SCORE && job && k < SUMS) {
+        float sum = gather(m, k);
+        if (k < 4u) sums_a[slot][k] = sum;
         else if (k < 8u) sums_b[slot][k - 4u] = sum;
         else sums_c[slot] = sum;
     }
-    if (!LOBED || SCORE) return;
+#if LOBED
+    if (SCORE) return;
     barrier();
-    for (uint k = 0u; k < 6u; k++) pool[k * 256u + i] = o[k];
+    for (uint q = 0u; q < 6u; q++) pool[q * BATCH * SHARE + to] = o[q];
     barrier();
-    for (uint job = i; job < count * 6u; job += 256u) {
-        uint  m = job % count, k = job / count, slot = floatBitsToUint(batch_light[m].w);
-        float sum = gather(m, k, each);
-        if (batch_place[m].w == 0.0) continue;
+    if (job && lobed && k < 6u) {
+        float sum = gather(m, k);
         if (k < 4u) sums_d[slot][k] = sum;
         else sums_e[slot][k - 4u] = sum;
     }
+#endif
 }
 
 /* Splats behind the last that any pixel saw. */
@@ -132,14 +140,14 @@ void give_nothing(uint first, uint end, uint i)
         if (SCORE) continue;
         sums_b[slot] = vec4(0.0);
         sums_c[slot] = 0.0;
-        if (LOBED) sums_d[slot] = vec4(0.0);
-        if (LOBED) sums_e[slot] = vec2(0.0);
+        if (LOBED == 1) sums_d[slot] = vec4(0.0);
+        if (LOBED == 1) sums_e[slot] = vec2(0.0);
     }
 }
 
 void main()
 {
-    uint tile = work_group(), i = gl_LocalInvocationIndex;
+    uint tile = tile_index(), i = gl_LocalInvocationIndex;
     if (tile >= view.tiles_x * view.tiles_y) return;
     uvec2 in_tile = pixel_at(i), at = tile_at() + in_tile;
     bool  inside = at.x < view.width && at.y < view.height;
@@ -151,11 +159,14 @@ void main()
         behind += g[ch] * rgb[ch * plane + from];
     }
     for (uint ch = 0u; ch < 3u; ch++) gradient[ch * 256u + i] = g[ch];
-    for (; first < end && any_alive(t); first += BATCH) {
+    alive_begin(t);
+    for (uint round = 0u; first < end; first += BATCH, round++) {
         if (i < BATCH) batch_load(first, end, i, push.lobes, false);
         barrier();
-        uint count = min(BATCH, end - first);
+        if (!alive_in(round)) break;
+        uint count = min(uint(BATCH), end - first);
         for (uint n = 0u; n < count; n++) differentiate(n, i, vec2(in_tile), g, t, behind);
+        alive_after(round, t);
         barrier();
         add_up(i, count);
     }

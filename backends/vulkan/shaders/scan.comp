@@ -1,16 +1,16 @@
-/* scan.comp - exclusive prefix sums of whole numbers (Blelloch 1990). A workgroup takes 2048 numbers, eight an invocation.
+/* scan.comp - exclusive prefix sums of whole numbers, in place (Blelloch 1990). A workgroup takes 2048 numbers, eight an invocation.
  *
  *     VARIANT 0  the sum of each workgroup's numbers
  *     VARIANT 1  one workgroup goes through all numbers, 2048 at a time; the total goes to counts[slot]
  *     VARIANT 2  each workgroup's own prefixes, on top of the sums before it as VARIANT 1 has left them
+ *     VARIANT 3  as VARIANT 1, each workgroup a row of n numbers; the totals go to sums[row]
  */
 #version 450
 #include "common.glsl"
 
-layout(std430, binding = 0) readonly buffer In { uint in_[]; };
-layout(std430, binding = 1) buffer Out { uint out_[]; };
-layout(std430, binding = 2) buffer Counts { uint counts[]; };
-layout(std430, binding = 3) buffer Sums { uint sums[]; };
+layout(std430, binding = 0) buffer Data { uint data[]; };
+layout(std430, binding = 1) buffer Counts { uint counts[]; };
+layout(std430, binding = 2) buffer Sums { uint sums[]; };
 layout(push_constant) uniform Push { uint n, slot; } push;
 
 shared uint total[256];
@@ -37,7 +37,8 @@ uint before(uint value)
     return total[t] - value;
 }
 
-uint load(uint at) { return at < push.n ? in_[at] : 0u; }
+uint row() { return VARIANT == 3u ? work_group() * push.n : 0u; }
+uint load(uint at) { return at < push.n ? data[row() + at] : 0u; }
 
 uint sum_of(uint first)
 {
@@ -49,8 +50,8 @@ uint sum_of(uint first)
 void prefixes(uint first, uint sum)
 {
     for (uint k = 0u; k < 8u && first + k < push.n; k++) {
-        uint value       = in_[first + k];
-        out_[first + k] = sum;
+        uint value              = data[row() + first + k];
+        data[row() + first + k] = sum;
         sum += value;
     }
 }
@@ -58,7 +59,7 @@ void prefixes(uint first, uint sum)
 void main()
 {
     uint t = gl_LocalInvocationIndex, groups = (push.n + 2047u) / 2048u;
-    if (VARIANT == 1u) {
+    if (VARIANT == 1u || VARIANT == 3u) {
         uint carry = 0u;
         for (uint g = 0u; g < groups; g++) {
             uint first = g * 2048u + t * 8u, sum = before(sum_of(first));
@@ -66,7 +67,8 @@ void main()
             carry = add(carry, total[255]);
             barrier();
         }
-        if (t == 0u) counts[push.slot] = carry;
+        if (t == 0u && VARIANT == 1u) counts[push.slot] = carry;
+        if (t == 0u && VARIANT == 3u) sums[work_group()] = carry;
         return;
     }
     uint g = work_group();

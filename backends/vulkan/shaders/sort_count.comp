@@ -2,20 +2,20 @@
 #version 450
 #include "common.glsl"
 #include "sort.glsl"
-layout(std430, binding = 2) writeonly buffer Histogram { uint histogram[]; }; /* (16, groups) */
+layout(std430, binding = 2) writeonly buffer Histogram { uint histogram[]; }; /* (256, groups) */
 
-shared uint bin[16];
+shared uint bin[256];
 
 void main()
 {
     uint t = gl_LocalInvocationIndex, g = work_group(), n = counts[push.slot];
     if (g >= push.groups) return;
-    if (t < 16u) bin[t] = 0u;
+    bin[t] = 0u;
     barrier();
     for (uint k = 0u; k < 8u; k++) {
         uint i = g * 2048u + k * 256u + t;
-        if (i < n) atomicAdd(bin[key_in[i] >> push.shift & 15u], 1u);
+        if (i < n) atomicAdd(bin[key_in[i] >> push.shift & 255u], 1u);
     }
     barrier();
-    if (t < 16u) histogram[t * push.groups + g] = bin[t];
+    histogram[t * push.groups + g] = bin[t];
 }

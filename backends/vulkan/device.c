@@ -1,0 +1,406 @@
+/* device.c - the Vulkan loader, opened at run time, an instance, the choice of a device.
+ *
+ * Built by make VULKAN=1 alone; needs the headers to compile, and nothing to start: a machine without a loader or a device says so in
+ * one line.
+ */
+#include "device.h"
+
+/* ---------------------------------------------------------------- what went wrong */
+
+OXL_INTERNAL const char *vulkan_word(VkResult result)
+{
+    switch (result) {
+    case VK_TIMEOUT: return "it did not answer in time";
+    case VK_ERROR_OUT_OF_HOST_MEMORY: return "no host memory";
+    case VK_ERROR_OUT_OF_DEVICE_MEMORY: return "no device memory is left";
+    case VK_ERROR_DEVICE_LOST: return "the device is lost";
+    case VK_ERROR_INITIALIZATION_FAILED: return "it could not be started";
+    case VK_ERROR_INCOMPATIBLE_DRIVER: return "no driver";
+    default: return "refused";
+    }
+}
+
+/* Keeps the first failure. 1: all is well. */
+OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
+{
+    const int memory = result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    if (result == VK_SUCCESS) return v->rc == OXL_OK;
+    if (v->rc == OXL_OK && memory)
+        v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
+                         "Vulkan, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", what,
+                         vulkan_word(result), (int)result);
+    if (v->rc == OXL_OK)
+        v->rc =
+            oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan, %s: %s (%d)\nfix: --backend cpu", what, vulkan_word(result), (int)result);
+    return 0;
+}
+
+/* ---------------------------------------------------------------- loader and instance */
+
+static const char *const VULKAN_LIBRARY[] = {"libvulkan.so.1",  "libvulkan.so",      "vulkan-1.dll",
+                                             "libvulkan.dylib", "libvulkan.1.dylib", "libMoltenVK.dylib"};
+
+static int vulkan_load(struct vulkan *v)
+{
+    const char *named = getenv("OXL_VULKAN_LIBRARY"); /* another loader; a name that is not there: a machine without one */
+    for (size_t i = 0; !named && !v->library && i < OXL_COUNT(VULKAN_LIBRARY); i++)
+        v->library = os_library_open(VULKAN_LIBRARY[i]);
+    if (named) v->library = os_library_open(named);
+    if (!v->library) return 0;
+    os_library_symbol(v->library, "vkGetInstanceProcAddr", &v->GetInstanceProcAddr, sizeof v->GetInstanceProcAddr);
+    if (!v->GetInstanceProcAddr) return 0;
+#define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetInstanceProcAddr(NULL, "vk" #name);
+    VULKAN_OF_LOADER(VULKAN_FIND)
+#undef VULKAN_FIND
+    return v->CreateInstance != NULL;
+}
+
+static VKAPI_ATTR VkBool32 VKAPI_CALL vulkan_complaint(VkDebugUtilsMessageSeverityFlagBitsEXT      severity,
+                                                       VkDebugUtilsMessageTypeFlagsEXT             types,
+                                                       const VkDebugUtilsMessengerCallbackDataEXT *data, void *user)
+{
+    struct vulkan *v = user;
+    (void)severity, (void)types;
+    if (v->complaints++ < 10) oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan validation: %s", data->pMessage);
+    return VK_FALSE;
+}
+
+static const char *const VULKAN_VALIDATION = "VK_LAYER_KHRONOS_validation";
+
+/* The validation layer is for those who change this file: OXL_VULKAN_VALIDATE=1, and installed. */
+static int vulkan_validates(struct vulkan *v)
+{
+    const char       *mode = getenv("OXL_VULKAN_VALIDATE");
+    VkLayerProperties layer[64];
+    uint32_t          count = OXL_COUNT(layer);
+    if (!mode || strcmp(mode, "0") == 0 || !v->EnumerateInstanceLayerProperties) return 0;
+    if (v->EnumerateInstanceLayerProperties(&count, layer) < 0) return 0;
+    for (uint32_t i = 0; i < count; i++)
+        if (strcmp(layer[i].layerName, VULKAN_VALIDATION) == 0) return 1;
+    return 0;
+}
+
+enum { VULKAN_EXTENSIONS = 4, VULKAN_LISTED = 512 };
+
+/* Extensions that are there and wanted. */
+struct vulkan_extensions {
+    VkExtensionProperties *there; /* (count) */
+    uint32_t               count, enabled;
+    const char            *name[VULKAN_EXTENSIONS];
+};
+
+static int vulkan_enable(struct vulkan_extensions *e, const char *name)
+{
+    for (uint32_t i = 0; i < e->count; i++)
+        if (strcmp(e->there[i].extensionName, name) == 0) {
+            e->name[e->enabled++] = name;
+            return 1;
+        }
+    return 0;
+}
+
+/* A portability driver (MoltenVK on Apple's) is listed only for those who say that they know of its limits. */
+static VkInstanceCreateFlags vulkan_instance_extensions(struct vulkan *v, struct vulkan_extensions *e)
+{
+    e->count = VULKAN_LISTED;
+    e->there = oxl_alloc(v->ctx, VULKAN_LISTED, sizeof *e->there);
+    if (!e->there || !v->EnumerateInstanceExtensionProperties ||
+        v->EnumerateInstanceExtensionProperties(NULL, &e->count, e->there) < 0)
+        e->count = 0;
+    v->properties2 = vulkan_enable(e, VK_KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2_EXTENSION_NAME);
+    if (!v->properties2 || !vulkan_enable(e, VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME)) return 0;
+    return VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR;
+}
+
+/* Chained to the instance, the layer checks from the first call on, and synchronization too; OXL_VULKAN_VALIDATE=gpu: also what shaders
+ * read and write, past the end of a buffer. */
+static VkResult vulkan_make_instance(struct vulkan *v, const VkDebugUtilsMessengerCreateInfoEXT *listen)
+{
+    const char                        *mode        = getenv("OXL_VULKAN_VALIDATE");
+    const int                          gpu         = v->validates && mode && strcmp(mode, "gpu") == 0;
+    const VkValidationFeatureEnableEXT more[2]     = {VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_EXT,
+                                                      VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_RESERVE_BINDING_SLOT_EXT};
+    const VkValidationFeatureEnableEXT sync        = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+    const VkValidationFeaturesEXT      features    = {.sType                         = VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT,
+                                                      .pNext                         = listen,
+                                                      .enabledValidationFeatureCount = gpu ? 2u : 1u,
+                                                      .pEnabledValidationFeatures    = gpu ? more : &sync};
+    const VkApplicationInfo            application = {.sType            = VK_STRUCTURE_TYPE_APPLICATION_INFO,
+                                                      .pApplicationName = "oceanxl",
+                                                      .apiVersion       = gpu ? VK_API_VERSION_1_1 : VK_API_VERSION_1_0};
+    struct vulkan_extensions           extensions  = {0};
+    VkInstanceCreateInfo               info        = {.sType                   = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
+                                                      .pNext                   = v->validates ? &features : NULL,
+                                                      .flags                   = vulkan_instance_extensions(v, &extensions),
+                                                      .pApplicationInfo        = &application,
+                                                      .enabledLayerCount       = v->validates ? 1u : 0u,
+                                                      .ppEnabledLayerNames     = &VULKAN_VALIDATION,
+                                                      .ppEnabledExtensionNames = extensions.name};
+    VkResult                           result;
+    if (v->validates) extensions.name[extensions.enabled++] = VK_EXT_DEBUG_UTILS_EXTENSION_NAME; /* the layer's own */
+    info.enabledExtensionCount = extensions.enabled;
+    result                     = v->CreateInstance(&info, NULL, &v->instance);
+    oxl_free(v->ctx, extensions.there);
+    return result;
+}
+
+static oxl_result vulkan_start(struct vulkan *v)
+{
+    const VkDebugUtilsMessengerCreateInfoEXT listen = {
+        .sType           = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT,
+        .messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT,
+        .messageType     = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT,
+        .pfnUserCallback = vulkan_complaint,
+        .pUserData       = v};
+    PFN_vkCreateDebugUtilsMessengerEXT create;
+    if (!vulkan_load(v))
+        return oxl_fail(v->ctx, OXL_ERR_FAILED,
+                        "no Vulkan loader (libvulkan.so.1) on this machine\nfix: install a driver, or --backend cpu");
+    v->validates = vulkan_validates(v);
+    if (!vulkan_ok(v, vulkan_make_instance(v, &listen), "the loader")) return v->rc;
+#define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetInstanceProcAddr(v->instance, "vk" #name);
+    VULKAN_OF_INSTANCE(VULKAN_FIND)
+#undef VULKAN_FIND
+    if (!v->validates) return OXL_OK;
+    create = (PFN_vkCreateDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance, "vkCreateDebugUtilsMessengerEXT");
+    if (create) vulkan_ok(v, create(v->instance, &listen, NULL, &v->messenger), "the validation layer");
+    return v->rc;
+}
+
+static void vulkan_stop(struct vulkan *v)
+{
+    PFN_vkDestroyDebugUtilsMessengerEXT destroy;
+    if (v->messenger) {
+        destroy = (PFN_vkDestroyDebugUtilsMessengerEXT)v->GetInstanceProcAddr(v->instance, "vkDestroyDebugUtilsMessengerEXT");
+        if (destroy) destroy(v->instance, v->messenger, NULL);
+    }
+    if (v->instance) v->DestroyInstance(v->instance, NULL);
+    if (v->library) os_library_close(v->library);
+}
+
+/* ---------------------------------------------------------------- devices */
+
+enum { VULKAN_DEVICES = 32 };
+
+static uint32_t vulkan_devices(struct vulkan *v, VkPhysicalDevice device[VULKAN_DEVICES])
+{
+    uint32_t count = VULKAN_DEVICES;
+    return v->EnumeratePhysicalDevices(v->instance, &count, device) < 0 ? 0 : count;
+}
+
+static const char *vulkan_kind(VkPhysicalDeviceType type)
+{
+    switch (type) {
+    case VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU: return "discrete GPU";
+    case VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU: return "integrated GPU";
+    case VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU: return "virtual GPU";
+    case VK_PHYSICAL_DEVICE_TYPE_CPU: return "a CPU";
+    default: return "unknown kind";
+    }
+}
+
+/* Better ones first. */
+static int vulkan_rank(VkPhysicalDeviceType type)
+{
+    switch (type) {
+    case VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU: return 4;
+    case VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU: return 3;
+    case VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU: return 2;
+    case VK_PHYSICAL_DEVICE_TYPE_CPU: return 0;
+    default: return 1;
+    }
+}
+
+OXL_INTERNAL oxl_result vulkan_list(oxl_context *ctx, struct text *out)
+{
+    struct vulkan    v = {.ctx = ctx};
+    VkPhysicalDevice device[VULKAN_DEVICES];
+    uint32_t         count = 0;
+    if (vulkan_start(&v) == OXL_OK) {
+        count = vulkan_devices(&v, device);
+        if (count == 0) v.rc = oxl_fail(ctx, OXL_ERR_FAILED, "Vulkan finds no device here");
+    } else v.rc = ctx->failed;
+    for (uint32_t i = 0; i < count; i++) {
+        VkPhysicalDeviceProperties p;
+        v.GetPhysicalDeviceProperties(device[i], &p);
+        text_add(out, "%u  %s (%s), Vulkan %u.%u.%u, arrays of %u MiB at most\n", i, p.deviceName, vulkan_kind(p.deviceType),
+                 VK_VERSION_MAJOR(p.apiVersion), VK_VERSION_MINOR(p.apiVersion), VK_VERSION_PATCH(p.apiVersion),
+                 p.limits.maxStorageBufferRange >> 20);
+    }
+    vulkan_stop(&v);
+    return v.rc;
+}
+
+static oxl_result vulkan_choose(struct vulkan *v, int wanted, int any)
+{
+    VkPhysicalDevice device[VULKAN_DEVICES];
+    const uint32_t   count = vulkan_devices(v, device);
+    int              best  = -1;
+    if (count == 0) return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here\nfix: --backend cpu");
+    if (wanted >= (int)count)
+        return oxl_fail(v->ctx, OXL_ERR_USAGE, "device %d of %u\nfix: oceanxl info --devices has the list, from 0", wanted,
+                        count);
+    for (uint32_t i = 0; i < count; i++) {
+        VkPhysicalDeviceProperties p;
+        v->GetPhysicalDeviceProperties(device[i], &p);
+        if (wanted >= 0 ? (int)i != wanted : vulkan_rank(p.deviceType) <= best) continue;
+        if (wanted < 0 && !any && p.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU) continue;
+        best          = vulkan_rank(p.deviceType);
+        v->physical   = device[i];
+        v->properties = p;
+    }
+    if (best < 0) return oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan finds no device here but the CPU");
+    v->GetPhysicalDeviceMemoryProperties(v->physical, &v->memory);
+    return OXL_OK;
+}
+
+/* The larger the batch, the fewer barriers, and the fewer workgroups a processor holds. Batches of 16 were not tried on a GPU:
+ * OXL_VULKAN_BATCH=16 asks for them. */
+static uint32_t vulkan_batch(uint32_t shared)
+{
+    const char *named = getenv("OXL_VULKAN_BATCH");
+    const int   most  = named ? atoi(named) : 8;
+    if (most >= 16 && shared >= SPIRV_RASTER_BACKWARD_16_SHARED) return 16;
+    return most >= 8 && shared >= SPIRV_RASTER_BACKWARD_8_LOBED_SHARED ? 8 : 4;
+}
+
+/* What the passes ask for; most of it is what Vulkan 1.0 promises of any device, the bindings are not. */
+static oxl_result vulkan_check(struct vulkan *v)
+{
+    const VkPhysicalDeviceLimits *l = &v->properties.limits;
+    v->range                        = l->maxStorageBufferRange;
+    v->groups_max                   = OXL_MIN(l->maxComputeWorkGroupCount[0], l->maxComputeWorkGroupCount[1]);
+    v->batch                        = vulkan_batch(l->maxComputeSharedMemorySize);
+    v->part                         = v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU ||
+                      v->properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU
+                                          ? 0
+                                          : VULKAN_PART;
+    v->slab_rows = (uint32_t)OXL_MIN(VULKAN_SLAB_ROWS, v->range / (sizeof(float) * OXL_PLANES) / VULKAN_GROUP * VULKAN_GROUP);
+    if (l->maxPerStageDescriptorStorageBuffers >= VULKAN_BINDINGS && l->maxComputeWorkGroupInvocations >= VULKAN_GROUP &&
+        l->maxComputeWorkGroupSize[0] >= VULKAN_GROUP && l->maxComputeSharedMemorySize >= vulkan_shared() && v->slab_rows > 0)
+        return OXL_OK;
+    return oxl_fail(
+        v->ctx, OXL_ERR_FAILED,
+        "%s: %u storage buffers a shader, %u invocations a workgroup, %u bytes shared: wanted %d, %u, %zu\nfix: another "
+        "--device, or --backend cpu",
+        v->properties.deviceName, l->maxPerStageDescriptorStorageBuffers, l->maxComputeWorkGroupInvocations,
+        l->maxComputeSharedMemorySize, VULKAN_BINDINGS, VULKAN_GROUP, vulkan_shared());
+}
+
+/* A device that implements a part of Vulkan must be told that the part is known; the passes need none of what it may lack. */
+static void vulkan_device_extensions(struct vulkan *v, struct vulkan_extensions *e)
+{
+    e->count = VULKAN_LISTED;
+    e->there = oxl_alloc(v->ctx, VULKAN_LISTED, sizeof *e->there);
+    if (!e->there || v->EnumerateDeviceExtensionProperties(v->physical, NULL, &e->count, e->there) < 0) e->count = 0;
+    if (v->properties2) vulkan_enable(e, "VK_KHR_portability_subset");
+    v->budgets =
+        v->properties2 && v->GetPhysicalDeviceMemoryProperties2KHR && vulkan_enable(e, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
+}
+
+static oxl_result vulkan_create_device(struct vulkan *v)
+{
+    VkQueueFamilyProperties family[64];
+    uint32_t                count    = OXL_COUNT(family);
+    const float             priority = 1;
+    VkDeviceQueueCreateInfo queue    = {
+           .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority};
+    struct vulkan_extensions extensions = {0};
+    VkDeviceCreateInfo       info       = {.sType                   = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
+                                           .queueCreateInfoCount    = 1,
+                                           .pQueueCreateInfos       = &queue,
+                                           .ppEnabledExtensionNames = extensions.name};
+    v->GetPhysicalDeviceQueueFamilyProperties(v->physical, &count, family);
+    while (v->family < count && !(family[v->family].queueFlags & VK_QUEUE_COMPUTE_BIT)) v->family++;
+    if (v->family == count)
+        return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s cannot compute\nfix: --backend cpu", v->properties.deviceName);
+    queue.queueFamilyIndex = v->family;
+    vulkan_device_extensions(v, &extensions);
+    info.enabledExtensionCount = extensions.enabled;
+    vulkan_ok(v, v->CreateDevice(v->physical, &info, NULL, &v->device), v->properties.deviceName);
+    oxl_free(v->ctx, extensions.there);
+    if (v->rc != OXL_OK) return v->rc;
+#define VULKAN_FIND(name) v->name = (PFN_vk##name)v->GetDeviceProcAddr(v->device, "vk" #name);
+    VULKAN_OF_DEVICE(VULKAN_FIND)
+#undef VULKAN_FIND
+    return OXL_OK;
+}
+
+static oxl_result vulkan_create_pools(struct vulkan *v)
+{
+    const VkCommandPoolCreateInfo    pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO, .queueFamilyIndex = v->family};
+    VkCommandBufferAllocateInfo      commands = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                                 .level              = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                                 .commandBufferCount = VULKAN_COMMANDS};
+    const VkFenceCreateInfo          fence    = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    const VkDescriptorPoolSize       size     = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
+    const VkDescriptorPoolCreateInfo sets     = {
+            .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = VULKAN_SETS, .poolSizeCount = 1, .pPoolSizes = &size};
+    v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
+    if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &v->command_pool), "a command pool")) return v->rc;
+    commands.commandPool = v->command_pool;
+    if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, v->command), "a command buffer") &&
+        vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &v->fence), "a fence"))
+        vulkan_ok(v, v->CreateDescriptorPool(v->device, &sets, NULL, &v->descriptor_pool), "descriptors");
+    return v->rc;
+}
+
+/* ---------------------------------------------------------------- opening and closing */
+
+OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out)
+{
+    struct vulkan *v      = oxl_calloc(ctx, 1, sizeof *v);
+    void          *mapped = NULL;
+    oxl_result     rc;
+    *out = NULL;
+    if (!v) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the Vulkan backend");
+    v->ctx = ctx;
+    rc     = vulkan_start(v);
+    if (rc == OXL_OK) rc = vulkan_choose(v, device, any);
+    if (rc == OXL_OK) rc = vulkan_check(v);
+    if (rc == OXL_OK) rc = vulkan_create_device(v);
+    if (rc == OXL_OK) rc = vulkan_create_pools(v);
+    if (rc == OXL_OK) {
+        v->photos = vulkan_memory_left(v) / VULKAN_PHOTO_SHARE;
+        vulkan_create(v, &v->staging, VULKAN_STAGING, 1);
+        vulkan_create(v, &v->nothing, 256, 0);
+        if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VULKAN_STAGING, 0, &mapped), "staging");
+        v->mapped = mapped;
+        rc        = v->rc;
+    }
+    if (rc == OXL_OK) *out = v;
+    else vulkan_close(v);
+    return rc;
+}
+
+OXL_INTERNAL void vulkan_close(struct vulkan *v)
+{
+    if (!v) return;
+    if (v->lost) { /* may neither be waited for nor destroyed: vulkan_submitted */
+        oxl_free(v->ctx, v);
+        return;
+    }
+    if (v->device && v->DeviceWaitIdle) {
+        v->DeviceWaitIdle(v->device);
+        for (int pass = 0; pass < PASS_COUNT; pass++) {
+            struct vulkan_pipeline *p = &v->pipeline[pass];
+            for (int i = 0; i < VULKAN_VARIANTS; i++) v->DestroyPipeline(v->device, p->variant[i], NULL);
+            v->DestroyPipelineLayout(v->device, p->layout, NULL);
+            v->DestroyDescriptorSetLayout(v->device, p->set, NULL);
+        }
+        vulkan_release(v, &v->staging);
+        vulkan_release(v, &v->nothing);
+        v->DestroyQueryPool(v->device, v->clock, NULL);
+        v->DestroyDescriptorPool(v->device, v->descriptor_pool, NULL);
+        v->DestroyFence(v->device, v->fence, NULL);
+        v->DestroyCommandPool(v->device, v->command_pool, NULL);
+        v->DestroyDevice(v->device, NULL);
+    }
+    vulkan_stop(v);
+    oxl_free(v->ctx, v);
+}
+
+OXL_INTERNAL const char *vulkan_name(const struct vulkan *v)
+{
+    return v->properties.deviceName;
+}

@@ -1,0 +1,215 @@
+/* device.h - an open Vulkan device, its buffers and passes: what the files of this folder share.
+ *
+ * Passes are recorded one after the other into one command buffer, each with a barrier behind it, and submitted when the host needs a
+ * result. The first error while recording stays in vulkan.rc: further records do nothing, and vulkan_finish returns it.
+ */
+#ifndef OXL_VULKAN_DEVICE_H
+#define OXL_VULKAN_DEVICE_H
+
+#include "vulkan.h"
+
+#define VK_NO_PROTOTYPES
+#include <vulkan/vulkan.h>
+
+#include "generated/bindings.h"
+
+#define VULKAN_GROUP      256u           /* invocations a workgroup, as in shaders/common.glsl */
+#define VULKAN_BLOCK      2048u          /* numbers that a workgroup scans or sorts */
+#define VULKAN_SLAB_ROWS  (1u << 20)     /* rows of a slab, at most: 264 MB of all planes */
+#define VULKAN_STAGING    (16u << 20)    /* bytes of the buffer between host and device */
+#define VULKAN_SETS       1024           /* passes of a submission, at most */
+#define VULKAN_BINDINGS   15             /* of a pass, at most */
+#define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
+#define VULKAN_WAIT       60000000000ull /* ns: a device that takes longer for a submission is given up */
+#define VULKAN_PART       (1u << 19)     /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
+enum {
+    VULKAN_VARIANTS    = 4,
+    VULKAN_DIGIT       = 8, /* bits of a digit, of the sort */
+    VULKAN_DIGITS      = 256,
+    VULKAN_COMMANDS    = 64,  /* submissions without a wait in between, at most */
+    VULKAN_PARTS       = 24,  /* of an image, at most */
+    VULKAN_ASKED       = 128, /* pieces that the host waits for at a time */
+    VULKAN_PHOTO_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
+};
+
+/* ---------------------------------------------------------------- functions of the loader, by name */
+
+/* clang-format off */ /* it would make a staircase of these */
+#define VULKAN_OF_LOADER(X) X(CreateInstance) X(EnumerateInstanceLayerProperties) X(EnumerateInstanceExtensionProperties)
+#define VULKAN_OF_INSTANCE(X) \
+    X(DestroyInstance) X(EnumeratePhysicalDevices) X(GetPhysicalDeviceProperties) X(GetPhysicalDeviceMemoryProperties) \
+    X(GetPhysicalDeviceQueueFamilyProperties) X(EnumerateDeviceExtensionProperties) X(CreateDevice) X(GetDeviceProcAddr) \
+    X(GetPhysicalDeviceMemoryProperties2KHR) /* NULL where the instance has no such extension */
+#define VULKAN_OF_DEVICE(X) \
+    X(DestroyDevice) X(GetDeviceQueue) X(DeviceWaitIdle) X(CreateBuffer) X(DestroyBuffer) X(GetBufferMemoryRequirements) \
+    X(AllocateMemory) X(FreeMemory) X(BindBufferMemory) X(MapMemory) X(CreateShaderModule) X(DestroyShaderModule) \
+    X(CreateDescriptorSetLayout) X(DestroyDescriptorSetLayout) X(CreatePipelineLayout) X(DestroyPipelineLayout) \
+    X(CreateComputePipelines) X(DestroyPipeline) X(CreateDescriptorPool) X(DestroyDescriptorPool) X(ResetDescriptorPool) \
+    X(AllocateDescriptorSets) X(UpdateDescriptorSets) X(CreateCommandPool) X(DestroyCommandPool) X(AllocateCommandBuffers) \
+    X(ResetCommandPool) X(BeginCommandBuffer) X(EndCommandBuffer) X(CmdBindPipeline) X(CmdBindDescriptorSets) \
+    X(CmdPushConstants) X(CmdDispatch) X(CmdPipelineBarrier) X(CmdCopyBuffer) X(CmdUpdateBuffer) X(CmdFillBuffer) \
+    X(CmdResetQueryPool) X(CmdWriteTimestamp) X(CreateQueryPool) X(DestroyQueryPool) X(GetQueryPoolResults) X(QueueSubmit) \
+    X(CreateFence) X(DestroyFence) X(WaitForFences) X(ResetFences)
+/* clang-format on */
+#define VULKAN_DECLARE(name) PFN_vk##name name;
+
+/* ---------------------------------------------------------------- the passes: one shader each */
+
+enum vulkan_pass {
+    PASS_PROJECT,
+    PASS_SCAN,
+    PASS_COMPACT,
+    PASS_SORT_COUNT,
+    PASS_SORT_SCATTER,
+    PASS_FOOTPRINT,
+    PASS_RANGES,
+    PASS_RASTER,
+    PASS_RASTER_LOBED,
+    PASS_RASTER_BACKWARD_4, /* splats that a workgroup holds at a time */
+    PASS_RASTER_BACKWARD_8,
+    PASS_RASTER_BACKWARD_16,
+    PASS_RASTER_BACKWARD_4_LOBED,
+    PASS_RASTER_BACKWARD_8_LOBED,
+    PASS_LOSS_FORWARD,
+    PASS_LOSS_TOTAL,
+    PASS_LOSS_BACKWARD,
+    PASS_PROJECT_BACKWARD,
+    PASS_STEP,
+    PASS_OBSERVE,
+    PASS_SCORE,
+    PASS_UNPACK,
+    PASS_PEAK, /* of the benchmark alone */
+    PASS_COUNT
+};
+
+struct vulkan_pipeline {
+    VkDescriptorSetLayout set;
+    VkPipelineLayout      layout;
+    VkPipeline            variant[VULKAN_VARIANTS]; /* made when first run */
+};
+
+struct vulkan_buffer {
+    VkBuffer       handle;
+    VkDeviceMemory memory;
+    VkDeviceSize   size;
+};
+
+struct vulkan_asked { /* something that the host waits for */
+    void  *to;
+    size_t at, size; /* in the staging buffer */
+};
+
+struct vulkan_renderer;
+
+struct vulkan {
+    oxl_context            *ctx;
+    struct vulkan_renderer *renderers; /* a list of all that are there */
+    void                   *library;
+    VULKAN_OF_LOADER(VULKAN_DECLARE)
+    VULKAN_OF_INSTANCE(VULKAN_DECLARE)
+    VULKAN_OF_DEVICE(VULKAN_DECLARE)
+    PFN_vkGetInstanceProcAddr        GetInstanceProcAddr;
+    VkInstance                       instance;
+    VkDebugUtilsMessengerEXT         messenger;
+    int                              properties2; /* VK_KHR_get_physical_device_properties2 is on: what the next two depend on */
+    int                              budgets;     /* VK_EXT_memory_budget is on */
+    int                              validates, complaints; /* whether the validation layer is on; its messages so far */
+    VkPhysicalDevice                 physical;
+    VkPhysicalDeviceProperties       properties;
+    VkPhysicalDeviceMemoryProperties memory;
+    VkDevice                         device;
+    VkQueue                          queue;
+    uint32_t                         family; /* of the queue */
+    VkCommandPool                    command_pool;
+    VkCommandBuffer                  commands, command[VULKAN_COMMANDS]; /* the one that is recorded; all of them */
+    int                              command_at;                         /* submissions that nobody waited for yet */
+    VkDescriptorPool                 descriptor_pool;
+    VkFence                          fence;
+    struct vulkan_pipeline           pipeline[PASS_COUNT];
+    struct vulkan_buffer             staging, nothing;  /* nothing: for bindings that a pass does not use */
+    char                            *mapped;            /* staging, as the host sees it */
+    size_t                           staged;            /* bytes of it in use */
+    size_t                           sent;              /* bytes that vulkan_upload took there so far */
+    size_t                           waits, dispatches; /* of the host for the device; passes: so far */
+    struct vulkan_asked              ask[VULKAN_ASKED];
+    int                              asked;
+    int                              recording, sets;
+    int                              lost;                 /* for good: nothing may be asked of the device, not even to wait */
+    VkQueryPool                      clock;                /* (2 VULKAN_SETS) see vulkan_measure */
+    uint8_t                          pass_at[VULKAN_SETS]; /* of the sets in use: which pass */
+    double                           pass_seconds[PASS_COUNT];
+    int                              pass_runs[PASS_COUNT];
+    oxl_result                       rc;
+    size_t                           range;      /* bytes: the largest array */
+    size_t                           photos;     /* bytes of images that a renderer may keep */
+    uint32_t                         slab_rows;  /* at most */
+    uint32_t                         groups_max; /* in one dimension of a dispatch */
+    size_t                           part;       /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
+    uint32_t                         batch;      /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
+};
+
+/* ---------------------------------------------------------------- device.c */
+
+OXL_INTERNAL const char *vulkan_word(VkResult result);
+OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
+
+/* ---------------------------------------------------------------- memory.c */
+
+OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host);
+OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b);
+/* At least so many elements; the contents are lost when it grows. what: names them in an error. */
+OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what);
+
+OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v);
+
+/* ---------------------------------------------------------------- resident.c */
+
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v); /* of every renderer, but the one that is in use; how many */
+
+/* ---------------------------------------------------------------- passes.c */
+
+OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be recorded */
+OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
+OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for it */
+OXL_INTERNAL void       vulkan_flush(struct vulkan *v);  /* submits what was recorded, without waiting */
+OXL_INTERNAL void       vulkan_enter(struct vulkan *v);  /* first in every interface function: forgets an earlier error */
+OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
+OXL_INTERNAL size_t     vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
+
+OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
+/* vulkan_ask records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in between. */
+OXL_INTERNAL void vulkan_ask(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
+OXL_INTERNAL void vulkan_collect(struct vulkan *v);
+OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
+OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
+OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, uint32_t value);
+OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
+                             const struct vulkan_buffer *const *buffer);
+
+#define VULKAN_BUFFERS(...) ((const struct vulkan_buffer *const[]){__VA_ARGS__})
+#define VULKAN_PUSH(...)    ((const uint32_t[]){__VA_ARGS__})
+
+/* Records pass PASS_name. It does not compile where what is pushed or bound is not as long as the shader has it. */
+#define VULKAN_SAME(a, b) ((void)sizeof(char[(a) == (b) ? 1 : -1]))
+#define VULKAN_RUN(v, name, variant, groups, push, buffers)                                                                      \
+    (VULKAN_SAME(sizeof(push), SPIRV_##name##_PUSH), VULKAN_SAME(sizeof(buffers) / sizeof(buffers)[0], SPIRV_##name##_BINDINGS), \
+     vulkan_run(v, PASS_##name, variant, groups, push, buffers))
+
+static inline size_t vulkan_groups(size_t items)
+{
+    return (items + VULKAN_GROUP - 1) / VULKAN_GROUP;
+}
+
+static inline size_t vulkan_blocks(size_t items)
+{
+    return (items + VULKAN_BLOCK - 1) / VULKAN_BLOCK;
+}
+
+static inline uint32_t vulkan_bits(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return bits;
+}
+
+#endif

@@ -1,0 +1,90 @@
+/* memory.c - buffers on the device, and how much memory there is for them.
+ *
+ * Where an allocation fails, images that are kept on the device make room first (resident.c); what still fails is OXL_ERR_MEMORY, and
+ * with --backend auto the CPU takes over (src/render/renderer.c).
+ */
+#include "device.h"
+
+/* Free bytes of the largest heap that is the device's own: as the driver says, or all that it has. */
+OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v)
+{
+    VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
+    VkPhysicalDeviceMemoryProperties2 all  = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2, .pNext = &budget};
+    size_t                            left = 0;
+    if (v->budgets) v->GetPhysicalDeviceMemoryProperties2KHR(v->physical, &all);
+    for (uint32_t i = 0; i < v->memory.memoryHeapCount; i++) {
+        const VkDeviceSize size = v->memory.memoryHeaps[i].size, most = v->budgets ? budget.heapBudget[i] : size;
+        const VkDeviceSize used = v->budgets ? budget.heapUsage[i] : 0;
+        if (v->memory.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT)
+            left = OXL_MAX(left, (size_t)(most > used ? most - used : 0));
+    }
+    return left;
+}
+
+/* A kind of memory with all of the properties, those that are also `preferred` first; -1: none. */
+static int vulkan_memory_kind(const struct vulkan *v, uint32_t allowed, VkMemoryPropertyFlags needed,
+                              VkMemoryPropertyFlags preferred)
+{
+    for (int strict = 1; strict >= 0; strict--)
+        for (uint32_t i = 0; i < v->memory.memoryTypeCount; i++) {
+            const VkMemoryPropertyFlags has = v->memory.memoryTypes[i].propertyFlags, want = strict ? needed | preferred : needed;
+            if ((allowed >> i & 1) && (has & want) == want) return (int)i;
+        }
+    return -1;
+}
+
+OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
+{
+    if (b->handle && !v->lost) v->DestroyBuffer(v->device, b->handle, NULL);
+    if (b->memory && !v->lost) v->FreeMemory(v->device, b->memory, NULL);
+    *b = (struct vulkan_buffer){0};
+}
+
+/* Where there is none left, images that are kept on the device make room. */
+static VkResult vulkan_allocate(struct vulkan *v, const VkMemoryAllocateInfo *info, VkDeviceMemory *out)
+{
+    VkResult result = v->AllocateMemory(v->device, info, NULL, out);
+    if ((result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY) && vulkan_drop_images(v) > 0)
+        result = v->AllocateMemory(v->device, info, NULL, out);
+    return result;
+}
+
+OXL_INTERNAL void vulkan_create(struct vulkan *v, struct vulkan_buffer *b, size_t size, int for_host)
+{
+    const VkBufferCreateInfo    info   = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                          .size  = size,
+                                          .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
+                                                   VK_BUFFER_USAGE_TRANSFER_DST_BIT};
+    const VkMemoryPropertyFlags host   = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    VkMemoryAllocateInfo        memory = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO};
+    VkMemoryRequirements        needs;
+    int                         kind;
+    if (!vulkan_ok(v, v->CreateBuffer(v->device, &info, NULL, &b->handle), "a buffer")) return;
+    v->GetBufferMemoryRequirements(v->device, b->handle, &needs);
+    kind                   = vulkan_memory_kind(v, needs.memoryTypeBits, for_host ? host : 0,
+                              for_host ? VK_MEMORY_PROPERTY_HOST_CACHED_BIT : VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    memory.allocationSize  = needs.size;
+    memory.memoryTypeIndex = (uint32_t)OXL_MAX(kind, 0);
+    if (kind < 0) vulkan_ok(v, VK_ERROR_FEATURE_NOT_PRESENT, "memory that the host can see");
+    else if (vulkan_ok(v, vulkan_allocate(v, &memory, &b->memory), "memory for a buffer"))
+        vulkan_ok(v, v->BindBufferMemory(v->device, b->handle, b->memory, 0), "memory for a buffer");
+    if (v->rc == OXL_OK) b->size = size;
+    else vulkan_release(v, b);
+}
+
+/* At least so many elements; what it held is lost. */
+OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what)
+{
+    const size_t least = OXL_MAX(count, (size_t)1) * element, roomy = OXL_MIN(least + least / 4, v->range) & ~(size_t)15;
+    if (v->rc != OXL_OK || b->size >= least) return;
+    if (least > v->range || count > SIZE_MAX / element) {
+        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
+                         "%s: %zu %s need %zu MiB in one array, %zu MiB is the most here\nfix: a smaller "
+                         "--max-side, fewer --max-gaussians, or --backend cpu",
+                         v->properties.deviceName, count, what, least >> 20, v->range >> 20);
+        return;
+    }
+    if (b->handle && vulkan_finish(v) != OXL_OK) return; /* commands under way may name it */
+    vulkan_release(v, b);
+    vulkan_create(v, b, OXL_MAX(OXL_MAX(roomy, least), (size_t)256), 0);
+}

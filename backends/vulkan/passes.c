@@ -1,0 +1,349 @@
+/* passes.c - the command buffer, and passes: one compute shader over a number of workgroups.
+ *
+ * Every command has a barrier behind it, so passes see what earlier ones wrote. What the host sends and reads goes through one
+ * staging buffer.
+ *
+ * Invariant: whatever is recorded works on buffers that live until it was submitted and waited for (vulkan_reserve sees to that).
+ */
+#include "device.h"
+#include "generated/spirv.h"
+
+#define VULKAN_PASS(name) \
+    [PASS_##name] = {SPIRV_##name, sizeof SPIRV_##name, SPIRV_##name##_BINDINGS, SPIRV_##name##_PUSH, SPIRV_##name##_SHARED}
+static const struct {
+    const uint32_t *words;
+    size_t          bytes;
+    uint32_t bindings, push, shared; /* storage buffers, in the shader's order; bytes of push constants; of shared memory */
+} VULKAN_PASSES[PASS_COUNT] = {
+    VULKAN_PASS(PROJECT),
+    VULKAN_PASS(SCAN),
+    VULKAN_PASS(COMPACT),
+    VULKAN_PASS(SORT_COUNT),
+    VULKAN_PASS(SORT_SCATTER),
+    VULKAN_PASS(FOOTPRINT),
+    VULKAN_PASS(RANGES),
+    VULKAN_PASS(RASTER),
+    VULKAN_PASS(RASTER_LOBED),
+    VULKAN_PASS(RASTER_BACKWARD_4),
+    VULKAN_PASS(RASTER_BACKWARD_8),
+    VULKAN_PASS(RASTER_BACKWARD_16),
+    VULKAN_PASS(RASTER_BACKWARD_4_LOBED),
+    VULKAN_PASS(RASTER_BACKWARD_8_LOBED),
+    VULKAN_PASS(LOSS_FORWARD),
+    VULKAN_PASS(LOSS_TOTAL),
+    VULKAN_PASS(LOSS_BACKWARD),
+    VULKAN_PASS(PROJECT_BACKWARD),
+    VULKAN_PASS(STEP),
+    VULKAN_PASS(OBSERVE),
+    VULKAN_PASS(SCORE),
+    VULKAN_PASS(UNPACK),
+    VULKAN_PASS(PEAK),
+};
+
+OXL_INTERNAL size_t vulkan_shared(void)
+{
+    size_t most = 0;
+    for (int pass = 0; pass < PASS_COUNT; pass++)
+        if (pass != PASS_RASTER_BACKWARD_8 && pass != PASS_RASTER_BACKWARD_16 && pass != PASS_RASTER_BACKWARD_8_LOBED)
+            most = OXL_MAX(most, VULKAN_PASSES[pass].shared);
+    return most;
+}
+
+/* ---------------------------------------------------------------- recording and submitting */
+
+OXL_INTERNAL int vulkan_record(struct vulkan *v)
+{
+    const VkCommandBufferBeginInfo begin = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
+                                            .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
+    if (v->rc != OXL_OK || v->recording) return v->rc == OXL_OK;
+    v->commands = v->command[v->command_at];
+    if (!vulkan_ok(v, v->BeginCommandBuffer(v->commands, &begin), "recording")) return 0;
+    v->recording = 1;
+    if (v->clock && v->command_at == 0) v->CmdResetQueryPool(v->commands, v->clock, 0, 2 * VULKAN_SETS);
+    return 1;
+}
+
+/* From now on each pass is timed by the device's own clock, into pass_seconds and pass_runs. For the benchmark. */
+OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
+{
+    const VkQueryPoolCreateInfo info = {
+        .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2 * VULKAN_SETS};
+    if (!v->properties.limits.timestampComputeAndGraphics)
+        return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s has no clock", v->properties.deviceName);
+    if (!v->clock) vulkan_ok(v, v->CreateQueryPool(v->device, &info, NULL, &v->clock), "a clock");
+    return v->rc;
+}
+
+/* Before (0) and after (1) the pass that is recorded next. What went before has ended: the barrier behind it sees to that. */
+static void vulkan_stamp(struct vulkan *v, enum vulkan_pass pass, uint32_t after)
+{
+    const uint32_t set = (uint32_t)v->sets - 1;
+    if (!v->clock) return;
+    v->pass_at[set] = (uint8_t)pass;
+    v->CmdWriteTimestamp(v->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, v->clock, 2 * set + after);
+}
+
+static void vulkan_read_clock(struct vulkan *v)
+{
+    uint64_t stamp[2 * VULKAN_SETS];
+    if (!v->clock || v->sets == 0) return;
+    if (v->GetQueryPoolResults(v->device, v->clock, 0, 2 * (uint32_t)v->sets, sizeof stamp, stamp, sizeof *stamp,
+                               VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT) != VK_SUCCESS)
+        return;
+    for (int i = 0; i < v->sets; i++) {
+        v->pass_seconds[v->pass_at[i]] += 1e-9 * v->properties.limits.timestampPeriod * (double)(stamp[2 * i + 1] - stamp[2 * i]);
+        v->pass_runs[v->pass_at[i]]++;
+    }
+}
+
+/* What was recorded before is done, and seen, before what comes. */
+OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
+{
+    const VkMemoryBarrier      barrier = {.sType         = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                                          .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT,
+                                          .dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT |
+                                                           VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT |
+                                                           VK_ACCESS_HOST_READ_BIT};
+    const VkPipelineStageFlags from    = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
+    v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
+}
+
+/* Forgets what was recorded, or submitted and is done. */
+static void vulkan_drop(struct vulkan *v)
+{
+    v->ResetCommandPool(v->device, v->command_pool, 0);
+    v->ResetDescriptorPool(v->device, v->descriptor_pool, 0);
+    v->recording = v->sets = v->asked = v->command_at = 0;
+    v->staged                                         = 0;
+}
+
+/* After a timeout the submission goes on, or hangs: its fence, buffers and pools must not be touched, and another wait may not end. A
+ * lost device gives nothing back either. In both cases the device is given up, and what belongs to it stays allocated. */
+static int vulkan_submitted(struct vulkan *v, VkResult result)
+{
+    if (result == VK_TIMEOUT || result == VK_ERROR_DEVICE_LOST) v->lost = 1;
+    if (!v->lost) return vulkan_ok(v, result, "a submission");
+    if (v->rc == OXL_OK)
+        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
+                         "Vulkan, %s: %s (%d)\nfix: run the command again, it goes on from the last checkpoint; if that does "
+                         "not help, a smaller --max-side, or --backend cpu",
+                         v->properties.deviceName, vulkan_word(result), (int)result);
+    return 0;
+}
+
+static int vulkan_submit(struct vulkan *v, VkFence fence)
+{
+    const VkSubmitInfo submit = {
+        .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &v->commands};
+    return vulkan_ok(v, v->EndCommandBuffer(v->commands), "recording") &&
+           vulkan_submitted(v, v->QueueSubmit(v->queue, 1, &submit, fence));
+}
+
+OXL_INTERNAL void vulkan_flush(struct vulkan *v)
+{
+    if (v->rc != OXL_OK || !v->recording || v->command_at + 1 == VULKAN_COMMANDS) return;
+    if (!vulkan_submit(v, VK_NULL_HANDLE)) return;
+    v->recording = 0;
+    v->command_at++;
+}
+
+/* A fence behind the last submission stands for those before it. */
+OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v)
+{
+    if (v->command_at > 0) vulkan_record(v);
+    if (v->recording && !v->lost) {
+        v->waits++;
+        if (vulkan_submit(v, v->fence) && vulkan_submitted(v, v->WaitForFences(v->device, 1, &v->fence, VK_TRUE, VULKAN_WAIT)))
+            vulkan_ok(v, v->ResetFences(v->device, 1, &v->fence), "a fence");
+        if (v->lost) return v->rc;
+        if (v->rc == OXL_OK) vulkan_read_clock(v);
+        else v->DeviceWaitIdle(v->device);
+        vulkan_drop(v);
+    }
+    v->staged = 0;
+    return v->rc;
+}
+
+/* What was recorded before a failure is dropped: the buffers it works on may not exist. A lost device stays as it is. */
+OXL_INTERNAL void vulkan_enter(struct vulkan *v)
+{
+    if (v->lost) return;
+    if (v->rc != OXL_OK && v->command_at > 0) v->DeviceWaitIdle(v->device);
+    if (v->rc != OXL_OK) vulkan_drop(v);
+    v->rc = OXL_OK;
+}
+
+/* A place of `size` bytes in the staging buffer for what is recorded next. */
+static size_t vulkan_stage(struct vulkan *v, size_t size)
+{
+    size_t at;
+    if (v->staged + size > VULKAN_STAGING) vulkan_finish(v);
+    at        = v->staged;
+    v->staged = (at + size + 15) & ~(size_t)15;
+    return at;
+}
+
+OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
+{
+    v->sent += size;
+    for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
+        VkBufferCopy copy;
+        size_t       at;
+        piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
+        at    = vulkan_stage(v, piece);
+        if (!vulkan_record(v)) return;
+        memcpy(v->mapped + at, (const char *)from + done, piece);
+        copy = (VkBufferCopy){at, offset + done, piece};
+        v->CmdCopyBuffer(v->commands, v->staging.handle, to->handle, 1, &copy);
+        vulkan_barrier(v);
+    }
+}
+
+/* Waits for all that was recorded, and hands out what was asked for. */
+OXL_INTERNAL void vulkan_collect(struct vulkan *v)
+{
+    const int asked = v->asked;
+    v->asked        = 0;
+    if (vulkan_finish(v) != OXL_OK) return;
+    for (int i = 0; i < asked; i++) memcpy(v->ask[i].to, v->mapped + v->ask[i].at, v->ask[i].size);
+}
+
+/* `to` is filled by vulkan_collect, which must come before anything else is sent: many small pieces, one wait. */
+OXL_INTERNAL void vulkan_ask(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
+{
+    for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
+        VkBufferCopy copy;
+        piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
+        if (v->staged + piece > VULKAN_STAGING || v->asked == VULKAN_ASKED) vulkan_collect(v);
+        if (!vulkan_record(v)) return;
+        copy               = (VkBufferCopy){offset + done, vulkan_stage(v, piece), piece};
+        v->ask[v->asked++] = (struct vulkan_asked){(char *)to + done, copy.dstOffset, piece};
+        v->CmdCopyBuffer(v->commands, from->handle, v->staging.handle, 1, &copy);
+        vulkan_barrier(v);
+    }
+}
+
+OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
+{
+    vulkan_ask(v, from, offset, to, size);
+    vulkan_collect(v);
+}
+
+/* A few words, kept in the command itself. */
+OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
+{
+    if (!vulkan_record(v)) return;
+    v->CmdUpdateBuffer(v->commands, to->handle, offset, size, from);
+    vulkan_barrier(v);
+}
+
+OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, uint32_t value)
+{
+    if (!vulkan_record(v)) return;
+    v->CmdFillBuffer(v->commands, to->handle, 0, VK_WHOLE_SIZE, value);
+    vulkan_barrier(v);
+}
+
+/* ---------------------------------------------------------------- running a pass */
+
+static void vulkan_make_layout(struct vulkan *v, enum vulkan_pass pass)
+{
+    struct vulkan_pipeline          *p = &v->pipeline[pass];
+    VkDescriptorSetLayoutBinding     binding[VULKAN_BINDINGS];
+    const VkPushConstantRange        push   = {VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push};
+    VkDescriptorSetLayoutCreateInfo  set    = {.sType        = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
+                                               .bindingCount = VULKAN_PASSES[pass].bindings,
+                                               .pBindings    = binding};
+    const VkPipelineLayoutCreateInfo layout = {.sType                  = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
+                                               .setLayoutCount         = 1,
+                                               .pSetLayouts            = &p->set,
+                                               .pushConstantRangeCount = 1,
+                                               .pPushConstantRanges    = &push};
+    for (uint32_t i = 0; i < VULKAN_PASSES[pass].bindings; i++)
+        binding[i] = (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL};
+    if (vulkan_ok(v, v->CreateDescriptorSetLayout(v->device, &set, NULL, &p->set), "a layout"))
+        vulkan_ok(v, v->CreatePipelineLayout(v->device, &layout, NULL, &p->layout), "a layout");
+}
+
+static void vulkan_make_variant(struct vulkan *v, enum vulkan_pass pass, uint32_t variant)
+{
+    const VkSpecializationMapEntry entry   = {0, 0, sizeof variant};
+    const VkSpecializationInfo     special = {1, &entry, sizeof variant, &variant};
+    const VkShaderModuleCreateInfo code    = {.sType    = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                              .codeSize = VULKAN_PASSES[pass].bytes,
+                                              .pCode    = VULKAN_PASSES[pass].words};
+    VkShaderModule                 module;
+    VkComputePipelineCreateInfo    info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};
+    if (!v->pipeline[pass].layout) vulkan_make_layout(v, pass);
+    if (v->rc != OXL_OK || !vulkan_ok(v, v->CreateShaderModule(v->device, &code, NULL, &module), "a shader")) return;
+    info.layout = v->pipeline[pass].layout;
+    info.stage  = (VkPipelineShaderStageCreateInfo){.sType               = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                                                    .stage               = VK_SHADER_STAGE_COMPUTE_BIT,
+                                                    .module              = module,
+                                                    .pName               = "main",
+                                                    .pSpecializationInfo = &special};
+    vulkan_ok(v, v->CreateComputePipelines(v->device, VK_NULL_HANDLE, 1, &info, NULL, &v->pipeline[pass].variant[variant]),
+              "a shader");
+    v->DestroyShaderModule(v->device, module, NULL);
+}
+
+/* Shaders are compiled as if no two bindings shared memory, so one buffer must not be bound twice. */
+static void vulkan_check_bindings(struct vulkan *v, enum vulkan_pass pass, const struct vulkan_buffer *const *buffer)
+{
+    for (uint32_t i = 0; v->validates && i < VULKAN_PASSES[pass].bindings; i++)
+        for (uint32_t k = 0; k < i; k++)
+            if (buffer[i] && buffer[k] && buffer[i]->handle && buffer[i]->handle == buffer[k]->handle && v->complaints++ < 10)
+                oxl_log(v->ctx, OXL_LOG_WARNING, "Vulkan: pass %d binds one buffer as %u and %u", (int)pass, k, i);
+}
+
+static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass, const struct vulkan_buffer *const *buffer)
+{
+    const uint32_t                    count = VULKAN_PASSES[pass].bindings;
+    const VkDescriptorSetAllocateInfo info  = {.sType              = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
+                                               .descriptorPool     = v->descriptor_pool,
+                                               .descriptorSetCount = 1,
+                                               .pSetLayouts        = &v->pipeline[pass].set};
+    VkDescriptorSet                   set   = VK_NULL_HANDLE;
+    VkDescriptorBufferInfo            whole[VULKAN_BINDINGS];
+    VkWriteDescriptorSet              write = {.sType           = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                               .descriptorCount = count,
+                                               .descriptorType  = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                               .pBufferInfo     = whole};
+    vulkan_check_bindings(v, pass, buffer);
+    if (!vulkan_ok(v, v->AllocateDescriptorSets(v->device, &info, &set), "descriptors")) return VK_NULL_HANDLE;
+    for (uint32_t i = 0; i < count; i++)
+        whole[i] =
+            (VkDescriptorBufferInfo){buffer[i] && buffer[i]->handle ? buffer[i]->handle : v->nothing.handle, 0, VK_WHOLE_SIZE};
+    write.dstSet = set;
+    v->UpdateDescriptorSets(v->device, 1, &write, 0, NULL);
+    return set;
+}
+
+/* Records a pass of so many workgroups, see VULKAN_RUN. buffer: NULL where the variant uses none. */
+OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
+                             const struct vulkan_buffer *const *buffer)
+{
+    struct vulkan_pipeline *p      = &v->pipeline[pass];
+    const size_t            across = OXL_MIN(groups, v->groups_max), down = across ? (groups + across - 1) / across : 0;
+    VkDescriptorSet         set;
+    if (v->rc != OXL_OK || groups == 0) return;
+    if (v->sets == VULKAN_SETS) vulkan_finish(v);
+    if (down > v->groups_max) {
+        v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED, "%s: %zu workgroups are more than it takes\nfix: --backend cpu",
+                         v->properties.deviceName, groups);
+        return;
+    }
+    if (!p->variant[variant]) vulkan_make_variant(v, pass, variant);
+    if (!vulkan_record(v)) return;
+    set = vulkan_bind(v, pass, buffer);
+    if (v->rc != OXL_OK) return;
+    v->sets++;
+    v->CmdBindPipeline(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->variant[variant]);
+    v->CmdBindDescriptorSets(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->layout, 0, 1, &set, 0, NULL);
+    v->CmdPushConstants(v->commands, p->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push, push);
+    vulkan_stamp(v, pass, 0);
+    v->dispatches++;
+    v->CmdDispatch(v->commands, (uint32_t)across, (uint32_t)down, 1);
+    vulkan_stamp(v, pass, 1);
+    vulkan_barrier(v);
+}

@@ -1,0 +1,476 @@
+/* renderer.c - the renderer on a Vulkan device: the functions of struct renderer_device, each as a few passes of the shaders in shaders/.
+ *
+ * A step (compare src/render/renderer.c; the arrows are where the host waits):
+ *     project, sort by depth, count the pairs  ->  emit the pairs, sort by tile, rasterize, loss  ->  backward, Adam, statistics  ->
+ *
+ * Invariants: no atomics on floats, and every sum has a written order, so a device repeats its own results. It does not give the
+ * CPU's bytes: order of sums and rounding of single operations differ (tests/test_vulkan.c has the bounds).
+ */
+#include "resident.h"
+#include "../../src/render/kernels.h"
+#include "../../src/core/vecmath.h"
+
+/* ---------------------------------------------------------------- scanning and sorting */
+
+/* Exclusive prefix sums of n numbers, in place; the total goes to counts[slot]. */
+static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *data, size_t n, enum vulkan_count slot)
+{
+    const uint32_t push[2] = {(uint32_t)n, slot}, sums[2] = {(uint32_t)vulkan_blocks(n), slot};
+    if (n <= VULKAN_SCAN_WHOLE) {
+        VULKAN_RUN(r->v, SCAN, 1, 1, push, VULKAN_BUFFERS(data, &r->counts, NULL));
+        return;
+    }
+    VULKAN_RUN(r->v, SCAN, 0, vulkan_blocks(n), push, VULKAN_BUFFERS(data, &r->counts, &r->scan_sums));
+    VULKAN_RUN(r->v, SCAN, 1, 1, sums, VULKAN_BUFFERS(&r->scan_sums, &r->counts, NULL));
+    VULKAN_RUN(r->v, SCAN, 2, vulkan_blocks(n), push, VULKAN_BUFFERS(data, &r->counts, &r->scan_sums));
+}
+
+/* counts[slot] keys, `most` at most, by their lowest `bits`; returns which of the two holds them sorted. */
+static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], struct vulkan_buffer value[2],
+                       enum vulkan_count slot, size_t most, uint32_t bits)
+{
+    const size_t blocks = vulkan_blocks(most);
+    int          at     = 0;
+    for (uint32_t shift = 0; shift < bits && blocks > 0; shift += VULKAN_DIGIT, at ^= 1) {
+        const uint32_t push[3] = {slot, shift, (uint32_t)blocks};
+        VULKAN_RUN(r->v, SORT_COUNT, 0, blocks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
+        VULKAN_RUN(r->v, SCAN, 3, 1u << VULKAN_DIGIT, VULKAN_PUSH((uint32_t)blocks, 0),
+                   VULKAN_BUFFERS(&r->histogram, &r->counts, &r->digits));
+        VULKAN_RUN(r->v, SORT_SCATTER, 0, blocks, push,
+                   VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &r->digits, &key[at ^ 1], &value[at], &value[at ^ 1]));
+    }
+    return at;
+}
+
+/* ---------------------------------------------------------------- forward */
+
+static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, const oxl_render_options *o)
+{
+    struct lens l = render_lens(c, o->near_plane);
+    render_set_alpha_min(&l, o->alpha_min);
+    r->view  = (struct vulkan_view){.rotation    = {l.rotation.x.x, l.rotation.x.y, l.rotation.x.z, l.rotation.y.x, l.rotation.y.y,
+                                                    l.rotation.y.z, l.rotation.z.x, l.rotation.z.y, l.rotation.z.z},
+                                    .translation = {l.translation.x, l.translation.y, l.translation.z},
+                                    .eye         = {l.eye.x, l.eye.y, l.eye.z},
+                                    .fx          = l.fx,
+                                    .fy          = l.fy,
+                                    .cx          = l.cx,
+                                    .cy          = l.cy,
+                                    .limit_x     = l.limit_x,
+                                    .limit_y     = l.limit_y,
+                                    .near_plane  = l.near_plane,
+                                    .background  = {o->background[0], o->background[1], o->background[2]},
+                                    .alpha_min   = l.alpha_min,
+                                    .cut         = l.cut,
+                                    .width       = (uint32_t)c->width,
+                                    .height      = (uint32_t)c->height,
+                                    .tiles_x     = (uint32_t)(c->width + TILE - 1) / TILE,
+                                    .tiles_y     = (uint32_t)(c->height + TILE - 1) / TILE};
+    r->tiles = (size_t)r->view.tiles_x * r->view.tiles_y;
+    vulkan_reserve(r->v, &r->rgb, (size_t)c->width * (size_t)c->height, 12, "pixels");
+    vulkan_reserve(r->v, &r->start, r->tiles + 1, 4, "tiles");
+    vulkan_update(r->v, &r->view_buffer, 0, &r->view, sizeof r->view);
+}
+
+static void vulkan_row_push(const struct vulkan_renderer *r, size_t slab, uint32_t push[6])
+{
+    push[0] = (uint32_t)(slab * r->stride);
+    push[1] = (uint32_t)vulkan_slab_rows(r, slab, r->count);
+    push[2] = r->stride;
+    push[3] = (uint32_t)r->bands;
+    push[4] = (uint32_t)r->lobes;
+    push[5] = r->lobe_plane;
+}
+
+static void vulkan_project(struct vulkan_renderer *r)
+{
+    uint32_t push[6];
+    for (size_t s = 0; s < r->slabs; s++) {
+        vulkan_row_push(r, s, push);
+        VULKAN_RUN(r->v, PROJECT, 0, vulkan_groups(push[1]), push,
+                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b, &r->splat_c, &r->seen,
+                                  &r->lobe_a, &r->lobe_b, &r->rank));
+    }
+}
+
+static void vulkan_footprint(struct vulkan_renderer *r, uint32_t variant)
+{
+    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count),
+               VULKAN_PUSH(COUNT_VISIBLE, COUNT_PAIRS, (uint32_t)r->lobes, (uint32_t)r->count),
+               VULKAN_BUFFERS(&r->view_buffer, &r->counts, &r->row_value[0], &r->splat_a, &r->splat_b, &r->lobe_a, &r->lobe_b,
+                              &r->row_pairs, &r->pair_key[0], &r->pair_value[0], &r->staged, &r->row_slots));
+}
+
+/* Up to the number of pairs, which the host must know to make room. */
+static void vulkan_order_rows(struct vulkan_renderer *r)
+{
+    struct vulkan *v     = r->v;
+    uint32_t       pairs = 0;
+    vulkan_project(r);
+    vulkan_scan(r, &r->rank, r->count, COUNT_VISIBLE);
+    VULKAN_RUN(v, COMPACT, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
+               VULKAN_BUFFERS(&r->seen, &r->rank, &r->splat_c, &r->row_key[0], &r->row_value[0]));
+    vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32); /* 4 digits: it ends where it began */
+    vulkan_footprint(r, 0);
+    vulkan_scan(r, &r->row_pairs, r->count, COUNT_PAIRS);
+    vulkan_download(v, &r->counts, COUNT_PAIRS * sizeof pairs, &pairs, sizeof pairs);
+    r->pairs = pairs;
+    if (pairs == UINT32_MAX && v->rc == OXL_OK)
+        v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
+                         "more (tile, splat) pairs in one view than can be numbered\nfix: a smaller --max-side");
+}
+
+static void vulkan_order_pairs(struct vulkan_renderer *r)
+{
+    struct vulkan *v    = r->v;
+    uint32_t       bits = 1;
+    while (r->tiles >> bits) bits++;
+    for (int k = 0; k < 2; k++) {
+        vulkan_reserve(v, &r->pair_key[k], r->pairs, 4, "(tile, splat) pairs");
+        vulkan_reserve(v, &r->pair_value[k], r->pairs, 4, "(tile, splat) pairs");
+    }
+    vulkan_reserve(v, &r->staged, r->pairs, 8, "(tile, splat) pairs");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
+    vulkan_footprint(r, 1);
+    r->sort_end = vulkan_sort(r, r->pair_key, r->pair_value, COUNT_PAIRS, r->pairs, bits);
+    VULKAN_RUN(v, RANGES, 0, vulkan_groups(r->tiles + 1), VULKAN_PUSH((uint32_t)r->pairs, (uint32_t)r->tiles),
+               VULKAN_BUFFERS(&r->pair_key[r->sort_end], &r->start));
+}
+
+/* Calls draw(r, first tile, tiles, argument) for the whole image, or for some rows of tiles at a time, each a submission of its own: an
+ * operating system resets a GPU that is busy for longer than 2 s with one (Windows' default), and integrated ones may be. With
+ * VULKAN_PART pairs of 256 pixels x 55 operations, 7 G operations: 0.4 s where a tenth of 200 G a second is reached. Estimated, not
+ * measured. */
+static void vulkan_in_parts(struct vulkan_renderer *r,
+                            void (*draw)(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t argument),
+                            uint32_t argument)
+{
+    const size_t part = r->v->part, parts = part ? OXL_MIN((r->pairs + part - 1) / part, (size_t)VULKAN_PARTS) : 1;
+    const size_t rows = r->view.tiles_y, each = (rows + OXL_MAX(parts, (size_t)1) - 1) / OXL_MAX(parts, (size_t)1);
+    if (parts > 1) vulkan_flush(r->v);
+    for (size_t row = 0; row < rows; row += each) {
+        draw(r, (uint32_t)(row * r->view.tiles_x), OXL_MIN(each, rows - row) * r->view.tiles_x, argument);
+        if (parts > 1) vulkan_flush(r->v);
+    }
+}
+
+static void vulkan_draw_part(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t depths)
+{
+    const uint32_t push[3] = {(uint32_t)r->lobes, first, depths};
+    if (r->lobes)
+        VULKAN_RUN(r->v, RASTER_LOBED, 0, tiles, push,
+                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
+                                  &r->splat_c, &r->lobe_a, &r->rgb));
+    else
+        VULKAN_RUN(r->v, RASTER, 0, tiles, push,
+                   VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
+                                  &r->splat_c, NULL, &r->rgb));
+}
+
+static void vulkan_draw(struct vulkan_renderer *r, int depths)
+{
+    vulkan_in_parts(r, vulkan_draw_part, (uint32_t)depths);
+}
+
+static void vulkan_reserve_sums(struct vulkan_renderer *r, int score)
+{
+    struct vulkan *v = r->v;
+    vulkan_reserve(v, &r->sums_a, r->pairs, 16, "(tile, splat) pairs");
+    if (score) return;
+    vulkan_reserve(v, &r->sums_b, r->pairs, 16, "(tile, splat) pairs");
+    vulkan_reserve(v, &r->sums_c, r->pairs, 4, "(tile, splat) pairs");
+    if (r->lobes) vulkan_reserve(v, &r->sums_d, r->pairs, 16, "(tile, splat) pairs");
+    if (r->lobes) vulkan_reserve(v, &r->sums_e, r->pairs, 8, "(tile, splat) pairs");
+}
+
+/* All that a step needs, in forward: a step whose memory cannot be had has changed nothing then, and the CPU can do it. */
+static void vulkan_reserve_step(struct vulkan_renderer *r)
+{
+    const size_t pixels = (size_t)r->view.width * r->view.height;
+    vulkan_reserve_sums(r, 0);
+    vulkan_reserve(r->v, &r->drgb, pixels, 12, "pixels");
+    for (int ch = 0; ch < 3; ch++) vulkan_reserve(r->v, &r->slope[ch], pixels, 12, "pixels");
+    vulkan_reserve(r->v, &r->partial, 15 * r->tiles, 4, "tiles");
+    vulkan_reserve(r->v, &r->mean2d, r->count, 4, "Gaussians");
+    vulkan_reserve(r->v, &r->statistics, r->count, 16, "Gaussians");
+    vulkan_reserve_moments(r);
+}
+
+static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl_camera *camera,
+                                 const oxl_render_options *options)
+{
+    struct vulkan_renderer *r = device;
+    if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
+        const oxl_result rc = vulkan_fetch(device); /* another model is drawn in between */
+        if (rc != OXL_OK) return rc;
+    }
+    vulkan_enter(r->v);
+    vulkan_take_model(r, model);
+    r->bands = options->sh_degree < 0 || options->sh_degree > model->sh_degree ? model->sh_degree : options->sh_degree;
+    vulkan_take_view(r, camera, options);
+    vulkan_order_rows(r);
+    vulkan_order_pairs(r);
+    if (r->target.handle) vulkan_reserve_step(r);
+    vulkan_draw(r, 0);
+    return r->v->rc;
+}
+
+static oxl_result vulkan_image(void *device, int depths, float *rgb)
+{
+    struct vulkan_renderer *r = device;
+    vulkan_enter(r->v);
+    if (depths) vulkan_draw(r, 1);
+    vulkan_download(r->v, &r->rgb, 0, rgb, 12 * (size_t)r->view.width * r->view.height);
+    return r->v->rc;
+}
+
+/* ---------------------------------------------------------------- loss */
+
+static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int masked)
+{
+    const uint32_t push[5] = {r->view.width, r->view.height, (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)masked};
+    VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
+               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->partial));
+    VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, VULKAN_PUSH(3 * (uint32_t)r->tiles), VULKAN_BUFFERS(&r->partial, &r->totals));
+    VULKAN_RUN(r->v, LOSS_BACKWARD, 0, 3 * r->tiles, push,
+               VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->totals, &r->drgb));
+}
+
+static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out)
+{
+    struct vulkan_renderer *r      = device;
+    struct vulkan          *v      = r->v;
+    const size_t            pixels = (size_t)r->view.width * r->view.height;
+    float                   total[5];
+    vulkan_enter(v);
+    if (rgb) vulkan_reserve(v, &r->target, pixels, 12, "pixels");
+    vulkan_reserve(v, &r->drgb, pixels, 12, "pixels");
+    vulkan_reserve(v, &r->partial, 15 * r->tiles, 4, "tiles");
+    for (int ch = 0; ch < 3 && ssim_weight > 0; ch++) vulkan_reserve(v, &r->slope[ch], pixels, 12, "pixels");
+    if (weight) vulkan_reserve(v, &r->weight, pixels, 4, "pixels");
+    if (rgb) vulkan_upload(v, &r->target, 0, rgb, 12 * pixels);
+    if (weight) vulkan_upload(v, &r->weight, 0, weight, 4 * pixels);
+    vulkan_compare(r, ssim_weight, rgb ? weight != NULL : r->masked);
+    vulkan_download(v, &r->totals, 0, total, sizeof total);
+    if (v->rc != OXL_OK) return v->rc;
+    out->l1    = total[3] > 0 ? (double)total[0] / total[3] : 0;
+    out->ssim  = total[4] > 0 ? ssim_weight > 0 ? (double)total[1] / total[4] : 0 : 1;
+    out->mse   = total[3] > 0 ? (double)total[2] / total[3] : 0;
+    out->total = (1 - (double)ssim_weight) * out->l1 + (double)ssim_weight * (1 - out->ssim);
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- backward and score */
+
+/* They bind and are pushed alike, but that those without second lobes leave out the last two bindings. */
+static enum vulkan_pass vulkan_backward_pass(const struct vulkan *v, int lobed)
+{
+    VULKAN_SAME(SPIRV_RASTER_BACKWARD_4_LOBED_BINDINGS, VULKAN_BINDINGS);
+    VULKAN_SAME(SPIRV_RASTER_BACKWARD_8_LOBED_BINDINGS, VULKAN_BINDINGS);
+    if (lobed) return v->batch >= 8 ? PASS_RASTER_BACKWARD_8_LOBED : PASS_RASTER_BACKWARD_4_LOBED;
+    return v->batch == 16 ? PASS_RASTER_BACKWARD_16 : v->batch == 8 ? PASS_RASTER_BACKWARD_8 : PASS_RASTER_BACKWARD_4;
+}
+
+static void vulkan_draw_backward_part(struct vulkan_renderer *r, uint32_t first, size_t tiles, uint32_t score)
+{
+    vulkan_run(r->v, vulkan_backward_pass(r->v, r->lobes > 0), 2 * score, tiles, VULKAN_PUSH((uint32_t)r->lobes, first, 0),
+               VULKAN_BUFFERS(&r->view_buffer, &r->start, &r->pair_value[r->sort_end], &r->staged, &r->splat_a, &r->splat_b,
+                              &r->splat_c, r->lobes ? &r->lobe_a : NULL, &r->rgb, &r->drgb, &r->sums_a, &r->sums_b, &r->sums_c,
+                              &r->sums_d, &r->sums_e));
+}
+
+static void vulkan_draw_backward(struct vulkan_renderer *r, uint32_t score)
+{
+    vulkan_reserve_sums(r, (int)score);
+    vulkan_in_parts(r, vulkan_draw_backward_part, score);
+}
+
+static void vulkan_take_drgb(struct vulkan_renderer *r, const float *drgb)
+{
+    const size_t pixels = (size_t)r->view.width * r->view.height;
+    vulkan_reserve(r->v, &r->drgb, pixels, 12, "pixels");
+    vulkan_upload(r->v, &r->drgb, 0, drgb, 12 * pixels);
+}
+
+static oxl_result vulkan_backward(void *device, const float *drgb)
+{
+    struct vulkan_renderer *r = device;
+    vulkan_enter(r->v);
+    if (drgb) vulkan_take_drgb(r, drgb);
+    vulkan_draw_backward(r, 0);
+    return r->v->rc;
+}
+
+/* Rows that were not seen have none: the device leaves theirs as they were. */
+static void vulkan_fetch_plane(struct vulkan_renderer *r, size_t slab, uint32_t plane, const uint32_t *seen, float *out)
+{
+    const size_t rows = vulkan_slab_rows(r, slab, plane < r->lobe_plane ? r->count : r->lobes), first = slab * r->stride;
+    const int    past = plane < r->lobe_plane && plane >= (uint32_t)(OXL_SH + 3 * (r->bands + 1) * (r->bands + 1));
+    if (rows == 0 || past) return;
+    vulkan_download(r->v, &r->slab[slab].gradient, (size_t)plane * r->stride * sizeof(float), out + first, rows * sizeof(float));
+    for (size_t i = first; i < first + rows && r->v->rc == OXL_OK; i++)
+        if (!seen[i]) out[i] = 0;
+}
+
+/* A step has no use for the gradient as such (project_backward.comp). */
+static void vulkan_project_backward(struct vulkan_renderer *r)
+{
+    uint32_t push[6];
+    vulkan_reserve(r->v, &r->mean2d, r->count, 4, "Gaussians");
+    for (size_t s = 0; s < r->slabs; s++) {
+        vulkan_reserve(r->v, &r->slab[s].gradient, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_row_push(r, s, push);
+        VULKAN_RUN(r->v, PROJECT_BACKWARD, 0, vulkan_groups(push[1]), push,
+                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
+                                  &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].gradient));
+    }
+}
+
+static oxl_result vulkan_gradient(void *device, oxl_model *gradient)
+{
+    struct vulkan_renderer *r    = device;
+    uint32_t               *seen = oxl_alloc(r->v->ctx, r->count + 1, sizeof *seen);
+    if (!seen) return oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for a gradient");
+    vulkan_enter(r->v);
+    vulkan_project_backward(r);
+    vulkan_download(r->v, &r->seen, 0, seen, r->count * sizeof *seen);
+    for (size_t s = 0; s < r->slabs; s++)
+        for (uint32_t k = 0; k < r->planes; k++) vulkan_fetch_plane(r, s, k, seen, vulkan_host_plane(gradient, r, k));
+    oxl_free(r->v->ctx, seen);
+    return r->v->rc;
+}
+
+static oxl_result vulkan_score(void *device, const float *drgb, float *score)
+{
+    struct vulkan_renderer *r   = device;
+    struct vulkan          *v   = r->v;
+    float                  *one = oxl_alloc(v->ctx, r->count + 1, sizeof *one);
+    if (!one) return oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory for the scores of %zu Gaussians", r->count);
+    vulkan_enter(v);
+    vulkan_take_drgb(r, drgb);
+    vulkan_draw_backward(r, 1);
+    vulkan_reserve(v, &r->score, r->count, 4, "Gaussians");
+    VULKAN_RUN(v, SCORE, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
+               VULKAN_BUFFERS(&r->seen, &r->row_slots, &r->sums_a, &r->score));
+    vulkan_download(v, &r->score, 0, one, r->count * sizeof *one);
+    for (size_t i = 0; v->rc == OXL_OK && i < r->count; i++) score[i] += one[i];
+    oxl_free(v->ctx, one);
+    return v->rc;
+}
+
+/* ---------------------------------------------------------------- step and statistics */
+
+static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
+                              const struct renderer_pace *pace, struct renderer_aside *out)
+{
+    struct vulkan_renderer *r          = device;
+    struct vulkan          *v          = r->v;
+    const double            correction = 1 - vecmath_exp(pace->step * vecmath_log(pace->beta[0]));
+    const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(pace->step * vecmath_log(pace->beta[1]))));
+    float                   rate[OXL_PLANES];
+    uint32_t                aside[2] = {0, UINT32_MAX}, push[6];
+    vulkan_enter(v);
+    for (uint32_t k = 0; k < r->planes; k++)
+        rate[k] = (float)(pace->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
+    if (r->model != model) v->rc = oxl_fail(v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
+    vulkan_take_moments(r, first, second);
+    vulkan_reserve(v, &r->mean2d, r->count, 4, "Gaussians");
+    vulkan_update(v, &r->rates, 0, rate, r->planes * sizeof *rate);
+    vulkan_update(v, &r->counts, COUNT_ASIDE * sizeof *aside, aside, sizeof aside);
+    for (size_t s = 0; s < r->slabs; s++) {
+        vulkan_row_push(r, s, push);
+        VULKAN_RUN(v, STEP, 0, vulkan_groups(push[1]),
+                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], COUNT_ASIDE,
+                               vulkan_bits((float)pace->beta[0]), vulkan_bits((float)pace->beta[1]), vulkan_bits(inverse)),
+                   VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
+                                  &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first, &r->slab[s].second,
+                                  &r->counts, &r->rates));
+    }
+    r->stepped = 1;
+    vulkan_download(v, &r->counts, COUNT_ASIDE * sizeof *aside, aside, sizeof aside);
+    *out = (struct renderer_aside){aside[0], aside[0] ? aside[1] : SIZE_MAX};
+    return v->rc;
+}
+
+static oxl_result vulkan_observe(void *device, const struct renderer_sums *sums)
+{
+    struct vulkan_renderer *r      = device;
+    struct vulkan          *v      = r->v;
+    const float             z_near = sums->banded ? sums->z_near : FLT_MAX, z_far = sums->banded ? sums->z_far : FLT_MAX;
+    vulkan_enter(v);
+    r->sums = *sums;
+    vulkan_reserve(v, &r->statistics, r->count, 16, "Gaussians");
+    if (!r->observed) vulkan_copy_sums(r, 1);
+    r->observed = v->rc == OXL_OK;
+    VULKAN_RUN(v, OBSERVE, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count, vulkan_bits(z_near), vulkan_bits(z_far)),
+               VULKAN_BUFFERS(&r->seen, &r->mean2d, &r->splat_c, &r->statistics));
+    return v->rc;
+}
+
+static oxl_result vulkan_forget(void *device)
+{
+    struct vulkan_renderer *r = device;
+    vulkan_enter(r->v);
+    vulkan_fill(r->v, &r->seen, 0);
+    return r->v->rc;
+}
+
+/* ---------------------------------------------------------------- what the last view saw, for the host */
+
+static oxl_result vulkan_rows(void *device, struct splat *splat, uint16_t *visible, float *mean2d)
+{
+    struct vulkan_renderer *r = device;
+    struct vulkan          *v = r->v;
+    const size_t            n = r->count;
+    float(*a)[4]              = oxl_alloc(v->ctx, 3 * n + 1, sizeof *a);
+    uint32_t *seen            = oxl_alloc(v->ctx, n + 1, sizeof *seen);
+    vulkan_enter(v);
+    if (!a || !seen) v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory to look at %zu Gaussians", n);
+    if (v->rc == OXL_OK) {
+        vulkan_download(v, &r->splat_a, 0, a, n * sizeof *a);
+        vulkan_download(v, &r->splat_b, 0, a + n, n * sizeof *a);
+        vulkan_download(v, &r->splat_c, 0, a + 2 * n, n * sizeof *a);
+        vulkan_download(v, &r->seen, 0, seen, n * sizeof *seen);
+        if (r->mean2d.size >= n * sizeof *mean2d) vulkan_download(v, &r->mean2d, 0, mean2d, n * sizeof *mean2d);
+    }
+    memset(visible, 0, (n + PACK - 1) / PACK * sizeof *visible);
+    for (size_t i = 0; i < n && v->rc == OXL_OK; i++) {
+        const float *b = a[n + i], *c = a[2 * n + i];
+        if (!seen[i]) continue;
+        visible[i / PACK] = (uint16_t)(visible[i / PACK] | 1u << i % PACK);
+        splat[i]          = (struct splat){.u      = a[i][0],
+                                           .v      = a[i][1],
+                                           .a      = a[i][2],
+                                           .k      = a[i][3],
+                                           .e      = b[0],
+                                           .peak   = b[1],
+                                           .colour = {c[0], c[1], c[2]},
+                                           .depth  = c[3],
+                                           .half_x = b[2],
+                                           .half_y = b[3]};
+    }
+    oxl_free(v->ctx, a);
+    oxl_free(v->ctx, seen);
+    return v->rc;
+}
+
+OXL_INTERNAL const struct renderer_device *vulkan_doors(void)
+{
+    static const struct renderer_device doors = {.create     = vulkan_renderer_create,
+                                                 .free       = vulkan_renderer_free,
+                                                 .forward    = vulkan_forward,
+                                                 .image      = vulkan_image,
+                                                 .has_photo  = vulkan_has_photo,
+                                                 .take_photo = vulkan_take_photo,
+                                                 .target     = vulkan_target,
+                                                 .loss       = vulkan_loss,
+                                                 .backward   = vulkan_backward,
+                                                 .gradient   = vulkan_gradient,
+                                                 .score      = vulkan_score,
+                                                 .step       = vulkan_step,
+                                                 .observe    = vulkan_observe,
+                                                 .fetch      = vulkan_fetch,
+                                                 .forget     = vulkan_forget,
+                                                 .rows       = vulkan_rows};
+    return &doors;
+}

@@ -1,0 +1,311 @@
+/* resident.c - what stays on the device between steps: the model, its moments, the statistics of density control, training images.
+ *
+ * The model lies in slabs of rows, each a buffer of its own: so no array that a shader sees exceeds maxStorageBufferRange, however many
+ * Gaussians there are. What is indexed by any row has at most 16 bytes a row or pair.
+ *
+ * Invariant: between vulkan_forward and vulkan_fetch the device's copy is the model; vulkan_fetch brings it back and forgets it.
+ */
+#include "resident.h"
+
+OXL_INTERNAL void vulkan_renderer_free(void *device)
+{
+    struct vulkan_renderer *r = device;
+    struct vulkan          *v = r->v;
+    for (struct vulkan_renderer **at = &v->renderers; *at; at = &(*at)->next)
+        if (*at == r) {
+            *at = r->next;
+            break;
+        }
+    vulkan_finish(v);
+    for (size_t at = offsetof(struct vulkan_renderer, splat_a); at < sizeof *r; at += sizeof(struct vulkan_buffer))
+        vulkan_release(v, (struct vulkan_buffer *)((char *)r + at));
+    for (size_t i = 0; i < r->slab_capacity; i++) {
+        vulkan_release(v, &r->slab[i].parameter);
+        vulkan_release(v, &r->slab[i].gradient);
+        vulkan_release(v, &r->slab[i].first);
+        vulkan_release(v, &r->slab[i].second);
+    }
+    for (size_t i = 0; i < r->photo_capacity; i++) vulkan_release(v, &r->photo[i].bytes);
+    oxl_free(v->ctx, r->photo);
+    oxl_free(v->ctx, r->slab);
+    oxl_free(v->ctx, r);
+}
+
+OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
+{
+    struct vulkan_renderer *r = oxl_calloc(ctx, 1, sizeof *r);
+    struct vulkan          *v = ctx->vulkan;
+    *out                      = NULL;
+    if (!r) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
+    r->v         = v;
+    r->using     = -1;
+    r->next      = v->renderers;
+    v->renderers = r;
+    vulkan_enter(v);
+    vulkan_reserve(v, &r->view_buffer, 1, sizeof r->view, "views");
+    vulkan_reserve(v, &r->counts, COUNTS, sizeof(uint32_t), "numbers");
+    vulkan_reserve(v, &r->digits, VULKAN_DIGITS, sizeof(uint32_t), "numbers");
+    vulkan_reserve(v, &r->rates, OXL_PLANES, sizeof(float), "numbers");
+    vulkan_reserve(v, &r->totals, 5, sizeof(float), "numbers");
+    if (v->rc == OXL_OK) *out = r;
+    else vulkan_renderer_free(r);
+    return v->rc;
+}
+
+/* ---------------------------------------------------------------- upload and download of the model */
+
+OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t slab, size_t total)
+{
+    const size_t first = slab * r->stride;
+    return total > first ? OXL_MIN(total - first, (size_t)r->stride) : 0;
+}
+
+static struct vulkan_buffer *vulkan_slab_part(struct vulkan_slab *slab, const struct vulkan_renderer *r, const oxl_model *m)
+{
+    return m == r->first ? &slab->first : m == r->second ? &slab->second : &slab->parameter;
+}
+
+OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_renderer *r, uint32_t plane)
+{
+    return plane < r->lobe_plane ? m->plane[plane] : m->plane[OXL_LOBE + plane - r->lobe_plane];
+}
+
+/* Every plane of a model or of its moments, slab by slab. */
+static void vulkan_copy_model(struct vulkan_renderer *r, oxl_model *m, int up)
+{
+    for (size_t s = 0; s < r->slabs; s++)
+        for (uint32_t k = 0; k < r->planes; k++) {
+            const size_t rows   = vulkan_slab_rows(r, s, k < r->lobe_plane ? r->count : r->lobes);
+            const size_t offset = (size_t)k * r->stride * sizeof(float);
+            float       *host   = vulkan_host_plane(m, r, k);
+            if (rows == 0) continue;
+            host += s * r->stride;
+            if (up) vulkan_upload(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host, rows * sizeof(float));
+            else vulkan_ask(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host, rows * sizeof(float));
+        }
+    if (!up) vulkan_collect(r->v);
+}
+
+static void vulkan_reserve_slabs(struct vulkan_renderer *r)
+{
+    struct vulkan *v      = r->v;
+    const size_t   wanted = (r->count + v->slab_rows - 1) / v->slab_rows;
+    r->stride = (uint32_t)((r->count + OXL_MAX(wanted, (size_t)1) - 1) / OXL_MAX(wanted, (size_t)1) + VULKAN_GROUP - 1) /
+                VULKAN_GROUP * VULKAN_GROUP;
+    r->lobe_plane = (uint32_t)(OXL_SH + 3 * (r->sh_degree + 1) * (r->sh_degree + 1));
+    r->planes     = r->lobe_plane + (r->lobes ? MODEL_LOBE_PLANES : 0);
+    if (wanted > r->slab_capacity) {
+        struct vulkan_slab *more = oxl_regrow(v->ctx, r->slab, r->slab_capacity, wanted, sizeof *more);
+        if (!more) v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY, "no memory for %zu slabs", wanted);
+        if (!more) return;
+        memset(more + r->slab_capacity, 0, (wanted - r->slab_capacity) * sizeof *more);
+        r->slab          = more;
+        r->slab_capacity = wanted;
+    }
+    r->slabs = wanted;
+    for (size_t s = 0; s < r->slabs; s++)
+        vulkan_reserve(v, &r->slab[s].parameter, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+}
+
+static void vulkan_reserve_rows(struct vulkan_renderer *r)
+{
+    struct vulkan *v = r->v;
+    const size_t   n = r->count;
+    vulkan_reserve(v, &r->splat_a, n, 16, "Gaussians");
+    vulkan_reserve(v, &r->splat_b, n, 16, "Gaussians");
+    vulkan_reserve(v, &r->splat_c, n, 16, "Gaussians");
+    vulkan_reserve(v, &r->row_slots, n, 8, "Gaussians");
+    vulkan_reserve(v, &r->seen, n, 4, "Gaussians");
+    vulkan_reserve(v, &r->rank, n, 4, "Gaussians");
+    vulkan_reserve(v, &r->row_pairs, n, 4, "Gaussians");
+    for (int k = 0; k < 2; k++) {
+        vulkan_reserve(v, &r->row_key[k], n, 4, "Gaussians");
+        vulkan_reserve(v, &r->row_value[k], n, 4, "Gaussians");
+    }
+    if (r->lobes) vulkan_reserve(v, &r->lobe_a, r->lobes, 16, "second lobes");
+    if (r->lobes) vulkan_reserve(v, &r->lobe_b, r->lobes, 16, "second lobes");
+    vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(n), 4, "Gaussians");
+    vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "Gaussians");
+}
+
+/* The model, unless it is here already. */
+OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m)
+{
+    if (r->model_here && r->model == m && r->plane == m->plane[0] && r->count == m->count && r->lobes == m->lobes &&
+        r->sh_degree == m->sh_degree)
+        return;
+    r->model = (oxl_model *)m; /* written in vulkan_fetch alone, when vulkan_step was given it as its own to write */
+    r->first = r->second = NULL;
+    r->plane             = m->plane[0];
+    r->count = m->count, r->lobes = m->lobes, r->sh_degree = m->sh_degree;
+    r->model_here = r->moments_here = r->stepped = 0;
+    vulkan_reserve_slabs(r);
+    vulkan_reserve_rows(r);
+    if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, 1);
+    r->model_here = r->v->rc == OXL_OK;
+}
+
+OXL_INTERNAL void vulkan_reserve_moments(struct vulkan_renderer *r)
+{
+    for (size_t s = 0; s < r->slabs; s++) {
+        vulkan_reserve(r->v, &r->slab[s].first, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+        vulkan_reserve(r->v, &r->slab[s].second, (size_t)r->stride * r->planes, sizeof(float), "numbers of Gaussians");
+    }
+}
+
+OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second)
+{
+    if (r->moments_here && r->first == first && r->second == second) return;
+    r->first  = first;
+    r->second = second;
+    vulkan_reserve_moments(r);
+    vulkan_copy_model(r, first, 1);
+    vulkan_copy_model(r, second, 1);
+    r->moments_here = r->v->rc == OXL_OK;
+}
+
+/* The statistics of density control, up or down: the device adds to what the host has, number by number, so that a
+ * run's result does not depend on when it was saved. */
+OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up)
+{
+    const struct renderer_sums *s = &r->sums;
+    float(*sum)[4]                = oxl_alloc(r->v->ctx, s->count + 1, sizeof *sum);
+    if (!sum) r->v->rc = oxl_fail(r->v->ctx, OXL_ERR_MEMORY, "no memory for the statistics of %zu Gaussians", s->count);
+    for (size_t i = 0; up && sum && i < s->count; i++) {
+        sum[i][0] = s->gradient[i], sum[i][3] = s->views[i];
+        sum[i][1] = s->banded ? s->mid[i] : 0, sum[i][2] = s->banded ? s->far_[i] : 0;
+    }
+    if (up) vulkan_upload(r->v, &r->statistics, 0, sum, s->count * sizeof *sum);
+    else vulkan_download(r->v, &r->statistics, 0, sum, s->count * sizeof *sum);
+    for (size_t i = 0; !up && r->v->rc == OXL_OK && i < s->count; i++) {
+        s->gradient[i] = sum[i][0], s->views[i] = sum[i][3];
+        if (s->banded) s->mid[i] = sum[i][1], s->far_[i] = sum[i][2];
+    }
+    oxl_free(r->v->ctx, sum);
+}
+
+OXL_INTERNAL oxl_result vulkan_fetch(void *device)
+{
+    struct vulkan_renderer *r = device;
+    vulkan_enter(r->v);
+    if (r->stepped) {
+        vulkan_copy_model(r, r->model, 0);
+        vulkan_copy_model(r, r->first, 0);
+        vulkan_copy_model(r, r->second, 0);
+    }
+    if (r->observed) vulkan_copy_sums(r, 0);
+    r->model_here = r->moments_here = r->stepped = r->observed = 0;
+    return r->v->rc;
+}
+
+/* ---------------------------------------------------------------- training images */
+
+OXL_INTERNAL int vulkan_has_photo(const void *device, int view)
+{
+    const struct vulkan_renderer *r = device;
+    return (size_t)view < r->photo_capacity && r->photo[view].bytes.handle;
+}
+
+/* Each is an allocation, and a device may allow but 4096. */
+static void vulkan_send_photo(struct vulkan *v, const struct photo *photo, struct vulkan_photo *to)
+{
+    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
+    to->width           = (uint32_t)photo->width;
+    to->height          = (uint32_t)photo->height;
+    to->mask_at         = photo->mask ? (uint32_t)((3 * pixels + 3) / 4 * 4) : 0;
+    vulkan_reserve(v, &to->bytes, 4 * pixels + 4, 1, "bytes of an image");
+    vulkan_upload(v, &to->bytes, 0, photo->rgb, 3 * pixels);
+    if (photo->mask) vulkan_upload(v, &to->bytes, to->mask_at, photo->mask, pixels);
+}
+
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v)
+{
+    size_t dropped = 0, bytes = 0;
+    if (vulkan_finish(v) != OXL_OK) return 0; /* commands under way may name them */
+    for (struct vulkan_renderer *r = v->renderers; r; r = r->next)
+        for (size_t i = 0; i < r->photo_capacity; i++) {
+            const size_t size = r->photo[i].bytes.size;
+            if (!r->photo[i].bytes.handle || (int)i == r->using) continue;
+            vulkan_release(v, &r->photo[i].bytes);
+            r->photo_bytes -= OXL_MIN(r->photo_bytes, size);
+            r->photos--;
+            dropped++, bytes += size;
+        }
+    v->photos = OXL_MIN(v->photos, bytes / 2); /* they are not to take what was just freed */
+    if (dropped)
+        oxl_log(v->ctx, OXL_LOG_WARNING,
+                "%s: no memory is left: %zu training images (%zu MiB) leave the device, %zu MiB may stay there",
+                v->properties.deviceName, dropped, bytes >> 20, v->photos >> 20);
+    return dropped;
+}
+
+/* A place to keep an image of so many bytes, or NULL: the first ones are kept, the others are uploaded at each use. */
+static struct vulkan_photo *vulkan_photo_place(struct vulkan_renderer *r, int view, size_t bytes)
+{
+    const size_t wanted = (size_t)view + 1, more = wanted + wanted / 2;
+    if (r->v->budgets && vulkan_memory_left(r->v) / 2 < bytes) return NULL;
+    if (r->photo_bytes + bytes > r->v->photos || r->photos >= r->v->properties.limits.maxMemoryAllocationCount / 2) return NULL;
+    if (wanted > r->photo_capacity) {
+        struct vulkan_photo *grown = oxl_regrow(r->v->ctx, r->photo, r->photo_capacity, more, sizeof *grown);
+        if (!grown) return NULL;
+        memset(grown + r->photo_capacity, 0, (more - r->photo_capacity) * sizeof *grown);
+        r->photo          = grown;
+        r->photo_capacity = more;
+    }
+    return &r->photo[view];
+}
+
+/* Room for the image comes first: after it nothing is allocated, so nothing is dropped. */
+static void vulkan_reserve_target(struct vulkan_renderer *r, size_t pixels)
+{
+    vulkan_reserve(r->v, &r->target, pixels, 12, "pixels");
+    if (r->masked) vulkan_reserve(r->v, &r->weight, pixels, 4, "pixels");
+}
+
+static struct vulkan_photo *vulkan_add_photo(struct vulkan_renderer *r, int view, const struct photo *photo,
+                                             struct vulkan_photo *passing)
+{
+    struct vulkan_photo *p = vulkan_photo_place(r, view, 4 * (size_t)photo->width * (size_t)photo->height);
+    if (p) {
+        vulkan_send_photo(r->v, photo, p);
+        r->photo_bytes += p->bytes.size;
+        r->photos += p->bytes.handle != VK_NULL_HANDLE;
+        return p;
+    }
+    passing->bytes = r->passing;
+    vulkan_send_photo(r->v, photo, passing);
+    r->passing = passing->bytes;
+    return passing;
+}
+
+OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct photo *photo, int halved)
+{
+    struct vulkan_renderer *r       = device;
+    struct vulkan          *v       = r->v;
+    struct vulkan_photo     passing = {0}, *p = vulkan_has_photo(r, view) ? &r->photo[view] : NULL;
+    const uint32_t          width = p ? p->width : (uint32_t)photo->width, height = p ? p->height : (uint32_t)photo->height;
+    r->target_pixels = (size_t)(width >> halved) * (size_t)(height >> halved);
+    r->masked        = p ? p->mask_at > 0 : photo->mask != NULL;
+    r->using         = view;
+    vulkan_enter(v);
+    vulkan_reserve_target(r, r->target_pixels);
+    if (!p) p = vulkan_add_photo(r, view, photo, &passing);
+    VULKAN_RUN(v, UNPACK, 0, vulkan_groups(r->target_pixels),
+               VULKAN_PUSH(width, height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
+               VULKAN_BUFFERS(&p->bytes, &r->target, &r->weight));
+    r->using = -1;
+    return v->rc;
+}
+
+/* The image that was taken last, for the CPU that takes over. NULL: how many pixels alone. */
+OXL_INTERNAL size_t vulkan_target(void *device, float *rgb, float *weight, int *masked)
+{
+    struct vulkan_renderer *r = device;
+    *masked                   = r->masked;
+    if (r->target.size < 12 * r->target_pixels || (r->masked && r->weight.size < 4 * r->target_pixels)) return 0;
+    if (!rgb) return r->target_pixels;
+    vulkan_enter(r->v);
+    vulkan_download(r->v, &r->target, 0, rgb, 12 * r->target_pixels);
+    if (r->masked) vulkan_download(r->v, &r->weight, 0, weight, 4 * r->target_pixels);
+    return r->v->rc == OXL_OK ? r->target_pixels : 0;
+}

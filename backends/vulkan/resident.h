@@ -1,0 +1,74 @@
+/* resident.h - what a renderer keeps on the device. */
+#ifndef OXL_VULKAN_RESIDENT_H
+#define OXL_VULKAN_RESIDENT_H
+
+#include "device.h"
+
+struct vulkan_slab {
+    struct vulkan_buffer parameter, gradient, first, second; /* (planes, stride) */
+};
+
+/* As shaders/view.glsl has it. */
+struct vulkan_view {
+    float    rotation[9], translation[3], eye[3], fx, fy, cx, cy, limit_x, limit_y, near_plane, background[3], alpha_min, cut;
+    uint32_t width, height, tiles_x, tiles_y;
+};
+
+struct vulkan_photo { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
+    struct vulkan_buffer bytes;
+    uint32_t             width, height, mask_at; /* mask_at: bytes; 0: there is none */
+};
+
+enum vulkan_count { COUNT_VISIBLE, COUNT_PAIRS, COUNT_SCRATCH, COUNT_ASIDE, COUNT_FIRST_ASIDE, COUNTS = 8 };
+
+struct vulkan_renderer {
+    struct vulkan          *v;
+    struct vulkan_renderer *next; /* of v->renderers */
+    /* whose model this is, and what of it is here */
+    oxl_model              *model, *first, *second; /* the host's; the last two since a step */
+    const float            *plane;                  /* the host's first one: another is another model */
+    size_t                  count, lobes;
+    int                     sh_degree, bands; /* carried; evaluated */
+    int                     model_here, moments_here, stepped;
+    struct renderer_sums    sums;
+    int                     observed; /* there are statistics here that the host has not got */
+    struct vulkan_slab     *slab;
+    size_t                  slabs, slab_capacity;
+    uint32_t                stride;             /* rows of a slab */
+    uint32_t                planes, lobe_plane; /* of a slab; where the second lobe's begin */
+    /* images */
+    struct vulkan_photo    *photo;                               /* (photo_capacity) by view, those that are here */
+    size_t                  photo_capacity, photo_bytes, photos; /* photos: how many are here */
+    size_t                  target_pixels;                       /* of the image that was taken last */
+    int using;                                                   /* the view whose image is worked on: it stays; -1: none */
+    int                  masked;                                 /* whether the one that was taken last is */
+    /* the last view */
+    struct vulkan_view   view;
+    size_t               tiles, pairs;
+    int                  sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
+    /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
+    struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2], row_pairs, row_slots,
+        mean2d, statistics, score;
+    /* by pair */
+    struct vulkan_buffer pair_key[2], pair_value[2], staged, sums_a, sums_b, sums_c, sums_d, sums_e;
+    /* by tile or pixel */
+    struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing; /* passing: an image that is not kept */
+    /* small, or of sorting and scanning */
+    struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums;
+};
+
+OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out);
+OXL_INTERNAL void       vulkan_renderer_free(void *device);
+OXL_INTERNAL size_t vulkan_slab_rows(const struct vulkan_renderer *r, size_t slab, size_t total); /* of `total`, in this slab */
+OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_renderer *r, uint32_t plane);
+/* Sends the model, or its moments, unless they are there already. */
+OXL_INTERNAL void   vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m);
+OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
+OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
+OXL_INTERNAL oxl_result vulkan_fetch(void *device);
+OXL_INTERNAL int        vulkan_has_photo(const void *device, int view);
+OXL_INTERNAL size_t     vulkan_target(void *device, float *rgb, float *weight, int *masked);
+OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct photo *photo, int halved);
+
+#endif

@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# first_hour.sh [DEVICE] - what to run first on a machine with a GPU: limits, tests, times, two trainings; a report in Markdown.
+#
+#     bench/first_hour.sh > report.md          at most 10 minutes; needs what make VULKAN=1 needs, and the GPU's driver
+#     SMALL=1 bench/first_hour.sh              a rehearsal on a device made of the CPU (lavapipe): the same steps at sizes it can do
+#
+# Each step has its share of the time and is stopped at its end: a step that is stopped says so, the others go on. Exit code: 1 when a
+# test fails or two trainings differ.
+set -u
+cd "$(dirname "$0")/.." || exit 1
+device=${1:--1}
+build=${BUILD:-build/first_hour}
+log=$build/first_hour.log
+failed=0
+if [ -n "${SMALL:-}" ]; then
+    sizes='2000:160:90 8000:320:180' variants=8000:320:180 share=240 iterations=60 views=8 building=900
+else
+    sizes='30000:640:360 300000:1280:720 1000000:1920:1080 4000000:3840:2160' variants=1000000:1920:1080 share=60 iterations=600 views=24 building=240
+fi
+
+run() { # SECONDS COMMAND...
+    local limit=$1 code
+    shift
+    timeout --kill-after=5 "$limit" "$@" >>"$log" 2>&1
+    code=$?
+    [ $code != 124 ] && [ $code != 137 ] || echo "stopped after $limit s: $*"
+    return $code
+}
+
+verdict() { # NAME CODE
+    if [ "$2" = 0 ]; then echo "- $1: ok"; else echo "- $1: FAILED ($2), see $log"; failed=1; fi
+}
+
+# One line of the table of passes: what bench/device.c prints, in milliseconds.
+times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
+    local g w h out
+    IFS=: read -r g w h <<<"$1"
+    out=$(OXL_VULKAN_BATCH=${2:-8} timeout --kill-after=5 $share "$build/bench_device" "$g" "$w" "$h" "$device" 2>&1) || { echo "| $g | $w x $h | ${2:-8} | stopped or failed: $(tail -n 1 <<<"$out") |"; return; }
+    echo "$out" >>"$log"
+    awk -v g="$g" -v size="$w x $h" -v batch="${2:-8}" '
+        /pairs,/ { for (i = 1; i <= NF; i++) if ($i == "(tile,") pairs = $(i - 1) }
+        match($0, /^  [a-z][a-zA-Z ,+]*[a-zA-Z] +[0-9.]+ ms/) {
+            line = substr($0, RSTART, RLENGTH); sub(/ ms$/, "", line); ms = line; sub(/.* /, "", ms); sub(/ +[0-9.]+$/, "", line); sub(/^ +/, "", line)
+            t[line] = ms
+        }
+        / a step:/ { waits = $3; dispatches = $5 }
+        END {
+            sort = t["scan"] + t["compact"] + t["sort, count"] + t["sort, scatter"] + t["footprint"] + t["ranges"]
+            loss = t["loss forward"] + t["loss total"] + t["loss backward"] + t["unpack"]
+            printf "| %s | %s | %s | %s | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %.2f | %s | %s |\n", g, size, batch, pairs, t["project"], sort,
+                t["raster"], loss, t["raster backward"], t["backward + Adam"], t["step"], waits, dispatches
+        }' <<<"$out"
+}
+
+mkdir -p "$build"
+: >"$log"
+echo "# First hour on a GPU"
+echo
+echo "OceanXL $(sed -n 's/^#define OXL_VERSION "\(.*\)"/\1/p' oceanxl.h), $(git rev-parse --short HEAD 2>/dev/null || echo 'no git'), $(uname -srm)."
+echo
+run $building make -j"$(nproc)" VULKAN=1 BUILD="$build" CFLAGS='-O2 -g' "$build/oceanxl" "$build/bench_device" "$build/test" || { echo "the build failed, see $log"; exit 1; }
+echo '## Devices'
+echo
+echo '```'
+"$build/oceanxl" info --devices
+command -v vulkaninfo >/dev/null && vulkaninfo 2>/dev/null | grep -E 'deviceName|driverInfo|subgroupSize |maxComputeSharedMemorySize|maxStorageBufferRange|maxMemoryAllocationCount|timestampPeriod|size  *= .*GiB' | sort -u
+echo '```'
+echo
+echo '## Tests'
+echo
+OXL_VULKAN_VALIDATE=0 run $((2 * share)) "$build/test" vulkan
+verdict 'tests, without validation' $?
+run $((2 * share)) "$build/test" vulkan
+code=$?
+verdict "tests, with validation ($([ -e /usr/share/vulkan/explicit_layer.d/VkLayer_khronos_validation.json ] && echo 'the layer is installed' || echo 'the layer is NOT installed'))" $code
+echo
+echo '## Times'
+echo
+echo "Milliseconds of the device's clock; step: the host's, with its waits. $("$build/bench_device" 1000 64 64 "$device" 2>/dev/null | head -n 1)"
+echo
+echo '| Gaussians | image | batch | pairs | project | sort | raster | loss | raster backward | backward + Adam | step | waits | dispatches |'
+echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|'
+for size in $sizes; do times "$size"; done
+for batch in 4 16; do times "$variants" $batch; done
+echo
+echo 'The benchmark waits once more a step than training does.'
+echo
+echo '## Training'
+echo
+run 60 "$build/oceanxl" synth -o "$build/survey" --views $views --size 320x240 --points 4000 --quiet
+for name in cpu device-1 device-2; do
+    rm -rf "${build:?}/$name"
+    backend=vulkan
+    [ $name != cpu ] || backend=cpu
+    begun=$SECONDS
+    run $share "$build/oceanxl" train "$build/survey" -o "$build/$name" --iterations $iterations --seed 1 --quiet --backend $backend $([ $name = cpu ] || [ "$device" = -1 ] || echo --device "$device")
+    code=$?
+    verdict "$name, $iterations iterations: $((SECONDS - begun)) s, PSNR $(sed -n 's/^ *"psnr": \([0-9.]*\),$/\1/p' "$build/$name/metrics.json" 2>/dev/null) dB" $code
+done
+cmp -s "$build/device-1/scene.ply" "$build/device-2/scene.ply"
+verdict 'two trainings on the device give the same bytes' $?
+exit $failed

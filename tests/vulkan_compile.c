@@ -1,0 +1,50 @@
+/* vulkan_compile.c - makes every pipeline of the Vulkan backend on a device and runs none: for drivers without their GPU.
+ *
+ *     make VULKAN=1 build/vulkan_compile
+ *     RADV_FORCE_FAMILY=navi21 RADV_DEBUG=shaderstats VK_ICD_FILENAMES=.../radeon_icd.x86_64.json build/vulkan_compile
+ *
+ * Mesa's RADV compiles for an AMD GPU that it is told of and prints what each shader takes (to stderr); a line of ours says which it was.
+ */
+#include "../oceanxl.c"
+
+#ifndef OXL_VULKAN
+int main(void)
+{
+    fputs("vulkan_compile: built without the Vulkan backend. fix: make VULKAN=1 build/vulkan_compile\n", stderr);
+    return 1;
+}
+#else
+
+/* The variants that a pass is run in (renderer.c), bit by bit. */
+static unsigned compile_variants(int pass)
+{
+    if (pass == PASS_SCAN) return 1 | 2 | 4 | 8;
+    if (pass == PASS_FOOTPRINT) return 1 | 2;
+    return pass >= PASS_RASTER_BACKWARD_4 && pass <= PASS_RASTER_BACKWARD_8_LOBED ? 1 | 4 : 1;
+}
+
+int main(void)
+{
+    oxl_context_options options = oxl_context_options_default();
+    struct vulkan       v       = {0};
+    int                 made    = 0;
+    oxl_result          rc;
+    if (oxl_context_create(&options, &v.ctx) != OXL_OK) return 1;
+    rc = vulkan_start(&v);
+    if (rc == OXL_OK) rc = vulkan_choose(&v, -1, 1);
+    if (rc == OXL_OK) rc = vulkan_check(&v);
+    if (rc == OXL_OK) rc = vulkan_create_device(&v);
+    for (int pass = 0; rc == OXL_OK && pass < PASS_COUNT; pass++)
+        for (uint32_t k = 0; rc == OXL_OK && k < VULKAN_VARIANTS; k++) {
+            if (!(compile_variants(pass) >> k & 1)) continue;
+            made++;
+            fprintf(stderr, "pass %d, variant %u\n", pass, k);
+            vulkan_make_variant(&v, pass, k);
+            rc = v.rc;
+        }
+    if (rc == OXL_OK) printf("%s: %d pipelines\n", v.properties.deviceName, made);
+    else fprintf(stderr, "vulkan_compile: %s\n", oxl_error_text(v.ctx));
+    fflush(stdout);
+    _Exit(rc != OXL_OK); /* drivers without their device do not all end well */
+}
+#endif
