@@ -1022,10 +1022,11 @@ OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a m
 /* oxl_render_views of these views. */
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
                                         const char *folder, const int *view, int asked, int *count);
-/* Adds a member of metrics.json, "training", and its comma; logs the views that fit far worse than their neighbours. The worst are drawn
+/* Adds a member of metrics.json, "training", and its comma; logs the views that fit far worse than their neighbours, after
+ * enough iterations. The worst are drawn
  * beside their images into `folder`; NULL: none. */
-OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, struct text *json,
-                                             const char *folder);
+OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
+                                             struct text *json, const char *folder);
 
 /* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
 

@@ -684,9 +684,9 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
 static oxl_result job_judge_training(struct job *job, struct text *t)
 {
     char            *folder = oxl_path_join(job->ctx, job->out, "training_views");
-    const oxl_result rc     = folder
-                                  ? training_views_judge(job->ctx, &job->model, job->scene, t, job->options.renders ? folder : NULL)
-                                  : job_no_memory(job);
+    const oxl_result rc     = folder ? training_views_judge(job->ctx, &job->model, job->scene, job->total.iterations, t,
+                                                        job->options.renders ? folder : NULL)
+                                     : job_no_memory(job);
     oxl_free(job->ctx, folder);
     return rc;
 }

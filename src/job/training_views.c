@@ -10,6 +10,7 @@
 #include "../internal.h"
 
 enum {
+    TRAINING_STEPS      = 5, /* of each view, before what it lacks says anything of it */
     TRAINING_NEIGHBOURS = 8,
     TRAINING_LEAST      = 6 /* views; among fewer none is odd */,
     TRAINING_SHOWN      = 4,
@@ -282,8 +283,8 @@ static void training_add_json(const struct training_views *t, struct text *out)
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
 }
 
-OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, struct text *json,
-                                             const char *folder)
+OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
+                                             struct text *json, const char *folder)
 {
     oxl_metrics           m = {0};
     struct training_views t = {.ctx = ctx, .scene = scene, .m = &m};
@@ -296,7 +297,7 @@ OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *
     if (rc != OXL_OK) goto done;
     training_compare(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    rc = training_flag(&t, model);
+    if (iterations >= TRAINING_STEPS * m.count) rc = training_flag(&t, model);
     if (rc != OXL_OK) goto done;
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     training_tell(&t);
