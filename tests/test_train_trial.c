@@ -113,7 +113,7 @@ static void decide_check_stops(struct checkpoint_case *c, const int *stops, size
 /* The trial of second lobes: stopped at any of its steps it is made again, and the decision and the bytes are the same. */
 TEST(decide_a_run_stopped_in_its_trial_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {119, 120, 121, 126, 188, 189, 193, 194, 195};
+    static const int       stops[] = {119, 120, 121, 126, 131, 132, 133, 137, 138, 139};
     struct checkpoint_case c       = checkpoint_of(train_scene(14), train_options(240));
     c.options.dog                  = OXL_DOG_AUTO;
     c.options.sh_degree            = -1;
@@ -139,7 +139,8 @@ TEST(decide_weights_by_depth_are_learned_and_a_run_stopped_in_a_trial_ends_in_th
     static const int       stops[] = {60, 62, 64, 90, 119, 200};
     struct checkpoint_case c       = checkpoint_of(train_scene(14), decide_weights_options());
     decide_check_stops(&c, stops, OXL_COUNT(stops));
-    CHECK(strstr(c.decisions.data, ", learned\"") != NULL && strstr(c.decisions.data, "f_mid 1.50") == NULL);
+    CHECK(strstr(c.decisions.data, ", learned\"") != NULL);
+    CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));
     checkpoint_case_free(&c);
 }
 
