@@ -38,12 +38,12 @@ LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
 TOOLS   := $(wildcard cli/*.c lab/*.c)
 VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
-SOURCES := $(wildcard oceanxl.[ch] src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
+SOURCES := $(wildcard oceanxl.[ch] src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c reference/*.[ch])
+OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help man test extremes fuzz coverage mutate races portable demo setup bench cost floaters reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
@@ -162,6 +162,9 @@ shaders-check: ## fails when the committed SPIR-V is not what the shaders give
 	backends/vulkan/shaders.sh check
 
 # ------------------------------------------------------------------------------------------------ other ways to build
+
+rooms: ## the layers of src/: includes go downwards only; line counts
+	scripts/rooms.sh
 
 modules: $(BUILD)/modules/oceanxl ## every module compiled alone: finds dependencies that are not declared
 $(BUILD)/modules/oceanxl: $(patsubst %.c,$(BUILD)/modules/%.o,main.c $(TOOLS) $(MODULES))

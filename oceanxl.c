@@ -2,7 +2,7 @@
  *
  *     cc -O3 -fopenmp main.c cli/ *.c lab/ *.c oceanxl.c -lm    is a whole build
  */
-#include "src/internal.h"  /* what the modules share: errors, memory, one section for each module's door */
+#include "src/core/core.h" /* context, errors, memory, text, numbers, files; each layer has one such header */
 #include "src/core/simd.h" /* run-time choice of the instruction set */
 
 #include "src/core/os.c"      /* what C99 lacks: files that appear whole or not at all, clock, memory use */

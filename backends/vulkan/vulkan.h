@@ -2,7 +2,7 @@
 #ifndef OXL_VULKAN_H
 #define OXL_VULKAN_H
 
-#include "../../src/internal.h"
+#include "../../src/render/render.h"
 
 struct vulkan; /* an open device; its renderers borrow it */
 

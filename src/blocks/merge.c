@@ -3,7 +3,7 @@
  * Invariant: a Gaussian is kept by the block in whose home its centre lies, and by no other. So what two neighbours both trained,
  * where their expanded boxes overlap, is there once; and as the outer homes have no end, nothing far away is lost.
  */
-#include "../internal.h"
+#include "blocks.h"
 
 static void merge_place(const struct partition *p, const oxl_model *model, size_t row, double frame[3])
 {

@@ -2,7 +2,7 @@
 #ifndef OXL_PARTITION_H
 #define OXL_PARTITION_H
 
-#include "../internal.h"
+#include "blocks.h"
 
 #define PARTITION_NOWHERE UINT32_MAX /* a point that the scene leaves out, for it is not finite */
 enum { PARTITION_TASKS = 16 };       /* parts of a parallel loop, each with its own scratch; results do not depend on it */

@@ -6,7 +6,7 @@
  *
  * Invariant: what is written reads back to the same bits (%.17g, inf); nothing in the file follows the locale.
  */
-#include "../internal.h"
+#include "blocks.h"
 
 #include <inttypes.h>
 

@@ -3,7 +3,7 @@
  * Invariant: every byte that the library holds was given by ctx->options.reallocate, so that a caller can count it, limit it
  * or make it fail.
  */
-#include "../internal.h"
+#include "core.h"
 #include "simd.h"
 
 /* ---------------------------------------------------------------- context */
@@ -45,7 +45,7 @@ OXL_INTERNAL int base_thread(void)
 #endif
 }
 
-oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out)
+OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out)
 {
     oxl_context_options o   = options ? *options : oxl_context_options_default();
     oxl_context        *ctx = NULL;
@@ -55,14 +55,11 @@ oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **
     if (!ctx) return OXL_ERR_MEMORY;
     *ctx = (oxl_context){.options = o, .threads = base_threads(o.threads), .isa = simd_detect()};
     *out = ctx;
-    image_begin();
     return OXL_OK;
 }
 
-void oxl_context_free(oxl_context *ctx)
+OXL_INTERNAL void context_close(oxl_context *ctx)
 {
-    if (!ctx) return;
-    backend_end(ctx);
     ctx->options.reallocate(ctx->options.user, ctx, 0);
 }
 

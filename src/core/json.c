@@ -1,5 +1,5 @@
 /* json.c - see json.h. */
-#include "../internal.h"
+#include "core.h"
 
 #include "json.h"
 

@@ -8,7 +8,7 @@
  *
  * Invariant: what strtod gives in the "C" locale; hexadecimal numbers and leading blanks are not taken.
  */
-#include "../internal.h"
+#include "core.h"
 
 static int number_is_digit(char c)
 {

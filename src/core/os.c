@@ -5,7 +5,7 @@
  *
  * Invariant: after a failed or interrupted write, the path holds what it held before.
  */
-#include "../internal.h" /* asks for POSIX before any system header */
+#include "core.h" /* asks for POSIX before any system header */
 
 #include <errno.h>
 

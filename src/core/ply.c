@@ -5,7 +5,7 @@
  * Invariant: nothing is believed of the header until ply_open has compared it with the bytes that are there: who asks for
  * memory by `rows` afterwards asks for no more than a multiple of the file.
  */
-#include "../internal.h"
+#include "core.h"
 
 static const struct ply_type_name {
     const char   *name;

@@ -4,7 +4,7 @@
  * twentieth of the run. block.json is written last. Invariant: a block.json that says "finished": true describes the model.ply beside it, and the line
  * "job" in it says of which run it is.
  */
-#include "../internal.h"
+#include "job.h"
 
 #define BLOCK_LOG_ROWS    200  /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */

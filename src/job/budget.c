@@ -5,7 +5,7 @@
  * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
  * what this machine has or had free.
  */
-#include "../internal.h"
+#include "job.h"
 
 #define BUDGET_MARGIN 0.9  /* of the budget is planned with: the arithmetic is right within about 10 % */
 #define BUDGET_CACHE  0.25 /* of the budget at most goes to photographs */

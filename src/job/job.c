@@ -4,7 +4,7 @@
  * says "finished": true describes the scene.ply beside it. The lines "job" and "found" in it are all that a block depends on, and with
  * "refine" all that the result does: a second run that would write the same goes on where the first one stopped, or has nothing to do.
  */
-#include "../internal.h"
+#include "job.h"
 
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is told when it is so much above PSNR */
 

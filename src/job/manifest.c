@@ -3,7 +3,7 @@
  * Invariant: two runs whose lines "job" are equal, on the same files, end in the same bytes. What only says how fast or how
  * much at a time (threads, --max-time, --image-cache) is not in the line.
  */
-#include "../internal.h"
+#include "job.h"
 
 /* ---------------------------------------------------------------- options to text */
 

@@ -6,7 +6,7 @@
  *
  * Invariant: sums go row by row in the order of the rows, so that the result does not depend on the number of threads.
  */
-#include "../internal.h"
+#include "job.h"
 #include "../core/simd.h"
 #include "../core/vecmath.h"
 

@@ -7,7 +7,7 @@
  * Invariants: row 0 is the preset. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does not
  * depend on the locale.
  */
-#include "../internal.h"
+#include "job.h"
 
 #include <errno.h>
 #include <stddef.h>

@@ -4,6 +4,7 @@
  * coefficient of variation. Both cuts are measured, the paper's and the midpoint's, whichever is used.
  */
 #include "../blocks/partition.h"
+#include "job.h"
 
 /* ---------------------------------------------------------------- one block */
 

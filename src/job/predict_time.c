@@ -6,7 +6,7 @@
  *
  * Invariant: nothing of this is left behind. The run that follows ends in the same bytes as without.
  */
-#include "../internal.h"
+#include "job.h"
 #include "../core/vecmath.h"
 
 #define REHEARSE_GROWTH 0.45 /* new Gaussians in a densification for one at the start: 0.25 to 2.0 were seen, until the cap */

@@ -2,7 +2,7 @@
  *
  * Invariant: no name of a photograph leads out of the folder.
  */
-#include "../internal.h"
+#include "job.h"
 
 /* FOLDER/NAME + suffix, with the folders that NAME asks for, none of them outside FOLDER; NULL with the error set. */
 static char *pictures_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)

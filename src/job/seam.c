@@ -5,7 +5,7 @@
  *
  * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by row.
  */
-#include "../internal.h"
+#include "job.h"
 
 /* The block at home at a place of the frame; `guess`, the neighbouring pixel's, is nearly always right. */
 static int seam_home(const struct partition *p, const double frame[3], int guess)

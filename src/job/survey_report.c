@@ -4,7 +4,7 @@
  * where that would take too long, and between blocks, from such arithmetic too.
  * Invariant: nothing here changes what is trained.
  */
-#include "../internal.h"
+#include "job.h"
 #include "../core/simd.h"
 
 /* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/log/SPEED.md. */

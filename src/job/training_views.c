@@ -7,7 +7,7 @@
  *
  * Invariant: nothing here changes the model; no view is left out of training.
  */
-#include "../internal.h"
+#include "job.h"
 
 enum {
     TRAINING_STEPS      = 5, /* of each view, before what it lacks says anything of it */

@@ -10,7 +10,7 @@
  *
  * Invariant: what leaves is valid: unit rotations, opacities in 0..1, finite scales, the bounds of the places.
  */
-#include "../internal.h"
+#include "model.h"
 
 #include "../core/vecmath.h"
 #include "frame_flip.h"

@@ -7,7 +7,7 @@
  * Rows from count to capacity are finite: model_clear_rows fills them when they are made, and who lowers count leaves rows
  * that were Gaussians once.
  */
-#include "../internal.h"
+#include "model.h"
 #include "../core/vecmath.h"
 
 /* ---------------------------------------------------------------- memory */

@@ -10,7 +10,7 @@
  * Invariant: a number that is not finite goes neither in nor out. Reading drops such rows and says how many; writing refuses
  * them, since they are the trainer's fault, to be mended there.
  */
-#include "../internal.h"
+#include "model.h"
 
 #include "../core/vecmath.h"
 

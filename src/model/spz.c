@@ -12,7 +12,7 @@
  *
  * Invariant: no length is believed before the bytes for it are there; deflate gives at most 1032 bytes for one.
  */
-#include "../internal.h"
+#include "model.h"
 
 #include "../core/vecmath.h"
 #include "frame_flip.h"

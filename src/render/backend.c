@@ -3,7 +3,7 @@
  * Invariant: a build without it, a machine without a loader and one without a device each say so in one line; none of them fails where
  * the CPU would do.
  */
-#include "../internal.h"
+#include "render.h"
 #ifdef OXL_VULKAN
 #include "../../backends/vulkan/vulkan.h"
 #endif
@@ -77,4 +77,20 @@ oxl_result oxl_devices(oxl_context *ctx, char **out)
 oxl_result oxl_backend_begin(oxl_context *ctx)
 {
     return backend_begin(ctx);
+}
+
+/* ---------------------------------------------------------------- the context, with what lies on top of it */
+
+oxl_result oxl_context_create(const oxl_context_options *options, oxl_context **out)
+{
+    const oxl_result rc = context_open(options, out);
+    if (rc == OXL_OK) image_begin();
+    return rc;
+}
+
+void oxl_context_free(oxl_context *ctx)
+{
+    if (!ctx) return;
+    backend_end(ctx);
+    context_close(ctx);
 }

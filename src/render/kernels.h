@@ -10,7 +10,7 @@
 #define OXL_KERNELS_REFERENCE_H
 #endif
 
-#include "../internal.h"
+#include "render.h"
 #include "../core/simd.h"
 
 #ifndef OXL_REFERENCE

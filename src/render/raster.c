@@ -214,8 +214,8 @@ struct raster_share {
 };
 
 /* lobed: the splat has a second lobe. mixed: a splat of the tile may have one. Both 0 or 1, constants. */
-SIMD_INLINE struct raster_share raster_share(const int fused, const int mixed, const int lobed,
-                                             const struct raster_batch *batch, int n, real x, real y, real t)
+SIMD_INLINE struct raster_share raster_share(const int fused, const int mixed, const int lobed, const struct raster_batch *batch,
+                                             int n, real x, real y, real t)
 {
     struct raster_share p;
     real                next;
@@ -245,9 +245,8 @@ struct raster_lit { /* a block's pixels */
     real t[PACK], left[PACK], r[PACK], g[PACK], b[PACK];
 };
 
-SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed,
-                                  const struct raster_batch *batch, int n, const real *restrict x, const real *restrict y,
-                                  struct raster_lit *out)
+SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed, const struct raster_batch *batch, int n,
+                                  const real *restrict x, const real *restrict y, struct raster_lit *out)
 {
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
@@ -262,8 +261,8 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
     }
 }
 
-SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const struct raster_batch *batch,
-                                        int block, struct raster_pixels *pixels)
+SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const struct raster_batch *batch, int block,
+                                        struct raster_pixels *pixels)
 {
     const int         at = block * PACK;
     const real       *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
@@ -360,8 +359,8 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
     }
 }
 
-SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, const int score,
-                                            struct raster_batch *batch, int block, struct raster_gradients *tile)
+SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, const int score, struct raster_batch *batch,
+                                            int block, struct raster_gradients *tile)
 {
     const int            at = block * PACK;
     const real          *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
@@ -501,8 +500,7 @@ SIMD_INLINE void raster_give_nothing(const int lobed, const int score, const str
     if (!score && lobed && pair->splat < job->bins->lobes) memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
 }
 
-SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const int score,
-                                      const struct raster_job *job)
+SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const int score, const struct raster_job *job)
 {
     const struct raster_tile tile  = raster_tile(job);
     const struct pair       *pair  = tile.pair;

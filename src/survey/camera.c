@@ -15,7 +15,7 @@
  * radius (its outer directions would show the inner picture once more); what lies beyond the fold counts as not seen.
  * There is no libm transcendental here: the same bytes on every machine.
  */
-#include "../internal.h"
+#include "survey.h"
 
 /* ---------------------------------------------------------------- the table of models */
 

@@ -6,7 +6,7 @@
 #ifndef OXL_COLMAP_H
 #define OXL_COLMAP_H
 
-#include "../internal.h"
+#include "survey.h"
 
 #include <inttypes.h>
 

@@ -2,7 +2,7 @@
  *
  * Invariant: a folder never holds a part of a file: os_writer_close notices what failed, and then the old file stays.
  */
-#include "../internal.h"
+#include "survey.h"
 
 #include <inttypes.h>
 

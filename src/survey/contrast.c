@@ -11,7 +11,7 @@
  *
  * Invariant: a measure is a function of the scene. Sums go by point in the file's order, and by view by name.
  */
-#include "../internal.h"
+#include "survey.h"
 #include "../core/vecmath.h"
 
 enum {

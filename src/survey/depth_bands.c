@@ -5,7 +5,7 @@
  *
  * Invariant: a function of the scene alone. A model's own depth would make each model choose the pixels that it is judged by.
  */
-#include "../internal.h"
+#include "survey.h"
 
 #define BANDS_REACH (1.0 / 16) /* of the longer side */
 enum { BANDS_MOST = 1 << 22 }; /* points in views; where there are more, every k-th */

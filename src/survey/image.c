@@ -7,7 +7,7 @@
  *
  * Invariant: a photograph's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
  */
-#include "../internal.h"
+#include "survey.h"
 
 #ifdef __GNUC__
 #pragma GCC diagnostic push

@@ -2,7 +2,7 @@
  *
  * Those in memory take at most the cache, the one last asked for aside. Invariant: which are there never changes a result.
  */
-#include "../internal.h"
+#include "survey.h"
 
 enum {
     PHOTOS_AHEAD        = 16, /* read at once, at most */

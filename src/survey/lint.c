@@ -7,7 +7,7 @@
  *
  * Invariant: nothing here changes what is trained.
  */
-#include "../internal.h"
+#include "survey.h"
 
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries looked at, spread evenly */

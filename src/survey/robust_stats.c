@@ -6,7 +6,7 @@
  *
  * Invariant: large surveys are sampled at a fixed stride, so a measure depends on the survey alone.
  */
-#include "../internal.h"
+#include "survey.h"
 
 enum {
     MEASURE_SAMPLE = 1 << 16, /* values that a quantile is taken of, at most */

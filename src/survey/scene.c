@@ -6,7 +6,7 @@
  *
  * Invariant: views are sorted by name, bytewise, and so is the test split, whatever the order in images.txt.
  */
-#include "../internal.h"
+#include "survey.h"
 
 enum {
     SCENE_GREY          = 128, /* of points whose colour is not known */

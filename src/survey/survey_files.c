@@ -4,7 +4,7 @@
  *
  * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
  */
-#include "../internal.h"
+#include "survey.h"
 
 /* ---------------------------------------------------------------- which sub-model */
 

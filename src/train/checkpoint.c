@@ -8,7 +8,7 @@
  * Invariant: of checkpoint.oxl and checkpoint.prev.oxl at least one is whole once the first was written: a new file gets its name
  * only when all of it is on the disk, and the one before it only loses its name to the second.
  */
-#include "../internal.h"
+#include "train.h"
 
 #include <errno.h>
 

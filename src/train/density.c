@@ -10,7 +10,7 @@
  * skipped whole); once rows have a second lobe none may grow, so those stay first. Every random number depends on seed, step and
  * row alone. A row with a number that is not finite never survives.
  */
-#include "../internal.h"
+#include "train.h"
 #include "../core/vecmath.h"
 
 #define DENSITY_OPACITY_MIN   0.005 /* fainter ones are removed [Kerbl 2023] */

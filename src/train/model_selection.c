@@ -11,7 +11,7 @@
  *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial makes it again.
  */
-#include "train.h"
+#include "train_state.h"
 #include "../core/vecmath.h"
 
 #define DECIDE_BANDS_EARN 0.1  /* dB that bands must bring together over fewer of them */

@@ -12,7 +12,8 @@
  *
  * Invariant: a model that training gives is finite, and what was done to have it so is told.
  */
-#include "../internal.h"
+#include "train.h"
+#include "../core/json.h"
 
 #include <stddef.h>
 
@@ -158,6 +159,8 @@ OXL_INTERNAL void faults_add_json(struct text *t, const oxl_faults *f)
 
 OXL_INTERNAL void faults_read_json(const char *text, oxl_faults *f)
 {
-    for (size_t i = 0; i < OXL_COUNT(FAULTS_MEMBERS); i++)
-        *(size_t *)((char *)f + FAULTS_MEMBERS[i].at) = (size_t)OXL_CLAMP(run_number(text, FAULTS_MEMBERS[i].name), 0, 1e9);
+    for (size_t i = 0; i < OXL_COUNT(FAULTS_MEMBERS); i++) {
+        const double count                            = oxl_json_number(text, FAULTS_MEMBERS[i].name);
+        *(size_t *)((char *)f + FAULTS_MEMBERS[i].at) = count > 0 ? (size_t)OXL_MIN(count, 1e9) : 0;
+    }
 }

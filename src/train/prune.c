@@ -12,7 +12,7 @@
  * Invariants: the window ends with exactly the number asked for (or what there is, when that is less). Rows keep their order. The
  * choice is a function of the model, the scene and the options: ties go by row.
  */
-#include "../internal.h"
+#include "train.h"
 
 #define PRUNE_WAIT     (200.0 / 40000) /* of the run, between the end of density control and the window [paper sec. 4] */
 #define PRUNE_WINDOW   0.25            /* of the run [paper sec. 4: 10 000 of 40 000] */

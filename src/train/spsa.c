@@ -17,7 +17,7 @@
  * Invariants: f_far >= f_mid >= 1 and both at most the cap, for the estimate and for every point asked for. What is asked for is a
  * function of the seed and of the costs told.
  */
-#include "../internal.h"
+#include "train.h"
 #include "../core/vecmath.h"
 
 #define SPSA_SHIFT_DECAY    0.101

@@ -2,7 +2,7 @@
  *
  * Invariant: the state after step n is a function of the scene, the options, the seed and n alone.
  */
-#include "train.h"
+#include "train_state.h"
 #include "../core/vecmath.h"
 
 #define TRAIN_WARM_UP              500   /* iterations before the first densification, unless a quarter of the run is less */

@@ -1,75 +1,230 @@
-/* train.h - what the files of the run share: its state, and the steps that a decision may have to try out. */
+/* train.h - training: schedule, density control, pruning, depth weights, checkpoints, the loop. */
 #ifndef OXL_TRAIN_H
 #define OXL_TRAIN_H
 
-#include "../internal.h"
+#include "../render/render.h"
 
-enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_BANDS, TRAIN_TRIES_LOBES, TRAIN_TRIES_WEIGHTS };
+/* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
-enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are watched before lobes are given out */
+OXL_INTERNAL void       faults_of_photo(oxl_context *ctx, oxl_faults *f); /* why it cannot be read is the context's error */
+/* The loss of a view that the renderer drew last is not finite. */
+OXL_INTERNAL void       faults_of_view(oxl_context *ctx, oxl_faults *f, int step, const char *view, const struct renderer *r,
+                                       oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void       faults_of_rows(oxl_context *ctx, oxl_faults *f, int step, const char *view, struct renderer_aside aside,
+                                       oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL oxl_result faults_end(oxl_context *ctx, oxl_faults *f, oxl_model *model); /* removes; says what there was */
+OXL_INTERNAL void       faults_add(oxl_faults *to, const oxl_faults *from);
+OXL_INTERNAL void       faults_archive(struct archive *a, oxl_faults *f);
+OXL_INTERNAL void       faults_add_json(struct text *t, const oxl_faults *f); /* members, each with a comma behind it */
+OXL_INTERNAL void       faults_read_json(const char *text, oxl_faults *f);
 
-struct train {
-    oxl_context              *ctx;
-    oxl_scene                *scene;
-    const oxl_train_options  *options;
-    oxl_render_options        render;
-    oxl_model                *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
-    struct renderer          *renderer;
-    struct density           *density;
-    struct ucd                ucd;
-    struct prune              prune;
-    struct robust             robust;
-    int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
-    int                       lobes;         /* enum train_lobes */
-    int                       trial_is_next; /* enum train_trial: before the next step */
-    int                      *view;          /* (views) training views in this epoch's order */
-    int                       views, step;
-    int                      *held; /* (held_views) training views that stand aside, for decisions to be judged by */
-    int                       held_views;
-    float                    *target, *weight; /* with robust.points: the photograph of this step: (3,H,W), (H,W) */
-    int                       masked;          /* whether weight holds its mask */
-    size_t                    target_capacity, weight_capacity;
-    int                       halved;     /* whether the photograph of this step is reduced to half the sides */
-    double                    loss, psnr; /* smoothed */
-    double                    last_loss;  /* of the last photograph, alike from step to step; not a number: it was put aside */
-    oxl_faults                faults;
-    int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
-    double                    begun;      /* when it did */
-    double                    seconds;    /* that others had spent on the run before */
-    const struct train_place *place;      /* of its checkpoints, or NULL */
-    int                       saved_step; /* of the last checkpoint, */
-    double                    saved_at;   /* and when it was */
-    const oxl_callback       *callback;
-    struct text               decisions; /* members of a JSON object: what was decided, and on what evidence */
+/* ---------------------------------------------------------------- density.c: clone, split, prune, reset */
+
+struct density; /* statistics since the last control */
+
+struct density_rules {
+    double   gradient;     /* grow at this mean |dL/d(u,v)|, in units of half an image */
+    double   f_mid, f_far; /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
+    double   extent;       /* of the scene */
+    int      split_large;  /* after the first reset interval [Kerbl 2023] */
+    size_t   cap;          /* on the number of Gaussians; 0: none */
+    uint64_t seed;
+    int      step;
+};
+struct density_change {
+    size_t removed, cloned, split;
+};
+OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
+OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count, struct density **out);
+OXL_INTERNAL void       density_free(oxl_context *ctx, struct density *d);
+OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count);
+OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, struct renderer *r, size_t count);
+/* From now on gradients are kept apart by the depth at which they were seen; z_near 0: they are not. Clears the statistics. */
+OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
+/* Of a row, over the views that saw it since the statistics were cleared, without weights. */
+OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
+/* Judges every row, rebuilds the model and its moments, clears the statistics. */
+OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
+                                        oxl_model *second, const struct density_rules *rules, struct density_change *out);
+/* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
+OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
+OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);
+OXL_INTERNAL void       density_archive(struct archive *a, struct density *d, size_t count);
+
+/* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
+
+/* Goes both ways: a module lists its state once, and the archive writes it or reads it back. After a failure, calls do nothing.
+ * Counts are read before what they count, and are checked against what is left of the file. */
+struct archive {
+    oxl_context *ctx;
+    int          reading;
+    const char  *path;
+    FILE        *file;
+    uint64_t     sum, left; /* of the bytes written; bytes still to read */
+    oxl_result   rc;
+};
+OXL_INTERNAL void archive_u64(struct archive *a, uint64_t *value);
+OXL_INTERNAL void archive_int(struct archive *a, int *value);
+OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
+OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
+OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
+OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
+/* When reading: what was read must be so, or the file is refused. The sum at its end tells of accidents, not of intent. */
+OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
+OXL_INTERNAL void archive_text(struct archive *a, struct text *t);             /* reading: the text is replaced */
+OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);          /* reading: the model is replaced */
+OXL_INTERNAL int  archive_holds(struct archive *a, size_t count, size_t size); /* reading: 0 and a failure when it cannot */
+
+typedef void            checkpoint_state(struct archive *a, void *user);
+/* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key` says what the run depends on. */
+OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
+                                         void *user);
+/* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
+OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
+                                        void *user, int *found);
+OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, int others); /* others: those put aside, too */
+
+/* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
+
+struct spsa {
+    double   f[2];           /* f_mid, f_far: the estimate */
+    double   home[2], doubt; /* where the estimate is drawn to, and how much: the curvature of a cost around it */
+    double   sway[2];        /* how far from home each pair alone would put f_mid and f_far - f_mid: their sums */
+    double   point[2][2];    /* the two points of the pair in progress */
+    double   cost[2];        /* of them, as told */
+    double   cap;            /* the most that f may be */
+    uint64_t seed, signs;
+    int      pair, told; /* pairs finished; costs told of the one in progress */
+    int      first;      /* which of the two points is asked for first */
+};
+/* doubt: half of it is what a weight must gain to be believed 1 away from home, in the costs' unit. */
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double doubt, double cap,
+                             uint64_t seed);
+/* The point to evaluate now; the same until it is told or skipped. */
+OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
+OXL_INTERNAL int  spsa_tell(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
+OXL_INTERNAL void spsa_skip(struct spsa *s);              /* the pair starts again */
+OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s);
+
+/* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
+
+enum {
+    UCD_SPANS          = 4, /* densifications that a trial of weights spans: the gain of the first shows after the third alone */
+    UCD_DENSIFICATIONS = 20 /* fewer teach too little: three pairs */
 };
 
-/* ---------------------------------------------------------------- train.c: one step */
+struct ucd {
+    int             on, learns, too_short; /* too short a run to learn */
+    double          z_near, z_far;         /* where the bands meet, camera z */
+    double          f[2];                  /* f_mid, f_far: learned so far; of the run, when they are not learned */
+    struct spsa     spsa;
+    int             densified, stride; /* densifications that were; every so many of them is one to learn from */
+    struct contrast contrast;
+    char            reason[256];
+};
+/* What is `on` and between which depths; densifications: how many there will be. Logs nothing: ucd_describe has the words. */
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications);
+/* Of weights that are learned, if so many densifications are enough; ucd_begin does it, too. */
+OXL_INTERNAL void       ucd_begin_search(struct ucd *u, int densifications, uint64_t seed);
+OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
+OXL_INTERNAL int        ucd_tries(const struct ucd *u);            /* whether the next densification is one to learn from */
+OXL_INTERNAL void       ucd_ask(const struct ucd *u, double f[2]); /* the point to try; told of twice, the next pair begins */
+/* Of the point asked for: the mean log loss at the end of its trial, and dN/N over it. Returns its cost; what is not finite drops the pair. */
+OXL_INTERNAL double     ucd_tell(struct ucd *u, double log_loss, double growth);
+OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 
-/* A photograph, drawn, compared, walked back, stepped: the part of a step that a trial of bands or lobes repeats. */
-OXL_INTERNAL oxl_result train_photograph(struct train *t);
-OXL_INTERNAL oxl_result train_step(struct train *t);                       /* all of it */
-OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
-/* A view's photograph to the renderer. OXL_ERR_INPUT: it cannot be read. */
-OXL_INTERNAL oxl_result train_photo(struct train *t, int view);
-/* The model drawn from a view, against its photograph. */
-OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss);
-OXL_INTERNAL oxl_result train_resize(struct train *t);                  /* the gradient, to the model's shape */
-OXL_INTERNAL int        train_report(const struct train *t, int trial); /* nonzero: the caller wants to stop */
+/* ---------------------------------------------------------------- prune.c: fewer Gaussians, those that matter most */
 
-/* ---------------------------------------------------------------- model_selection.c: model only what the scene requires */
+struct prune {
+    oxl_keep keep;
+    double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
+    float    detail;              /* what fine detail adds to a pixel's weight; 0: photographs are not looked at */
+    int      views;               /* a score is taken of at most so many, spread evenly */
+    int      start, end;          /* the window: steps */
+    int      every, patience;     /* steps between checks; without a drop */
+    int      drops, last;         /* done; step of the last */
+    size_t   first_count, target; /* at the window's start (0: not yet), at its end */
+    double   stamp;               /* mean L1 before the last drop */
+    double   l1_sum;              /* since the last check */
+    int      l1_count;
+    double   held; /* auto: loss of the held-out views at the window's start */
+};
+/* densified: the step after which density is left alone; views: for training; row_bytes: prune_row_bytes. */
+OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
+OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);                     /* lobes: every row may have a second one */
+OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* what was kept, in words */
+OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the window are ignored */
+OXL_INTERNAL int    prune_checks(const struct prune *p, int step); /* whether prune_due would look: then `auto` needs `held` */
+/* After the step: how many of `count` Gaussians are to go now. held: mean loss of the training views that stand aside; auto alone reads it. */
+OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held);
+/* keep (count): 0 for the `drop` that matter least, else 1. */
+OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
+                                     const oxl_render_options *options, const oxl_model *model, uint8_t *keep);
+OXL_INTERNAL void       prune_archive(struct archive *a, struct prune *p);
+/* Parts of prune_choose: the score of each row over the training views; keep[i] = 0 for the `drop` lowest, by row where equal. */
+OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
+                                    const oxl_model *model, const oxl_render_options *options, float *score);
+OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
+OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, float *out); /* (H,W) 0..3 */
 
-/* Whether the index-th of so many training views stands aside: an eighth of them, 8 at most, evenly spread. */
-OXL_INTERNAL int        decide_holds(int index, int views);
-OXL_INTERNAL oxl_result decide_begin(struct train *t); /* which views train, and which stand aside */
-/* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
-OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr);
-OXL_INTERNAL void       decide_bands(struct train *t); /* after each step: SH bands */
-/* At a densification: whether a trial is to make it, twice. */
-OXL_INTERNAL int        decide_tries_weights(const struct train *t);
-OXL_INTERNAL oxl_result decide_lobes(struct train *t); /* after each step: second lobes */
-OXL_INTERNAL oxl_result
-decide_trial(struct train *t);                 /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */
-OXL_INTERNAL void decide_end(struct train *t); /* after the last step: the decisions of others */
-OXL_INTERNAL void decide_archive(struct archive *a, struct train *t);
+/* ---------------------------------------------------------------- transients.c: what swims through one photograph */
+
+struct robust_square { /* of pixels, in the present view */
+    float    error;    /* how far off its mean colour is, of white; -1: none of its pixels counts */
+    float    usual;    /* the largest usual error of the points in it; -1: there are none */
+    unsigned marks;
+};
+struct robust {
+    size_t                points; /* of the scene; 0: off */
+    float                *usual;  /* (points) error where it lies, over the views that see it, of late */
+    int32_t              *place;  /* (points) its square in the present view, or -1 */
+    struct robust_square *square;
+    size_t                square_capacity;
+    double                aside; /* share of the pixels put aside, smoothed over the last photographs */
+};
+OXL_INTERNAL oxl_result robust_begin(oxl_context *ctx, struct robust *r, const oxl_scene *scene, int on);
+OXL_INTERNAL void       robust_free(oxl_context *ctx, struct robust *r);
+/* weight (H,W): its pixels that are put aside become 0. masked: it holds a mask; else all of it is set. drawn, photo (3,H,W).
+ * remember 0: what is usual stays as it is, as in the steps of a trial. */
+OXL_INTERNAL oxl_result robust_weigh(oxl_context *ctx, struct robust *r, const oxl_scene *scene, const oxl_camera *camera,
+                                     double near_plane, const float *drawn, const float *photo, int remember, int masked,
+                                     float *weight);
+OXL_INTERNAL void       robust_describe(const struct robust *r, char *out, size_t size); /* what was put aside, in words */
+OXL_INTERNAL void       robust_archive(struct archive *a, struct robust *r);
+
+/* ---------------------------------------------------------------- train.c */
+
+/* Where a run keeps its state. */
+struct train_place {
+    const char      *folder;    /* of the checkpoints */
+    const char      *key;       /* what the result depends on */
+    struct text     *log;       /* the caller's, kept with the state */
+    struct text     *notes;     /* so are these */
+    const oxl_model *start;     /* what training starts from; NULL: the scene's points */
+    struct text     *decisions; /* gets members of a JSON object: what was decided, and on what evidence; or NULL */
+    oxl_faults      *faults;    /* out: of the whole run; or NULL */
+    int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */
+};
+/* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
+OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
+                                  const oxl_callback *callback, const struct train_place *place, oxl_model *out);
+
+/* The most Gaussians that training may make of a scene. */
+OXL_INTERNAL size_t     train_cap(const oxl_scene *scene, const oxl_train_options *options);
+/* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
+OXL_INTERNAL double     train_haste(const oxl_train_options *options);
+OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
+OXL_INTERNAL float      train_scale_rate(const oxl_train_options *options);
+OXL_INTERNAL size_t     train_cap_of(size_t points, double pixels, const oxl_train_options *options);
+OXL_INTERNAL double     train_pixels(const oxl_scene *scene); /* of all training views */
+/* Share of the run in which a photograph of this size is halved. */
+OXL_INTERNAL double     train_coarse_share(const oxl_train_options *options, int width, int height);
+OXL_INTERNAL int        train_densifies_at(const oxl_train_options *options, int step);
+OXL_INTERNAL int        train_resets_opacity_at(const oxl_train_options *options, int step);
+OXL_INTERNAL int        train_densifications(const oxl_train_options *options); /* in a whole run */
+OXL_INTERNAL int        train_may_try(const oxl_train_options *options); /* whether trials, which copy the model, may come */
+OXL_INTERNAL int        train_training_views(const oxl_scene *scene);
+/* Steps of a whole run's trials that are none of its iterations, at most; views: that train. */
+OXL_INTERNAL int        decide_steps_beside(const oxl_train_options *options, int views);
 
 #endif

@@ -19,7 +19,7 @@
  * Invariant: weights and usual errors are a function of the model, the view and the usual errors before; no sum depends on the number
  * of threads.
  */
-#include "../internal.h"
+#include "train.h"
 
 #define ROBUST_ERROR     0.05f /* of white: a twentieth is a blot that one sees */
 #define ROBUST_TIMES     4.0f  /* what is usual around */

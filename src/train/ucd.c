@@ -15,7 +15,7 @@
  *
  * Invariant: the state is a function of the scene, the options, the seed and the costs told.
  */
-#include "../internal.h"
+#include "train.h"
 #include "../core/vecmath.h"
 
 #define UCD_GROWTH    0.02 /* what a doubling costs, in log loss: about what it earns in a trial (docs/ABLATION.md) */

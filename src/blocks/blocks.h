@@ -1,0 +1,53 @@
+/* blocks.h - a survey split into blocks, and the models of blocks merged. */
+#ifndef OXL_BLOCKS_H
+#define OXL_BLOCKS_H
+
+#include "../model/model.h"
+
+/* ---------------------------------------------------------------- partition.c: balanced blocks of a survey */
+
+struct partition_box { /* half-open, low <= x < high, in the partition's frame; outer faces are infinite */
+    double low[3], high[3];
+};
+struct partition_block {
+    struct partition_box box;      /* its home: every place belongs to exactly one block */
+    struct partition_box expanded; /* wider by 5 % of its size on each side: what is trained */
+    struct partition_box finite;   /* the home cut at the trimmed extents of the points: what is drawn, and its size */
+    size_t               points, start_points;     /* at home; to start from: those in `expanded` and what its views see */
+    int                  base_views, border_views; /* training views by overlap [OceanXL sec. 3.1, BlockGaussian] */
+};
+struct partition {
+    double                  rotation[9]; /* rows: the principal axes, longest first; frame = R (world - origin) */
+    double                  origin[3];   /* world */
+    double                  extent[3];   /* l1 >= l2 >= l3, trimmed */
+    int                     dimensions;  /* 2: the third axis is never cut; 3 */
+    int                     block_count;
+    struct partition_block *block;
+    struct partition_plan  *plan; /* which point and view is where, for the export; NULL when read from partition.txt */
+};
+OXL_INTERNAL void partition_to_frame(const struct partition *p, const double world[3], double out[3]);
+OXL_INTERNAL int  partition_contains(const struct partition_box *box, const double frame[3]);
+
+/* Cuts a scene from files into blocks; the scene must outlive the partition. One block when it is small enough, when the options ask for
+ * it, or when there are no tracks to tell what a view sees; the log says which, and on what evidence 2D or 3D was chosen. */
+OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *options,
+                                       struct partition *out);
+OXL_INTERNAL void       partition_free(oxl_context *ctx, struct partition *p);
+
+/* partition_file.c: partition.txt, which reads back to the same bits. */
+OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
+OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
+
+/* partition_export.c: blocks/KKK, partition.svg and, last of all, partition.txt into folder `out`. p is as partition_make left it. */
+OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
+
+/* ---------------------------------------------------------------- merge.c: the models of blocks become one */
+
+/* Appends those Gaussians of a block's model whose centres lie in its home, about into's origin. `into` starts as an empty model
+ * that has the origin of the whole; its SH degree grows to the largest that comes, missing bands are zero; rows with a second lobe
+ * stay in front. So the blocks' models can be read, merged and freed one after the other, in the order of the blocks. On failure
+ * `into` holds what it held. */
+OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
+                                    oxl_model *into);
+
+#endif

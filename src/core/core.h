@@ -1,0 +1,250 @@
+/* core.h - what all modules share: context, errors, memory, text, numbers, files. Each layer has one header like this one, with a section for
+ * each module; a layer includes headers of lower layers only (make rooms).
+ *
+ * Names: oxl_* is public (oceanxl.h); OXL_INTERNAL functions carry their module's name and may be called by other modules;
+ * what is plain static stays in its file. In the single translation unit OXL_INTERNAL is static; built module by module
+ * (OXL_MODULES) it is extern, which shows that every dependency is declared here.
+ */
+#ifndef OXL_CORE_H
+#define OXL_CORE_H
+
+/* os.c needs POSIX by name under -std=c99, and the first system header decides: so core.h comes before any. */
+#if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
+#define _POSIX_C_SOURCE 200809L
+#endif
+#if !defined(_WIN32) && !defined(_FILE_OFFSET_BITS)
+#define _FILE_OFFSET_BITS 64 /* on 32-bit machines too: files past 2 GB, folders of file systems with large offsets */
+#endif
+#if defined(__MINGW32__) && !defined(__USE_MINGW_ANSI_STDIO)
+#define __USE_MINGW_ANSI_STDIO 1 /* printf as C99 has it: %zu */
+#endif
+#if defined(__APPLE__) && !defined(_DARWIN_C_SOURCE)
+#define _DARWIN_C_SOURCE /* ru_maxrss */
+#endif
+
+#include "../../oceanxl.h"
+
+#include <float.h>
+#include <limits.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#if defined(OXL_MODULES)
+#define OXL_INTERNAL
+#elif defined(__GNUC__)
+#define OXL_INTERNAL static __attribute__((unused)) /* some functions are used by the tests or the benchmark alone */
+#else
+#define OXL_INTERNAL static
+#endif
+
+#define OXL_COUNT(array) (sizeof(array) / sizeof *(array))
+#define OXL_MIN(a, b)    ((a) < (b) ? (a) : (b))
+#define OXL_MAX(a, b)    ((a) > (b) ? (a) : (b))
+#define OXL_SWAP(type, a, b)          \
+    do {                              \
+        type const swapped = (a);     \
+        (a)                = (b);     \
+        (b)                = swapped; \
+    } while (0)
+#define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
+
+/* ---------------------------------------------------------------- context.c: context, errors, memory, text, random numbers */
+
+struct oxl_context {
+    oxl_context_options options;
+    int                 threads; /* resolved: at least 1 */
+    int                 isa;     /* enum isa of simd.h */
+    struct vulkan      *vulkan;  /* the device that draws; NULL: the CPU does */
+    char                error[1024];
+    struct text        *notes;  /* lines of the log are kept here too, as elements of a JSON array; NULL: they are not */
+    oxl_result          failed; /* what `error` is about: for doors that return a pointer or NULL */
+};
+
+/* The context alone; backend.c opens and closes what lies on top of it. */
+OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out);
+OXL_INTERNAL void       context_close(oxl_context *ctx);
+
+OXL_INTERNAL int base_thread(void); /* which of a parallel region's threads this is, from 0 */
+
+/* For a thread beside others: a context of its own, with memory from ctx. It logs nothing, and its errors stay with it. */
+OXL_INTERNAL oxl_context base_apart(oxl_context *ctx);
+
+/* All memory goes through these; NULL when the allocator refuses or count x size overflows. Aligned to 64 bytes. */
+OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);
+OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
+/* Keeps min(old, new) elements; on failure `old` stays valid. */
+OXL_INTERNAL void *oxl_regrow(oxl_context *ctx, void *old, size_t old_count, size_t new_count, size_t size);
+OXL_INTERNAL void  oxl_free(oxl_context *ctx, void *memory);
+
+/* Grows *array so that it holds at least `needed` elements; *capacity is doubled. */
+OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t needed, size_t size);
+
+#if defined(__MINGW32__)
+#define OXL_PRINTF(at, first) __attribute__((format(gnu_printf, at, first)))
+#elif defined(__GNUC__)
+#define OXL_PRINTF(at, first) __attribute__((format(printf, at, first)))
+#else
+#define OXL_PRINTF(at, first)
+#endif
+
+/* Stores the text and returns rc: `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`
+ * A second line that starts with "fix: " says what to do. */
+OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
+OXL_INTERNAL void       oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
+
+/* Text that grows. Failure to grow is remembered in `failed` and tested once, at the end. */
+struct text {
+    oxl_context *ctx;
+    char        *data; /* always terminated once something was added; NULL before */
+    size_t       size, capacity;
+    int          failed;
+};
+OXL_INTERNAL void       text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
+OXL_INTERNAL void       text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
+OXL_INTERNAL void       text_add_number(struct text *t, double value);       /* shortest that reads back; null when not finite */
+OXL_INTERNAL void       text_add_float(struct text *t, float value);         /* shortest that reads back as this float */
+OXL_INTERNAL void       text_free(struct text *t);
+/* Hands the text over as fresh memory and empties t; OXL_ERR_MEMORY when it had failed to grow. */
+OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
+
+/* The text of a copy, or NULL. */
+OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
+/* "a/b" in fresh memory; a may be "" or end in a slash. */
+OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+
+/* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
+
+/* One decimal number at *cursor, independent of the locale, correct to the last bit as strtod in the C locale; 0 when there is
+ * none. Takes signs, exponents, nan and inf in the usual spellings ("-nan(ind)" too). *cursor moves past it. */
+OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out);
+OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out);
+
+/* The value as %.17g writes it in the "C" locale, which reads back exactly; returns the length. */
+enum { NUMBER_TEXT_MAX = 48 };
+OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
+OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
+OXL_INTERNAL void   format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
+OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value); /* that reads back as the same double */
+OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);     /* that reads back as the same float */
+
+/* ---------------------------------------------------------------- context.c again: random numbers */
+
+/* A stateless random number: the same (seed, a, b) gives the same value on every machine (splitmix64's finaliser). */
+OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);
+OXL_INTERNAL double   random_unit(uint64_t bits); /* [0,1), 53 bits */
+
+/* ---------------------------------------------------------------- os.c: what C99 lacks; the one file to port */
+
+struct os_file_map { /* a whole file in memory, read-only; one zero byte follows */
+    const char *data;
+    size_t      size;
+};
+OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
+/* Of a file that does not begin so, a few bytes alone. */
+OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
+OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
+
+/* A file piece by piece. `path` is borrowed. */
+struct os_reader {
+    FILE       *file;
+    const char *path;
+    uint64_t    size; /* a hint: a pipe has none, and a file may grow */
+};
+OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out);
+OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
+                                       size_t *got); /* *got < size: the end */
+OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset);
+OXL_INTERNAL void       os_reader_close(struct os_reader *r);
+
+/* Whole or not at all: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
+OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
+/* Removes what a killed process left in a folder of files that it was writing. Nobody else may be writing there. */
+OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder);
+
+/* The same for a file that is produced piece by piece. */
+struct os_writer {
+    FILE *file;
+    char *path, *temporary;
+    int   error; /* errno of os_writer_sync */
+};
+OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
+OXL_INTERNAL void       os_writer_sync(struct os_writer *writer); /* waits for the disk; a failure is told by os_writer_close */
+OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc); /* rc != OXL_OK: discard */
+
+OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
+OXL_INTERNAL int   os_rename(const char *from, const char *to); /* over what `to` was; 0: done */
+OXL_INTERNAL int   os_remove(const char *path);                 /* 0: done */
+
+#ifdef OXL_VULKAN
+/* A library that is loaded at run time; NULL: there is none of that name. */
+OXL_INTERNAL void *os_library_open(const char *name);
+OXL_INTERNAL void  os_library_symbol(void *library, const char *name, void *out, size_t size); /* out: a function pointer */
+OXL_INTERNAL void  os_library_close(void *library);
+#endif
+
+OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
+/* A symbolic link at `path` to the folder `target`, in place of an older link but of nothing else; 0: none could be made. */
+OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char *path);
+OXL_INTERNAL int        os_is_file(const char *path);
+OXL_INTERNAL int        os_is_folder(const char *path);
+OXL_INTERNAL int64_t    os_modified(const char *path); /* when, in a unit of the system; 0: unknown */
+OXL_INTERNAL double     os_seconds(void);              /* monotonic clock */
+OXL_INTERNAL size_t     os_peak_rss(void);             /* bytes; 0 when unknown */
+OXL_INTERNAL size_t     os_memory_free(void);          /* bytes that can be taken without swapping; 0 when unknown */
+/* Calls `visit` with the name of each entry of a folder, in no order. */
+OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
+                                       void *user);
+
+/* ---------------------------------------------------------------- ply.c: a small PLY reader */
+
+enum { PLY_NAME = 64 };
+enum ply_type { PLY_INT8, PLY_UINT8, PLY_INT16, PLY_UINT16, PLY_INT32, PLY_UINT32, PLY_FLOAT32, PLY_FLOAT64 };
+enum ply_format { PLY_NO_FORMAT, PLY_ASCII, PLY_LITTLE, PLY_BIG };
+
+struct ply_property {
+    char          name[PLY_NAME];
+    enum ply_type type;
+    enum ply_type count_type; /* of a list */
+    int           is_list;
+};
+struct ply_element {
+    char                 name[PLY_NAME];
+    uint64_t             rows; /* the file holds at least the bytes that so many rows need */
+    struct ply_property *property;
+    int                  properties, has_list;
+    size_t               capacity;
+    size_t               row_bytes; /* in binary files; with lists: the least */
+};
+struct ply {
+    char               *path;
+    struct os_file_map  file;
+    enum ply_format     format;
+    size_t              data; /* offset of the first byte after the header */
+    int                 data_line;
+    struct ply_element *element;
+    int                 elements;
+    size_t              element_capacity;
+    char              **comment; /* without the word "comment" */
+    int                 comments;
+    size_t              comment_capacity;
+};
+/* Where a property's values (rows) go, converted; both NULL: nowhere. Lists are always skipped. */
+struct ply_target {
+    float  *as_float;
+    double *as_double;
+};
+OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out); /* reads and checks the header */
+/* target: one for each of the element's properties. */
+OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target);
+OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);
+OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);              /* -1: not there */
+OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: not there, or a list */
+
+#endif

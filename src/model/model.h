@@ -1,0 +1,48 @@
+/* model.h - Gaussians: planes of parameters, model files. */
+#ifndef OXL_MODEL_H
+#define OXL_MODEL_H
+
+#include "../survey/survey.h"
+
+/* ---------------------------------------------------------------- spz.c, gltf.c: compact and exchange formats */
+
+/* All numbers finite, no lobes: model_file.c sees to it. */
+OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
+OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model);
+OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl_model *model);
+
+/* ---------------------------------------------------------------- model.c: planes of Gaussians */
+
+#define MODEL_SH0 0.28209479177387814 /* Y_0^0 = 1 / (2 sqrt(pi)): colour = 0.5 + SH0 f_dc */
+
+/* One allocation; each plane starts on a 64-byte line. Capacity is a multiple of 16 and at least 16, so kernels may read and
+ * write whole packs of 16 rows up to it; rows from count to capacity are finite (fresh ones: zero, identity rotation).
+ * model_reserve keeps rows and never shrinks; planes move. `to` of model_copy is overwritten, not freed. */
+OXL_INTERNAL void       model_clear_rows(oxl_model *model, size_t first, size_t end); /* all zero but rotation w = 1 */
+OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity);
+/* Grows or shrinks the SH bands; new planes are zero. */
+OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
+OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
+OXL_INTERNAL int        model_row_is_finite(const oxl_model *model, size_t row); /* its lobe too */
+/* Keeps the rows whose byte in keep (count) is not 0, in their order, lobes with them; the others are cleared. */
+OXL_INTERNAL void       model_keep_rows(oxl_model *model, const uint8_t *keep);
+
+/* The second lobe. Memory for it is held for the first `lobes` rows alone, up to a whole pack. */
+enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
+#define MODEL_OPACITY           0.1    /* of a fresh Gaussian; Kerbl 2023 */
+#define MODEL_LOBE_RATE_OPACITY 0.025f /* Adam's, of plane OXL_LOBE ["Prune Wisely", code] */
+#define MODEL_LOBE_RATE_SCALE   0.005f /* of OXL_LOBE + 1..3 */
+/* Rows 0..lobes-1 carry one; fresh ones are zero. */
+OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
+OXL_INTERNAL void       model_drop_lobes(oxl_model *model);
+/* Brings the rows whose byte in active (count) is not 0 to the front of all three, each part in its order, and gives them lobes of
+ * these factors and zero moments. first, second: the moments, or both NULL. Done once: the model must have no lobes yet. */
+OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
+                                             const uint8_t *active, float opacity_factor, float scale_factor);
+
+/* ---------------------------------------------------------------- model_file.c: models as PLY and .splat */
+
+/* What oxl_model_write does with file_degree 3, lobes included; with the model's own degree only the bands carried are written. */
+OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
+
+#endif

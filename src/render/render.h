@@ -1,0 +1,127 @@
+/* render.h - the renderer: from a model and a camera to an image, and the gradient back; the CPU or a device. */
+#ifndef OXL_RENDER_H
+#define OXL_RENDER_H
+
+#include "../model/model.h"
+
+/* ---------------------------------------------------------------- backend.c: which machine draws */
+
+/* Opens the device that the context's options ask for, once; NULL, and OXL_OK: the CPU it is. */
+OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx);
+OXL_INTERNAL void       backend_end(oxl_context *ctx);
+
+/* ---------------------------------------------------------------- renderer.c: the kernels behind one door */
+
+struct renderer; /* scratch of one view at a time, kept between views: the steady state allocates nothing */
+
+OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out);
+OXL_INTERNAL void       renderer_free(oxl_context *ctx, struct renderer *r);
+
+/* Draws; the image stays in the renderer until the next call. sh_degree as in oxl_render_options. */
+OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                         const oxl_render_options *options);
+OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out); /* (3,H,W) */
+
+/* oxl_render for many views of a model that nobody changes meanwhile: a device takes it once. options: not NULL. */
+OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
+                                      const oxl_render_options *options, oxl_image *out, float *depth);
+
+/* The photograph of a view, at half its sides if `halved`: what renderer_loss compares with where it is given none. A device keeps
+ * photographs, as far as a share of its memory goes: `photo` may be NULL where renderer_has_photo says so. */
+OXL_INTERNAL int        renderer_has_photo(const struct renderer *r, int view);
+OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r, int view, const struct photo *photo,
+                                            int halved);
+
+/* Loss of the drawn image against rgb (3,H,W) with weight (H,W) or NULL, or against the photograph that was taken last where rgb is
+ * NULL; keeps its gradient for renderer_backward. */
+struct renderer_loss {
+    double total, l1, ssim, mse;
+};
+OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                      float ssim_weight, struct renderer_loss *out);
+
+/* The gradient of the model that was drawn last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
+ * rows of packs out of sight are left alone. A device keeps it to itself until renderer_gradient. */
+OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
+OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient);
+
+/* How much each Gaussian matters to S = the sum over pixels and channels of drgb (3,H,W) x the image drawn last: adds to score[row], for
+ * each row seen, the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
+OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
+
+struct renderer_pace {
+    float  rate[OXL_PLANES]; /* of each plane at this step */
+    double beta[2];          /* what is left after a step of the mean gradient, and of its mean square */
+    int    step;             /* of the run, not of the row; from 1: both means begin at 0, which is made up for */
+};
+#define RENDERER_BETAS \
+    {                  \
+        0.9, 0.999     \
+    } /* [Kerbl 2023] */
+struct renderer_aside {
+    size_t rows, first; /* how many; the first of them */
+};
+/* Adam on the rows seen by the last view, but for those of which a number or its gradient is not finite: these count as not
+ * seen from then on. */
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
+                                      oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
+                                      struct renderer_aside *out);
+
+/* Adds to the statistics of density control what the last view, walked back, tells of each row that it saw. */
+struct renderer_sums {
+    size_t count;
+    int    banded;
+    float  z_near, z_far;         /* where the bands meet, camera z */
+    float *gradient, *mid, *far_; /* (count) of |dL/d(u,v)|, in units of half an image; mid, far_: banded alone */
+    float *views;                 /* (count) how many saw it */
+};
+OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
+
+/* Between steps a device holds the model, its moments and the statistics. This brings home what was stepped and observed since: to
+ * be called before the host reads or changes any of them. The next renderer_forward takes the model as the host has it then. */
+OXL_INTERNAL oxl_result renderer_fetch(oxl_context *ctx, struct renderer *r);
+
+OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r); /* as if the last view had seen nothing */
+/* What the last view saw of row i; on a device, as it was when renderer_fetch_rows was called. */
+OXL_INTERNAL oxl_result renderer_fetch_rows(oxl_context *ctx, struct renderer *r);
+OXL_INTERNAL int        renderer_drew_finite(const struct renderer *r, size_t row); /* 1 too when it did not see it */
+OXL_INTERNAL int        renderer_saw(const struct renderer *r, size_t row);
+OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
+OXL_INTERNAL float      renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
+
+struct renderer_counts {                   /* of the last view */
+    size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image that the footprints ask for */
+};
+OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
+
+struct splat;
+/* What a device does in the place of the CPU's kernels, door by door as above. */
+struct renderer_device {
+    oxl_result (*create)(oxl_context *ctx, void **out);
+    void (*free)(void *device);
+    oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options);
+    /* (3,H,W) drawn; depths: the sums of alpha T z and of alpha T in its place. */
+    oxl_result (*image)(void *device, int depths, float *rgb);
+    int (*has_photo)(const void *device, int view);
+    oxl_result (*take_photo)(void *device, int view, const struct photo *photo, int halved);
+    /* The image taken last, as (3,H,W) and (H,W); returns its pixels, 0 on failure. rgb NULL: its pixels alone. */
+    size_t (*target)(void *device, float *rgb, float *weight, int *masked);
+    oxl_result (*loss)(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out);
+    oxl_result (*backward)(void *device, const float *drgb);
+    oxl_result (*gradient)(void *device, oxl_model *gradient);
+    oxl_result (*score)(void *device, const float *drgb, float *score);
+    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
+                       struct renderer_aside *out);
+    oxl_result (*observe)(void *device, const struct renderer_sums *sums);
+    oxl_result (*fetch)(void *device);
+    oxl_result (*forget)(void *device);
+    /* What the last view saw: of each row that it saw its splat, a bit, |dL/d(u,v)| as in struct renderer. */
+    oxl_result (*rows)(void *device, struct splat *splat, uint16_t *visible, float *dmean2d);
+};
+#ifdef OXL_VULKAN
+OXL_INTERNAL const struct renderer_device *vulkan_doors(void);
+#endif
+
+struct archive; /* checkpoint.c */
+
+#endif

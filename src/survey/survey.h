@@ -1,0 +1,289 @@
+/* survey.h - a survey: COLMAP files, cameras, images and their cache, the scene, measurements of it. */
+#ifndef OXL_SURVEY_H
+#define OXL_SURVEY_H
+
+#include "../core/core.h"
+
+/* ---------------------------------------------------------------- colmap.c: the three text files, as they are */
+
+enum { CAMERA_PARAMETERS = 16 }; /* of the model that has most */
+
+struct colmap_camera {
+    int64_t id;
+    int     model; /* index in camera.c's table */
+    int     width, height;
+    int     parameter_count;
+    double  parameter[CAMERA_PARAMETERS];
+    const char
+        *file; /* that it is read from, without its folder, and its line there; in binary files, which record: for messages */
+    int  line;
+};
+
+struct colmap_observation {
+    double  x, y;  /* px */
+    int64_t point; /* POINT3D_ID, -1: none */
+};
+
+struct colmap_image {
+    int64_t  id;
+    double   rotation[4]; /* w x y z as read */
+    double   translation[3];
+    int64_t  camera_id;
+    size_t   name;              /* offset in colmap.names */
+    size_t   first_observation; /* in colmap.observation */
+    size_t   observation_count;
+    uint64_t points_at;   /* where its 2D points lie in the file of images, as text or as numbers: exports copy them */
+    size_t   points_size; /* bytes; 0: none */
+    int      line;
+};
+
+struct colmap_track {   /* one (IMAGE_ID, POINT2D_IDX); small: a large survey has a hundred million */
+    uint32_t image_row; /* in colmap.image */
+    uint32_t observation;
+};
+
+struct colmap_point {
+    int64_t  id;
+    double   position[3]; /* world */
+    double   error;       /* px; -1: unknown */
+    uint8_t  rgb[3];
+    uint32_t track_count;
+    size_t   first_track; /* in colmap.track */
+};
+
+enum colmap_format {
+    COLMAP_TEXT,
+    COLMAP_BINARY,
+    COLMAP_JSON /* transforms.json, reconstruction.json: no 2D points, no tracks */
+};
+
+struct colmap {
+    struct colmap_camera      *camera;
+    size_t                     camera_count;
+    struct colmap_image       *image; /* in the file's order */
+    size_t                     image_count;
+    struct colmap_observation *observation;
+    size_t                     observation_count;
+    struct colmap_point       *point; /* in the file's order */
+    size_t                     point_count;
+    struct colmap_track       *track;
+    size_t                     track_count;
+    char                      *folder;
+    char                      *names; /* zero-terminated, one after the other */
+    size_t                     names_size;
+    size_t                     warnings;      /* oddities that were mended and logged */
+    int                        is_cut;        /* a file holds fewer rows than its header announces */
+    int                        images_beside; /* names start from `folder`, not from the folder of images */
+    enum colmap_format         format;
+    const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
+};
+
+/* Reads cameras, images and points3D of a folder, .txt or .bin, the newer where both are there; colmap.c says what is promised of
+ * them. keep_observations = 0 skips the 2D points. */
+OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
+/* The same through a window on the files of another size, in bytes: for tests. */
+OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
+                                               struct colmap *out);
+/* colmap_order.c: cameras, images and points by id. COLMAP writes them in the order of its hash tables, another one in text than
+ * in binary: so what a scene is does not depend on it. Observations and tracks stay where they are. */
+OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
+/* colmap_write.c: numbers as %.17g writes them. */
+OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c);
+OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
+/* json_survey.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
+
+/* ---------------------------------------------------------------- camera.c: camera models, undistortion */
+
+enum camera_kind {
+    CAMERA_IDEAL,
+    CAMERA_RADIAL,
+    CAMERA_OPENCV,
+    CAMERA_FULL_OPENCV,
+    CAMERA_FISHEYE,
+    CAMERA_FOV,
+    CAMERA_THIN_PRISM,
+    CAMERA_RAD_TAN_THIN_PRISM,
+    CAMERA_DIVISION,
+    CAMERA_EUCM,
+    CAMERA_SPHERE /* the whole sphere: no ideal camera stands for it */
+};
+
+struct camera_model {
+    const char      *name;
+    int              parameter_count; /* focal lengths, cx, cy, then the distortion */
+    int              focal_count;     /* 1: f; 2: fx, fy */
+    enum camera_kind kind;
+};
+OXL_INTERNAL int camera_model_find(const char *name, size_t length); /* -1: unknown; else COLMAP's MODEL_ID */
+OXL_INTERNAL int camera_model_count(void);
+OXL_INTERNAL const struct camera_model *camera_model_at(int index);
+OXL_INTERNAL const char                *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
+
+/* fx, fy, cx, cy in px, whatever the model. */
+OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4]);
+
+/* Forward model: a direction (x/z, y/z) of the ideal camera to a pixel of the real one. */
+OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2], double pixel[2]);
+OXL_INTERNAL int  camera_is_distorted(const struct colmap_camera *camera);
+
+/* The ideal pinhole camera whose every pixel the real one saw (no blank pixels), same focal length, before --max-side. */
+OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera, oxl_camera *out);
+
+/* The same view at half the sides, rounded down. */
+OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
+
+OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
+OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
+
+/* ---------------------------------------------------------------- image.c: decode, reduce, undistort, mask, cache */
+
+struct pixels { /* 8 bits, interleaved as stb gives them */
+    int      width, height, channels;
+    uint8_t *data;
+};
+OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
+OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height); /* header alone */
+/* Fails unless a file of so many pixels may be the camera's, reduced or enlarged: not cropped or turned. */
+OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
+                                          const struct colmap_camera *from);
+OXL_INTERNAL void       image_pixels_free(oxl_context *ctx, struct pixels *p);
+
+/* A training photograph: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 counts, 0 masked). */
+struct photo {
+    int      width, height;
+    uint8_t *rgb;
+    uint8_t *mask;
+};
+/* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike. mask_path may be NULL. */
+OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, const char *mask_path,
+                                         const struct colmap_camera *from, const oxl_camera *to, struct photo *out);
+OXL_INTERNAL void       image_photo_free(oxl_context *ctx, struct photo *photo);
+OXL_INTERNAL void       image_from_photo(const oxl_context *ctx, const struct photo *photo, float *rgb,
+                                         float *weight); /* weight may be NULL */
+/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, that count when all four do; an odd last row or column
+ * is dropped. */
+OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
+/* The other way, into memory that photo has already; weight of 0.5 and less is masked. */
+OXL_INTERNAL void       image_to_photo(const oxl_image *image, struct photo *photo);
+
+OXL_INTERNAL void       image_begin(void); /* with each context: how stb writes PNGs */
+/* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
+OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
+/* stb's codec for others: raw deflate data to exactly `size` bytes, or 0; the other way, with room for `before` and `after` bytes
+ * around the data (*out is oxl_alloc's). */
+OXL_INTERNAL int        image_inflate(void *out, size_t size, const void *data, size_t data_size);
+OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
+                                      unsigned char **out, size_t *deflated);
+OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height);
+
+/* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
+
+/* Reads the sub-model with most images: of `sparse`, or of SCENE/sparse, the folders in it, and SCENE. Observations are not kept. */
+OXL_INTERNAL oxl_result  find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
+/* Path of a file at most 3 folders deep that is called like `name` but for folder, extension and capitals; "" when there is none. */
+OXL_INTERNAL void        find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
+OXL_INTERNAL const char *find_base_name(const char *path); /* what follows the last slash */
+
+/* ---------------------------------------------------------------- robust_stats.c: robust measures of a survey */
+
+struct measure_view {            /* a training view */
+    uint32_t          image_row; /* in colmap.image, for tracks */
+    const oxl_camera *camera;
+};
+OXL_INTERNAL double     measure_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 of none */
+OXL_INTERNAL double     measure_pick(double *value, size_t count, double quantile); /* the same; they lie in another order then */
+/* 1st, 50th and 99th percentile of each coordinate of n positions that lie `stride` bytes apart. */
+OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
+                                       double middle[3], double high[3]);
+/* Largest distance from the mean of the camera centres, those left out that stand farther than 5 median distances from their
+ * median place (coordinate by coordinate): exactly 3DGS's when there is no such outlier. 0 for one camera. */
+OXL_INTERNAL oxl_result measure_camera_radius(oxl_context *ctx, const struct measure_view *views, size_t count, double *radius);
+/* An ascending sample of the depths (camera z) of points in the views that saw them by their tracks, or, when there are no
+ * tracks (from arrays: points alone), in the views that have them in their picture. Sorts views by image. */
+OXL_INTERNAL oxl_result measure_depths(oxl_context *ctx, struct measure_view *views, size_t count, const oxl_point *points,
+                                       size_t n, const struct colmap *c, const double origin[3], double **out, size_t *out_count);
+
+/* ---------------------------------------------------------------- scene.c: from the files to views, points and photographs */
+
+struct scene_stats { /* what check and the first message say */
+    int    images_listed, images_missing, views, test_views, distorted_cameras, masks;
+    size_t points, observations; /* observations: a point seen in an image */
+    double mean_track, mean_error;
+    double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
+};
+OXL_INTERNAL const struct scene_stats   *scene_stats_of(const oxl_scene *scene);
+OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
+/* Of a scene from files: where a view comes from, and whether a point is one of the scene's or absurdly far from its origin. */
+OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
+OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
+OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
+OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
+OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
+OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
+OXL_INTERNAL int        scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* (all views at most) -> how many */
+OXL_INTERNAL struct photos *scene_photos(oxl_scene *scene);
+OXL_INTERNAL void   scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs; from arrays: nothing is dropped */
+OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first photograph; 0: from arrays */
+/* From the files, undistorted, reduced and masked as the view is; free it with image_photo_free. */
+OXL_INTERNAL oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int view, struct photo *out);
+/* Depth (camera z) of the scene's points over the training views: the given quantile. */
+OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile);
+/* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
+OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
+/* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
+OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
+
+/* ---------------------------------------------------------------- image_cache.c: which photographs are in memory */
+
+struct photos {
+    struct photo *photo; /* (count) rgb NULL: not in memory */
+    uint64_t     *used;  /* (count) when it was last asked for */
+    uint64_t      clock;
+    int           count;
+    size_t        held, limit; /* bytes in memory; of the cache */
+};
+OXL_INTERNAL oxl_result          photos_begin(oxl_context *ctx, size_t count, struct photos *out); /* none in memory, no limit */
+OXL_INTERNAL void                photos_free(oxl_context *ctx, struct photos *photos);
+/* Borrowed until the next call for another view or for photographs ahead; NULL: with the error set. */
+OXL_INTERNAL const struct photo *photos_get(oxl_context *ctx, oxl_scene *scene, int view);
+/* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
+ * quarter of the cache may be on its way, and is made free before. Nothing is said of one that cannot be read, until it is asked for. */
+OXL_INTERNAL void                photos_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
+/* Photographs of so many pixels in all, without masks, take at most so much, with what decoding files of file_pixels takes, on however many threads. */
+OXL_INTERNAL double              photos_bytes(double cache, double pixels, double file_pixels);
+
+/* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */
+
+struct bands_sight { /* a point in a view */
+    int   view, pixel;
+    float z; /* camera z */
+};
+struct bands {
+    double              depth[2]; /* a third of the times that a point is seen in training, it lies nearer, and a third beyond */
+    struct bands_sight *sight;    /* (count) by view and pixel, the nearer first */
+    size_t              count;
+};
+/* Of `count` views asked for. */
+OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count, struct bands *out);
+OXL_INTERNAL void       bands_free(oxl_context *ctx, struct bands *b);
+/* band: (H,W) 1 near, 2 mid, 3 far; 0: no point tells. */
+OXL_INTERNAL oxl_result bands_of_view(oxl_context *ctx, const struct bands *b, const oxl_scene *scene, int view, uint8_t *band);
+
+/* ---------------------------------------------------------------- contrast.c: how fast contrast fades with depth */
+
+struct contrast {
+    int    measured;    /* 0: there were too few points that are seen from several depths */
+    double beta, error; /* contrast goes as exp(-beta z), 1/unit of the scene; its standard error */
+    size_t points, observations;
+};
+OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out);
+
+/* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
+
+#define LINT_DOUBT 0.1 /* share of sightings that are none, from which on the survey as a whole is doubted */
+/* Fills s->missed; s->unusable and s->masked. What is wrong is logged. OXL_ERR_INPUT: no photograph can be trained with. */
+OXL_INTERNAL oxl_result lint_sightings(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+OXL_INTERNAL oxl_result lint_photographs(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+
+#endif
