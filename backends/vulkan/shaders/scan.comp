@@ -3,7 +3,7 @@
  *     VARIANT 0  the sum of each workgroup's numbers
  *     VARIANT 1  one workgroup goes through all numbers, 2048 at a time; the total goes to counts[slot]
  *     VARIANT 2  each workgroup's own prefixes, on top of the sums before it as VARIANT 1 has left them
- *     VARIANT 3  rows of n numbers, eight a workgroup, 32 invocations a row; the totals go to sums[row]
+ *     VARIANT 3  256 rows of n numbers, eight a workgroup, 32 invocations a row; the totals go to sums[row]
  */
 #version 450
 #include "common.glsl"
@@ -58,6 +58,7 @@ void prefixes(uint first, uint sum)
 void scan_rows(uint t)
 {
     uint lane = t & 31u, row = work_group() * 8u + (t >> 5), each = (push.n + 31u) / 32u;
+    if (work_group() >= 256u / 8u) return; /* a dispatch may be rounded up: passes.c */
     uint from = row * push.n + min(lane * each, push.n), end = row * push.n + min((lane + 1u) * each, push.n), sum = 0u;
     for (uint i = from; i < end; i++) sum += data[i];
     total[t] = sum;
