@@ -34,7 +34,7 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
     for (uint32_t shift = 0; shift < bits && blocks > 0; shift += VULKAN_DIGIT, at ^= 1) {
         const uint32_t push[3] = {slot, shift, (uint32_t)blocks};
         VULKAN_RUN(r->v, SORT_COUNT, 0, blocks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
-        VULKAN_RUN(r->v, SCAN, 3, 1u << VULKAN_DIGIT, VULKAN_PUSH((uint32_t)blocks, 0),
+        VULKAN_RUN(r->v, SCAN, 3, VULKAN_DIGITS / 8, VULKAN_PUSH((uint32_t)blocks, 0),
                    VULKAN_BUFFERS(&r->histogram, &r->counts, &r->digits));
         VULKAN_RUN(r->v, SORT_SCATTER, 0, blocks, push,
                    VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &r->digits, &key[at ^ 1], &value[at], &value[at ^ 1]));

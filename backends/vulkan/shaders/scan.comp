@@ -3,7 +3,7 @@
  *     VARIANT 0  the sum of each workgroup's numbers
  *     VARIANT 1  one workgroup goes through all numbers, 2048 at a time; the total goes to counts[slot]
  *     VARIANT 2  each workgroup's own prefixes, on top of the sums before it as VARIANT 1 has left them
- *     VARIANT 3  as VARIANT 1, each workgroup a row of n numbers; the totals go to sums[row]
+ *     VARIANT 3  256 rows of n numbers, eight a workgroup, 32 invocations a row; the totals go to sums[row]
  */
 #version 450
 #include "common.glsl"
@@ -37,8 +37,7 @@ uint before(uint value)
     return total[t] - value;
 }
 
-uint row() { return VARIANT == 3u ? work_group() * push.n : 0u; }
-uint load(uint at) { return at < push.n ? data[row() + at] : 0u; }
+uint load(uint at) { return at < push.n ? data[at] : 0u; }
 
 uint sum_of(uint first)
 {
@@ -50,8 +49,30 @@ uint sum_of(uint first)
 void prefixes(uint first, uint sum)
 {
     for (uint k = 0u; k < 8u && first + k < push.n; k++) {
-        uint value              = data[row() + first + k];
-        data[row() + first + k] = sum;
+        uint value      = data[first + k];
+        data[first + k] = sum;
+        sum += value;
+    }
+}
+
+void scan_rows(uint t)
+{
+    uint lane = t & 31u, row = work_group() * 8u + (t >> 5), each = (push.n + 31u) / 32u;
+    if (work_group() >= 256u / 8u) return; /* a dispatch may be rounded up: passes.c */
+    uint from = row * push.n + min(lane * each, push.n), end = row * push.n + min((lane + 1u) * each, push.n), sum = 0u;
+    for (uint i = from; i < end; i++) sum += data[i];
+    total[t] = sum;
+    for (uint step = 1u; step < 32u; step *= 2u) {
+        barrier();
+        uint left = lane >= step ? total[t - step] : 0u;
+        barrier();
+        total[t] += left;
+    }
+    if (lane == 31u) sums[row] = total[t];
+    sum = total[t] - sum;
+    for (uint i = from; i < end; i++) {
+        uint value = data[i];
+        data[i]    = sum;
         sum += value;
     }
 }
@@ -59,7 +80,11 @@ void prefixes(uint first, uint sum)
 void main()
 {
     uint t = gl_LocalInvocationIndex, groups = (push.n + 2047u) / 2048u;
-    if (VARIANT == 1u || VARIANT == 3u) {
+    if (VARIANT == 3u) {
+        scan_rows(t);
+        return;
+    }
+    if (VARIANT == 1u) {
         uint carry = 0u;
         for (uint g = 0u; g < groups; g++) {
             uint first = g * 2048u + t * 8u, sum = before(sum_of(first));
@@ -67,8 +92,7 @@ void main()
             carry = add(carry, total[255]);
             barrier();
         }
-        if (t == 0u && VARIANT == 1u) counts[push.slot] = carry;
-        if (t == 0u && VARIANT == 3u) sums[work_group()] = carry;
+        if (t == 0u) counts[push.slot] = carry;
         return;
     }
     uint g = work_group();
