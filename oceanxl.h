@@ -196,6 +196,10 @@ OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robu
 OXL_API oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
                                    double way[3]);
 
+/* The gains of the scene's images from imaging.txt beside a model's file, where train has left one: evaluation and pictures apply
+ * them then. No such file: nothing happens. */
+OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
+
 /* The photograph of a view as training sees it: undistorted, reduced, masked. Free it with oxl_image_free. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
 
@@ -286,10 +290,12 @@ typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } ox
 typedef struct oxl_view_metrics {
     int    view; /* index in the scene */
     double psnr, cc_psnr, ssim, ms_ssim;
+    double plain_psnr, half_psnr; /* at mean exposure; of the right half, with gains fitted on the left half */
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
     double            psnr, cc_psnr, ssim, ms_ssim; /* means over the views; 0 when there are none */
+    double            plain_psnr, half_psnr;        /* so are these */
     int               count;
     oxl_view_metrics *views;       /* (count) */
     double            depth[2];    /* a third of the times that a point is seen, it lies nearer, and a third beyond */
@@ -307,6 +313,13 @@ typedef enum oxl_dog { /* which Gaussians get a second, negative lobe [OceanXL e
                        OXL_DOG_ALL,
                        OXL_DOG_AUTO /* selective, where a trial on views held out for it says that they pay */
 } oxl_dog;
+
+/* A gain per channel and training image, optimised with the scene: cameras that adapt exposure and white balance (docs/WATER.md). */
+typedef enum oxl_exposure {
+    OXL_EXPOSURE_OFF = 0,
+    OXL_EXPOSURE_ON,
+    OXL_EXPOSURE_AUTO /* on where validation views say that the gains of their neighbours help */
+} oxl_exposure;
 
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
 
@@ -379,12 +392,13 @@ typedef struct oxl_train_options {
     float    reset_opacity_every;         /* 0.1 of the run */
     oxl_ucd  ucd;                         /* (off) */
     oxl_keep keep;                        /* (all) */
-    int      robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned (0) */
+    oxl_exposure exposure;                /* (off) */
+    int          robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned (0) */
     /* difference-of-Gaussians lobes */
-    oxl_dog  dog;           /* (off) */
-    float    dog_from;      /* fraction of the run (0.77) at whose end of watching they are given out */
-    float    dog_threshold; /* of the mean gradient, in units of half an image (2e-4); at most 0: minus the share left without */
-    float    dog_opacity_factor, dog_scale_factor; /* of a fresh lobe (0.1, 1.6) */
+    oxl_dog      dog;      /* (off) */
+    float        dog_from; /* fraction of the run (0.77) at whose end of watching they are given out */
+    float dog_threshold;   /* of the mean gradient, in units of half an image (2e-4); at most 0: minus the share left without */
+    float dog_opacity_factor, dog_scale_factor; /* of a fresh lobe (0.1, 1.6) */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
@@ -545,7 +559,8 @@ OXL_API void       oxl_run_free(oxl_context *ctx, oxl_run **run);
 typedef struct oxl_pictures {
     oxl_split split;
     int       photographs, depth;
-    double    unit; /* depths are multiplied by it: metres a unit of the scene (0: they stay) */
+    double    unit;  /* depths are multiplied by it: metres a unit of the scene (0: they stay) */
+    int       clear; /* 1: the scene itself, without what imaging.txt says of the image (0) */
 } oxl_pictures;
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
                                     const char *folder, int *count);

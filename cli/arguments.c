@@ -86,6 +86,7 @@ enum kind {
     AXES,
     CUT,
     DOG,
+    SWITCH,
     BACKEND,
     LIMIT,
     SHARE
@@ -137,6 +138,8 @@ static const struct option {
     {"What is written", "--split", "test|train|all", SPLIT, FIELD(split), IN(RENDER) | IN(EVAL), "which views (test)"},
     {"What is written", "--depth", NULL, FLAG, FIELD(depth), IN(RENDER),
      "depth too: NAME.depth.png to look at; NAME.depth.pfm to measure, in the survey's unit; NAME.depth16.png in thousandths of it"},
+    {"What is written", "--clear", NULL, FLAG, FIELD(clear), IN(RENDER),
+     "the scene at mean exposure, where the model has an imaging.txt beside it"},
     {"What is written", "--ortho", NULL, FLAG, FIELD(ortho), IN(RENDER),
      "an orthomosaic instead: ortho.png with its world file ortho.pgw; with --depth the heights, ortho.height.pfm"},
     {"What is written", "--pixel", "SIZE", REAL, FIELD(pixel), IN(RENDER),
@@ -195,6 +198,8 @@ static const struct option {
      "Gaussians left after pruning, of all blocks together, as 0.5, 400000 or 80MB (all)"},
     {"What the scene requires", "--robust", NULL, FLAG, FIELD(robust), TRAINS,
      "do not learn what one photograph has and the others of the place have not: fish, divers, drifting things"},
+    {"What the scene requires", "--exposure", "off|on|auto", SWITCH, FIELD(exposure), TRAINS,
+     "brightness and white balance that differ from photograph to photograph; auto: if that pays on views held out (off)"},
     {"What the scene requires", "--dog", "off|selective|all|auto", DOG, FIELD(dog), TRAINS,
      "difference-of-Gaussians lobes; auto: selective, if they pay on views held out (off)"},
     {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), TRAINS | IN(ABLATE),
@@ -433,6 +438,7 @@ static int parse_limit(const char *text, double *out)
 static int parse_value(const struct option *o, const char *text, struct arguments *a)
 {
     static const char *const presets[] = {"draft", "standard", "paper"}, *const splits[] = {"test", "train", "all"};
+    static const char *const switches[] = {"off", "on", "auto"};
     static const char *const axes[] = {"auto", "2d", "3d", "none"}, *const cuts[] = {"balanced", "midpoint"};
     static const char *const dogs[] = {"off", "selective", "all", "auto"}, *const backends[] = {"cpu", "auto", "vulkan"};
     static const double bytes[] = {1024., 1048576., 1073741824., 1099511627776.}, seconds[] = {1, 60, 3600, 86400};
@@ -453,6 +459,7 @@ static int parse_value(const struct option *o, const char *text, struct argument
         *(int *)field = (int)number;
         return 1;
     case DOG: return parse_word(text, dogs, 4, field);
+    case SWITCH: return parse_word(text, switches, 3, field);
     case BACKEND: return parse_word(text, backends, 3, field);
     case LIMIT: return parse_limit(text, field);
     case SHARE:
@@ -620,6 +627,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
                             .frames        = 120,
                             .budget        = 1200,
                             .dog           = -1,
+                            .exposure      = -1,
                             .dog_threshold = -2,
                             .ssim_every    = -1,
                             .exp_degree    = -1,

@@ -158,7 +158,7 @@ struct arguments { /* negative numbers and NULL: not given */
     enum command command;
     const char  *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int          path_count;
-    int          help, version, quiet, json, depth, no_images, restart, robust, stop_early, manual;
+    int          help, version, quiet, json, depth, no_images, restart, robust, stop_early, manual, clear;
     int          preset, split; /* enum oxl_preset, enum oxl_split */
     int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
     int          block_points;
@@ -168,6 +168,7 @@ struct arguments { /* negative numbers and NULL: not given */
     double       image_cache, ram; /* bytes */
     double       seed;
     int          dog;           /* enum oxl_dog */
+    int          exposure;      /* enum oxl_exposure */
     double       dog_threshold; /* -2: not given */
     int          ssim_every, exp_degree;
     double       alpha_min, tile_share;

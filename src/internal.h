@@ -391,6 +391,29 @@ OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
+/* ---------------------------------------------------------------- imaging.c: what lies between the scene's colours and an image */
+
+#define EXPOSURE_LEAST 0.05 /* gains lie between this and its inverse */
+struct imaging {
+    int      on;       /* 0: gains are 1 */
+    int      views;    /* of the scene */
+    float   *log_gain; /* (views,3) */
+    uint8_t *known;    /* (views) 1: it was trained on; the others are interpolated */
+};
+OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
+OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
+OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
+OXL_INTERNAL void       imaging_clear(struct imaging *m);
+OXL_INTERNAL void       imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
+OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float gain[3]);
+OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);      /* log gain, of the known views */
+OXL_INTERNAL void       imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
+/* Images that the scene has not are passed over. */
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
+OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3]); /* of blocks */
+OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
+
 /* ---------------------------------------------------------------- image_cache.c: which photographs are in memory */
 
 struct photos {
@@ -538,6 +561,9 @@ OXL_INTERNAL void       model_drop_lobes(oxl_model *model);
 OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
                                              const uint8_t *active, float opacity_factor, float scale_factor);
 
+/* Colours times a factor for each channel: SH bands alike, the 0.5 of band 0 with them. */
+OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);
+
 /* ---------------------------------------------------------------- merge.c: the models of blocks become one */
 
 /* Appends those Gaussians of a block's model whose centres lie in its home, about into's origin. `into` starts as an empty model
@@ -581,6 +607,19 @@ struct renderer_loss {
 };
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out);
+
+/* From the next loss on the rendered image is multiplied by a gain per channel before it; NULL: by none. */
+OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gain[3]);
+/* dL/d(log gain) of the last loss. */
+OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r);
+
+/* exposure.c: y = gain x, channel by channel; x, y (3,n). */
+OXL_INTERNAL void exposure_forward(const float gain[3], const float *x, size_t n, float *y);
+OXL_INTERNAL void exposure_backward(const float gain[3], const float *y, const float *dy, size_t n, float *dx,
+                                    double dlog_gain[3]);
+
+/* gain: least squares of weight (gain x - y)^2 by channel; weight (n) or NULL. */
+OXL_INTERNAL void exposure_fit(const float *x, const float *y, const float *weight, size_t n, double gain[3]);
 
 /* Of the next gradient, on the CPU: the tiles that count, by chance; the others are taken as like them. */
 OXL_INTERNAL void renderer_choose_tiles(struct renderer *r, float share, uint64_t choice);
@@ -863,6 +902,27 @@ OXL_INTERNAL oxl_result robust_weigh(oxl_context *ctx, struct robust *r, const o
                                      float *weight);
 OXL_INTERNAL void       robust_describe(const struct robust *r, char *out, size_t size); /* what was put aside, in words */
 OXL_INTERNAL void       robust_archive(struct archive *a, struct robust *r);
+
+/* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
+
+struct exposure {
+    oxl_exposure   mode;
+    int            decided;        /* auto: it is decided */
+    struct imaging of;             /* the gains; on: they are applied */
+    float         *first, *second; /* (views,3) Adam's moments */
+    int           *visits;         /* (views) steps of a view's gains */
+    double         mean[3];        /* of the log gains after each step: 0, or that of the run which this one goes on from */
+};
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_exposure mode, int goes_on);
+OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
+OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
+OXL_INTERNAL int        exposure_watches(const struct exposure *e);
+OXL_INTERNAL int        exposure_decides_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL void       exposure_watch(struct exposure *e, int view, const float *drawn, const float *target, const float *weight,
+                                       size_t n);
+OXL_INTERNAL void       exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
+OXL_INTERNAL void       exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size);
+OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
 

@@ -32,6 +32,11 @@ struct renderer {
     uint16_t        *visible; /* (packs) */
     float           *dmean2d; /* (count) */
     float           *rgb, *drgb, *transmittance;
+    float            gain[3]; /* of renderer_set_gain */
+    int              has_gain;
+    float           *exposed; /* (3,H,W) rgb times gain */
+    double           dlog_gain[3];
+    size_t           exposed_capacity;
     float           *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
     int              masked;
     float (*sums)[SPLAT_SUMS];
@@ -81,6 +86,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->drgb);
     oxl_free(ctx, r->transmittance);
     oxl_free(ctx, r->target);
+    oxl_free(ctx, r->exposed);
     oxl_free(ctx, r->weight);
     oxl_free(ctx, r->sums);
     oxl_free(ctx, r->score);
@@ -308,16 +314,44 @@ OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r
     return OXL_OK;
 }
 
+OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3])
+{
+    r->has_gain = gain != NULL;
+    if (gain) memcpy(r->gain, gain, sizeof r->gain);
+}
+
+OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r)
+{
+    return r->dlog_gain;
+}
+
+/* The loss of the exposed image, by the CPU: a device gives its image and takes the gradient of it. */
+static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                      float ssim_weight, struct loss_value *out)
+{
+    const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    const float *drawn  = NULL;
+    oxl_result   rc     = renderer_image(ctx, r, &drawn);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
+    if (rc != OXL_OK) return rc;
+    exposure_forward(r->gain, drawn, pixels, r->exposed);
+    rc = loss_forward_backward(
+        ctx, &(struct loss_job){r->lens.width, r->lens.height, ssim_weight, r->exposed, rgb, weight, r->drgb}, &r->loss, out);
+    if (rc == OXL_OK) exposure_backward(r->gain, r->exposed, r->drgb, pixels, r->drgb, r->dlog_gain);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out)
 {
     const size_t      pixels = (size_t)r->lens.width * (size_t)r->lens.height;
     struct loss_value value;
     oxl_result        rc;
-    if (r->device) return r->doors->loss(r->device, rgb, weight, ssim_weight, out);
+    if (r->device && !r->has_gain) return r->doors->loss(r->device, rgb, weight, ssim_weight, out);
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
-    if (rc == OXL_OK) {
+    if (rc == OXL_OK && r->has_gain) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, &value);
+    else if (rc == OXL_OK) {
         const struct loss_job job = {r->lens.width, r->lens.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
         rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
@@ -355,7 +389,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     const float      share = r->tile_share;
     oxl_result       rc    = model_set_lobes(ctx, gradient, r->in.lobes);
     r->tile_share          = 0; /* whatever comes of this one */
-    if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb);
+    if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb || !r->has_gain ? drgb : r->drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     out           = render_gaussians(gradient, r->in.sh_degree);

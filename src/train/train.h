@@ -17,6 +17,7 @@ struct train {
     struct ucd                ucd;
     struct prune              prune;
     struct robust             robust;
+    struct exposure           exposure;
     int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
     int                       trial_is_next; /* enum train_trial: before the next step */
     int                      *view;          /* (views) training views in this epoch's order */
@@ -64,7 +65,8 @@ OXL_INTERNAL int        decide_holds(int index, int views);
 OXL_INTERNAL oxl_result decide_begin(struct train *t); /* which views train, and which stand aside */
 /* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
 OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr);
-OXL_INTERNAL void       decide_bands(struct train *t); /* after each step: SH bands */
+OXL_INTERNAL void       decide_bands(struct train *t);    /* after each step: SH bands */
+OXL_INTERNAL oxl_result decide_exposure(struct train *t); /* after each step: gains of images */
 /* After each step, with stop_early: whether the run has come to its end is looked at now and then, by the views that stand aside. */
 OXL_INTERNAL oxl_result decide_stop(struct train *t);
 /* At a densification: whether a trial is to make it, twice. */
