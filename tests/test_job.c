@@ -512,7 +512,7 @@ TEST(job_pictures_stay_inside_their_folder)
 /* With four threads, which write four views' pictures side by side: a folder stands where one of the second view's is to be. */
 TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
 {
-    const oxl_pictures what    = {OXL_SPLIT_ALL, 1, 0, 0};
+    const oxl_pictures what    = {.split = OXL_SPLIT_ALL, .photographs = 1};
     const oxl_point    point   = {.position = {0, 0, 4}};
     const int          threads = test_ctx->threads;
     oxl_scene         *scene   = NULL;

@@ -19,9 +19,10 @@
 #define EXPOSURE_LAST   0.02 /* of that at the end of the run */
 #define EXPOSURE_BETA1  0.8  /* a mean over 5 visits: a short run has 30 */
 #define EXPOSURE_BETA2  0.95
-#define EXPOSURE_SMOOTH 0.1 /* of the prior: gradient for a log unit off the neighbours' line */
-#define EXPOSURE_WATCH  0.1 /* of the run */
-#define EXPOSURE_EARN   0.1 /* dB on validation views that gains must bring */
+#define EXPOSURE_SMOOTH 0.1  /* of the prior: gradient for a log unit off the neighbours' line */
+#define EXPOSURE_WATCH  0.1  /* of the run */
+#define EXPOSURE_EARN   0.1  /* dB on validation views that gains must bring, */
+#define EXPOSURE_DIFFER 0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
 
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_exposure mode, int goes_on)
 {
@@ -131,14 +132,14 @@ OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gaine
         for (int c = 0; c < 3 && e->of.known[i]; c++, known++)
             square += (double)e->of.log_gain[3 * i + c] * e->of.log_gain[3 * i + c];
     e->decided = 1;
-    e->of.on   = views > 0 && gained >= plain + EXPOSURE_EARN;
+    e->of.on   = views > 0 && gained >= plain + EXPOSURE_EARN && square >= known * EXPOSURE_DIFFER * EXPOSURE_DIFFER;
     if (!e->of.on) imaging_clear(&e->of);
     if (views > 0)
         snprintf(
             why, size,
             "%d validation views: %.2f dB with the gains of their neighbours, %.2f without; gains of %d training views differ by %.1f %% "
-            "(rms); worth it from +%.2g dB",
-            views, gained, plain, known / 3, 100 * sqrt(known ? square / known : 0), EXPOSURE_EARN);
+            "(rms); worth it from +%.2g dB and %.2g %%",
+            views, gained, plain, known / 3, 100 * sqrt(known ? square / known : 0), EXPOSURE_EARN, 100 * EXPOSURE_DIFFER);
     else snprintf(why, size, "too few training views to spare one to judge by");
 }
 
