@@ -159,6 +159,7 @@ static oxl_result override_options(oxl_context *ctx, const struct arguments *a, 
     if (a->block >= 0) o->block = a->block;
     if (a->seed >= 0) o->seed = (uint64_t)a->seed;
     if (a->robust) o->train.robust = 1;
+    if (a->medium) o->train.medium = 1;
     if (a->exposure >= 0) o->train.exposure = (oxl_exposure)a->exposure;
     if (a->stop_early) o->train.stop_early = 1;
     o->restart = a->restart;

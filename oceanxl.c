@@ -45,6 +45,7 @@
 #include "src/render/bin.c"      /* which tile sees which splat, in depth order */
 #include "src/render/raster.c"   /* splats to pixels, and back */
 #include "src/render/loss.c"     /* L1 + SSIM, and back */
+#include "src/render/medium.c"   /* water between the camera and the Gaussians */
 #include "src/render/exposure.c" /* a gain per channel between the rendered image and the loss */
 #include "src/render/adam.c"     /* the step that follows the gradient */
 #include "src/render/renderer.c" /* the chain of the five above behind one door */
@@ -61,6 +62,7 @@
 #include "src/train/ucd.c"             /* weights by depth for density control, and their search */
 #include "src/train/prune.c"           /* fewer Gaussians: when, and which matter least */
 #include "src/train/transients.c"      /* what swims through one photograph is not learned */
+#include "src/train/water.c"           /* the nine parameters of the medium */
 #include "src/train/exposure.c"        /* log gains per training image */
 #include "src/train/nonfinite.c"       /* numbers that are not finite: put aside, counted, told */
 #include "src/train/model_selection.c" /* model only what the scene requires: SH bands, second lobes */

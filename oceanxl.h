@@ -393,6 +393,7 @@ typedef struct oxl_train_options {
     oxl_ucd  ucd;                         /* (off) */
     oxl_keep keep;                        /* (all) */
     oxl_exposure exposure;                /* (off) */
+    int          medium; /* 1: water between camera and Gaussians is modelled, nine parameters, on the CPU (0; docs/WATER.md) */
     int          robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned (0) */
     /* difference-of-Gaussians lobes */
     oxl_dog      dog;      /* (off) */

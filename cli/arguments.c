@@ -200,6 +200,8 @@ static const struct option {
      "do not learn what one photograph has and the others of the place have not: fish, divers, drifting things"},
     {"What the scene requires", "--exposure", "off|on|auto", SWITCH, FIELD(exposure), TRAINS,
      "brightness and white balance that differ from photograph to photograph; auto: if that pays on views held out (off)"},
+    {"What the scene requires", "--medium", NULL, FLAG, FIELD(medium), TRAINS,
+     "model the water's attenuation and backscatter by nine parameters (CPU)"},
     {"What the scene requires", "--dog", "off|selective|all|auto", DOG, FIELD(dog), TRAINS,
      "difference-of-Gaussians lobes; auto: selective, if they pay on views held out (off)"},
     {"What the scene requires", "--dog-threshold", "T|SHARE%", LIMIT, FIELD(dog_threshold), TRAINS | IN(ABLATE),

@@ -158,7 +158,7 @@ struct arguments { /* negative numbers and NULL: not given */
     enum command command;
     const char  *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int          path_count;
-    int          help, version, quiet, json, depth, no_images, restart, robust, stop_early, manual, clear;
+    int          help, version, quiet, json, depth, no_images, restart, robust, stop_early, manual, clear, medium;
     int          preset, split; /* enum oxl_preset, enum oxl_split */
     int          axes, cut;     /* enum oxl_partition_kind, enum oxl_cut */
     int          block_points;

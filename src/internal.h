@@ -393,12 +393,17 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
 
 /* ---------------------------------------------------------------- imaging.c: what lies between the scene's colours and an image */
 
-#define EXPOSURE_LEAST 0.05 /* gains lie between this and its inverse */
+#define EXPOSURE_LEAST 0.05               /* gains lie between this and its inverse */
+struct medium {                           /* c' = J exp(-direct r) + veil (1 - exp(-scatter r)), r: range */
+    int   on;                             /* 0: clear */
+    float direct[3], scatter[3], veil[3]; /* per unit of the scene, per unit, 0..1 */
+};
 struct imaging {
-    int      on;       /* 0: gains are 1 */
-    int      views;    /* of the scene */
-    float   *log_gain; /* (views,3) */
-    uint8_t *known;    /* (views) 1: it was trained on; the others are interpolated */
+    struct medium medium;
+    int           on;       /* 0: gains are 1 */
+    int           views;    /* of the scene */
+    float        *log_gain; /* (views,3) */
+    uint8_t      *known;    /* (views) 1: it was trained on; the others are interpolated */
 };
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
 OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
@@ -610,6 +615,10 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
 
 /* From the next loss on the rendered image is multiplied by a gain per channel before it; NULL: by none. */
 OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gain[3]);
+/* From the next forward on; on a device there is none. */
+OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);
+/* (9) of the last backward: by direct, scatter and veil. */
+OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 /* dL/d(log gain) of the last loss. */
 OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r);
 
@@ -902,6 +911,20 @@ OXL_INTERNAL oxl_result robust_weigh(oxl_context *ctx, struct robust *r, const o
                                      float *weight);
 OXL_INTERNAL void       robust_describe(const struct robust *r, char *out, size_t size); /* what was put aside, in words */
 OXL_INTERNAL void       robust_archive(struct archive *a, struct robust *r);
+
+/* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
+
+struct water {
+    int    on, steps;
+    double range;                       /* the survey's median, that attenuation counts by */
+    double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
+};
+OXL_INTERNAL oxl_result    water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL struct medium water_medium(const struct water *w);
+OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
+OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
+OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
 
 /* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
 

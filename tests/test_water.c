@@ -115,7 +115,7 @@ TEST(exposure_gains_multiply_the_gradient_of_the_image)
 /* ---------------------------------------------------------------- runs */
 
 /* The scene of test_train.c, each image brighter or darker by up to a third, in a wave along its views. */
-static oxl_scene *exposure_scene(int views, float amplitude)
+static oxl_scene *exposure_scene(int views, float amplitude, double speed)
 {
     oxl_scene *plain = train_scene(views), *scene = NULL;
     oxl_view   view[14];
@@ -124,7 +124,7 @@ static oxl_scene *exposure_scene(int views, float amplitude)
         view[v] = *oxl_scene_view(plain, v);
         CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
         for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
-            image[v].rgb[i] = OXL_MIN(1.0f, image[v].rgb[i] * (float)exp(amplitude * sin(0.9 * v)));
+            image[v].rgb[i] = OXL_MIN(1.0f, image[v].rgb[i] * (float)exp(amplitude * sin(speed * v)));
     }
     CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain), &scene));
     for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
@@ -134,7 +134,7 @@ static oxl_scene *exposure_scene(int views, float amplitude)
 
 TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
 {
-    oxl_scene            *scene   = exposure_scene(14, 0.2f);
+    oxl_scene            *scene   = exposure_scene(14, 0.2f, 0.4);
     oxl_train_options     options = train_options(400);
     oxl_model             model;
     const struct imaging *m;
@@ -149,9 +149,9 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
     m = scene_imaging(scene);
     for (int c = 0; c < 3; c++) CHECK_CLOSE(imaging_mean(m, c), 0, 1e-6);
     for (int v = 0; v < 14; v++)
-        if (m->known[v]) sum += 0.2 * sin(0.9 * v), n++;
+        if (m->known[v]) sum += 0.2 * sin(0.4 * v), n++;
     for (int v = 0; v < 14; v++) {
-        const double truth = 0.2 * sin(0.9 * v) - sum / n;
+        const double truth = 0.2 * sin(0.4 * v) - sum / n;
         if (!m->known[v]) continue;
         square += truth * truth;
         error += (m->log_gain[3 * v + 1] - truth) * (m->log_gain[3 * v + 1] - truth);
@@ -179,7 +179,7 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
 TEST(exposure_a_run_stopped_before_and_after_the_decision_ends_in_the_same_bytes)
 {
     static const int       stops[] = {5, 12, 13, 14, 60};
-    struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f), train_options(130));
+    struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(130));
     oxl_model              model;
     struct imaging         whole;
     c.options.sh_degree = -1;
@@ -266,4 +266,122 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
     }
     CHECK(os_is_file(test_path("lamp/truth/exposure.txt")) && os_is_file(test_path("lamp/truth/lamp.txt")));
     CHECK(synth_lamp_falloff(&o, 3) == 1 && synth_lamp_falloff(&o, 6) == 0.5);
+}
+
+/* ---------------------------------------------------------------- the medium */
+
+static const struct medium water_murky = {1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}};
+
+/* S = the sum of drgb x the image, drawn through the water. */
+static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model, const struct medium *medium,
+                           const float *drgb)
+{
+    const size_t       n = 3 * (size_t)camera->width * (size_t)camera->height;
+    oxl_render_options o = oxl_render_options_default();
+    const float       *rgb;
+    double             sum = 0;
+    renderer_set_medium(r, medium);
+    CHECK_OK(renderer_forward(test_ctx, r, model, camera, &o));
+    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    for (size_t i = 0; i < n; i++) sum += (double)drgb[i] * rgb[i];
+    return sum;
+}
+
+TEST(medium_gradients_of_all_nine_parameters_and_of_the_centres_agree_with_finite_differences)
+{
+    oxl_scene        *scene  = train_scene(3);
+    const oxl_camera *camera = &oxl_scene_view(scene, 1)->camera;
+    const size_t      n      = 3 * (size_t)camera->width * (size_t)camera->height;
+    float            *drgb   = oxl_alloc(test_ctx, n, sizeof *drgb);
+    struct medium     m      = water_murky;
+    struct renderer  *r;
+    oxl_model         model, gradient;
+    double            d[9];
+    for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    CHECK_OK(oxl_model_create(test_ctx, model.count, 1, &gradient));
+    medium_score(r, camera, &model, &m, drgb);
+    CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
+    memcpy(d, renderer_medium_gradient(r), sizeof d);
+    for (int k = 0; k < 9; k++) {
+        float      *at = k < 3 ? &m.direct[k] : k < 6 ? &m.scatter[k - 3] : &m.veil[k - 6];
+        const float is = *at, h = 0.01f;
+        double      plus, minus;
+        *at   = is + h;
+        plus  = medium_score(r, camera, &model, &m, drgb);
+        *at   = is - h;
+        minus = medium_score(r, camera, &model, &m, drgb);
+        *at   = is;
+        CHECK_CLOSE(d[k], (plus - minus) / (2 * (double)h), 1e-3 * fabs(d[k]) + 0.05);
+    }
+    for (int row = 0; row < 40; row += 13)
+        for (int k = 0; k < 14; k++) {
+            const float is = model.plane[k][row], h = k < 3 ? 0.002f : 0.005f, g = gradient.plane[k][row];
+            double      plus, minus;
+            model.plane[k][row] = is + h;
+            plus                = medium_score(r, camera, &model, &m, drgb);
+            model.plane[k][row] = is - h;
+            minus               = medium_score(r, camera, &model, &m, drgb);
+            model.plane[k][row] = is;
+            CHECK_CLOSE(g, (plus - minus) / (2 * (double)h), 0.03 * fabs(g) + 0.1);
+        }
+    oxl_free(test_ctx, drgb);
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &gradient);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* No Gaussian in sight: only water. */
+TEST(medium_alone_shows_its_veil)
+{
+    oxl_scene         *scene = train_scene(3);
+    struct renderer   *r;
+    oxl_model          model;
+    const float       *rgb;
+    oxl_render_options o = oxl_render_options_default();
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    model.plane[OXL_OPACITY][0] = -20;
+    renderer_set_medium(r, &water_murky);
+    CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
+    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    CHECK(rgb[0] == water_murky.veil[0]);
+    oxl_model_free(test_ctx, &model);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
+{
+    static const int       stops[] = {37, 39, 40, 80};
+    struct checkpoint_case c       = checkpoint_of(train_scene(7), train_options(130));
+    oxl_model              model;
+    struct medium          whole;
+    c.options.medium = 1;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    whole = scene_imaging(c.scene)->medium;
+    CHECK(whole.on);
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole) && memcmp(&whole, &scene_imaging(c.scene)->medium, sizeof whole) == 0);
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+TEST(medium_is_read_as_it_was_written)
+{
+    oxl_scene     *scene = train_scene(3);
+    struct imaging m     = water_imaging(3, NULL, 0), read;
+    m.medium             = water_murky;
+    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
+    CHECK(!read.on && memcmp(&read.medium, &water_murky, sizeof water_murky) == 0);
+    imaging_free(test_ctx, &read);
+    imaging_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
 }

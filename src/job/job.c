@@ -770,7 +770,7 @@ static oxl_result job_write_gains(struct job *job)
 {
     char      *path = oxl_path_join(job->ctx, job->out, "imaging.txt");
     oxl_result rc   = path ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK && job->scene && scene_imaging(job->scene)->on)
+    if (rc == OXL_OK && job->scene && (scene_imaging(job->scene)->on || scene_imaging(job->scene)->medium.on))
         rc = imaging_write(job->ctx, path, job->scene, scene_imaging(job->scene));
     else if (rc == OXL_OK) os_remove(path);
     oxl_free(job->ctx, path);

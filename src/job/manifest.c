@@ -64,6 +64,7 @@ static const struct run_field {
     RUN_ENUM("dog", train.dog, OXL_DOG_AUTO),
     RUN_FIELD("robust", RUN_INT, train.robust),
     RUN_ENUM("exposure", train.exposure, OXL_EXPOSURE_AUTO),
+    RUN_FIELD("medium", RUN_INT, train.medium),
     RUN_FIELD("dog_from", RUN_FLOAT, train.dog_from),
     RUN_FIELD("dog_threshold", RUN_FLOAT, train.dog_threshold),
     RUN_FIELD("dog_opacity_factor", RUN_FLOAT, train.dog_opacity_factor),

@@ -32,13 +32,18 @@ struct renderer {
     uint16_t        *visible; /* (packs) */
     float           *dmean2d; /* (count) */
     float           *rgb, *drgb, *transmittance;
-    float            gain[3]; /* of renderer_set_gain */
-    int              has_gain;
-    float           *exposed; /* (3,H,W) rgb times gain */
-    double           dlog_gain[3];
-    size_t           exposed_capacity;
-    float           *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
-    int              masked;
+    struct medium    medium;
+    float           *clear, *drange; /* (count,3), (count): with a medium */
+    double (*medium_sum)[9];         /* (tasks) */
+    double dmedium[9];
+    size_t clear_capacity, drange_capacity, medium_sum_capacity;
+    float  gain[3]; /* of renderer_set_gain */
+    int    has_gain;
+    float *exposed; /* (3,H,W) rgb times gain */
+    double dlog_gain[3];
+    size_t exposed_capacity;
+    float *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
+    int    masked;
     float (*sums)[SPLAT_SUMS];
     float               *score; /* (slots) */
     struct bins          bins;
@@ -87,6 +92,9 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->transmittance);
     oxl_free(ctx, r->target);
     oxl_free(ctx, r->exposed);
+    oxl_free(ctx, r->clear);
+    oxl_free(ctx, r->drange);
+    oxl_free(ctx, r->medium_sum);
     oxl_free(ctx, r->weight);
     oxl_free(ctx, r->sums);
     oxl_free(ctx, r->score);
@@ -173,6 +181,65 @@ static void render_project(oxl_context *ctx, struct renderer *r)
         const struct project_job job = render_project_job(r, task);
         project_forward(ctx->isa, &job);
     }
+}
+
+/* ---------------------------------------------------------------- the medium, between the stages */
+
+static struct medium_job render_medium_job(struct renderer *r, int64_t task)
+{
+    return (struct medium_job){.medium     = &r->medium,
+                               .in         = r->in,
+                               .lens       = &r->lens,
+                               .first_pack = (size_t)task * RENDER_TASK,
+                               .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
+                               .visible    = r->visible,
+                               .splat      = r->splat,
+                               .clear      = r->clear,
+                               .drange     = r->drange,
+                               .sums       = r->sums};
+}
+
+static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
+{
+    const int64_t tasks = render_tasks(r);
+    const size_t  rows  = r->bins.packs * PACK;
+    oxl_result    rc    = oxl_reserve(ctx, (void **)&r->clear, &r->clear_capacity, 3 * rows + 1, sizeof *r->clear);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->drange, &r->drange_capacity, rows + 1, sizeof *r->drange);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)tasks + 1, sizeof *r->medium_sum);
+    if (rc != OXL_OK) return rc;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        const struct medium_job job = render_medium_job(r, task);
+        medium_forward(&job);
+    }
+    memcpy(r->background, r->medium.veil, sizeof r->background);
+    return OXL_OK;
+}
+
+static void render_medium_backward(oxl_context *ctx, struct renderer *r, const float *drgb)
+{
+    const int64_t tasks = render_tasks(r);
+    (void)ctx; /* without OpenMP */
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        const struct medium_job job = render_medium_job(r, task);
+        medium_backward(&job, r->medium_sum[task]);
+    }
+    memset(r->dmedium, 0, sizeof r->dmedium);
+    for (int64_t task = 0; task < tasks; task++)
+        for (int k = 0; k < 9; k++) r->dmedium[k] += r->medium_sum[task][k];
+    medium_backward_veil(drgb, r->transmittance, r->lens.width, r->lens.height, r->dmedium);
+}
+
+OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium)
+{
+    r->medium = medium ? *medium : (struct medium){0};
+}
+
+OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r)
+{
+    return r->dmedium;
 }
 
 typedef void render_tile_fn(int isa, const struct raster_job *job);
@@ -276,11 +343,13 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
+    if (r->device && r->medium.on) return oxl_fail(ctx, OXL_ERR_USAGE, "a medium is not drawn on a device\nfix: --backend cpu");
     if (r->device) return render_forward_on_device(ctx, r, model, camera, options);
     rc = render_begin(ctx, r, model, camera, options);
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
-    rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
+    if (r->medium.on) rc = render_medium(ctx, r);
+    if (rc == OXL_OK) rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
     return rc;
 }
@@ -396,7 +465,12 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
     r->tile_share = share;
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
     r->tile_share = 0;
+    if (r->medium.on) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
     render_project_backward(ctx, r, &out);
+    for (int64_t task = 0; r->medium.on && task < render_tasks(r); task++) {
+        const struct medium_job job = render_medium_job(r, task);
+        medium_backward_centres(&job, &out);
+    }
     return OXL_OK;
 }
 

@@ -33,7 +33,8 @@ OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
 {
     memcpy(to->log_gain, from->log_gain, 3 * (size_t)from->views * sizeof *to->log_gain);
     memcpy(to->known, from->known, (size_t)from->views * sizeof *to->known);
-    to->on = from->on;
+    to->on     = from->on;
+    to->medium = from->medium;
 }
 
 OXL_INTERNAL void imaging_clear(struct imaging *m)
@@ -98,12 +99,49 @@ OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3])
 
 /* ---------------------------------------------------------------- as text */
 
+static const char *const imaging_medium_names[3] = {"bD", "bB", "Binf"};
+
+static void imaging_write_medium(struct text *t, const struct medium *m)
+{
+    const float *const values[3] = {m->direct, m->scatter, m->veil};
+    text_add(t, "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
+    for (int k = 0; k < 3; k++) {
+        text_add(t, "%s", imaging_medium_names[k]);
+        for (int c = 0; c < 3; c++) {
+            text_add(t, " ");
+            text_add_number(t, (double)values[k][c]);
+        }
+        text_add(t, "\n");
+    }
+}
+
+/* 1: the line was of the medium and held three numbers. */
+static int imaging_read_medium(const char *at, const char *end, struct medium *m)
+{
+    float *const values[3] = {m->direct, m->scatter, m->veil};
+    for (int k = 0; k < 3; k++) {
+        const size_t length = strlen(imaging_medium_names[k]);
+        if ((size_t)(end - at) <= length || strncmp(at, imaging_medium_names[k], length) != 0 || at[length] != ' ') continue;
+        at += length;
+        for (int c = 0; c < 3; c++) {
+            double value;
+            while (at < end && *at == ' ') at++;
+            if (!parse_double(&at, end, &value) || !(value >= 0 && value <= 1e6)) return 0;
+            values[k][c] = (float)value;
+        }
+        m->on = 1;
+        return 1;
+    }
+    return 0;
+}
+
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m)
 {
     struct text t = {.ctx = ctx};
     oxl_result  rc;
     text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION ", docs/WATER.md\n"
                  "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
+    if (m->medium.on) imaging_write_medium(&t, &m->medium);
     for (int i = 0; i < m->views; i++) {
         if (!m->known[i]) continue;
         text_add(&t, "gain");
@@ -168,9 +206,10 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
         if (!stop) stop = end;
         line++;
         if (stop - at > 5 && strncmp(at, "gain ", 5) == 0) rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
-        else if (stop > at && *at != '#' && *at != '\r')
+        else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium))
             rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s:%d: a line starts with neither gain nor #\nfix: write the file again by training", path, line);
+                          "%s:%d: a line starts with neither gain, bD, bB, Binf nor #\nfix: write the file again by training",
+                          path, line);
         at = stop + 1;
     }
     os_release_file(ctx, &map);
@@ -226,4 +265,5 @@ OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct ima
         }
     }
     all->on |= block->on;
+    if (block->medium.on) all->medium = block->medium;
 }

@@ -136,6 +136,7 @@ struct decide_branch { /* what a step changes */
     int            *view, views, step;
     double          loss, psnr;
     struct exposure exposure;
+    struct water    water;
 };
 
 static void decide_branch_free(struct train *t, struct decide_branch *b)
@@ -162,6 +163,7 @@ static oxl_result decide_branch_copy(const struct train *t, struct decide_branch
     if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
+    out->water = t->water;
     if (rc == OXL_OK) rc = exposure_copy(t->ctx, &t->exposure, &out->exposure);
     return rc;
 }
@@ -180,6 +182,7 @@ static oxl_result decide_branch_swap(struct train *t, struct decide_branch *b)
     OXL_SWAP(double, t->loss, b->loss);
     OXL_SWAP(double, t->psnr, b->psnr);
     OXL_SWAP(struct exposure, t->exposure, b->exposure);
+    OXL_SWAP(struct water, t->water, b->water);
     return train_resize(t);
 }
 

@@ -259,9 +259,12 @@ static oxl_result train_watch(struct train *t, int view, const oxl_camera *camer
 /* The model drawn from a view, against its photograph as train_photo has left it. */
 static oxl_result train_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
-    const oxl_camera *whole  = &oxl_scene_view(t->scene, view)->camera;
-    const oxl_camera  camera = t->halved ? camera_halve(whole) : *whole;
-    oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
+    const oxl_camera   *whole  = &oxl_scene_view(t->scene, view)->camera;
+    const oxl_camera    camera = t->halved ? camera_halve(whole) : *whole;
+    const struct medium medium = water_medium(&t->water);
+    oxl_result          rc;
+    renderer_set_medium(t->renderer, &medium);
+    rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
     train_set_gain(t, view);
     if (rc == OXL_OK && learns && t->robust.points > 0) rc = train_put_aside(t, &camera);
     if (rc == OXL_OK && learns && exposure_watches(&t->exposure)) rc = train_watch(t, view, &camera);
@@ -301,6 +304,7 @@ static oxl_result train_on_view(struct train *t, int view)
     renderer_choose_tiles(t->renderer, t->options->tile_share, random_bits(t->ctx->options.seed, TRAIN_TILES, (uint64_t)t->step));
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
+    if (t->water.on) water_step(&t->water, (double)t->step / t->options->iterations, renderer_medium_gradient(t->renderer));
     pace = train_pace(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &pace, &aside);
     if (rc == OXL_OK && aside.rows > 0) rc = renderer_fetch(t->ctx, t->renderer);
@@ -544,6 +548,8 @@ static oxl_result train_begin(struct train *t)
     rc = train_begin_control(t);
     if (rc == OXL_OK) rc = robust_begin(ctx, &t->robust, t->scene, t->options->robust);
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, t->place && t->place->start);
+    if (rc == OXL_OK && t->options->medium)
+        rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
     return rc == OXL_OK ? decide_begin(t) : rc;
 }
 
@@ -608,6 +614,7 @@ static void train_archive(struct archive *a, void *user)
     prune_archive(a, &t->prune);
     robust_archive(a, &t->robust);
     exposure_archive(a, &t->exposure);
+    water_archive(a, &t->water, t->options->medium);
     decide_archive(a, t);
     archive_expect(a,
                    views + (size_t)t->held_views <= (size_t)train_training_views(t->scene)); /* those held come back to `view` */
@@ -681,6 +688,10 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
     if (rc == OXL_OK) rc = train_prune(t);
     if (rc == OXL_OK) rc = decide_lobes(t);
     if (rc == OXL_OK) rc = decide_exposure(t);
+    if (rc == OXL_OK && t->step == water_starts_at(t->options) && !t->water.on && !(t->place && t->place->start)) {
+        rc = renderer_fetch(t->ctx, t->renderer);
+        if (rc == OXL_OK) water_start(&t->water, t->model);
+    }
     if (rc == OXL_OK) decide_bands(t);
     return rc == OXL_OK ? decide_stop(t) : rc;
 }
@@ -753,6 +764,7 @@ static void train_leave_gains(struct train *t)
     struct imaging *to = scene_imaging(t->scene);
     imaging_free(t->ctx, to);
     *to            = t->exposure.of;
+    to->medium     = water_medium(&t->water);
     t->exposure.of = (struct imaging){0};
 }
 

@@ -18,6 +18,7 @@ struct train {
     struct prune              prune;
     struct robust             robust;
     struct exposure           exposure;
+    struct water              water;
     int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
     int                       trial_is_next; /* enum train_trial: before the next step */
     int                      *view;          /* (views) training views in this epoch's order */
