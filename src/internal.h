@@ -411,8 +411,9 @@ OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging 
 OXL_INTERNAL void       imaging_clear(struct imaging *m);
 OXL_INTERNAL void       imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
 OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float gain[3]);
-OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);      /* log gain, of the known views */
-OXL_INTERNAL void       imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
+OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);           /* log gain, of the known views */
+OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image); /* what is rendered at mean exposure */
+OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);            /* the known views get this mean */
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);

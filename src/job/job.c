@@ -303,6 +303,11 @@ static oxl_result job_cut(struct job *job)
         if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_export(job->ctx, &job->partition, job->out);
     }
     oxl_free(job->ctx, path);
+    if (rc == OXL_OK && job->options.train.medium && job->partition.block_count > 1)
+        rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
+                      "--medium fits one water for one block, and the survey is cut into %d\nfix: --partition none, or a larger "
+                      "--block-points",
+                      job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)", job->options.block,
                       job->partition.block_count, job->partition.block_count - 1);
