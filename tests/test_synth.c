@@ -424,7 +424,7 @@ TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
     o      = synth_test_options("survey");
     o.path = "spiral";
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "lawnmower and orbit");
+    CHECK_TEXT(error, "lawnmower, orbit and forward");
     o      = synth_test_options("survey");
     o.fish = 101;
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);

@@ -6,9 +6,10 @@
  * set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and held-out views, which stand at
  * mean exposure, lose dB with it (measured before: 2 to 6).
  *
- * auto: until a tenth of the run gains are only watched: the least squares factor between each training image and the rendered one, as of
- * its last visit. Then the validation views are compared with the rendered images twice, as they are and with the gain
- * that their neighbours foretell; that it gains EXPOSURE_EARN turns exposure on, from the watched gains. Else the run goes on as if nothing had been.
+ * auto: until a tenth of the run gains are only watched: the least squares factor between each training image and the rendered one,
+ * as of its last visit. Then the validation views are compared with the rendered images twice, as they are and with the gain
+ * that their neighbours foretell. Exposure is on, from the watched gains, where that gains EXPOSURE_EARN and they differ by
+ * EXPOSURE_DIFFER. Else the run goes on as if nothing had been.
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
@@ -21,7 +22,7 @@
 #define EXPOSURE_BETA2  0.95
 #define EXPOSURE_SMOOTH 0.1  /* of the prior: gradient for a log unit off the neighbours' line */
 #define EXPOSURE_WATCH  0.1  /* of the run */
-#define EXPOSURE_EARN   0.1  /* dB on validation views that gains must bring, */
+#define EXPOSURE_EARN   0.03 /* dB on validation views that gains must bring, */
 #define EXPOSURE_DIFFER 0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
 
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_exposure mode, int goes_on)
