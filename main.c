@@ -258,6 +258,7 @@ static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *m
 {
     oxl_result rc = oxl_model_read(ctx, a->path[0], model);
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &a->job.scene, scene);
+    if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, a->path[0]);
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene)); /* a block's or another program's has its own */
     return rc;
 }
@@ -278,7 +279,7 @@ static int on_synth(void *user, const char *what, long done, long total)
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const oxl_pictures   what   = {(oxl_split)a->split, 0, a->depth, a->scale};
+    const oxl_pictures   what   = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear};
     const ortho_options  ortho  = {a->out, a->pixel, a->scale, a->depth};
     const flight_options flight = {a->out, a->flight, a->frames, on_synth, console};
     oxl_model            model  = {0};
@@ -306,6 +307,8 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
     if (m->depth[1] > 0)
         printf("%8.3f %8.3f %8.3f  PSNR of what lies nearer than %.3g, in between, beyond %.3g\n", m->by_depth[0], m->by_depth[1],
                m->by_depth[2], m->depth[0], m->depth[1]);
+    printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n", m->plain_psnr,
+           m->half_psnr);
     puts(
         "cc-PSNR: after one factor for each channel of each view: without what photographs differ in exposure and white balance.");
     puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"

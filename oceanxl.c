@@ -28,6 +28,7 @@
 #include "src/survey/robust_stats.c"  /* robust measures: bounds, the cameras' radius, depths */
 #include "src/survey/image_cache.c"   /* which photographs are in memory */
 #include "src/survey/scene.c"         /* from the files to views, points and photographs */
+#include "src/survey/imaging.c"       /* a gain per view between the scene's colours and an image */
 #include "src/survey/depth_bands.c"   /* near, mid or far: what each pixel shows, as the points tell */
 
 /* a survey too large for one model becomes blocks */
@@ -52,6 +53,8 @@
 #include "src/render/bin.c"      /* which tile sees which splat, in depth order */
 #include "src/render/raster.c"   /* splats to pixels, and back */
 #include "src/render/loss.c"     /* L1 + SSIM, and back */
+#include "src/render/medium.c"   /* water between the camera and the Gaussians */
+#include "src/render/exposure.c" /* a gain per channel between the rendered image and the loss */
 #include "src/render/adam.c"     /* the step that follows the gradient */
 #include "src/render/renderer.c" /* the chain of the five above behind one door */
 #ifdef OXL_VULKAN
@@ -71,6 +74,8 @@
 #include "src/train/ucd.c"             /* weights by depth for density control, and their search */
 #include "src/train/prune.c"           /* fewer Gaussians: when, and which matter least */
 #include "src/train/transients.c"      /* what swims through one photograph is not learned */
+#include "src/train/water.c"           /* the nine parameters of the medium */
+#include "src/train/exposure.c"        /* log gains per training image */
 #include "src/train/nonfinite.c"       /* numbers that are not finite: put aside, counted, told */
 #include "src/train/model_selection.c" /* model only what the scene requires: SH bands, second lobes */
 #include "src/train/train.c"           /* the loop: it reads like the paper's algorithm */

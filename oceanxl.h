@@ -198,6 +198,10 @@ OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robu
 OXL_API oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
                                    double way[3]);
 
+/* The gains of the scene's images from imaging.txt beside a model's file, where train has left one: evaluation and pictures apply
+ * them then. No such file: nothing happens. */
+OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
+
 /* The photograph of a view as training sees it: undistorted, reduced, masked. Free it with oxl_image_free. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
 
@@ -289,10 +293,12 @@ typedef enum oxl_split { OXL_SPLIT_TEST = 0, OXL_SPLIT_TRAIN, OXL_SPLIT_ALL } ox
 typedef struct oxl_view_metrics {
     int    view; /* index in the scene */
     double psnr, cc_psnr, ssim, ms_ssim;
+    double plain_psnr, half_psnr; /* at mean exposure; of the right half, with gains fitted on the left half */
 } oxl_view_metrics;
 
 typedef struct oxl_metrics {
     double            psnr, cc_psnr, ssim, ms_ssim; /* means over the views; 0 when there are none */
+    double            plain_psnr, half_psnr;        /* so are these */
     int               count;
     oxl_view_metrics *views;       /* (count) */
     double            depth[2];    /* a third of the times that a point is seen, it lies nearer, and a third beyond */
@@ -310,6 +316,13 @@ typedef enum oxl_dog { /* which Gaussians get a second, negative lobe [OceanXL e
                        OXL_DOG_ALL,
                        OXL_DOG_AUTO /* selective, where a trial on views held out for it says that they pay */
 } oxl_dog;
+
+/* A gain per channel and training image, optimised with the scene: cameras that adapt exposure and white balance (docs/WATER.md). */
+typedef enum oxl_exposure {
+    OXL_EXPOSURE_OFF = 0,
+    OXL_EXPOSURE_ON,
+    OXL_EXPOSURE_AUTO /* on where validation views say that the gains of their neighbours help */
+} oxl_exposure;
 
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
 
@@ -356,34 +369,36 @@ typedef struct oxl_train_options {
     int iterations;    /* one photograph each */
     int sh_degree;     /* 0..3: bands at the end of the run; -1 (auto): as many as training views held out for it ask for */
     int max_gaussians; /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
-    double   max_seconds; /* stop in good order after this long; 0: no limit */
-    float    background[3];
-    float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
+    double       max_seconds; /* stop in good order after this long; 0: no limit */
+    float        background[3];
+    float        ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
-    float    coarse;      /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
-    float    alpha_min;   /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
-    float    bands_every; /* share of the run after which there is one more band of spherical harmonics */
+    float        coarse;      /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
+    float        alpha_min;   /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
+    float        bands_every; /* share of the run after which there is one more band of spherical harmonics */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
-    float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
+    float        rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
     /* Those are of 30 000 iterations. With h = (30 000 / n)^haste, in a run of n < 30 000, they are h times as large for means, scales
      * and rotations, sqrt(h) times for bands above 0; and the first Gaussians are narrower and more opaque than Kerbl's. In a run
      * of n < 7000, with r = (7000 / n)^haste, scales take sqrt(r) times that again, the mean gradient forgets r^2 times as much in a
      * step (up to a half), and the mean of its square r^-1.5 times as much (docs/TRADEOFF.md). */
-    float    haste;
-    float    settle; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
+    float        haste;
+    float        settle; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
     /* density control, as fractions of the run and steps */
-    float    densify_from, densify_until; /* shares of the run */
-    int      densify_every;               /* steps */
-    float    densify_gradient;            /* of dL/d(mean) in units of half an image */
-    float    reset_opacity_every;         /* share of the run */
-    oxl_ucd  ucd;
-    oxl_keep keep;
-    int      robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
+    float        densify_from, densify_until; /* shares of the run */
+    int          densify_every;               /* steps */
+    float        densify_gradient;            /* of dL/d(mean) in units of half an image */
+    float        reset_opacity_every;         /* share of the run */
+    oxl_ucd      ucd;
+    oxl_keep     keep;
+    oxl_exposure exposure;
+    int          medium; /* 1: water between camera and Gaussians is modelled, nine parameters, on the CPU (docs/WATER.md) */
+    int          robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
     /* difference-of-Gaussians lobes */
-    oxl_dog  dog;
-    float    dog_from;      /* share of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] */
-    float    dog_threshold; /* of the mean gradient, in units of half an image; at most 0: minus the share left without */
-    float    dog_opacity_factor, dog_scale_factor; /* of a fresh lobe */
+    oxl_dog      dog;
+    float        dog_from;      /* share of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] */
+    float        dog_threshold; /* of the mean gradient, in units of half an image; at most 0: minus the share left without */
+    float        dog_opacity_factor, dog_scale_factor; /* of a fresh lobe */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
@@ -609,7 +624,8 @@ OXL_API void       oxl_run_free(oxl_context *ctx, oxl_run **run);
 typedef struct oxl_pictures {
     oxl_split split;
     int       photographs, depth;
-    double    unit; /* depths are multiplied by it: metres a unit of the scene (0: they stay) */
+    double    unit;  /* depths are multiplied by it: metres a unit of the scene (0: they stay) */
+    int       clear; /* 1: the scene itself, without what imaging.txt says of the image (0) */
 } oxl_pictures;
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
                                     const char *folder, int *count);

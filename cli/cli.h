@@ -78,20 +78,22 @@ oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t e
 /* ---------------------------------------------------------------- synth.c: a procedural underwater survey with known truth */
 
 typedef struct synth_options {
-    const char *out;           /* folder */
-    int         views;         /* photographs (40) */
-    int         width, height; /* px (400 x 260) */
-    double      extent;        /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
-    const char *water;         /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
-    const char *path;          /* lawnmower | orbit | rov (lawnmower) */
-    const char *scene;         /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
-    long        points;        /* sparse points; 0: 400 a view (0) */
-    double      noise;         /* sigma of the sensor's noise in 8-bit levels (1.5) */
-    int         fish;          /* that swim into each photograph (0) */
-    double      origin[3];     /* where the survey's middle lies in the export's world, metres (0 0 0) */
-    uint64_t    seed;          /* (1) */
-    int         write_images;  /* 0: the three text files alone, for load tests (1) */
-    int         threads;       /* 0: as many as OpenMP offers; the files do not depend on it */
+    const char *out;             /* folder */
+    int         views;           /* photographs (40) */
+    int         width, height;   /* px (400 x 260) */
+    double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
+    const char *water;           /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
+    const char *path;            /* lawnmower | orbit | forward | rov (lawnmower) */
+    double      exposure_jitter; /* stops by which images are brighter or darker, at most (0) */
+    double      lamp;            /* light that moves with the camera: the power by which it falls off with range; -1: none (-1) */
+    const char *scene;           /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
+    long        points;          /* sparse points; 0: 400 a view (0) */
+    double      noise;           /* sigma of the sensor's noise in 8-bit levels (1.5) */
+    int         fish;            /* that swim into each photograph (0) */
+    double      origin[3];       /* where the survey's middle lies in the export's world, metres (0 0 0) */
+    uint64_t    seed;            /* (1) */
+    int         write_images;    /* 0: the three text files alone, for load tests (1) */
+    int         threads;         /* 0: as many as OpenMP offers; the files do not depend on it */
     int (*progress)(void *user, const char *what, long done, long total); /* nonzero stops the run; may be NULL */
     void *user;
 } synth_options;
@@ -148,7 +150,7 @@ struct arguments { /* as given, or the default; NULL: not given */
     const char     *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int             path_count;
     const char     *help; /* "", or "all" */
-    int             version, manual, page, quiet, json, depth, no_images, devices;
+    int             version, manual, page, quiet, json, depth, no_images, devices, clear;
     int             split, backend;         /* enum oxl_split, enum oxl_backend */
     int             device, threads, seeds; /* -1: the best, all */
     double          budget;                 /* s */

@@ -4,10 +4,12 @@
  *     sparse/0/{cameras,images,points3D}.txt  the poses and a sparse cloud with tracks
  *     truth/clean, truth/depth                the same photographs without water and noise; camera z in metres
  *     truth/water.txt, truth/model.txt        the water's coefficients; the world and these files in words
+ *     truth/exposure.txt, truth/lamp.txt      with --exposure-jitter and --lamp: what was applied
  *     truth/still, truth/masks                with --fish: the photographs before any swam in; where they are, in black
  *
  * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range along the ray.
- * Invariant: a photograph is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else, but for fish.
+ * Invariant: a photograph is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else, but for fish,
+ * exposure and lamp.
  * The same options give the same files with any number of threads.
  */
 #include "synth.h"
@@ -41,8 +43,15 @@ struct synth_run {
 
 synth_options synth_options_default(void)
 {
-    return (synth_options){
-        .views = 40, .width = 400, .height = 260, .water = "1C", .path = "lawnmower", .noise = 1.5, .seed = 1, .write_images = 1};
+    return (synth_options){.views        = 40,
+                           .width        = 400,
+                           .height       = 260,
+                           .water        = "1C",
+                           .path         = "lawnmower",
+                           .lamp         = -1,
+                           .noise        = 1.5,
+                           .seed         = 1,
+                           .write_images = 1};
 }
 
 static oxl_result synth_fail(struct synth_run *s, oxl_result rc, const char *what, const char *detail)
@@ -68,9 +77,14 @@ static oxl_result synth_check(struct synth_run *s)
         return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
     for (int i = 0; i < 3; i++)
         if (!(fabs(o->origin[i]) <= 8e6)) return synth_fail(s, OXL_ERR_USAGE, "synth: the origin can lie 8000 km off", "");
-    if (strcmp(o->path, "lawnmower") != 0 && strcmp(o->path, "orbit") != 0 && strcmp(o->path, "rov") != 0)
-        return synth_fail(s, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit and rov, not ", o->path);
     if (synth_scene_of(o) < 0) return synth_fail(s, OXL_ERR_USAGE, "synth: scenes are reef, wreck and ridge, not ", o->scene);
+    if (!(o->exposure_jitter >= 0 && o->exposure_jitter <= 4))
+        return synth_fail(s, OXL_ERR_USAGE, "synth: exposure can jitter by 0 to 4 stops", "");
+    if (!(o->lamp == -1 || (o->lamp >= 0 && o->lamp <= 2)))
+        return synth_fail(s, OXL_ERR_USAGE, "synth: a lamp can fall off with a power of 0 to 2", "");
+    if (strcmp(o->path, "lawnmower") != 0 && strcmp(o->path, "orbit") != 0 && strcmp(o->path, "forward") != 0 &&
+        strcmp(o->path, "rov") != 0)
+        return synth_fail(s, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit, forward and rov, not ", o->path);
     return OXL_OK;
 }
 
@@ -212,17 +226,26 @@ static void synth_expose(struct synth_run *s, int view, size_t at, int channel, 
     s->photograph.rgb[at + (size_t)channel * plane] = (float)(floor(synth_clamp(level, 0, 255) + 0.5) / 255);
 }
 
+/* Lit by the lamp, through water, as exposed. */
 static double synth_seen(const struct synth_run *s, size_t at, int channel, double range)
 {
-    return synth_through_water(&s->water, channel, s->clean.rgb[at + (size_t)channel * synth_plane(s->options)], range);
+    const double colour = s->clean.rgb[at + (size_t)channel * synth_plane(s->options)];
+    return synth_through_water(&s->water, channel, colour * synth_lamp_falloff(s->options, range), range);
+}
+
+static double synth_exposed(const synth_options *o, const v3 *gain, int channel, double x, double y, double seen)
+{
+    return seen * (channel == 0 ? gain->x : channel == 1 ? gain->y : gain->z) * synth_lamp_radial(o, x + 0.5, y + 0.5);
 }
 
 static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
+    const v3 gain = synth_gain(s->options, view);
     for (int x = 0; x < c->width; x++) {
         const size_t at    = (size_t)y * (size_t)c->width + (size_t)x;
         const double range = synth_range(s, c, x, y);
-        for (int k = 0; k < 3; k++) synth_expose(s, view, at, k, synth_seen(s, at, k, range));
+        for (int k = 0; k < 3; k++)
+            synth_expose(s, view, at, k, synth_exposed(s->options, &gain, k, x, y, synth_seen(s, at, k, range)));
     }
 }
 
@@ -230,6 +253,7 @@ static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, 
 static void synth_swim_row(struct synth_run *s, const struct synth_camera *c, int view, int y)
 {
     static const double within[4][2] = {{0.375, 0.125}, {0.875, 0.375}, {0.125, 0.625}, {0.625, 0.875}};
+    const v3            gain         = synth_gain(s->options, view);
     for (int x = 0; x < c->width; x++) {
         const size_t at      = (size_t)y * (size_t)c->width + (size_t)x;
         const double behind  = synth_range(s, c, x, y);
@@ -242,13 +266,15 @@ static void synth_swim_row(struct synth_run *s, const struct synth_camera *c, in
                                 synth_pixel_ray(c, x + within[k][0], y + within[k][1]), behind > 0 ? behind : SYNTH_FAR, &colour);
             if (range < 0) continue;
             hits++;
+            colour = v3_scale(colour, synth_lamp_falloff(s->options, range));
             seen[0] += 0.25 * synth_through_water(&s->water, 0, colour.x, range);
             seen[1] += 0.25 * synth_through_water(&s->water, 1, colour.y, range);
             seen[2] += 0.25 * synth_through_water(&s->water, 2, colour.z, range);
         }
         synth_set(&s->mask, at, hits ? v3_of(0, 0, 0) : v3_of(1, 1, 1));
         for (int k = 0; hits && k < 3; k++)
-            synth_expose(s, view, at, k, seen[k] + 0.25 * (4 - hits) * synth_seen(s, at, k, behind));
+            synth_expose(s, view, at, k,
+                         synth_exposed(s->options, &gain, k, x, y, seen[k] + 0.25 * (4 - hits) * synth_seen(s, at, k, behind)));
     }
 }
 
@@ -416,6 +442,14 @@ static oxl_result synth_write_truth(struct synth_run *s)
     written = written && synth_write_model(s, path);
     if (written) snprintf(path, sizeof path, "%s/truth/outliers.txt", s->options->out);
     written = written && synth_write_outliers(s, path);
+    if (written && s->options->exposure_jitter > 0) {
+        snprintf(path, sizeof path, "%s/truth/exposure.txt", s->options->out);
+        written = synth_write_exposure(s->options, path);
+    }
+    if (written && s->options->lamp >= 0) {
+        snprintf(path, sizeof path, "%s/truth/lamp.txt", s->options->out);
+        written = synth_write_lamp(s->options, path);
+    }
     return written ? OXL_OK : synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
 }
 

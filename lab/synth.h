@@ -5,6 +5,7 @@
  *     synth_shade.c   rays, light and colour
  *     synth_path.c    where the camera flies
  *     synth_fish.c    what swims through the photographs
+ *     synth_light.c   exposure that drifts, a lamp that moves with the camera
  *     synth_points.c  sparse points with tracks
  *     synth_export.c  the three text files
  *     synth_file.c    numbers into files, fast and the same in every locale
@@ -165,6 +166,14 @@ struct synth_water { /* I = J exp(-direct z) + veil (1 - exp(-scatter z)), z: ra
     double      direct[3], scatter[3], veil[3]; /* per metre, per metre, 0..1 */
 };
 double synth_through_water(const struct synth_water *water, int channel, double colour, double range);
+
+/* ---------------------------------------------------------------- synth_light.c */
+
+v3     synth_gain(const synth_options *options, int view);                   /* what a photograph is multiplied by */
+double synth_lamp_falloff(const synth_options *options, double range);       /* what J is multiplied by; range in metres */
+double synth_lamp_radial(const synth_options *options, double x, double y);  /* what a pixel is multiplied by */
+int    synth_write_exposure(const synth_options *options, const char *path); /* 1: all is written */
+int    synth_write_lamp(const synth_options *options, const char *path);
 
 /* ---------------------------------------------------------------- synth_points.c */
 

@@ -3,19 +3,23 @@
  * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; photographs overlap by 75 % along a row and
  * rows by 60 %, as survey manuals ask for. orbit: two rings round the wreck, looking at it. Nothing is flown exactly: position,
  * height and angles waver. rov: three legs along the ridge, low and forward-looking: at the foot of the wall, along the crest, and back
- * over the slope; near and far lie 1 : 10 and more apart in a view.
+ * over the slope; near and far lie 1 : 10 and more apart in a view. forward: one straight line, 2 m over the ground, looking ahead and
+ * 35 degrees down, as a vehicle does.
  */
 #include "synth.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#define ALTITUDE      3.0  /* metres over the ground */
-#define FOCAL_SHARE   0.8  /* f / width: 64 degrees across */
-#define STEP_FORWARD  0.25 /* of a photograph's height on the ground: 75 % overlap */
-#define STEP_SIDEWAYS 0.40 /* of its width: 60 % */
-#define TILT          8.0  /* degrees ahead of straight down */
-#define MARGIN        3.0  /* metres of ground around what is in view */
+#define ALTITUDE       3.0  /* metres over the ground */
+#define FOCAL_SHARE    0.8  /* f / width: 64 degrees across */
+#define STEP_FORWARD   0.25 /* of a photograph's height on the ground: 75 % overlap */
+#define STEP_SIDEWAYS  0.40 /* of its width: 60 % */
+#define TILT           8.0  /* degrees ahead of straight down */
+#define MARGIN         3.0  /* metres of ground around what is in view */
+#define FORWARD_HEIGHT 2.0  /* metres over the ground */
+#define FORWARD_STEP   0.35 /* metres between photographs */
+#define FORWARD_PITCH  35.0 /* degrees below the horizon */
 
 static const double degree = SYNTH_PI / 180;
 
@@ -109,6 +113,22 @@ static void path_rov(const synth_options *o, struct synth_path *path)
     path->wreck = v3_of(7.5, 0.2 * length, 0);
 }
 
+static void path_forward(const synth_options *o, struct synth_path *path)
+{
+    const double length = o->extent > 0 ? o->extent : FORWARD_STEP * (o->views - 1);
+    for (int i = 0; i < o->views; i++) {
+        struct synth_camera *c     = &path->camera[i];
+        const double         along = o->views > 1 ? (double)i / (o->views - 1) - 0.5 : 0;
+        const double heading = path_waver(o, i, 0, 3 * degree), pitch = FORWARD_PITCH * degree + path_waver(o, i, 1, 2 * degree);
+        const v3     level = v3_of(sin(heading), cos(heading), 0);
+        c->centre          = v3_of(path_waver(o, i, 2, 0.15), length * along + path_waver(o, i, 3, 0.03),
+                                   FORWARD_HEIGHT + path_waver(o, i, 4, 0.1));
+        path_aim(c, v3_add(v3_scale(level, cos(pitch)), v3_of(0, 0, -sin(pitch))), v3_of(0, 0, 1),
+                 path_waver(o, i, 5, 2 * degree));
+    }
+    path->wreck = v3_of(1.5, 0.1 * length, 0);
+}
+
 /* Where the corners' rays meet z = -0.5, lower than most of the ground. sight: how far the world is strewn, metres. */
 static void path_measure(struct synth_path *path, double sight)
 {
@@ -140,6 +160,7 @@ int synth_path_create(const synth_options *o, struct synth_path *path)
     }
     if (strcmp(o->path, "orbit") == 0) path_orbit(o, path);
     else if (strcmp(o->path, "rov") == 0) path_rov(o, path);
+    else if (strcmp(o->path, "forward") == 0) path_forward(o, path);
     else path_lawnmower(o, path);
     path_measure(path, strcmp(o->path, "rov") == 0 ? ROV_SIGHT : SYNTH_FAR);
     return 1;

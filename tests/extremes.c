@@ -8,6 +8,7 @@
 #include "../lab/synth_export.c"
 #include "../lab/synth_file.c"
 #include "../lab/synth_fish.c"
+#include "../lab/synth_light.c"
 #include "../lab/synth_path.c"
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"

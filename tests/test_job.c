@@ -217,7 +217,7 @@ static double job_test_psnr(const char *model)
 
 TEST(job_options_that_cannot_be_are_refused_before_anything_is_written)
 {
-    oxl_job_options options  = job_test_options();
+    oxl_job_options options = job_test_options();
     options.train.coarse    = 2;
     CHECK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL) == OXL_ERR_USAGE);
     CHECK(!os_is_file(test_path("out/run.json")));
@@ -491,7 +491,7 @@ TEST(job_pictures_stay_inside_their_folder)
 /* With four threads, which write four views' pictures side by side: a folder stands where one of the second view's is to be. */
 TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
 {
-    const oxl_pictures what    = {OXL_SPLIT_ALL, 1, 0, 0};
+    const oxl_pictures what    = {.split = OXL_SPLIT_ALL, .photographs = 1};
     const oxl_point    point   = {.position = {0, 0, 4}};
     const int          threads = test_ctx->threads;
     oxl_scene         *scene   = NULL;

@@ -376,8 +376,8 @@ static struct raster_result raster_run(int threads, int isa, int lobes)
     CHECK_OK(model_set_lobes(test_ctx, &m, (size_t)lobes));
     for (int k = OXL_LOBE; k < OXL_PLANES; k++)
         for (size_t i = 0; i < m.lobes; i++) m.plane[k][i] = (float)r.in.plane[k][i];
-    test_ctx->threads  = threads;
-    test_ctx->isa      = isa;
+    test_ctx->threads = threads;
+    test_ctx->isa     = isa;
     CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &out.image, NULL));
     CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, &options, drgb, &out.gradient));
     test_ctx->threads = threads_before;

@@ -3,6 +3,7 @@
 #include "../lab/synth_export.c"
 #include "../lab/synth_file.c"
 #include "../lab/synth_fish.c"
+#include "../lab/synth_light.c"
 #include "../lab/synth_path.c"
 #include "../lab/synth_points.c"
 #include "../lab/synth_shade.c"
@@ -510,7 +511,7 @@ TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
     o      = synth_test_options("survey");
     o.path = "spiral";
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "lawnmower, orbit and rov");
+    CHECK_TEXT(error, "lawnmower, orbit, forward and rov");
     o       = synth_test_options("survey");
     o.scene = "cave";
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);

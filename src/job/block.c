@@ -42,6 +42,18 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
     return rc;
 }
 
+/* The gains of the images; without any, no file. */
+static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
+{
+    char      *path = oxl_path_join(b->ctx, b->task->folder, "imaging.txt");
+    oxl_result rc   = path ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write imaging.txt");
+    if (rc == OXL_OK && (scene_imaging(scene)->on || scene_imaging(scene)->medium.on))
+        rc = imaging_write(b->ctx, path, scene, scene_imaging(scene));
+    else if (rc == OXL_OK) os_remove(path);
+    oxl_free(b->ctx, path);
+    return rc;
+}
+
 static void block_remove(struct block *b, const char *name)
 {
     char *path = oxl_path_join(b->ctx, b->task->folder, name);
@@ -214,6 +226,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
     block_remove(b, "model_standard.ply"); /* it is of another model.ply */
     written = block_write(b, "log.csv", &b->log);
     if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
+    if (written == OXL_OK) written = block_write_imaging(b, scene);
     if (written == OXL_OK) written = block_write_record(b, record);
     if (written == OXL_OK && trained) checkpoint_remove(b->ctx, task->folder, 0); /* spent */
     return written == OXL_OK ? rc : written;
@@ -290,10 +303,11 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 /* ---------------------------------------------------------------- both */
 
 /* A model that was trained to its end by a process that did not come further. */
-static oxl_result block_reopen(struct block *b, oxl_model *model)
+static oxl_result block_reopen(struct block *b, oxl_scene *scene, oxl_model *model)
 {
     char      *path = oxl_path_join(b->ctx, b->task->folder, "model.ply");
     oxl_result rc = path ? oxl_model_read(b->ctx, path, model) : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to read model.ply");
+    if (rc == OXL_OK) rc = oxl_scene_read_imaging(b->ctx, scene, path);
     if (rc == OXL_OK) rc = block_read_decisions(b->ctx, b->task->folder, &b->decisions);
     if (rc == OXL_OK) rc = block_read_member(b->ctx, b->task->folder, BLOCK_NOTES, ']', 0, &b->notes);
     oxl_free(b->ctx, path);
@@ -329,7 +343,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
     if (rc != OXL_OK) return rc;
     ctx->notes = &b.notes;
-    rc         = record.trained ? block_reopen(&b, &model) : block_train_model(&b, scene, &record, &model);
+    rc         = record.trained ? block_reopen(&b, scene, &model) : block_train_model(&b, scene, &record, &model);
     if (rc == OXL_OK && record.trained) rc = block_finish(&b, scene, &record, &model);
     ctx->notes = outer;
     oxl_model_free(ctx, &model);

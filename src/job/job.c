@@ -5,6 +5,7 @@
  * "refine" all that the result does: a second run that would write the same goes on where the first one stopped, or has nothing to do.
  */
 #include "job.h"
+#include "../core/vecmath.h"
 
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is told when it is so much above PSNR */
 
@@ -305,6 +306,11 @@ static oxl_result job_cut(struct job *job)
         if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_export(job->ctx, &job->partition, job->out);
     }
     oxl_free(job->ctx, path);
+    if (rc == OXL_OK && job->options.train.medium && job->partition.block_count > 1)
+        rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
+                      "--medium fits one water for one block, and the survey is cut into %d\nfix: --partition none, or a larger "
+                      "--block-points",
+                      job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)", job->options.block,
                       job->partition.block_count, job->partition.block_count - 1);
@@ -474,17 +480,60 @@ static oxl_result job_read_block(struct job *job, int block, int standard, oxl_m
     return rc;
 }
 
-/* What lies at home in each of several blocks. */
+/* The gains of several blocks as one, with zero mean. shift (blocks, 3): what the logarithms of each were raised by. */
+static oxl_result job_join_gains(struct job *job, double (*shift)[3], struct imaging *out)
+{
+    const int    views  = oxl_scene_view_count(job->scene);
+    int         *count  = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
+    const double none[] = {0, 0, 0};
+    oxl_result   rc     = imaging_create(job->ctx, views, out);
+    double       mean[3];
+    if (rc == OXL_OK && !count) rc = job_no_memory(job);
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        char          *path = job_block_path(job, k, "imaging.txt");
+        struct imaging own  = {0};
+        rc                  = path ? OXL_OK : OXL_ERR_MEMORY;
+        memset(shift[k], 0, sizeof shift[k]);
+        if (rc == OXL_OK && os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
+        if (rc == OXL_OK && own.on) imaging_join(out, count, &own, shift[k]);
+        imaging_free(job->ctx, &own);
+        oxl_free(job->ctx, path);
+    }
+    for (int c = 0; c < 3 && rc == OXL_OK; c++) mean[c] = imaging_mean(out, c);
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++)
+        for (int c = 0; c < 3; c++) shift[k][c] -= mean[c];
+    if (rc == OXL_OK) imaging_centre(out, none);
+    oxl_free(job->ctx, count);
+    return rc;
+}
+
+/* What lies at home in each of several blocks; their gains become the scene's. */
 static oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
-    oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
+    double(*shift)[3] = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, sizeof *shift);
+    oxl_result rc     = shift ? oxl_model_create(job->ctx, 0, 0, out) : job_no_memory(job);
     memcpy(out->origin, job->origin, sizeof job->origin);
+    if (rc == OXL_OK && !job->scene) rc = job_load(job);
+    if (rc == OXL_OK) imaging_free(job->ctx, scene_imaging(job->scene));
+    if (rc == OXL_OK) rc = job_join_gains(job, shift, scene_imaging(job->scene));
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         oxl_model part;
         rc = job_read_block(job, k, standard, &part);
+        if (rc == OXL_OK && scene_imaging(job->scene)->on)
+            model_scale_colour(&part,
+                               (double[3]){vecmath_exp(-shift[k][0]), vecmath_exp(-shift[k][1]), vecmath_exp(-shift[k][2])});
         if (rc == OXL_OK) rc = merge_block(job->ctx, &job->partition, k, &part, out);
         oxl_model_free(job->ctx, &part);
     }
+    oxl_free(job->ctx, shift);
+    return rc;
+}
+
+static oxl_result job_read_gains(struct job *job, int block)
+{
+    char      *path = job_block_path(job, block, "model.ply");
+    oxl_result rc   = path ? oxl_scene_read_imaging(job->ctx, job->scene, path) : OXL_ERR_MEMORY;
+    oxl_free(job->ctx, path);
     return rc;
 }
 
@@ -495,6 +544,7 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
     oxl_result rc = OXL_OK;
     if (blocks > 1 && !job->refined) rc = job_merge(job, standard, out);
     else rc = job_read_block(job, together, standard, out);
+    if (rc == OXL_OK && (blocks == 1 || job->refined) && job->scene) rc = job_read_gains(job, together);
     if (rc == OXL_OK && out->count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
     return rc;
 }
@@ -726,12 +776,24 @@ done:
 
 static oxl_result job_draw(struct job *job)
 {
-    const oxl_pictures what   = {job_split(job), 1, 0, 0};
+    const oxl_pictures what   = {job_split(job), 1, 0, 0, 0};
     char              *folder = oxl_path_join(job->ctx, job->out, "renders");
     int                drawn;
     const oxl_result   rc =
         folder ? oxl_render_views(job->ctx, &job->model, job->scene, &what, folder, &drawn) : job_no_memory(job);
     oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* imaging.txt beside scene.ply, where the run has gains. */
+static oxl_result job_write_gains(struct job *job)
+{
+    char      *path = oxl_path_join(job->ctx, job->out, "imaging.txt");
+    oxl_result rc   = path ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK && job->scene && (scene_imaging(job->scene)->on || scene_imaging(job->scene)->medium.on))
+        rc = imaging_write(job->ctx, path, job->scene, scene_imaging(job->scene));
+    else if (rc == OXL_OK) os_remove(path);
+    oxl_free(job->ctx, path);
     return rc;
 }
 
@@ -743,6 +805,7 @@ static oxl_result job_finish(struct job *job, int judge)
     oxl_result rc = job->scene || !judge ? OXL_OK : job_load(job);
     if (rc == OXL_OK) rc = job_join(job, 0, &job->model);
     if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
+    if (rc == OXL_OK) rc = job_write_gains(job);
     if (rc == OXL_OK && judge) rc = job_write_metrics(job, &standard, bytes);
     if (rc == OXL_OK && judge && job->options.renders) rc = job_draw(job);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);

@@ -114,6 +114,45 @@ oxl_result oxl_cc_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
     return rc == OXL_OK ? metrics_psnr(ctx, a, b, gain, out) : rc;
 }
 
+/* The left half of the columns, or the rest, as an image of its own. */
+static oxl_result metrics_half(oxl_context *ctx, const oxl_image *in, int right, oxl_image *out)
+{
+    const int    left = in->width / 2, width = right ? in->width - left : left;
+    const size_t rows = 3 * (size_t)in->height, from = right ? (size_t)left : 0;
+    oxl_result   rc = oxl_image_create(ctx, width, in->height, out);
+    if (rc == OXL_OK && in->weight && !(out->weight = oxl_alloc(ctx, (size_t)width * (size_t)in->height, sizeof *out->weight)))
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for half an image");
+    if (rc != OXL_OK) return rc;
+    for (size_t y = 0; y < rows; y++)
+        memcpy(out->rgb + y * (size_t)width, in->rgb + y * (size_t)in->width + from, (size_t)width * sizeof *out->rgb);
+    for (size_t y = 0; in->weight && y < (size_t)in->height; y++)
+        memcpy(out->weight + y * (size_t)width, in->weight + y * (size_t)in->width + from, (size_t)width * sizeof *out->weight);
+    return OXL_OK;
+}
+
+/* PSNR of the right half, a's channels multiplied by what brings its left half nearest to b's. NaN of images one pixel wide, or masked there. */
+static oxl_result metrics_half_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, double *out)
+{
+    oxl_image  half[2][2] = {{{0}}};
+    double     gain[3] = {1, 1, 1}, error = 0, weight = 0, row_error, row_weight;
+    oxl_result rc = OXL_OK;
+    *out          = NAN;
+    if (a->width < 2) return OXL_OK;
+    for (int right = 0; right < 2 && rc == OXL_OK; right++) {
+        rc = metrics_half(ctx, a, right, &half[right][0]);
+        if (rc == OXL_OK) rc = metrics_half(ctx, b, right, &half[right][1]);
+    }
+    for (int c = 0; c < 3 && rc == OXL_OK; c++) gain[c] = metrics_gain(&half[0][0], &half[0][1], c);
+    for (int y = 0; y < a->height && rc == OXL_OK; y++) {
+        metrics_square_row(&half[1][0], &half[1][1], gain, y, &row_error, &row_weight);
+        error += row_error;
+        weight += row_weight;
+    }
+    if (rc == OXL_OK) *out = metrics_decibel(error, weight);
+    for (int i = 0; i < 4; i++) oxl_image_free(ctx, &half[i / 2][i % 2]);
+    return rc;
+}
+
 /* ---------------------------------------------------------------- windows */
 
 struct metrics_row { /* sums over the windows that are centred in a row, by channel */
@@ -401,7 +440,11 @@ static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const ox
     oxl_image          drawn   = {0};
     oxl_result         rc;
     options.near_plane = (float)scene_near_plane(scene);
-    rc                 = renderer_draw(ctx, r, model, camera, &options, &drawn, NULL);
+    renderer_set_medium(r, &scene_imaging(scene)->medium);
+    rc = renderer_draw(ctx, r, model, camera, &options, &drawn, NULL);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->plain_psnr);
+    if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &drawn, photograph, &row->half_psnr);
+    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &drawn);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->psnr);
     if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, &drawn, photograph, &row->cc_psnr);
     if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, photograph, &row->ssim);
@@ -431,6 +474,8 @@ static void metrics_sum_up(oxl_metrics *m, const struct metrics_bands *bands)
 {
     for (int i = 0; i < m->count; i++) {
         m->psnr += m->views[i].psnr / m->count;
+        m->plain_psnr += m->views[i].plain_psnr / m->count;
+        m->half_psnr += m->views[i].half_psnr / m->count;
         m->cc_psnr += m->views[i].cc_psnr / m->count;
         m->ssim += m->views[i].ssim / m->count;
         m->ms_ssim += m->views[i].ms_ssim / m->count;
@@ -483,11 +528,10 @@ static void metrics_add_by_depth(struct text *t, const oxl_metrics *m)
 }
 
 /* Members of a JSON object; `between` them. */
-static void metrics_add_four(struct text *t, const char *between, double psnr, double cc_psnr, double ssim, double ms_ssim)
+static void metrics_add_six(struct text *t, const char *between, const double values[6])
 {
-    static const char *const names[]  = {"psnr", "cc_psnr", "ssim", "ms_ssim"};
-    const double             values[] = {psnr, cc_psnr, ssim, ms_ssim};
-    for (int i = 0; i < 4; i++) {
+    static const char *const names[] = {"psnr", "cc_psnr", "ssim", "ms_ssim", "plain_psnr", "half_psnr"};
+    for (int i = 0; i < 6; i++) {
         text_add(t, "%s\"%s\": ", i ? between : "", names[i]);
         text_add_number(t, values[i]);
     }
@@ -496,7 +540,7 @@ static void metrics_add_four(struct text *t, const char *between, double psnr, d
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m)
 {
     text_add(t, "  ");
-    metrics_add_four(t, ",\n  ", m->psnr, m->cc_psnr, m->ssim, m->ms_ssim);
+    metrics_add_six(t, ",\n  ", (double[6]){m->psnr, m->cc_psnr, m->ssim, m->ms_ssim, m->plain_psnr, m->half_psnr});
     metrics_add_by_depth(t, m);
     text_add(t, "  \"count\": %d,\n  \"views\": [", m->count);
     for (int i = 0; i < m->count; i++) {
@@ -504,7 +548,7 @@ OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, con
         text_add(t, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(t, oxl_scene_view(scene, v->view)->name);
         text_add(t, ", ");
-        metrics_add_four(t, ", ", v->psnr, v->cc_psnr, v->ssim, v->ms_ssim);
+        metrics_add_six(t, ", ", (double[6]){v->psnr, v->cc_psnr, v->ssim, v->ms_ssim, v->plain_psnr, v->half_psnr});
         text_add(t, "}");
     }
     text_add(t, "%s]\n", m->count ? "\n  " : "");

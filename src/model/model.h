@@ -40,6 +40,9 @@ OXL_INTERNAL void       model_drop_lobes(oxl_model *model);
 OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
                                              const uint8_t *active, float opacity_factor, float scale_factor);
 
+/* Colours times a factor for each channel: SH bands alike, the 0.5 of band 0 with them. */
+OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);
+
 /* ---------------------------------------------------------------- model_file.c: models as PLY and .splat */
 
 /* What oxl_model_write does with file_degree 3, lobes included; with the model's own degree only the bands carried are written. */

@@ -329,6 +329,27 @@ OXL_INTERNAL struct lens render_lens(const oxl_camera *camera, float near_plane)
 OXL_INTERNAL void        render_set_alpha_min(struct lens *lens, float alpha_min); /* no less than ALPHA_MIN */
 #endif
 
+/* ---------------------------------------------------------------- medium.c: water between the camera and the Gaussians */
+
+#ifndef OXL_REFERENCE
+struct medium_job {
+    const struct medium *medium;
+    struct gaussians     in;
+    const struct lens   *lens;
+    size_t               first_pack, end_pack;
+    const uint16_t      *visible; /* (packs) */
+    struct splat        *splat;   /* (count) colours: through the water after forward, clear again after backward */
+    float               *clear;   /* (count,3) */
+    float               *drange;  /* (count) dL/dr / r */
+    real (*sums)[SPLAT_SUMS];     /* (slots, SPLAT_SUMS) */
+};
+OXL_INTERNAL void medium_forward(const struct medium_job *job);
+/* sum (9): of the rows; bD, bB, Binf by channel. */
+OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[9]);
+OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out);
+OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height, double sum[9]);
+#endif
+
 /* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */
 
 struct loss_job {

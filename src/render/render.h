@@ -124,4 +124,23 @@ OXL_INTERNAL const struct renderer_device *vulkan_doors(void);
 
 struct archive; /* checkpoint.c */
 
+/* From the next loss on the rendered image is multiplied by a gain per channel before it; NULL: by none. */
+OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gain[3]);
+/* From the next forward on; on a device there is none. */
+OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);
+/* (9) of the last backward: by direct, scatter and veil. */
+OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
+/* dL/d(log gain) of the last loss. */
+OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r);
+
+/* ---------------------------------------------------------------- exposure.c: gains on pixels */
+
+/* exposure.c: y = gain x, channel by channel; x, y (3,n). */
+OXL_INTERNAL void exposure_forward(const float gain[3], const float *x, size_t n, float *y);
+OXL_INTERNAL void exposure_backward(const float gain[3], const float *y, const float *dy, size_t n, float *dx,
+                                    double dlog_gain[3]);
+
+/* gain: least squares of weight (gain x - y)^2 by channel; weight (n) or NULL. */
+OXL_INTERNAL void exposure_fit(const float *x, const float *y, const float *weight, size_t n, double gain[3]);
+
 #endif

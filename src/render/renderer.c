@@ -29,8 +29,18 @@ struct renderer {
     uint16_t        *visible; /* (packs) */
     float           *dmean2d; /* (count) */
     float           *rgb, *drgb, *transmittance;
-    float           *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
-    int              masked;
+    struct medium    medium;
+    float           *clear, *drange; /* (count,3), (count): with a medium */
+    double (*medium_sum)[9];         /* (tasks) */
+    double dmedium[9];
+    size_t clear_capacity, drange_capacity, medium_sum_capacity;
+    float  gain[3]; /* of renderer_set_gain */
+    int    has_gain;
+    float *exposed; /* (3,H,W) rgb times gain */
+    double dlog_gain[3];
+    size_t exposed_capacity;
+    float *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
+    int    masked;
     float (*sums)[SPLAT_SUMS];
     float               *score; /* (slots) */
     struct bins          bins;
@@ -78,6 +88,10 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->drgb);
     oxl_free(ctx, r->transmittance);
     oxl_free(ctx, r->target);
+    oxl_free(ctx, r->exposed);
+    oxl_free(ctx, r->clear);
+    oxl_free(ctx, r->drange);
+    oxl_free(ctx, r->medium_sum);
     oxl_free(ctx, r->weight);
     oxl_free(ctx, r->sums);
     oxl_free(ctx, r->score);
@@ -201,6 +215,65 @@ static void render_project(oxl_context *ctx, struct renderer *r)
     }
 }
 
+/* ---------------------------------------------------------------- the medium, between the stages */
+
+static struct medium_job render_medium_job(struct renderer *r, int64_t task)
+{
+    return (struct medium_job){.medium     = &r->medium,
+                               .in         = r->in,
+                               .lens       = &r->lens,
+                               .first_pack = (size_t)task * RENDER_TASK,
+                               .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
+                               .visible    = r->visible,
+                               .splat      = r->splat,
+                               .clear      = r->clear,
+                               .drange     = r->drange,
+                               .sums       = r->sums};
+}
+
+static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
+{
+    const int64_t tasks = render_tasks(r);
+    const size_t  rows  = r->bins.packs * PACK;
+    oxl_result    rc    = oxl_reserve(ctx, (void **)&r->clear, &r->clear_capacity, 3 * rows + 1, sizeof *r->clear);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->drange, &r->drange_capacity, rows + 1, sizeof *r->drange);
+    if (rc == OXL_OK)
+        rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)tasks + 1, sizeof *r->medium_sum);
+    if (rc != OXL_OK) return rc;
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        const struct medium_job job = render_medium_job(r, task);
+        medium_forward(&job);
+    }
+    memcpy(r->background, r->medium.veil, sizeof r->background);
+    return OXL_OK;
+}
+
+static void render_medium_backward(oxl_context *ctx, struct renderer *r, const float *drgb)
+{
+    const int64_t tasks = render_tasks(r);
+    (void)ctx; /* without OpenMP */
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) {
+        const struct medium_job job = render_medium_job(r, task);
+        medium_backward(&job, r->medium_sum[task]);
+    }
+    memset(r->dmedium, 0, sizeof r->dmedium);
+    for (int64_t task = 0; task < tasks; task++)
+        for (int k = 0; k < 9; k++) r->dmedium[k] += r->medium_sum[task][k];
+    medium_backward_veil(drgb, r->transmittance, r->lens.width, r->lens.height, r->dmedium);
+}
+
+OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium)
+{
+    r->medium = medium ? *medium : (struct medium){0};
+}
+
+OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r)
+{
+    return r->dmedium;
+}
+
 typedef void render_tile_fn(int isa, const struct raster_job *job);
 
 static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
@@ -290,6 +363,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
+    if (r->device && r->medium.on) return oxl_fail(ctx, OXL_ERR_USAGE, "a medium is not drawn on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_leave_device(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc != OXL_OK || r->device) return rc;
@@ -297,7 +371,8 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     rc = render_begin(ctx, r, model, camera, options);
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
-    rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
+    if (r->medium.on) rc = render_medium(ctx, r);
+    if (rc == OXL_OK) rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
     return rc;
 }
@@ -335,16 +410,44 @@ OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r
     return OXL_OK;
 }
 
+OXL_INTERNAL void renderer_set_gain(struct renderer *r, const float gain[3])
+{
+    r->has_gain = gain != NULL;
+    if (gain) memcpy(r->gain, gain, sizeof r->gain);
+}
+
+OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r)
+{
+    return r->dlog_gain;
+}
+
+/* The loss of the exposed image, by the CPU: a device gives its image and takes the gradient of it. */
+static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
+                                      float ssim_weight, struct loss_value *out)
+{
+    const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    const float *drawn  = NULL;
+    oxl_result   rc     = renderer_image(ctx, r, &drawn);
+    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
+    if (rc != OXL_OK) return rc;
+    exposure_forward(r->gain, drawn, pixels, r->exposed);
+    rc = loss_forward_backward(
+        ctx, &(struct loss_job){r->lens.width, r->lens.height, ssim_weight, r->exposed, rgb, weight, r->drgb}, &r->loss, out);
+    if (rc == OXL_OK) exposure_backward(r->gain, r->exposed, r->drgb, pixels, r->drgb, r->dlog_gain);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out)
 {
     const size_t      pixels = (size_t)r->lens.width * (size_t)r->lens.height;
     struct loss_value value;
     oxl_result        rc;
-    if (r->device) return r->doors->loss(r->device, rgb, weight, ssim_weight, out);
+    if (r->device && !r->has_gain) return r->doors->loss(r->device, rgb, weight, ssim_weight, out);
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
-    if (rc == OXL_OK) {
+    if (rc == OXL_OK && r->has_gain) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, &value);
+    else if (rc == OXL_OK) {
         const struct loss_job job = {r->lens.width, r->lens.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
         rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
@@ -374,12 +477,17 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 {
     struct gaussians out;
     oxl_result       rc = model_set_lobes(ctx, gradient, r->in.lobes);
-    if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb);
+    if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb || !r->has_gain ? drgb : r->drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     out = render_gaussians(gradient, r->in.sh_degree);
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
+    if (r->medium.on) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
     render_project_backward(ctx, r, &out);
+    for (int64_t task = 0; r->medium.on && task < render_tasks(r); task++) {
+        const struct medium_job job = render_medium_job(r, task);
+        medium_backward_centres(&job, &out);
+    }
     return OXL_OK;
 }
 

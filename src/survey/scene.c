@@ -35,6 +35,8 @@ struct oxl_scene {
 
     struct photos photos; /* (view_count) */
 
+    struct imaging imaging; /* of the model that was trained on it or read for it */
+
     struct scene_stats   stats;
     int                  from_files;
     struct colmap        colmap;         /* from files: kept for the partition; the views' names lie in it */
@@ -48,6 +50,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     if (!scene) return;
     for (int i = 0; i < scene->view_count && !scene->from_files; i++) oxl_free(ctx, (char *)scene->view[i].name);
     photos_free(ctx, &scene->photos);
+    imaging_free(ctx, &scene->imaging);
     oxl_free(ctx, scene->view);
     oxl_free(ctx, scene->point);
     oxl_free(ctx, scene->depth);
@@ -57,6 +60,11 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     oxl_free(ctx, scene->masks);
     colmap_free(ctx, &scene->colmap);
     oxl_free(ctx, scene);
+}
+
+OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene)
+{
+    return &scene->imaging;
 }
 
 static oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t count)

@@ -286,4 +286,33 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 OXL_INTERNAL oxl_result lint_sightings(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_photographs(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 
+/* ---------------------------------------------------------------- imaging.c: what lies between the scene's colours and an image */
+
+#define EXPOSURE_LEAST 0.05               /* gains lie between this and its inverse */
+struct medium {                           /* c' = J exp(-direct r) + veil (1 - exp(-scatter r)), r: range */
+    int   on;                             /* 0: clear */
+    float direct[3], scatter[3], veil[3]; /* per unit of the scene, per unit, 0..1 */
+};
+struct imaging {
+    struct medium medium;
+    int           on;       /* 0: gains are 1 */
+    int           views;    /* of the scene */
+    float        *log_gain; /* (views,3) */
+    uint8_t      *known;    /* (views) 1: it was trained on; the others are interpolated */
+};
+OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
+OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
+OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
+OXL_INTERNAL void       imaging_clear(struct imaging *m);
+OXL_INTERNAL void       imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
+OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float gain[3]);
+OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);           /* log gain, of the known views */
+OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image); /* what is rendered at mean exposure */
+OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3]);            /* the known views get this mean */
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
+/* Images that the scene has not are passed over. */
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
+OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3]); /* of blocks */
+OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
+
 #endif

@@ -60,7 +60,7 @@ static int decide_last(const struct train *t)
 {
     const int lobes = t->options->dog == OXL_DOG_AUTO ? decide_lobes_at(t->options) : 0;
     const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
-    return OXL_MAX(keep, OXL_MAX(lobes, decide_bands_at(t->options)));
+    return OXL_MAX(OXL_MAX(keep, exposure_decides_at(t->options)), OXL_MAX(lobes, decide_bands_at(t->options)));
 }
 
 OXL_INTERNAL int decide_holds(int index, int views)
@@ -131,6 +131,8 @@ struct decide_branch { /* what a step changes */
     struct density *density;
     int            *view, views, step;
     double          loss, psnr;
+    struct exposure exposure;
+    struct water    water;
 };
 
 static void decide_branch_free(struct train *t, struct decide_branch *b)
@@ -139,6 +141,7 @@ static void decide_branch_free(struct train *t, struct decide_branch *b)
     oxl_model_free(t->ctx, &b->first);
     oxl_model_free(t->ctx, &b->second);
     density_free(t->ctx, b->density);
+    exposure_free(t->ctx, &b->exposure);
     oxl_free(t->ctx, b->view);
     *b = (struct decide_branch){0};
 }
@@ -156,6 +159,8 @@ static oxl_result decide_branch_copy(const struct train *t, struct decide_branch
     if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
+    out->water = t->water;
+    if (rc == OXL_OK) rc = exposure_copy(t->ctx, &t->exposure, &out->exposure);
     return rc;
 }
 
@@ -172,6 +177,8 @@ static oxl_result decide_branch_swap(struct train *t, struct decide_branch *b)
     OXL_SWAP(int, t->step, b->step);
     OXL_SWAP(double, t->loss, b->loss);
     OXL_SWAP(double, t->psnr, b->psnr);
+    OXL_SWAP(struct exposure, t->exposure, b->exposure);
+    OXL_SWAP(struct water, t->water, b->water);
     return train_resize(t);
 }
 
@@ -253,6 +260,26 @@ OXL_INTERNAL void decide_bands(struct train *t)
 {
     if (t->step == decide_bands_at(t->options) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_BANDS;
     decide_release_views(t);
+}
+
+/* ---------------------------------------------------------------- gains of images (exposure.c) */
+
+/* The watched gains are applied for the second look, and then decided about. */
+OXL_INTERNAL oxl_result decide_exposure(struct train *t)
+{
+    double     loss, plain = NAN, gained = NAN;
+    char       why[320];
+    oxl_result rc = OXL_OK;
+    if (t->step != exposure_decides_at(t->options) || !exposure_watches(&t->exposure)) return OXL_OK;
+    imaging_centre(&t->exposure.of, t->exposure.mean);
+    if (t->held_views > 0) rc = decide_judge(t, &loss, &plain);
+    t->exposure.of.on = 1;
+    if (rc == OXL_OK && t->held_views > 0) rc = decide_judge(t, &loss, &gained);
+    if (rc != OXL_OK) return rc;
+    exposure_decide(&t->exposure, plain, gained, t->held_views, why, sizeof why);
+    decide_note(t, "exposure", t->exposure.of.on ? "on" : "off", why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: exposure %s: %s", t->step, t->exposure.of.on ? "on" : "off", why);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- which Gaussians get a second lobe */

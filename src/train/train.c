@@ -154,11 +154,17 @@ static oxl_result train_photo_at_hand(struct train *t, int view)
     return OXL_OK;
 }
 
+/* The target lies with the host: for what is put aside, and for gains. */
+static int train_compares_itself(const struct train *t)
+{
+    return t->robust.points > 0 || t->exposure.of.on || exposure_watches(&t->exposure);
+}
+
 OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
 {
     const struct photo *photo = NULL;
     t->halved                 = train_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
-    if (t->robust.points > 0) return train_photo_at_hand(t, view);
+    if (train_compares_itself(t)) return train_photo_at_hand(t, view);
     if (!renderer_has_photo(t->renderer, view) && !(photo = photos_get(t->ctx, t->scene, view))) return t->ctx->failed;
     return renderer_take_photo(t->ctx, t->renderer, view, photo, t->halved);
 }
@@ -204,15 +210,38 @@ static oxl_result train_put_aside(struct train *t, const oxl_camera *camera)
                         t->weight);
 }
 
+static void train_set_gain(struct train *t, int view)
+{
+    float gain[3];
+    if (t->exposure.of.on) imaging_gain(&t->exposure.of, view, gain);
+    renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
+}
+
+/* Gains that are not decided about yet: what this image would need. */
+static oxl_result train_watch(struct train *t, int view, const oxl_camera *camera)
+{
+    const float     *drawn = NULL;
+    const oxl_result rc    = renderer_image(t->ctx, t->renderer, &drawn);
+    if (rc == OXL_OK)
+        exposure_watch(&t->exposure, view, drawn, t->target, t->masked ? t->weight : NULL,
+                       (size_t)camera->width * (size_t)camera->height);
+    return rc;
+}
+
 /* The model drawn from a view, against its photograph as train_photo has left it. */
 static oxl_result train_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
-    const oxl_camera *whole  = &oxl_scene_view(t->scene, view)->camera;
-    const oxl_camera  camera = t->halved ? camera_halve(whole) : *whole;
-    oxl_result        rc     = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
+    const oxl_camera   *whole  = &oxl_scene_view(t->scene, view)->camera;
+    const oxl_camera    camera = t->halved ? camera_halve(whole) : *whole;
+    const struct medium medium = water_medium(&t->water);
+    oxl_result          rc;
+    renderer_set_medium(t->renderer, &medium);
+    rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
+    train_set_gain(t, view);
     if (rc == OXL_OK && learns && t->robust.points > 0) rc = train_put_aside(t, &camera);
+    if (rc == OXL_OK && learns && exposure_watches(&t->exposure)) rc = train_watch(t, view, &camera);
     if (rc != OXL_OK) return rc;
-    if (t->robust.points > 0)
+    if (train_compares_itself(t))
         return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
@@ -242,8 +271,11 @@ static oxl_result train_on_view(struct train *t, int view)
         faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
         return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
     }
+    if (t->exposure.of.on)
+        exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
+    if (t->water.on) water_step(&t->water, (double)t->step / t->options->iterations, renderer_medium_gradient(t->renderer));
     pace = train_pace(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &pace, &aside);
     if (rc == OXL_OK && aside.rows > 0) rc = renderer_fetch(t->ctx, t->renderer);
@@ -501,6 +533,9 @@ static oxl_result train_begin(struct train *t)
     memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
     rc = train_begin_control(t);
     if (rc == OXL_OK) rc = robust_begin(ctx, &t->robust, t->scene, t->options->robust);
+    if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, t->place && t->place->start);
+    if (rc == OXL_OK && t->options->medium)
+        rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
     return rc == OXL_OK ? decide_begin(t) : rc;
 }
 
@@ -513,6 +548,7 @@ static void train_end(struct train *t)
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
     robust_free(ctx, &t->robust);
+    exposure_free(ctx, &t->exposure);
     oxl_free(ctx, t->target);
     oxl_free(ctx, t->weight);
     oxl_free(ctx, t->view);
@@ -562,6 +598,8 @@ static void train_archive(struct archive *a, void *user)
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
     robust_archive(a, &t->robust);
+    exposure_archive(a, &t->exposure);
+    water_archive(a, &t->water, t->options->medium);
     decide_archive(a, t);
     archive_expect(a,
                    views + (size_t)t->held_views <= (size_t)train_training_views(t->scene)); /* those held come back to `view` */
@@ -634,6 +672,11 @@ OXL_INTERNAL oxl_result train_step(struct train *t)
     if (rc == OXL_OK) rc = train_density(t);
     if (rc == OXL_OK) rc = decide_lobes(t); /* it reads the step's statistics, a row each: before rows go */
     if (rc == OXL_OK) rc = train_prune(t);
+    if (rc == OXL_OK) rc = decide_exposure(t);
+    if (rc == OXL_OK && t->step == water_starts_at(t->options) && !t->water.on && !(t->place && t->place->start)) {
+        rc = renderer_fetch(t->ctx, t->renderer);
+        if (rc == OXL_OK) water_start(&t->water, t->model);
+    }
     if (rc == OXL_OK) decide_bands(t);
     return rc;
 }
@@ -687,6 +730,16 @@ static oxl_result train_loop(struct train *t)
     return rc;
 }
 
+/* The gains belong to the scene's images: who evaluates or renders finds them there. */
+static void train_leave_gains(struct train *t)
+{
+    struct imaging *to = scene_imaging(t->scene);
+    imaging_free(t->ctx, to);
+    *to            = t->exposure.of;
+    to->medium     = water_medium(&t->water);
+    t->exposure.of = (struct imaging){0};
+}
+
 /* What was decided, for the one who asked where the run has its place. */
 static void train_hand_over(struct train *t)
 {
@@ -718,6 +771,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     else if (rc != OXL_OK) oxl_model_free(ctx, out);
     train_hand_over(&t);
+    train_leave_gains(&t);
     train_end(&t);
     return rc;
 }

@@ -192,6 +192,41 @@ OXL_INTERNAL oxl_result robust_weigh(oxl_context *ctx, struct robust *r, const o
 OXL_INTERNAL void       robust_describe(const struct robust *r, char *out, size_t size); /* what was put aside, in words */
 OXL_INTERNAL void       robust_archive(struct archive *a, struct robust *r);
 
+/* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
+
+struct water {
+    int    on, steps;
+    double range;                       /* the survey's median, that attenuation counts by */
+    double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
+};
+OXL_INTERNAL oxl_result    water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL struct medium water_medium(const struct water *w);
+OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
+OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
+OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
+
+/* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
+
+struct exposure {
+    oxl_exposure   mode;
+    int            decided;        /* auto: it is decided */
+    struct imaging of;             /* the gains; on: they are applied */
+    float         *first, *second; /* (views,3) Adam's moments */
+    int           *visits;         /* (views) steps of a view's gains */
+    double         mean[3];        /* of the log gains after each step: 0, or that of the run which this one goes on from */
+};
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_exposure mode, int goes_on);
+OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
+OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
+OXL_INTERNAL int        exposure_watches(const struct exposure *e);
+OXL_INTERNAL int        exposure_decides_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL void       exposure_watch(struct exposure *e, int view, const float *drawn, const float *target, const float *weight,
+                                       size_t n);
+OXL_INTERNAL void       exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
+OXL_INTERNAL void       exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size);
+OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
+
 /* ---------------------------------------------------------------- train.c */
 
 /* Where a run keeps its state. */

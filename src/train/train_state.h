@@ -19,6 +19,8 @@ struct train {
     struct ucd                ucd;
     struct prune              prune;
     struct robust             robust;
+    struct exposure           exposure;
+    struct water              water;
     int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
     int                       lobes;         /* enum train_lobes */
     int                       trial_is_next; /* enum train_trial: before the next step */
@@ -63,7 +65,8 @@ OXL_INTERNAL int        decide_holds(int index, int views);
 OXL_INTERNAL oxl_result decide_begin(struct train *t); /* which views train, and which stand aside */
 /* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
 OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr);
-OXL_INTERNAL void       decide_bands(struct train *t); /* after each step: SH bands */
+OXL_INTERNAL oxl_result decide_exposure(struct train *t); /* after each step: gains of images */
+OXL_INTERNAL void       decide_bands(struct train *t);    /* after each step: SH bands */
 /* At a densification: whether a trial is to make it, twice. */
 OXL_INTERNAL int        decide_tries_weights(const struct train *t);
 OXL_INTERNAL oxl_result decide_lobes(struct train *t); /* after each step: second lobes */

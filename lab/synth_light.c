@@ -1,0 +1,88 @@
+/* synth_light.c - what real surveys add to a static scene: exposure that drifts, and a lamp that moves with the camera.
+ *
+ *     exposure   a photograph is multiplied by one gain per channel before noise and rounding: 3/4 of the range is a slow drift along
+ *                the path, 1/4 belongs to the photograph alone; white balance drifts by a fifth of that.
+ *     lamp       the scene's own light J is multiplied by z^-p / z0^-p (z: range, z0: LAMP_RANGE metres), and the whole photograph by
+ *                a radial gain 1 + a r^2 + b r^4 about a centre beside the image's (r in half diagonals).
+ *
+ * Invariant: without both options a photograph is what it was. truth/exposure.txt and truth/lamp.txt hold what was applied.
+ */
+#include "synth.h"
+
+#define LAMP_RANGE       3.0 /* metres: where the lamp leaves J as it is */
+#define LAMP_NEAREST     0.5 /* metres: nearer than that the lamp is as bright as there */
+#define EXPOSURE_DRIFT   0.75
+#define EXPOSURE_BALANCE 0.2
+
+static const double lamp_centre[2] = {0.46, 0.56}, lamp_radial[2] = {-0.55, 0.12};
+
+/* Within -1..1, smooth over about a dozen views. */
+static double light_drift(uint64_t seed, int view, uint64_t what)
+{
+    const double a = 2 * SYNTH_PI * synth_unit(synth_bits(seed, 400 + what, 1));
+    const double b = 2 * SYNTH_PI * synth_unit(synth_bits(seed, 400 + what, 2));
+    return 0.6 * sin(2 * SYNTH_PI * view / (37.0 + (double)what) + a) +
+           0.4 * sin(2 * SYNTH_PI * view / (16.0 + (double)what) + b);
+}
+
+v3 synth_gain(const synth_options *o, int view)
+{
+    double gain[3];
+    if (!(o->exposure_jitter > 0)) return v3_of(1, 1, 1);
+    for (uint64_t c = 0; c < 3; c++) {
+        const double own  = 2 * synth_unit(synth_bits(o->seed, 410, (uint64_t)view)) - 1;
+        const double all  = EXPOSURE_DRIFT * light_drift(o->seed, view, 0) + (1 - EXPOSURE_DRIFT) * own;
+        const double tint = EXPOSURE_BALANCE * light_drift(o->seed, view, 1 + c);
+        gain[c]           = pow(2, o->exposure_jitter * (all + tint));
+    }
+    return v3_of(gain[0], gain[1], gain[2]);
+}
+
+double synth_lamp_falloff(const synth_options *o, double range)
+{
+    return o->lamp >= 0 && range > 0 ? pow(LAMP_RANGE / synth_max(range, LAMP_NEAREST), o->lamp) : 1;
+}
+
+double synth_lamp_radial(const synth_options *o, double x, double y)
+{
+    const double dx = x - lamp_centre[0] * o->width, dy = y - lamp_centre[1] * o->height;
+    const double r2 = 4 * (dx * dx + dy * dy) / ((double)o->width * o->width + (double)o->height * o->height);
+    return o->lamp >= 0 ? 1 + r2 * (lamp_radial[0] + r2 * lamp_radial[1]) : 1;
+}
+
+int synth_write_exposure(const synth_options *o, const char *path)
+{
+    struct synth_file f;
+    synth_file_open(&f, path);
+    synth_file_text(&f,
+                    "# NAME GAIN_RED GAIN_GREEN GAIN_BLUE: what the photograph was multiplied by, before noise and rounding\n");
+    for (int i = 0; i < o->views; i++) {
+        const v3 gain = synth_gain(o, i);
+        char     name[32];
+        synth_image_name(i, name);
+        synth_file_text(&f, name);
+        for (int c = 0; c < 3; c++) {
+            synth_file_text(&f, " ");
+            synth_file_fixed(&f, c == 0 ? gain.x : c == 1 ? gain.y : gain.z, 6);
+        }
+        synth_file_text(&f, "\n");
+    }
+    return synth_file_close(&f);
+}
+
+int synth_write_lamp(const synth_options *o, const char *path)
+{
+    const double             value[6] = {o->lamp,        LAMP_RANGE,    lamp_centre[0] * o->width, lamp_centre[1] * o->height,
+                                         lamp_radial[0], lamp_radial[1]};
+    static const char *const names[6] = {"power ", "range ", "centre_x ", "centre_y ", "r2 ", "r4 "};
+    struct synth_file        f;
+    synth_file_open(&f, path);
+    synth_file_text(&f, "# J of the water's formula is multiplied by (range / z)^power, the photograph by 1 + r2 r^2 + r4 r^4;\n"
+                        "# r: distance from the centre in half diagonals. Metres, px.\n");
+    for (int i = 0; i < 6; i++) {
+        synth_file_text(&f, names[i]);
+        synth_file_fixed(&f, value[i], 6);
+        synth_file_text(&f, "\n");
+    }
+    return synth_file_close(&f);
+}

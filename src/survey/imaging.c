@@ -1,0 +1,269 @@
+/* imaging.c - what lies between the scene's colours and an image: a gain per channel for each view.
+ *
+ * Cameras adapt exposure and white balance as they pass from sand to rock. A view that was not trained on has the gain of its neighbours in
+ * file order, which is the order of time in most surveys: a straight line in the logarithm between the trained views before and after.
+ *
+ *     # comment
+ *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
+ *
+ * Invariant: an `imaging` that is off changes nothing. Logarithms are natural, of gains that the rendered image is multiplied by.
+ */
+#include "survey.h"
+#include "../core/vecmath.h"
+
+OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out)
+{
+    *out          = (struct imaging){.views = views};
+    out->log_gain = oxl_calloc(ctx, 3 * (size_t)views + 1, sizeof *out->log_gain);
+    out->known    = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->known);
+    if (out->log_gain && out->known) return OXL_OK;
+    imaging_free(ctx, out);
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
+}
+
+OXL_INTERNAL void imaging_free(oxl_context *ctx, struct imaging *m)
+{
+    oxl_free(ctx, m->log_gain);
+    oxl_free(ctx, m->known);
+    *m = (struct imaging){0};
+}
+
+/* to: as many views. */
+OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
+{
+    memcpy(to->log_gain, from->log_gain, 3 * (size_t)from->views * sizeof *to->log_gain);
+    memcpy(to->known, from->known, (size_t)from->views * sizeof *to->known);
+    to->on     = from->on;
+    to->medium = from->medium;
+}
+
+OXL_INTERNAL void imaging_clear(struct imaging *m)
+{
+    memset(m->log_gain, 0, 3 * (size_t)m->views * sizeof *m->log_gain);
+    memset(m->known, 0, (size_t)m->views * sizeof *m->known);
+}
+
+/* ---------------------------------------------------------------- gains */
+
+/* The nearest view of known gain from `view` on, itself left out, in steps of `way`; -1: there is none. */
+static int imaging_neighbour(const struct imaging *m, int view, int way)
+{
+    for (int i = view + way; i >= 0 && i < m->views; i += way)
+        if (m->known[i]) return i;
+    return -1;
+}
+
+OXL_INTERNAL void imaging_between(const struct imaging *m, int view, float out[3])
+{
+    const int before = imaging_neighbour(m, view, -1), after = imaging_neighbour(m, view, 1);
+    for (int c = 0; c < 3; c++) {
+        const float a = before >= 0 ? m->log_gain[3 * before + c] : 0, b = after >= 0 ? m->log_gain[3 * after + c] : 0;
+        const float t = before >= 0 && after >= 0 ? (float)(view - before) / (float)(after - before) : after >= 0;
+        out[c]        = a + t * (b - a);
+    }
+}
+
+OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float out[3])
+{
+    if (m->known[view]) memcpy(out, m->log_gain + 3 * view, 3 * sizeof *out);
+    else imaging_between(m, view, out);
+    for (int c = 0; c < 3; c++) out[c] = (float)vecmath_exp(out[c]);
+}
+
+OXL_INTERNAL void imaging_apply(const struct imaging *m, int view, oxl_image *image)
+{
+    const size_t plane = (size_t)image->width * (size_t)image->height;
+    float        gain[3];
+    if (!m->on) return;
+    imaging_gain(m, view, gain);
+    for (size_t i = 0; i < 3 * plane; i++) image->rgb[i] *= gain[i / plane];
+}
+
+OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel)
+{
+    double sum   = 0;
+    int    count = 0;
+    for (int i = 0; i < m->views; i++)
+        if (m->known[i]) sum += m->log_gain[3 * i + channel], count++;
+    return count ? sum / count : 0;
+}
+
+OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3])
+{
+    for (int c = 0; c < 3; c++) {
+        const double shift = mean[c] - imaging_mean(m, c);
+        for (int i = 0; i < m->views; i++)
+            if (m->known[i]) m->log_gain[3 * i + c] = (float)(m->log_gain[3 * i + c] + shift);
+    }
+}
+
+/* ---------------------------------------------------------------- as text */
+
+static const char *const imaging_medium_names[3] = {"bD", "bB", "Binf"};
+
+static void imaging_write_medium(struct text *t, const struct medium *m)
+{
+    const float *const values[3] = {m->direct, m->scatter, m->veil};
+    text_add(t, "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
+    for (int k = 0; k < 3; k++) {
+        text_add(t, "%s", imaging_medium_names[k]);
+        for (int c = 0; c < 3; c++) {
+            text_add(t, " ");
+            text_add_number(t, (double)values[k][c]);
+        }
+        text_add(t, "\n");
+    }
+}
+
+/* 1: the line was of the medium and held three numbers. */
+static int imaging_read_medium(const char *at, const char *end, struct medium *m)
+{
+    float *const values[3] = {m->direct, m->scatter, m->veil};
+    for (int k = 0; k < 3; k++) {
+        const size_t length = strlen(imaging_medium_names[k]);
+        if ((size_t)(end - at) <= length || strncmp(at, imaging_medium_names[k], length) != 0 || at[length] != ' ') continue;
+        at += length;
+        for (int c = 0; c < 3; c++) {
+            double value;
+            while (at < end && *at == ' ') at++;
+            if (!parse_double(&at, end, &value) || !(value >= 0 && value <= 1e6)) return 0;
+            values[k][c] = (float)value;
+        }
+        m->on = 1;
+        return 1;
+    }
+    return 0;
+}
+
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m)
+{
+    struct text t = {.ctx = ctx};
+    oxl_result  rc;
+    text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION ", docs/WATER.md\n"
+                 "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
+    if (m->medium.on) imaging_write_medium(&t, &m->medium);
+    for (int i = 0; i < m->views; i++) {
+        if (!m->known[i]) continue;
+        text_add(&t, "gain");
+        for (int c = 0; c < 3; c++) {
+            text_add(&t, " ");
+            text_add_number(&t, vecmath_exp(m->log_gain[3 * i + c]));
+        }
+        text_add(&t, " %s\n", oxl_scene_view(scene, i)->name);
+    }
+    rc = t.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path) : os_write_file(ctx, path, t.data, t.size);
+    text_free(&t);
+    return rc;
+}
+
+/* Views are ordered by name. -1: there is none of that name. */
+static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
+{
+    for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
+        const int   middle = low + (high - low) / 2;
+        const char *at     = oxl_scene_view(scene, middle)->name;
+        int         order  = strncmp(at, name, length);
+        if (order == 0 && at[length]) order = 1;
+        if (order == 0) return middle;
+        if (order < 0) low = middle + 1;
+        else high = middle - 1;
+    }
+    return -1;
+}
+
+/* A line "gain R G B NAME" of the file. */
+static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line, const char *at, const char *end,
+                                    const oxl_scene *scene, struct imaging *out)
+{
+    double gain[3];
+    int    view;
+    for (int c = 0; c < 3; c++) {
+        while (at < end && *at == ' ') at++;
+        if (!parse_double(&at, end, &gain[c]) || !(gain[c] >= EXPOSURE_LEAST && gain[c] <= 1 / EXPOSURE_LEAST))
+            return oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s:%d: gain of channel %d is missing or no number from %g to %g\nfix: write the file again by training", path,
+                line, c, EXPOSURE_LEAST, 1 / EXPOSURE_LEAST);
+    }
+    while (at < end && *at == ' ') at++;
+    while (end > at && (end[-1] == '\r' || end[-1] == ' ')) end--;
+    view = imaging_find(scene, at, (size_t)(end - at));
+    if (view < 0) return OXL_OK; /* of another part of the survey */
+    out->known[view] = 1;
+    out->on          = 1;
+    for (int c = 0; c < 3; c++) out->log_gain[3 * view + c] = (float)vecmath_log(gain[c]);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out)
+{
+    struct os_file_map map  = {0};
+    oxl_result         rc   = imaging_create(ctx, oxl_scene_view_count(scene), out);
+    int                line = 0;
+    if (rc == OXL_OK) rc = os_read_file(ctx, path, &map);
+    for (const char *at = map.data, *end = map.data + map.size; rc == OXL_OK && at < end;) {
+        const char *stop = memchr(at, '\n', (size_t)(end - at));
+        if (!stop) stop = end;
+        line++;
+        if (stop - at > 5 && strncmp(at, "gain ", 5) == 0) rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
+        else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium))
+            rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                          "%s:%d: a line starts with neither gain, bD, bB, Binf nor #\nfix: write the file again by training",
+                          path, line);
+        at = stop + 1;
+    }
+    os_release_file(ctx, &map);
+    if (rc != OXL_OK) imaging_free(ctx, out);
+    return rc;
+}
+
+oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path)
+{
+    const char    *name   = find_base_name(model_path);
+    struct text    folder = {.ctx = ctx};
+    char          *path;
+    struct imaging read = {0};
+    oxl_result     rc;
+    text_add(&folder, "%.*s", (int)(name - model_path), model_path);
+    path = folder.failed ? NULL : oxl_path_join(ctx, folder.data, "imaging.txt");
+    rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look for imaging.txt");
+    if (rc == OXL_OK && os_is_file(path)) {
+        rc = imaging_read(ctx, path, scene, &read);
+        imaging_free(ctx, scene_imaging(scene));
+        *scene_imaging(scene) = read;
+    }
+    oxl_free(ctx, path);
+    text_free(&folder);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- of blocks
+ *
+ * Each block has gains of zero mean over its own views, and so its own brightness. Views that two blocks share say by how much
+ * they differ: the later block's gains are raised, and its colours lowered, by that.
+ */
+
+/* The gains of a block join those of the blocks before it. shift (3): what was added to its log gains. `count` (views): blocks that had
+ * the view so far. */
+OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3])
+{
+    int shared = 0;
+    for (int c = 0; c < 3; c++) shift[c] = 0;
+    for (int i = 0; i < all->views; i++) {
+        if (!all->known[i] || !block->known[i]) continue;
+        for (int c = 0; c < 3; c++) shift[c] += (double)all->log_gain[3 * i + c] - block->log_gain[3 * i + c];
+        shared++;
+    }
+    for (int c = 0; c < 3; c++) shift[c] = shared > 0 ? shift[c] / shared : 0;
+    for (int i = 0; i < all->views; i++) {
+        if (!block->known[i]) continue;
+        all->known[i] = 1;
+        count[i]++;
+        for (int c = 0; c < 3; c++) {
+            float *a = &all->log_gain[3 * i + c];
+            *a       = (float)(*a + (block->log_gain[3 * i + c] + shift[c] - *a) / count[i]);
+        }
+    }
+    all->on |= block->on;
+    if (block->medium.on) all->medium = block->medium;
+}

@@ -1,0 +1,167 @@
+/* exposure.c - three log gains for each training image, optimised with the scene.
+ *
+ * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is multiplied by exp(a_kc)
+ * before the loss (render/exposure.c); a_k has an Adam of its own (Kingma & Ba 2015), since each image is visited once an epoch, and a
+ * prior that draws it towards the line between its neighbours in file order. After each step the mean over the known training images is
+ * set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and held-out views, which stand at
+ * mean exposure, lose dB with it (measured before: 2 to 6).
+ *
+ * auto: until a tenth of the run gains are only watched: the least squares factor between each training image and the rendered one,
+ * as of its last visit. Then the validation views are compared with the rendered images twice, as they are and with the gain
+ * that their neighbours foretell. Exposure is on, from the watched gains, where that gains EXPOSURE_EARN and they differ by
+ * EXPOSURE_DIFFER. Else the run goes on as if nothing had been.
+ *
+ * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
+ */
+#include "train.h"
+#include "../core/vecmath.h"
+
+#define EXPOSURE_RATE   0.03 /* of the first step, in log units; docs/WATER.md has what others cost */
+#define EXPOSURE_LAST   0.02 /* of that at the end of the run */
+#define EXPOSURE_BETA1  0.8  /* a mean over 5 visits: a short run has 30 */
+#define EXPOSURE_BETA2  0.95
+#define EXPOSURE_SMOOTH 0.1  /* of the prior: gradient for a log unit off the neighbours' line */
+#define EXPOSURE_WATCH  0.1  /* of the run */
+#define EXPOSURE_EARN   0.03 /* dB on validation views that gains must bring, */
+#define EXPOSURE_DIFFER 0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
+
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_exposure mode, int goes_on)
+{
+    const int    views = oxl_scene_view_count(scene);
+    const size_t n     = 3 * (size_t)views;
+    oxl_result   rc    = OXL_OK;
+    if (goes_on) mode = scene_imaging(scene)->on ? OXL_EXPOSURE_ON : OXL_EXPOSURE_OFF;
+    *e = (struct exposure){.mode = mode};
+    if (mode == OXL_EXPOSURE_OFF) return OXL_OK;
+    rc        = imaging_create(ctx, views, &e->of);
+    e->first  = oxl_calloc(ctx, n + 1, sizeof *e->first);
+    e->second = oxl_calloc(ctx, n + 1, sizeof *e->second);
+    e->visits = oxl_calloc(ctx, (size_t)views + 1, sizeof *e->visits);
+    if (rc == OXL_OK && (!e->first || !e->second || !e->visits))
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
+    if (rc != OXL_OK) return rc;
+    e->of.on = mode == OXL_EXPOSURE_ON;
+    if (goes_on) imaging_copy(scene_imaging(scene), &e->of);
+    for (int c = 0; c < 3; c++) e->mean[c] = imaging_mean(&e->of, c);
+    return OXL_OK;
+}
+
+OXL_INTERNAL void exposure_free(oxl_context *ctx, struct exposure *e)
+{
+    imaging_free(ctx, &e->of);
+    oxl_free(ctx, e->first);
+    oxl_free(ctx, e->second);
+    oxl_free(ctx, e->visits);
+    *e = (struct exposure){0};
+}
+
+OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to)
+{
+    const size_t n = 3 * (size_t)from->of.views;
+    oxl_result   rc;
+    *to = *from;
+    if (!from->visits) return OXL_OK;
+    to->first = to->second = NULL;
+    to->visits             = NULL;
+    rc                     = imaging_create(ctx, from->of.views, &to->of);
+    to->first              = oxl_alloc(ctx, n + 1, sizeof *to->first);
+    to->second             = oxl_alloc(ctx, n + 1, sizeof *to->second);
+    to->visits             = oxl_alloc(ctx, (size_t)from->of.views + 1, sizeof *to->visits);
+    if (rc == OXL_OK && (!to->first || !to->second || !to->visits)) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a trial");
+    if (rc == OXL_OK) {
+        imaging_copy(&from->of, &to->of);
+        memcpy(to->first, from->first, n * sizeof *to->first);
+        memcpy(to->second, from->second, n * sizeof *to->second);
+        memcpy(to->visits, from->visits, (size_t)from->of.views * sizeof *to->visits);
+    } else {
+        exposure_free(ctx, to);
+    }
+    return rc;
+}
+
+OXL_INTERNAL int exposure_watches(const struct exposure *e)
+{
+    return e->mode == OXL_EXPOSURE_AUTO && !e->decided;
+}
+
+OXL_INTERNAL int exposure_decides_at(const oxl_train_options *o)
+{
+    return o->exposure == OXL_EXPOSURE_AUTO ? OXL_MAX(1, (int)(EXPOSURE_WATCH * o->iterations)) : 0;
+}
+
+/* What the rendered image has to be multiplied by to come nearest to the target. */
+OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *drawn, const float *target, const float *weight,
+                                 size_t n)
+{
+    double gain[3];
+    exposure_fit(drawn, target, weight, n, gain);
+    for (int c = 0; c < 3; c++)
+        e->of.log_gain[3 * view + c] = (float)vecmath_log(OXL_CLAMP(gain[c], EXPOSURE_LEAST, 1 / EXPOSURE_LEAST));
+    e->of.known[view] = 1;
+}
+
+/* A step of the view's gains along dL/da, and the projection. progress: share of the run. */
+OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])
+{
+    const double rate     = EXPOSURE_RATE * vecmath_exp(progress * vecmath_log(EXPOSURE_LAST));
+    float       *a        = e->of.log_gain + 3 * view, between[3];
+    const int    n        = ++e->visits[view];
+    const double correct1 = 1 - vecmath_exp(n * vecmath_log(EXPOSURE_BETA1));
+    const double correct2 = 1 - vecmath_exp(n * vecmath_log(EXPOSURE_BETA2));
+    imaging_between(&e->of, view, between);
+    if (!e->of.known[view]) memcpy(a, between, sizeof between);
+    e->of.known[view] = 1;
+    for (int c = 0; c < 3; c++) {
+        float       *m = &e->first[3 * view + c], *v = &e->second[3 * view + c];
+        const double g = dlog_gain[c] + EXPOSURE_SMOOTH * (a[c] - between[c]);
+        if (!(fabs(g) <= 1e18)) continue;
+        *m = (float)(EXPOSURE_BETA1 * *m + (1 - EXPOSURE_BETA1) * g);
+        *v = (float)(EXPOSURE_BETA2 * *v + (1 - EXPOSURE_BETA2) * g * g);
+        a[c] -= (float)(rate * (*m / correct1) / (sqrt(*v / correct2) + 1e-12));
+        a[c] = (float)OXL_CLAMP(a[c], vecmath_log(EXPOSURE_LEAST), -vecmath_log(EXPOSURE_LEAST));
+    }
+    imaging_centre(&e->of, e->mean);
+}
+
+/* plain, gained: mean PSNR of the validation views without and with the gains that their neighbours foretell; views: how many. */
+OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size)
+{
+    double square = 0;
+    int    known  = 0;
+    imaging_centre(&e->of, e->mean);
+    for (int i = 0; i < e->of.views; i++)
+        for (int c = 0; c < 3 && e->of.known[i]; c++, known++)
+            square += (double)e->of.log_gain[3 * i + c] * e->of.log_gain[3 * i + c];
+    e->decided = 1;
+    e->of.on   = views > 0 && gained >= plain + EXPOSURE_EARN && square >= known * EXPOSURE_DIFFER * EXPOSURE_DIFFER;
+    if (!e->of.on) imaging_clear(&e->of);
+    if (views > 0)
+        snprintf(
+            why, size,
+            "%d validation views: %.2f dB with the gains of their neighbours, %.2f without; gains of %d training views differ by %.1f %% "
+            "(rms); worth it from +%.2g dB and %.2g %%",
+            views, gained, plain, known / 3, 100 * sqrt(known ? square / known : 0), EXPOSURE_EARN, 100 * EXPOSURE_DIFFER);
+    else snprintf(why, size, "too few training views to spare one to judge by");
+}
+
+OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
+{
+    const size_t views = (size_t)e->of.views;
+    if (e->mode == OXL_EXPOSURE_OFF) return;
+    archive_int(a, &e->decided);
+    archive_int(a, &e->of.on);
+    archive_doubles(a, e->mean, 3);
+    archive_floats(a, e->of.log_gain, 3 * views);
+    archive_floats(a, e->first, 3 * views);
+    archive_floats(a, e->second, 3 * views);
+    archive_ints(a, e->visits, views);
+    for (size_t i = 0; i < views && a->rc == OXL_OK; i++) {
+        int known = e->of.known[i];
+        archive_int(a, &known);
+        archive_expect(a, (known == 0 || known == 1) && e->visits[i] >= 0 && e->visits[i] < INT_MAX);
+        e->of.known[i] = known == 1;
+    }
+    for (size_t i = 0; i < 3 * views && a->rc == OXL_OK; i++)
+        archive_expect(a, fabs(e->of.log_gain[i]) <= 10 && fabs(e->first[i]) <= FLT_MAX && e->second[i] >= 0);
+    archive_expect(a, (e->of.on == 0 || e->of.on == 1) && (e->decided == 0 || e->decided == 1));
+}

@@ -1,0 +1,402 @@
+/* test_water.c - exposure of images: gradients, gauge, what is written and read, and that a run recovers gains that are known. */
+
+/* ---------------------------------------------------------------- gains by hand */
+
+static struct imaging water_imaging(int views, const int *known, int count)
+{
+    struct imaging m;
+    CHECK_OK(imaging_create(test_ctx, views, &m));
+    m.on = 1;
+    for (int k = 0; k < count; k++) {
+        m.known[known[k]] = 1;
+        for (int c = 0; c < 3; c++) m.log_gain[3 * known[k] + c] = 0.1f * (float)known[k] + 0.01f * (float)c;
+    }
+    return m;
+}
+
+TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighbours)
+{
+    struct imaging m = water_imaging(9, (int[]){2, 6}, 2);
+    float          gain[3];
+    imaging_gain(&m, 3, gain);
+    CHECK_CLOSE(gain[1], exp(0.31), 1e-5);
+    imaging_gain(&m, 0, gain);
+    CHECK_CLOSE(gain[0], exp(0.2), 1e-5);
+    imaging_gain(&m, 8, gain);
+    CHECK_CLOSE(gain[2], exp(0.62), 1e-5);
+    imaging_free(test_ctx, &m);
+}
+
+TEST(exposure_of_two_blocks_agrees_where_they_share_views)
+{
+    struct imaging a = water_imaging(9, (int[]){0, 2, 4}, 3), b = water_imaging(9, (int[]){2, 4, 8}, 3), all;
+    int            count[9] = {0};
+    double         shift[3];
+    CHECK_OK(imaging_create(test_ctx, 9, &all));
+    for (int i = 0; i < 27; i++) b.log_gain[i] += b.known[i / 3] ? 0.7f : 0;
+    imaging_join(&all, count, &a, shift);
+    CHECK(shift[0] == 0);
+    imaging_join(&all, count, &b, shift);
+    CHECK_CLOSE(shift[1], -0.7, 1e-6);
+    CHECK_CLOSE(all.log_gain[3 * 8 + 2], 0.82, 1e-5);
+    CHECK_CLOSE(all.log_gain[3 * 2 + 0], 0.2, 1e-5);
+    imaging_free(test_ctx, &a);
+    imaging_free(test_ctx, &b);
+    imaging_free(test_ctx, &all);
+}
+
+TEST(model_colours_scale_by_a_factor_for_each_channel)
+{
+    const oxl_point point   = {.position = {0, 0, 4}, .rgb = {100, 150, 200}};
+    const double    half[3] = {0.5, 1, 2};
+    oxl_model       model;
+    CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 1, &model));
+    model_scale_colour(&model, half);
+    CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH][0], 50 / 255., 1e-5);
+    CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH + 1][0], 150 / 255., 1e-5);
+    CHECK_CLOSE(0.5 + MODEL_SH0 * model.plane[OXL_SH + 2][0], 400 / 255., 1e-5);
+    oxl_model_free(test_ctx, &model);
+}
+
+/* ---------------------------------------------------------------- the gradient */
+
+/* L1 + SSIM of a drawn view times its gains, against its image. */
+static double exposure_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model, const double log_gain[3])
+{
+    oxl_render_options   o = oxl_render_options_default();
+    struct renderer_loss loss;
+    oxl_image            image;
+    float                gain[3];
+    for (int c = 0; c < 3; c++) gain[c] = (float)exp(log_gain[c]);
+    CHECK_OK(oxl_scene_image(test_ctx, scene, 1, &image));
+    CHECK_OK(renderer_forward(test_ctx, r, model, &oxl_scene_view(scene, 1)->camera, &o));
+    renderer_set_gain(r, gain);
+    CHECK_OK(renderer_loss(test_ctx, r, image.rgb, NULL, 0.2f, &loss));
+    oxl_image_free(test_ctx, &image);
+    return loss.total;
+}
+
+TEST(exposure_gradient_agrees_with_finite_differences)
+{
+    oxl_scene       *scene = train_scene(3);
+    struct renderer *r;
+    oxl_model        model;
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
+    for (int k = -1; k <= 1; k++)
+        for (int c = 0; c < 3; c++) {
+            const double h     = 1e-3;
+            double       at[3] = {0.5 * k, 0.3 * k, -0.4 * k}, here, plus, minus;
+            exposure_loss(r, scene, &model, at);
+            here = renderer_gain_gradient(r)[c];
+            at[c] += h, plus      = exposure_loss(r, scene, &model, at);
+            at[c] -= 2 * h, minus = exposure_loss(r, scene, &model, at);
+            CHECK_CLOSE(here, (plus - minus) / (2 * h), 1e-4 + 5e-3 * fabs(here));
+        }
+    oxl_model_free(test_ctx, &model);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* With gains the model's gradient is that of the loss of the exposed image: of the image before it, times the gain. */
+TEST(exposure_gains_multiply_the_gradient_of_the_image)
+{
+    const float gain[3] = {0.5f, 1, 2}, x[6] = {1, 2, 3, 4, 5, 6}, dy[6] = {1, -1, 1, -1, 1, -1};
+    float       y[6], dx[6];
+    double      d[3];
+    exposure_forward(gain, x, 2, y);
+    exposure_backward(gain, y, dy, 2, dx, d);
+    CHECK(y[0] == 0.5f && y[3] == 4 && y[5] == 12);
+    CHECK(dx[0] == 0.5f && dx[3] == -1 && dx[4] == 2);
+    CHECK_CLOSE(d[0], -0.5, 1e-12);
+    CHECK_CLOSE(d[2], -2, 1e-12);
+}
+
+/* ---------------------------------------------------------------- runs */
+
+/* The scene of test_train.c, each image brighter or darker by up to a third, in a wave along its views. */
+static oxl_scene *exposure_scene(int views, float amplitude, double speed)
+{
+    oxl_scene *plain = train_scene(views), *scene = NULL;
+    oxl_view   view[14];
+    oxl_image  image[14];
+    for (int v = 0; v < views; v++) {
+        view[v] = *oxl_scene_view(plain, v);
+        CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
+        for (int i = 0; i < 3 * image[v].width * image[v].height; i++)
+            image[v].rgb[i] = OXL_MIN(1.0f, image[v].rgb[i] * (float)exp(amplitude * sin(speed * v)));
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain), &scene));
+    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
+    oxl_scene_free(test_ctx, plain);
+    return scene;
+}
+
+TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
+{
+    oxl_scene            *scene   = exposure_scene(14, 0.2f, 0.4);
+    oxl_train_options     options = train_options(400);
+    oxl_model             model;
+    const struct imaging *m;
+    double                off, sum = 0, error = 0, square = 0;
+    int                   n = 0;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    off = train_psnr(scene, &model);
+    oxl_model_free(test_ctx, &model);
+    options.exposure = OXL_EXPOSURE_ON;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK(train_psnr(scene, &model) > off + 0.5);
+    m = scene_imaging(scene);
+    for (int c = 0; c < 3; c++) CHECK_CLOSE(imaging_mean(m, c), 0, 1e-6);
+    for (int v = 0; v < 14; v++)
+        if (m->known[v]) sum += 0.2 * sin(0.4 * v), n++;
+    for (int v = 0; v < 14; v++) {
+        const double truth = 0.2 * sin(0.4 * v) - sum / n;
+        if (!m->known[v]) continue;
+        square += truth * truth;
+        error += (m->log_gain[3 * v + 1] - truth) * (m->log_gain[3 * v + 1] - truth);
+    }
+    CHECK(error < 0.1 * square);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
+{
+    oxl_scene        *scene   = train_scene(14);
+    oxl_train_options options = train_options(300);
+    oxl_model         off, automatic;
+    options.sh_degree = -1; /* so that validation views stand aside in both */
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &off));
+    options.exposure = OXL_EXPOSURE_AUTO;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &automatic));
+    CHECK(!scene_imaging(scene)->on && train_same(&off, &automatic));
+    oxl_model_free(test_ctx, &off);
+    oxl_model_free(test_ctx, &automatic);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(exposure_a_run_stopped_before_and_after_the_decision_ends_in_the_same_bytes)
+{
+    static const int       stops[] = {5, 12, 13, 14, 60};
+    struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(130));
+    oxl_model              model;
+    struct imaging         whole;
+    c.options.sh_degree = -1;
+    c.options.exposure  = OXL_EXPOSURE_AUTO;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    CHECK_OK(imaging_create(test_ctx, 14, &whole));
+    imaging_copy(scene_imaging(c.scene), &whole);
+    CHECK(whole.on);
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole));
+    CHECK(memcmp(whole.log_gain, scene_imaging(c.scene)->log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
+    CHECK_TEXT(c.decisions.data ? c.decisions.data : "", "\"exposure\": {\"chosen\": \"on\"");
+    imaging_free(test_ctx, &whole);
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+/* ---------------------------------------------------------------- the file */
+
+TEST(exposure_is_read_as_it_was_written)
+{
+    oxl_scene     *scene = train_scene(7);
+    struct imaging m     = water_imaging(7, (int[]){1, 3, 5}, 3), read;
+    const char    *path  = test_path("imaging.txt");
+    CHECK_OK(imaging_write(test_ctx, path, scene, &m));
+    CHECK_OK(imaging_read(test_ctx, path, scene, &read));
+    CHECK(read.on && !read.known[0] && read.known[3]);
+    for (int i = 0; i < 21; i++) CHECK_CLOSE(read.log_gain[i], m.log_gain[i], 1e-6);
+    imaging_free(test_ctx, &read);
+    imaging_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(exposure_of_a_broken_file_names_line_and_value)
+{
+    static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n", "lamp 1\n", "gain 1 1e9 1 a.png\n"};
+    oxl_scene               *scene    = train_scene(3);
+    struct imaging           read;
+    for (size_t i = 0; i < OXL_COUNT(broken); i++) {
+        CHECK(imaging_read(test_ctx, test_write("imaging.txt", broken[i]), scene, &read) == OXL_ERR_INPUT);
+        CHECK_TEXT(oxl_error_text(test_ctx), "imaging.txt:1: ");
+        CHECK_TEXT(oxl_error_text(test_ctx), "fix: ");
+    }
+    CHECK_OK(imaging_read(test_ctx, test_write("imaging.txt", "# nothing\n\ngain 1 1 1 of another survey.png\n"), scene, &read));
+    CHECK(!read.on);
+    imaging_free(test_ctx, &read);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------------------------------------------------------- synth */
+
+/* The image is the formula on clean, depth, lamp and gain, but for noise and rounding. */
+TEST(synth_exposure_and_lamp_are_what_truth_says)
+{
+    synth_options o      = synth_test_options("lamp");
+    struct colmap survey = {0};
+    o.exposure_jitter = 0.5, o.lamp = 1, o.noise = 0, o.water = "none", o.path = "forward";
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    for (int view = 0; view < o.views; view += 5) {
+        char      name[64], path[96];
+        oxl_image seen, clean;
+        const v3  gain = synth_gain(&o, view);
+        double    most = 0;
+        synth_image_name(view, name);
+        snprintf(path, sizeof path, "lamp/images/%s", name);
+        CHECK_OK(oxl_image_read(test_ctx, test_path(path), &seen));
+        snprintf(path, sizeof path, "lamp/truth/clean/%s", name);
+        CHECK_OK(oxl_image_read(test_ctx, test_path(path), &clean));
+        for (int y = 0; y < o.height; y++)
+            for (int x = 0; x < o.width; x++) { /* the falloff is one for all channels: the ratio of red to green is the gains' */
+                const size_t at = (size_t)(y * o.width + x), plane = (size_t)(o.width * o.height);
+                const double red = seen.rgb[at], green = seen.rgb[at + plane];
+                if (red > 0.95 || green > 0.95 || clean.rgb[at] < 0.2 || clean.rgb[at + plane] < 0.2 || red < 0.1) continue;
+                most = OXL_MAX(most, fabs(log(red / green * clean.rgb[at + plane] / clean.rgb[at] * gain.y / gain.x)));
+            }
+        CHECK(most < 0.06);
+        oxl_image_free(test_ctx, &seen);
+        oxl_image_free(test_ctx, &clean);
+    }
+    CHECK(os_is_file(test_path("lamp/truth/exposure.txt")) && os_is_file(test_path("lamp/truth/lamp.txt")));
+    CHECK(synth_lamp_falloff(&o, 3) == 1 && synth_lamp_falloff(&o, 6) == 0.5);
+}
+
+/* ---------------------------------------------------------------- the medium */
+
+static const struct medium water_murky = {1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}};
+
+/* S = the sum of drgb x the image, drawn through the water. */
+static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model, const struct medium *medium,
+                           const float *drgb)
+{
+    const size_t       n = 3 * (size_t)camera->width * (size_t)camera->height;
+    oxl_render_options o = oxl_render_options_default();
+    const float       *rgb;
+    double             sum = 0;
+    renderer_set_medium(r, medium);
+    CHECK_OK(renderer_forward(test_ctx, r, model, camera, &o));
+    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    for (size_t i = 0; i < n; i++) sum += (double)drgb[i] * rgb[i];
+    return sum;
+}
+
+static void medium_move(oxl_model *model, const double eye[3], double factor)
+{
+    for (size_t i = 0; i < model->count; i++)
+        for (int a = 0; a < 3; a++) {
+            float *x = &model->plane[OXL_MEAN + a][i];
+            *x       = (float)(eye[a] + factor * (*x - eye[a]));
+            model->plane[OXL_LOG_SCALE + a][i] += (float)log(factor);
+        }
+}
+
+TEST(medium_gradients_of_all_nine_parameters_and_of_the_centres_agree_with_finite_differences)
+{
+    oxl_scene        *scene  = train_scene(3);
+    const oxl_camera *camera = &oxl_scene_view(scene, 1)->camera;
+    const size_t      n      = 3 * (size_t)camera->width * (size_t)camera->height;
+    float            *drgb   = oxl_alloc(test_ctx, n, sizeof *drgb);
+    struct medium     m      = water_murky;
+    struct renderer  *r;
+    oxl_model         model, gradient;
+    double            d[9];
+    for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    CHECK_OK(oxl_model_create(test_ctx, model.count, 1, &gradient));
+    medium_score(r, camera, &model, &m, drgb);
+    CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
+    memcpy(d, renderer_medium_gradient(r), sizeof d);
+    for (int k = 0; k < 9; k++) {
+        float      *at = k < 3 ? &m.direct[k] : k < 6 ? &m.scatter[k - 3] : &m.veil[k - 6];
+        const float is = *at, h = 0.01f;
+        double      plus, minus;
+        *at   = is + h;
+        plus  = medium_score(r, camera, &model, &m, drgb);
+        *at   = is - h;
+        minus = medium_score(r, camera, &model, &m, drgb);
+        *at   = is;
+        CHECK_CLOSE(d[k], (plus - minus) / (2 * (double)h), 1e-3 * fabs(d[k]) + 0.05);
+    }
+    { /* all moved away from the eye and grown alike: the image stays, but for the water */
+        const double h = 1e-3;
+        double       eye[3], slope = 0, plus, minus;
+        camera_position(camera, eye);
+        for (size_t i = 0; i < model.count; i++)
+            for (int a = 0; a < 3; a++) {
+                slope += gradient.plane[OXL_MEAN + a][i] * (model.plane[OXL_MEAN + a][i] - eye[a]);
+                slope += gradient.plane[OXL_LOG_SCALE + a][i];
+            }
+        medium_move(&model, eye, 1 + h);
+        plus = medium_score(r, camera, &model, &m, drgb);
+        medium_move(&model, eye, (1 - h) / (1 + h));
+        minus = medium_score(r, camera, &model, &m, drgb);
+        CHECK(fabs(slope) > 10);
+        CHECK_CLOSE(slope, (plus - minus) / (2 * h), 0.01 * fabs(slope));
+    }
+    oxl_free(test_ctx, drgb);
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &gradient);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* No Gaussian in sight: only water. */
+TEST(medium_alone_shows_its_veil)
+{
+    oxl_scene         *scene = train_scene(3);
+    struct renderer   *r;
+    oxl_model          model;
+    const float       *rgb;
+    oxl_render_options o = oxl_render_options_default();
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
+    model.plane[OXL_OPACITY][0] = -20;
+    renderer_set_medium(r, &water_murky);
+    CHECK_OK(renderer_forward(test_ctx, r, &model, &oxl_scene_view(scene, 0)->camera, &o));
+    CHECK_OK(renderer_image(test_ctx, r, &rgb));
+    CHECK(rgb[0] == water_murky.veil[0]);
+    oxl_model_free(test_ctx, &model);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
+{
+    static const int       stops[] = {37, 39, 40, 80};
+    struct checkpoint_case c       = checkpoint_of(train_scene(7), train_options(130));
+    oxl_model              model;
+    struct medium          whole;
+    c.options.medium = 1;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    whole = scene_imaging(c.scene)->medium;
+    CHECK(whole.on);
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole) && memcmp(&whole, &scene_imaging(c.scene)->medium, sizeof whole) == 0);
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+TEST(medium_is_read_as_it_was_written)
+{
+    oxl_scene     *scene = train_scene(3);
+    struct imaging m     = water_imaging(3, NULL, 0), read;
+    m.medium             = water_murky;
+    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
+    CHECK(!read.on && memcmp(&read.medium, &water_murky, sizeof water_murky) == 0);
+    imaging_free(test_ctx, &read);
+    imaging_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
+}
