@@ -132,7 +132,9 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
     oxl_model        m;
     faults_heard[0]       = 0;
     test_ctx->options.log = faults_listen;
+    text_add(&t, "{\n");
     faults_add_json(&t, &f);
+    text_add(&t, "  \"end\": 0}");
     CHECK_TEXT(t.data, "\"steps_skipped\": 2,\n  \"gaussian_steps_skipped\": 3,\n  \"gaussians_cleared\": 4,\n");
     faults_read_json(t.data, &back);
     CHECK(memcmp(&back, &f, sizeof f) == 0);

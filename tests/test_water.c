@@ -135,7 +135,7 @@ static oxl_scene *exposure_scene(int views, float amplitude, double speed)
 TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
 {
     oxl_scene            *scene   = exposure_scene(14, 0.2f, 0.4);
-    oxl_train_options     options = train_options(400);
+    oxl_train_options     options = train_options(600);
     oxl_model             model;
     const struct imaging *m;
     double                off, sum = 0, error = 0, square = 0;
@@ -178,8 +178,8 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
 
 TEST(exposure_a_run_stopped_before_and_after_the_decision_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {5, 12, 13, 14, 60};
-    struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(130));
+    static const int       stops[] = {5, 25, 26, 27, 120};
+    struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(260));
     oxl_model              model;
     struct imaging         whole;
     c.options.sh_degree = -1;
