@@ -144,7 +144,7 @@ int main(int argc, char **argv)
         "# Numerical stability: the kernels at the extremes\n\n"
         "Made by `make extremes`, which fails when a bound does not hold; `build/test` asserts the same bounds for all rows but the "
         "slow ones (the two\nlarge pictures, Adam past 20 000 steps, the long run). Float kernels: %s. The reference is the same source "
-        "in double (`tests/reference.c`), itself\nheld against an independent implementation by `build/oracle`.\n\n"
+        "in double (`tests/wide_kernels.c`);\nthe source is held against an independent implementation by `build/test reference_`.\n\n"
         "Cells: largest error / mean error, each over the largest or mean magnitude (max |float - double| / max |double|). "
         "A decision that float takes\nthe other way (alpha >= 1/255, T >= 1e-4) may change a pixel by 1/255: rows with the bound 4e-03 "
         "allow for it.\n\n"

@@ -1,14 +1,10 @@
 /* kernels.h - the types that the kernels speak in, and their doors, for whichever `real` is in force.
  *
- * The kernels (project.c, bin.c, raster.c, loss.c, adam.c) are written over `real`: float in the library. tests/reference.c includes
- * this header and those files a second time with real = double and every name suffixed, which gives the numerical reference
- * from the same source. Hence there is no plain include guard.
+ * The kernels (project.c, bin.c, raster.c, loss.c, adam.c) are written over `real`: float in the library. tests/wide_kernels.c builds
+ * the same files with real = double (OXL_REFERENCE), which shows what float costs.
  */
-#if !defined(OXL_KERNELS_H) || (defined(OXL_REFERENCE) && !defined(OXL_KERNELS_REFERENCE_H))
+#ifndef OXL_KERNELS_H
 #define OXL_KERNELS_H
-#ifdef OXL_REFERENCE
-#define OXL_KERNELS_REFERENCE_H
-#endif
 
 #include "../internal.h"
 #include "../core/simd.h"
