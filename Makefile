@@ -88,9 +88,11 @@ $(BUILD)/test_list.h: FORCE
 	@cmp -s $(BUILD)/test_files.new $(BUILD)/test_files.h || mv $(BUILD)/test_files.new $(BUILD)/test_files.h
 	@cmp -s $(BUILD)/test_list.new $@ || mv $(BUILD)/test_list.new $@
 
+# The reference and the kernels in double: units of their own, see tests/wide.h.
+WIDE := $(BUILD)/tests/wide_splat.o $(BUILD)/tests/wide_kernels.o
 TEST_FLAGS = $(if $(filter -O3,$(CFLAGS)),-O2 -g,$(CFLAGS))
-$(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(BUILD)/tests/wide_splat.o $(BUILD)/flags
-	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c $(filter %.o,$^) -o $@ $(LIBS)
+$(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(WIDE) $(BUILD)/flags
+	$(CC) $(TEST_FLAGS) $(BASE) -I. -I$(BUILD) -MMD -MP -MT $@ -MF $(BUILD)/test.d tests/test.c $(WIDE) -o $@ $(LIBS)
 
 coverage: ## lines and branches of src/ that the tests reach (gcov)
 	tests/coverage.sh
@@ -147,9 +149,10 @@ $(BUILD)/bench: SOURCE = bench/bench.c
 $(BUILD)/bench_device: SOURCE = bench/device.c
 $(BUILD)/extremes: SOURCE = tests/extremes.c
 $(BUILD)/vulkan_compile: SOURCE = tests/vulkan_compile.c
+$(BUILD)/extremes: $(WIDE)
 $(BUILD)/bench $(BUILD)/bench_device $(BUILD)/cost $(BUILD)/extremes $(BUILD)/floaters $(BUILD)/vulkan_compile: \
   bench/bench.c bench/device.c bench/cost.c tests/extremes.c bench/floaters.c tests/vulkan_compile.c $(BUILD)/flags
-	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) -o $@ $(LIBS)
+	$(CC) $(FLAGS) -I. -MMD -MP -MT $@ -MF $@.d $(SOURCE) $(filter %.o,$^) -o $@ $(LIBS)
 
 examples: $(EXAMPLES) ## build/examples/*
 $(BUILD)/examples/%: examples/%.c $(BUILD)/liboceanxl.a

@@ -9,7 +9,7 @@
  */
 #ifndef TEST_EXTREME_CASES_C
 #define TEST_EXTREME_CASES_C
-#include "reference.c"
+#include "wide.h"
 
 enum {
     EXTREME_IMAGE,
@@ -38,7 +38,6 @@ struct extreme_scene {
     oxl_camera camera;
     oxl_model  model;
     float      near_plane;
-    int        lobe_free;
 };
 
 struct extreme {
@@ -244,17 +243,6 @@ static void extreme_dark_lobes(struct extreme_scene *s, double scale_factor)
     extreme_opacity(s, -1);
 }
 
-/* Lobes that are no factors but stand free, more opaque than the Gaussian that they belong to. */
-static void extreme_free_lobes(struct extreme_scene *s, double logit)
-{
-    s->lobe_free = 1;
-    for (size_t i = 0; i < s->model.lobes; i++) {
-        s->model.plane[OXL_LOBE][i] = (float)logit;
-        for (int a = 1; a < 4; a++) s->model.plane[OXL_LOBE + a][i] = (float)(-1.5 + 0.3 * extreme_random(i, (size_t)a));
-    }
-    extreme_opacity(s, -2);
-}
-
 /* Bounds are about four times what was measured, so that another instruction set has room. 4e-3: a decision fell the other way. */
 static const struct extreme EXTREMES[] = {
     {"ordinary: 200 Gaussians, 64 x 48 px", extreme_nothing, 0, 200, 2, 60, 5e-6, 2e-5, 0},
@@ -291,35 +279,16 @@ static const struct extreme EXTREMES[] = {
     {"100 Gaussians in a row", extreme_in_a_row, 0.03, 100, 1, 0, 5e-6, 2e-5, 0},
     {"a million Gaussians on one tile", extreme_crowd, -5, 1000000, 0, 0, 4e-3, 5e-2, 1},
     {"DoG: lobes that darken, T grows", extreme_dark_lobes, 2, 60, 0, 60, 5e-6, 2e-5, 0},
-    {"DoG: o_p > o", extreme_free_lobes, 3, 60, 1, 60, 5e-6, 2e-5, 0},
 };
 
 /* ---------------------------------------------------------------- the two precisions */
 
-static void extreme_widen(const struct extreme_scene *s, struct reference *r)
+static void extreme_widen(const struct extreme_scene *s, struct wide *w)
 {
-    reference_create(r, s->model.count, s->model.sh_degree);
-    if (s->model.lobes) reference_lobes(r, s->model.lobes);
-    r->lens_f64     = reference_lens(&s->camera, s->near_plane);
-    r->in.lobe_free = s->lobe_free;
+    wide_create(w, &s->camera, s->model.count, s->model.lobes, s->model.sh_degree);
+    w->near_plane = s->near_plane;
     for (int k = 0; k < OXL_PLANES; k++)
-        for (size_t i = 0; s->model.plane[k] && i < (k < OXL_LOBE ? s->model.count : s->model.lobes); i++)
-            r->in.plane[k][i] = s->model.plane[k][i];
-}
-
-/* The float kernels as renderer_forward chains them, but for lobe_free. */
-static oxl_result extreme_draw(oxl_context *ctx, const struct extreme_scene *s, struct renderer *r)
-{
-    oxl_render_options options = oxl_render_options_default();
-    oxl_result         rc;
-    options.near_plane = s->near_plane;
-    rc                 = render_begin(ctx, r, &s->model, &s->camera, &options);
-    if (rc != OXL_OK) return rc;
-    r->in.lobe_free = (float)s->lobe_free;
-    render_project(ctx, r);
-    rc = bin_splats(ctx, &r->bins, s->camera.width, s->camera.height);
-    if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
-    return rc;
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) w->plane[k][i] = s->model.plane[k][i];
 }
 
 struct extreme_sums {
@@ -345,11 +314,11 @@ static struct extreme_error extreme_error(const struct extreme_sums *s, double f
     return (struct extreme_error){s->most_off / OXL_MAX(s->most, floor), s->off / OXL_MAX(s->all, floor), s->finite};
 }
 
-static struct extreme_error extreme_planes(const oxl_model *narrow, const struct reference *wide, int first, int end)
+static struct extreme_error extreme_planes(const oxl_model *narrow, const struct wide *wide, int first, int end)
 {
     struct extreme_sums sums = {.finite = 1};
     for (int k = first; k < end; k++)
-        extreme_compare(&sums, narrow->plane[k], wide->gradient.plane[k], k < OXL_LOBE ? narrow->count : narrow->lobes);
+        extreme_compare(&sums, narrow->plane[k], wide->gradient[k], k < OXL_LOBE ? narrow->count : narrow->lobes);
     return extreme_error(&sums, EXTREME_UNDERFLOW);
 }
 
@@ -357,21 +326,22 @@ static void extreme_measure(oxl_context *ctx, const struct extreme_scene *s, str
 {
     const size_t        values = 3 * (size_t)s->camera.width * (size_t)s->camera.height;
     struct extreme_sums image  = {.finite = 1};
-    struct reference    wide;
+    struct wide         wide;
     struct renderer    *narrow   = NULL;
+    oxl_render_options  options  = oxl_render_options_default();
     oxl_model           gradient = {0};
     float              *drgb     = oxl_alloc(ctx, values, sizeof *drgb);
-    double             *drgb_f64 = reference_array(values);
+    double             *drgb_f64 = wide_array(values);
+    options.near_plane           = s->near_plane;
     if (!drgb || renderer_create(ctx, &narrow) != OXL_OK || model_copy(ctx, &s->model, &gradient) != OXL_OK ||
-        extreme_draw(ctx, s, narrow) != OXL_OK)
+        renderer_forward(ctx, narrow, &s->model, &s->camera, &options) != OXL_OK)
         extreme_fail(oxl_error_text(ctx));
     for (size_t i = 0; i < values; i++) drgb_f64[i] = drgb[i] = (float)extreme_random(i, 99);
     for (int k = 0; k < OXL_PLANES; k++)
         if (gradient.plane[k]) memset(gradient.plane[k], 0, (k < OXL_LOBE ? gradient.count : gradient.lobes) * sizeof(float));
     if (renderer_backward(ctx, narrow, drgb, &gradient) != OXL_OK) extreme_fail(oxl_error_text(ctx));
     extreme_widen(s, &wide);
-    reference_forward(ctx, &wide);
-    reference_backward(&wide, drgb_f64);
+    kernels_backward(&wide, drgb_f64);
     extreme_compare(&image, narrow->rgb, wide.rgb, values);
     out->drawn                  = narrow->bins.visible_count;
     out->part[EXTREME_IMAGE]    = extreme_error(&image, EXTREME_UNDERFLOW);
@@ -381,7 +351,7 @@ static void extreme_measure(oxl_context *ctx, const struct extreme_scene *s, str
     out->part[EXTREME_OPACITY]  = extreme_planes(&gradient, &wide, OXL_OPACITY, OXL_SH);
     out->part[EXTREME_COLOUR]   = extreme_planes(&gradient, &wide, OXL_SH, oxl_model_planes(&s->model));
     out->part[EXTREME_LOBE]     = extreme_planes(&gradient, &wide, OXL_LOBE, OXL_PLANES);
-    reference_free(ctx, &wide);
+    wide_free(&wide);
     renderer_free(ctx, narrow);
     oxl_model_free(ctx, &gradient);
     oxl_free(ctx, drgb);

@@ -28,27 +28,22 @@ static void extreme_run_loss(oxl_context *ctx, const struct extreme_loss *e, dou
 {
     const size_t n = 3 * (size_t)e->width * (size_t)e->height;
     float       *x = oxl_alloc(ctx, n, sizeof *x), *y = oxl_alloc(ctx, n, sizeof *y), *dx = oxl_alloc(ctx, n, sizeof *dx);
-    double      *x_f64 = reference_array(n), *y_f64 = reference_array(n), *dx_f64 = reference_array(n);
-    const struct loss_job     job         = {e->width, e->height, 0.2f, x, y, NULL, dx};
-    const struct loss_job_f64 job_f64     = {e->width, e->height, 0.2, x_f64, y_f64, NULL, dx_f64};
-    struct loss_scratch       scratch     = {0};
-    struct loss_scratch_f64   scratch_f64 = {0};
-    struct loss_value         narrow;
-    struct loss_value_f64     wide;
-    struct extreme_sums       sums = {.finite = 1};
+    double      *x_f64 = wide_array(n), *y_f64 = wide_array(n), *dx_f64 = wide_array(n), exact;
+    const struct loss_job job     = {e->width, e->height, 0.2f, x, y, NULL, dx};
+    struct loss_scratch   scratch = {0};
+    struct loss_value     narrow;
+    struct extreme_sums   sums = {.finite = 1};
     if (!x || !y || !dx) extreme_fail("no memory");
     for (size_t i = 0; i < n; i++) {
         x_f64[i] = x[i] = (float)(e->x + e->ripple * extreme_random(i, 3));
         y_f64[i] = y[i] = (float)e->y;
     }
-    if (loss_forward_backward(ctx, &job, &scratch, &narrow) != OXL_OK ||
-        loss_forward_backward_f64(ctx, &job_f64, &scratch_f64, &wide) != OXL_OK)
-        extreme_fail(oxl_error_text(ctx));
+    if (loss_forward_backward(ctx, &job, &scratch, &narrow) != OXL_OK) extreme_fail(oxl_error_text(ctx));
+    exact = kernels_loss(e->width, e->height, 0.2, x_f64, y_f64, NULL, dx_f64).total;
     extreme_compare(&sums, dx, dx_f64, n);
     *gradient = extreme_error(&sums, 0.8 / (double)n); /* no less than the pull of L1 */
-    *value    = fabs(narrow.total - wide.total);
+    *value    = fabs(narrow.total - exact);
     loss_free(ctx, &scratch);
-    loss_free_f64(ctx, &scratch_f64);
     oxl_free(ctx, x), oxl_free(ctx, y), oxl_free(ctx, dx);
     free(x_f64), free(y_f64), free(dx_f64);
 }
@@ -75,7 +70,7 @@ static const struct extreme_adam EXTREME_ADAMS[] = {
 
 static struct extreme_error extreme_run_adam(oxl_context *ctx, const struct extreme_adam *e)
 {
-    uint16_t             all = 0xFFFF, all_f64 = 0xFFFF;
+    uint16_t             all                = 0xFFFF;
     const double         rate               = 1e-3;
     float                value[3][PACK]     = {{0}}, gradient[PACK];
     double               value_f64[3][PACK] = {{0}}, gradient_f64[PACK];
@@ -88,24 +83,15 @@ static struct extreme_error extreme_run_adam(oxl_context *ctx, const struct extr
                                                .first     = {value[1]},
                                                .second    = {value[2]},
                                                .gradient  = {gradient}};
-    struct adam_job_f64  job_f64            = {.end_pack  = 1,
-                                               .visible   = &all_f64,
-                                               .planes    = 1,
-                                               .beta1     = 0.9,
-                                               .beta2     = 0.999,
-                                               .parameter = {value_f64[0]},
-                                               .first     = {value_f64[1]},
-                                               .second    = {value_f64[2]},
-                                               .gradient  = {gradient_f64}};
     struct extreme_error error              = {0, 0, 1};
     for (int step = 1; step <= e->steps; step++) {
         const double first = 1 - vecmath_exp(step * vecmath_log(0.9)), second = 1 - vecmath_exp(step * vecmath_log(0.999));
         for (int l = 0; l < PACK; l++)
             gradient_f64[l] = gradient[l] = (float)(e->swings && step % 2 ? -e->gradient : e->gradient);
-        job_f64.rate[0] = rate / first, job.rate[0] = (float)job_f64.rate[0];
-        job_f64.inverse_correction = 1 / sqrt(second), job.inverse_correction = (float)job_f64.inverse_correction;
+        job.rate[0]            = (float)(rate / first);
+        job.inverse_correction = (float)(1 / sqrt(second));
         adam_step(ctx->isa, &job);
-        adam_step_f64(ISA_BASE, &job_f64);
+        kernels_adam(value_f64[0], gradient_f64, rate, step, value_f64[1], value_f64[2]);
     }
     for (int l = 0; l < PACK; l++) {
         const double off = fabs(value[0][l] - value_f64[0][l]) / (rate * e->steps);

@@ -1,5 +1,4 @@
 /* test_adam.c - the optimiser against Kingma & Ba's formulas in double. */
-#include "reference.c"
 
 enum { ADAM_ROWS = 2 * PACK };
 

@@ -1,5 +1,5 @@
-/* test_gradient.c - the analytic gradient against finite differences in double, and float against double. */
-#include "reference.c"
+/* test_gradient.c - the kernels' gradient against finite differences, from their source in double, and float against double. */
+#include "wide.h"
 
 enum { GRADIENT_WIDTH = 14, GRADIENT_HEIGHT = 11 };
 
@@ -18,21 +18,20 @@ static oxl_camera gradient_camera(int width, int height, double focal)
 
 /* Wide soft Gaussians: every pixel lies well inside every contour, below the clamp and far from the end of its light, so the image is
  * smooth in every parameter. Colours stay above 0. */
-static void gradient_smooth_scene(struct reference *r, int count, int degree)
+static void gradient_smooth_scene(struct wide *r, int count, int lobes, int degree)
 {
     const oxl_camera camera = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
-    reference_create(r, (size_t)count, degree);
-    r->lens_f64 = reference_lens(&camera, 0.2);
+    wide_create(r, &camera, (size_t)count, (size_t)lobes, degree);
     for (int c = 0; c < 3; c++) r->background[c] = 0.2 + 0.2 * c;
     for (int i = 0; i < count; i++)
         for (int k = 0; k < OXL_SH + 3 * (degree + 1) * (degree + 1); k++) {
-            const double u    = gradient_random(5, (uint64_t)(i * OXL_LOBE + k), -1, 1);
-            r->in.plane[k][i] = k < OXL_LOG_SCALE  ? 0.3 * u
-                                : k < OXL_ROTATION ? 0.5 + 0.3 * u
-                                : k < OXL_OPACITY  ? u + (k == OXL_ROTATION)
-                                : k < OXL_SH       ? -1 + 0.5 * u
-                                : k < OXL_SH + 3   ? 0.5 + 0.5 * u
-                                                   : 0.1 * u;
+            const double u = gradient_random(5, (uint64_t)(i * OXL_LOBE + k), -1, 1);
+            r->plane[k][i] = k < OXL_LOG_SCALE  ? 0.3 * u
+                             : k < OXL_ROTATION ? 0.5 + 0.3 * u
+                             : k < OXL_OPACITY  ? u + (k == OXL_ROTATION)
+                             : k < OXL_SH       ? -1 + 0.5 * u
+                             : k < OXL_SH + 3   ? 0.5 + 0.5 * u
+                                                : 0.1 * u;
         }
 }
 
@@ -41,162 +40,160 @@ static double gradient_weight(size_t i)
     return gradient_random(6, i, -1, 1);
 }
 
-static double gradient_loss(oxl_context *ctx, struct reference *r)
+static double gradient_loss(struct wide *r)
 {
     double sum = 0;
-    reference_forward(ctx, r);
-    for (size_t i = 0; i < 3 * (size_t)r->lens_f64.width * (size_t)r->lens_f64.height; i++) sum += gradient_weight(i) * r->rgb[i];
+    kernels_forward(r);
+    for (size_t i = 0; i < 3 * (size_t)r->camera.width * (size_t)r->camera.height; i++) sum += gradient_weight(i) * r->rgb[i];
     return sum;
 }
 
-static void gradient_analytic(oxl_context *ctx, struct reference *r)
+static void gradient_analytic(struct wide *r)
 {
-    const size_t values = 3 * (size_t)r->lens_f64.width * (size_t)r->lens_f64.height;
-    double      *drgb   = reference_array(values);
+    const size_t values = 3 * (size_t)r->camera.width * (size_t)r->camera.height;
+    double      *drgb   = wide_array(values);
     for (size_t i = 0; i < values; i++) drgb[i] = gradient_weight(i);
-    gradient_loss(ctx, r);
-    reference_backward(r, drgb);
+    gradient_loss(r);
+    kernels_backward(r, drgb);
     free(drgb);
 }
 
 /* Worst |finite - analytic| / largest |analytic| of the planes first..end-1, central differences of fourth order. */
-static double gradient_worst(oxl_context *ctx, struct reference *r, int first, int end)
+static double gradient_worst(struct wide *r, int first, int end)
 {
     const double h     = 1e-3;
     double       worst = 0, scale = 0;
     for (int k = first; k < end; k++)
-        for (size_t i = 0; i < r->in.count; i++) {
-            double *x = &r->in.plane[k][i], was = *x, f[4];
+        for (size_t i = 0; i < r->count; i++) {
+            double *x = &r->plane[k][i], was = *x, f[4];
             for (int n = 0; n < 4; n++) {
                 *x   = was + h * (n < 2 ? n - 2 : n - 1);
-                f[n] = gradient_loss(ctx, r);
+                f[n] = gradient_loss(r);
             }
             *x    = was;
-            worst = OXL_MAX(worst, fabs((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h) - r->gradient.plane[k][i]));
-            scale = OXL_MAX(scale, fabs(r->gradient.plane[k][i]));
+            worst = OXL_MAX(worst, fabs((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h) - r->gradient[k][i]));
+            scale = OXL_MAX(scale, fabs(r->gradient[k][i]));
         }
     return worst / scale;
 }
 
 TEST(gradient_agrees_with_finite_differences_for_every_parameter_type)
 {
-    struct reference r;
-    gradient_smooth_scene(&r, 6, 3);
-    gradient_analytic(test_ctx, &r);
-    CHECK(r.bins_f64.visible_count == 6);
-    CHECK(gradient_worst(test_ctx, &r, OXL_MEAN, OXL_LOG_SCALE) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_ROTATION, OXL_OPACITY) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_OPACITY, OXL_SH) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_SH, OXL_SH + 3) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_SH + 3, OXL_LOBE) < 1e-8);
-    reference_free(test_ctx, &r);
+    struct wide r;
+    gradient_smooth_scene(&r, 6, 0, 3);
+    gradient_analytic(&r);
+    CHECK(kernels_forward(&r) == 6);
+    CHECK(gradient_worst(&r, OXL_MEAN, OXL_LOG_SCALE) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_ROTATION, OXL_OPACITY) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_OPACITY, OXL_SH) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_SH, OXL_SH + 3) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_SH + 3, OXL_LOBE) < 1e-8);
+    wide_free(&r);
 }
 
 TEST(gradient_is_exact_where_the_frustum_clamp_holds)
 {
-    struct reference r;
-    gradient_smooth_scene(&r, 4, 1);
-    r.lens_f64.limit_x = 0.02, r.lens_f64.limit_y = 0.03; /* all of them lie outside */
-    gradient_analytic(test_ctx, &r);
-    CHECK(gradient_worst(test_ctx, &r, OXL_MEAN, OXL_SH) < 1e-8);
-    reference_free(test_ctx, &r);
+    struct wide r;
+    gradient_smooth_scene(&r, 4, 0, 1);
+    r.camera.fx = r.camera.fy = 600; /* all of them lie outside */
+    gradient_analytic(&r);
+    CHECK(gradient_worst(&r, OXL_MEAN, OXL_SH) < 1e-8);
+    wide_free(&r);
 }
 
 TEST(gradient_stops_at_the_opacity_clamp_and_at_black)
 {
-    struct reference r;
-    gradient_smooth_scene(&r, 1, 0);
-    r.in.plane[OXL_OPACITY][0] = 12; /* alpha is 0.99 near the centre */
-    for (int a = 0; a < 3; a++) r.in.plane[OXL_LOG_SCALE + a][0] = 5, r.in.plane[OXL_SH + a][0] = a == 1 ? -9 : 1;
-    gradient_analytic(test_ctx, &r);
-    CHECK(r.gradient.plane[OXL_OPACITY][0] == 0);
-    CHECK(r.gradient.plane[OXL_MEAN][0] == 0);
-    CHECK(r.gradient.plane[OXL_SH + 1][0] == 0);
-    CHECK(r.gradient.plane[OXL_SH][0] != 0);
-    reference_free(test_ctx, &r);
+    struct wide r;
+    gradient_smooth_scene(&r, 1, 0, 0);
+    r.plane[OXL_OPACITY][0] = 12; /* alpha is 0.99 near the centre */
+    for (int a = 0; a < 3; a++) r.plane[OXL_LOG_SCALE + a][0] = 5, r.plane[OXL_SH + a][0] = a == 1 ? -9 : 1;
+    gradient_analytic(&r);
+    CHECK(r.gradient[OXL_OPACITY][0] == 0);
+    CHECK(r.gradient[OXL_MEAN][0] == 0);
+    CHECK(r.gradient[OXL_SH + 1][0] == 0);
+    CHECK(r.gradient[OXL_SH][0] != 0);
+    wide_free(&r);
 }
 
 /* The smooth scene with second lobes of about a third of the opacity, wider or narrower along each axis; alpha stays positive. */
-static void gradient_lobed_scene(struct reference *r, int count, int lobes, int degree)
+static void gradient_lobed_scene(struct wide *r, int count, int lobes, int degree)
 {
-    gradient_smooth_scene(r, count, degree);
-    reference_lobes(r, (size_t)lobes);
+    gradient_smooth_scene(r, count, lobes, degree);
     for (int i = 0; i < lobes; i++)
         for (int k = OXL_LOBE; k < OXL_PLANES; k++)
-            r->in.plane[k][i] = (k == OXL_LOBE ? -1 : 0) + gradient_random(7, (uint64_t)(i * 4 + k), -0.3, 0.3);
+            r->plane[k][i] = (k == OXL_LOBE ? -1 : 0) + gradient_random(7, (uint64_t)(i * 4 + k), -0.3, 0.3);
 }
 
 TEST(gradient_of_lobes_agrees_with_finite_differences_for_every_parameter_type)
 {
-    struct reference r;
+    struct wide r;
     gradient_lobed_scene(&r, 6, 4, 1);
-    gradient_analytic(test_ctx, &r);
-    CHECK(r.bins_f64.visible_count == 6);
-    CHECK(gradient_worst(test_ctx, &r, OXL_MEAN, OXL_LOG_SCALE) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_ROTATION, OXL_OPACITY) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_OPACITY, OXL_SH) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_SH, OXL_SH + 12) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_LOBE, OXL_LOBE + 1) < 1e-8);
-    CHECK(gradient_worst(test_ctx, &r, OXL_LOBE + 1, OXL_PLANES) < 1e-8);
-    for (int k = OXL_LOBE; k < OXL_PLANES; k++) CHECK(r.gradient.plane[k][4] == 0 && r.gradient.plane[k][5] == 0);
-    reference_free(test_ctx, &r);
+    gradient_analytic(&r);
+    CHECK(kernels_forward(&r) == 6);
+    CHECK(gradient_worst(&r, OXL_MEAN, OXL_LOG_SCALE) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_ROTATION, OXL_OPACITY) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_OPACITY, OXL_SH) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_SH, OXL_SH + 12) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_LOBE, OXL_LOBE + 1) < 1e-8);
+    CHECK(gradient_worst(&r, OXL_LOBE + 1, OXL_PLANES) < 1e-8);
+    for (int k = OXL_LOBE; k < OXL_PLANES; k++) CHECK(r.gradient[k][4] == 0 && r.gradient[k][5] == 0);
+    wide_free(&r);
 }
 
 /* Narrow Gaussians beside the picture, with second lobes that reach over all of it: alpha is negative in every pixel, T grows. */
 TEST(gradient_is_exact_where_alpha_is_negative)
 {
-    struct reference r;
-    double           least = 1e9;
+    struct wide r;
+    double      least = 1e9;
     gradient_lobed_scene(&r, 5, 3, 0);
     for (int i = 0; i < 3; i++) {
-        r.in.plane[OXL_MEAN][i]    = 4 + 0.1 * i;
-        r.in.plane[OXL_OPACITY][i] = 1;
-        r.in.plane[OXL_LOBE][i]    = 2;
-        for (int a = 0; a < 3; a++) r.in.plane[OXL_LOG_SCALE + a][i] = -2, r.in.plane[OXL_LOBE + 1 + a][i] = 3.3 + 0.1 * a;
+        r.plane[OXL_MEAN][i]    = 4 + 0.1 * i;
+        r.plane[OXL_OPACITY][i] = 1;
+        r.plane[OXL_LOBE][i]    = 2;
+        for (int a = 0; a < 3; a++) r.plane[OXL_LOG_SCALE + a][i] = -2, r.plane[OXL_LOBE + 1 + a][i] = 3.3 + 0.1 * a;
     }
-    for (int i = 3; i < 5; i++) r.in.plane[OXL_OPACITY][i] = -3; /* so that the negative ones show */
-    gradient_analytic(test_ctx, &r);
+    for (int i = 3; i < 5; i++) r.plane[OXL_OPACITY][i] = -3; /* so that the negative ones show */
+    gradient_analytic(&r);
     for (int i = 0; i < GRADIENT_WIDTH * GRADIENT_HEIGHT; i++) least = OXL_MIN(least, r.transmittance[i]);
-    CHECK(r.bins_f64.visible_count == 5 && least > 1);
-    CHECK(gradient_worst(test_ctx, &r, OXL_MEAN, OXL_LOG_SCALE) < 1e-6);
-    CHECK(gradient_worst(test_ctx, &r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-6);
-    CHECK(gradient_worst(test_ctx, &r, OXL_OPACITY, OXL_SH) < 1e-6);
-    CHECK(gradient_worst(test_ctx, &r, OXL_SH, OXL_SH + 3) < 1e-6);
-    CHECK(gradient_worst(test_ctx, &r, OXL_LOBE, OXL_LOBE + 1) < 1e-6);
-    CHECK(gradient_worst(test_ctx, &r, OXL_LOBE + 1, OXL_PLANES) < 1e-6);
-    reference_free(test_ctx, &r);
+    CHECK(kernels_forward(&r) == 5 && least > 1);
+    CHECK(gradient_worst(&r, OXL_MEAN, OXL_LOG_SCALE) < 1e-6);
+    CHECK(gradient_worst(&r, OXL_LOG_SCALE, OXL_ROTATION) < 1e-6);
+    CHECK(gradient_worst(&r, OXL_OPACITY, OXL_SH) < 1e-6);
+    CHECK(gradient_worst(&r, OXL_SH, OXL_SH + 3) < 1e-6);
+    CHECK(gradient_worst(&r, OXL_LOBE, OXL_LOBE + 1) < 1e-6);
+    CHECK(gradient_worst(&r, OXL_LOBE + 1, OXL_PLANES) < 1e-6);
+    wide_free(&r);
 }
 
 /* ---------------------------------------------------------------- float against double */
 
 /* 300 ordinary Gaussians of all shapes on 70 x 50 pixels: many contours cut through many pixels. */
-static void gradient_ordinary_scene(struct reference *r, int count, int degree)
+static void gradient_ordinary_scene(struct wide *r, int count, int degree)
 {
     const oxl_camera camera = gradient_camera(70, 50, 60);
-    reference_create(r, (size_t)count, degree);
-    r->lens_f64 = reference_lens(&camera, 0.2);
+    wide_create(r, &camera, (size_t)count, 0, degree);
     for (int i = 0; i < count; i++)
         for (int k = 0; k < OXL_SH + 3 * (degree + 1) * (degree + 1); k++) {
-            const double u    = gradient_random(15, (uint64_t)(i * OXL_LOBE + k), -1, 1);
-            r->in.plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 1.5 * u
-                                        : k < OXL_ROTATION ? -2.5 + u
-                                        : k < OXL_OPACITY  ? u
-                                        : k < OXL_SH       ? 2 * u
-                                        : k < OXL_SH + 3   ? u
-                                                           : 0.3 * u);
+            const double u = gradient_random(15, (uint64_t)(i * OXL_LOBE + k), -1, 1);
+            r->plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 1.5 * u
+                                     : k < OXL_ROTATION ? -2.5 + u
+                                     : k < OXL_OPACITY  ? u
+                                     : k < OXL_SH       ? 2 * u
+                                     : k < OXL_SH + 3   ? u
+                                                        : 0.3 * u);
         }
 }
 
-static void gradient_to_model(const struct reference *r, oxl_model *m)
+static void gradient_to_model(const struct wide *r, oxl_model *m)
 {
-    CHECK_OK(oxl_model_create(test_ctx, r->in.count, r->in.sh_degree, m));
+    CHECK_OK(oxl_model_create(test_ctx, r->count, r->sh_degree, m));
     for (int k = 0; k < oxl_model_planes(m); k++)
-        for (size_t i = 0; i < m->count; i++) m->plane[k][i] = (float)r->in.plane[k][i];
-    CHECK_OK(model_set_lobes(test_ctx, m, r->in.lobes));
+        for (size_t i = 0; i < m->count; i++) m->plane[k][i] = (float)r->plane[k][i];
+    CHECK_OK(model_set_lobes(test_ctx, m, r->lobes));
     for (int k = OXL_LOBE; k < OXL_PLANES; k++)
-        for (size_t i = 0; i < m->lobes; i++) m->plane[k][i] = (float)r->in.plane[k][i];
+        for (size_t i = 0; i < m->lobes; i++) m->plane[k][i] = (float)r->plane[k][i];
 }
 
 /* A decision (alpha >= 1/255, T >= 1e-4) that falls the other way in float changes a pixel by up to 1/255; everything else differs by
@@ -204,12 +201,12 @@ static void gradient_to_model(const struct reference *r, oxl_model *m)
 TEST(float_image_agrees_with_double_but_for_rounding)
 {
     const oxl_camera camera = gradient_camera(70, 50, 60);
-    struct reference r;
+    struct wide      r;
     oxl_model        m;
     oxl_image        image;
     int              off = 0;
     gradient_ordinary_scene(&r, 300, 2);
-    reference_forward(test_ctx, &r);
+    kernels_forward(&r);
     gradient_to_model(&r, &m);
     CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &image, NULL));
     for (int i = 0; i < 3 * 70 * 50; i++) {
@@ -220,18 +217,18 @@ TEST(float_image_agrees_with_double_but_for_rounding)
     CHECK(off <= 3 * 70 * 50 / 500);
     oxl_image_free(test_ctx, &image);
     oxl_model_free(test_ctx, &m);
-    reference_free(test_ctx, &r);
+    wide_free(&r);
 }
 
 TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
 {
     const oxl_camera   camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     oxl_render_options options = oxl_render_options_default();
-    struct reference   r;
+    struct wide        r;
     oxl_model          m, gradient;
     float              drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     gradient_lobed_scene(&r, 40, 19, 3);
-    gradient_analytic(test_ctx, &r);
+    gradient_analytic(&r);
     gradient_to_model(&r, &m);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
     for (int c = 0; c < 3; c++) options.background[c] = (float)r.background[c];
@@ -239,14 +236,14 @@ TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
     for (int k = 0; k < OXL_PLANES; k++) {
         double worst = 0, scale = 1e-30;
         for (size_t i = 0; i < (k < OXL_LOBE ? m.count : m.lobes); i++) {
-            worst = OXL_MAX(worst, fabs(gradient.plane[k][i] - r.gradient.plane[k][i]));
-            scale = OXL_MAX(scale, fabs(r.gradient.plane[k][i]));
+            worst = OXL_MAX(worst, fabs(gradient.plane[k][i] - r.gradient[k][i]));
+            scale = OXL_MAX(scale, fabs(r.gradient[k][i]));
         }
         CHECK_CLOSE(worst / scale, 0, 1e-4);
     }
     oxl_model_free(test_ctx, &m);
     oxl_model_free(test_ctx, &gradient);
-    reference_free(test_ctx, &r);
+    wide_free(&r);
 }
 
 TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
@@ -255,12 +252,12 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     oxl_render_options    options = oxl_render_options_default();
     float                 drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
     struct renderer_pace  pace = {.beta = RENDERER_BETAS, .step = 1};
-    struct reference      r;
+    struct wide           r;
     struct renderer      *renderer;
     oxl_model             m, first, second, gradient, old;
     struct renderer_aside aside;
     gradient_lobed_scene(&r, 40, 19, 0);
-    r.in.plane[OXL_MEAN + 2][3] = -50; /* out of sight */
+    r.plane[OXL_MEAN + 2][3] = -50; /* out of sight */
     gradient_to_model(&r, &m);
     gradient_to_model(&r, &old);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
@@ -288,5 +285,5 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     oxl_model_free(test_ctx, &first);
     oxl_model_free(test_ctx, &second);
     oxl_model_free(test_ctx, &gradient);
-    reference_free(test_ctx, &r);
+    wide_free(&r);
 }

@@ -1,277 +1,225 @@
-/* test_raster.c - binning and compositing against a loop over all pixels and splats; the same bytes whatever runs it. */
-#include "reference.c"
+/* test_raster.c - binning and compositing against reference/splat.c, which has no tiles; the same bytes whatever runs it.
+ *
+ * The kernels run from their source in double where each pixel must agree (wide.h), in float for the rest.
+ */
+#include "wide.h"
 
-/* Gaussians of every size, shape and faintness, many of them half or wholly out of the picture. */
-static void raster_scene(struct reference *r, int count, int width, int height)
+/* Gaussians of every size, shape and faintness, many of them half or wholly out of the image. Rows 0..lobes-1 get second lobes of every
+ * kind, up to four times as wide. */
+static void raster_scene(struct wide *w, int count, int lobes, int width, int height)
 {
-    oxl_camera camera = {.width       = width,
-                         .height      = height,
-                         .fx          = 50,
-                         .fy          = 50,
-                         .cx          = width / 2.0,
-                         .cy          = height / 2.0,
-                         .rotation    = {1, 0, 0, 0, 1, 0, 0, 0, 1},
-                         .translation = {0, 0, 4}};
-    reference_create(r, (size_t)count, 0);
-    r->lens_f64 = reference_lens(&camera, 0.2);
+    const oxl_camera camera = {width, height, 50, 50, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
+    wide_create(w, &camera, (size_t)count, (size_t)lobes, 0);
     for (int i = 0; i < count; i++)
         for (int k = 0; k < OXL_SH + 3; k++) {
-            const double u    = 2 * random_unit(random_bits(25, (uint64_t)i, (uint64_t)k)) - 1;
-            r->in.plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 4 * u
-                                        : k < OXL_ROTATION ? -3 + 3 * u
-                                        : k < OXL_OPACITY  ? u
-                                        : k < OXL_SH       ? 6 * u
-                                                           : u);
+            const double u = 2 * random_unit(random_bits(25, (uint64_t)i, (uint64_t)k)) - 1;
+            w->plane[k][i] = (float)(k < OXL_LOG_SCALE  ? 4 * u
+                                     : k < OXL_ROTATION ? -3 + 3 * u
+                                     : k < OXL_OPACITY  ? u
+                                     : k < OXL_SH       ? 6 * u
+                                                        : u);
         }
-}
-
-/* The same; rows 0..lobes-1 get second lobes of every kind, up to four times as wide. */
-static void raster_lobed_scene(struct reference *r, int count, int lobes, int width, int height)
-{
-    raster_scene(r, count, width, height);
-    reference_lobes(r, (size_t)lobes);
     for (int i = 0; i < lobes; i++)
         for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
-            const double u    = 2 * random_unit(random_bits(26, (uint64_t)i, (uint64_t)k)) - 1;
-            r->in.plane[k][i] = (float)(k == OXL_LOBE ? 4 * u : 0.4 + u);
+            const double u = 2 * random_unit(random_bits(26, (uint64_t)i, (uint64_t)k)) - 1;
+            w->plane[k][i] = (float)(k == OXL_LOBE ? 4 * u : 0.4 + u);
         }
 }
 
-/* What the second lobe takes from a row at a pixel. */
-static double raster_second(const struct reference *r, uint32_t row, double x, double y)
+/* The largest difference between what the kernels draw and what splat.c does; w has what the kernels drew. */
+static double raster_difference(struct wide *w)
 {
-    const struct splat_f64 *s  = &r->splat_f64[row];
-    const struct lobe_f64  *o  = row < r->in.lobes ? &r->lobe_f64[row] : NULL;
-    const double            dy = y - s->v, w = o ? x - s->u + o->k * dy : 0;
-    return o ? OXL_MIN(0.99, exp2(o->peak - o->a * w * w - o->e * dy * dy)) : 0;
+    const int pixels = w->camera.width * w->camera.height;
+    double   *plain = wide_array(3 * (size_t)pixels), worst = 0;
+    splat_forward(w);
+    memcpy(plain, w->rgb, 3 * (size_t)pixels * sizeof *plain);
+    kernels_forward(w);
+    for (int i = 0; i < 3 * pixels; i++) worst = fabs(w->rgb[i] - plain[i]) <= worst ? worst : fabs(w->rgb[i] - plain[i]);
+    free(plain);
+    return worst;
 }
 
-/* What a pixel gets, plainly. */
-static double raster_plain(const struct reference *r, int channel, double x, double y)
+static void raster_to_model(const struct wide *w, oxl_model *m)
 {
-    double t = 1, colour = 0;
-    for (size_t n = 0; n < r->bins_f64.visible_count; n++) {
-        const uint32_t          row = r->bins_f64.order[n];
-        const struct splat_f64 *s   = &r->splat_f64[row];
-        const double            dy = y - s->v, w = x - s->u + s->k * dy, exponent = s->peak - s->a * w * w - s->e * dy * dy;
-        const double            alpha = OXL_MIN(0.99, exp2(exponent)) - raster_second(r, row, x, y);
-        if (fabs(alpha) < r->bins_f64.alpha_min || (alpha < 0 && t >= 16)) continue;
-        if (t * (1 - alpha) < 1e-4) break;
-        colour += s->colour[channel] * alpha * t;
-        t *= 1 - alpha;
-    }
-    return colour;
+    CHECK_OK(oxl_model_create(test_ctx, w->count, 0, m));
+    CHECK_OK(model_set_lobes(test_ctx, m, w->lobes));
+    for (int k = 0; k < OXL_PLANES; k++)
+        for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) m->plane[k][i] = (float)w->plane[k][i];
+}
+
+/* The view as the float kernels have it when they have drawn it; the caller frees it. */
+static struct renderer *raster_draw(const struct wide *w)
+{
+    const oxl_render_options options = oxl_render_options_default();
+    struct renderer         *r;
+    oxl_model                m;
+    raster_to_model(w, &m);
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(renderer_forward(test_ctx, r, &m, &w->camera, &options));
+    oxl_model_free(test_ctx, &m);
+    return r;
 }
 
 TEST(binning_loses_no_pixel_of_any_splat)
 {
-    struct reference r;
-    raster_scene(&r, 600, 61, 47);
-    reference_forward(test_ctx, &r);
-    CHECK(r.bins_f64.visible_count > 100);
-    for (int y = 0; y < 47; y++)
-        for (int x = 0; x < 61; x++) CHECK_CLOSE(r.rgb[y * 61 + x], raster_plain(&r, 0, x + 0.5, y + 0.5), 1e-12);
-    reference_free(test_ctx, &r);
+    struct wide w;
+    raster_scene(&w, 600, 0, 61, 47);
+    CHECK(kernels_forward(&w) > 100);
+    CHECK_CLOSE(raster_difference(&w), 0, 1e-11);
+    wide_free(&w);
 }
 
 /* Pixel centres of a row of blocks may lie to both sides of the contour's tip: then a block holds no pixel that is lit. Few do. */
 TEST(binning_lists_few_blocks_that_no_pixel_needs)
 {
-    struct reference r;
+    struct wide      w;
+    struct renderer *r;
     int              listed = 0, lit = 0;
-    raster_scene(&r, 600, 160, 128);
-    reference_forward(test_ctx, &r);
-    for (int tile = 0; tile < r.bins_f64.tiles_x * r.bins_f64.tiles_y; tile++)
-        for (uint32_t i = r.bins_f64.tile_start[tile]; i < r.bins_f64.tile_start[tile + 1]; i++) {
-            const struct splat_f64 *s = &r.splat_f64[r.bins_f64.pair_f64[i].splat_f64];
+    raster_scene(&w, 600, 0, 160, 128);
+    r = raster_draw(&w);
+    for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++)
+        for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++) {
+            const struct splat *s = &r->splat[r->bins.pair[i].splat];
             for (int block = 0; block < TILE_BLOCKS; block++) {
                 int any = 0;
-                if (!(r.bins_f64.pair_f64[i].blocks >> block & 1)) continue;
+                if (!(r->bins.pair[i].blocks >> block & 1)) continue;
                 for (int l = 0; l < PACK; l++) {
-                    const double x  = tile % r.bins_f64.tiles_x * TILE + block % 4 * 4 + l % 4 + 0.5;
-                    const double y  = tile / r.bins_f64.tiles_x * TILE + block / 4 * 4 + l / 4 + 0.5;
-                    const double dy = y - s->v, w = x - s->u + s->k * dy;
-                    any |= s->peak - s->a * w * w - s->e * dy * dy >= -log2(255);
+                    const double x  = tile % r->bins.tiles_x * TILE + block % 4 * 4 + l % 4 + 0.5;
+                    const double y  = tile / r->bins.tiles_x * TILE + block / 4 * 4 + l / 4 + 0.5;
+                    const double dy = y - s->v, dx = x - s->u + s->k * dy;
+                    any |= s->peak - s->a * dx * dx - s->e * dy * dy >= -log2(255);
                 }
                 listed++, lit += any;
             }
         }
     CHECK(lit > 10000);
     CHECK(listed < 1.01 * lit);
-    reference_free(test_ctx, &r);
+    renderer_free(test_ctx, r);
+    wide_free(&w);
 }
 
 TEST(binning_loses_no_pixel_of_either_lobe)
 {
-    struct reference r;
+    struct wide      w;
+    struct renderer *r;
     int              alone = 0;
-    raster_lobed_scene(&r, 600, 350, 61, 47);
+    raster_scene(&w, 600, 350, 61, 47);
     for (int i = 0; i < 40; i++)
-        r.in.plane[OXL_OPACITY][i] = -5.6; /* o < 1/255: only its second lobe could show, and that is fainter */
+        w.plane[OXL_OPACITY][i] = -5.6; /* o < 1/255: only its second lobe could show, and that is fainter */
     for (int i = 40; i < 80; i++)
-        for (int a = 0; a < 3; a++)
-            r.in.plane[OXL_LOG_SCALE + a][i] = -6, r.in.plane[OXL_LOBE + 1 + a][i] = 5; /* a dot in a disc */
-    reference_forward(test_ctx, &r);
-    for (size_t i = 0; i < 350; i++)
-        alone += (r.visible[i / PACK] >> i % PACK & 1) && r.lobe_f64[i].half_x > 3 * r.lobe_f64[i].main_x;
-    CHECK(r.bins_f64.visible_count > 100 && alone > 10);
-    for (int y = 0; y < 47; y++)
-        for (int x = 0; x < 61; x++)
-            for (int c = 0; c < 3; c++)
-                CHECK_CLOSE(r.rgb[c * 61 * 47 + y * 61 + x], raster_plain(&r, c, x + 0.5, y + 0.5), 1e-11);
-    reference_free(test_ctx, &r);
-}
-
-static void raster_ask_for(struct reference *r, double alpha_min)
-{
-    r->lens_f64.alpha_min = r->bins_f64.alpha_min = alpha_min;
-    r->lens_f64.cut = r->bins_f64.cut = -log2(alpha_min);
+        for (int a = 0; a < 3; a++) w.plane[OXL_LOG_SCALE + a][i] = -6, w.plane[OXL_LOBE + 1 + a][i] = 5; /* a dot in a disc */
+    r = raster_draw(&w);
+    for (size_t i = 0; i < 350; i++) alone += renderer_saw(r, i) && r->lobe[i].half_x > 3 * r->lobe[i].main_x;
+    CHECK(kernels_forward(&w) > 100 && alone > 10);
+    CHECK_CLOSE(raster_difference(&w), 0, 1e-10);
+    renderer_free(test_ctx, r);
+    wide_free(&w);
 }
 
 TEST(binning_and_raster_leave_out_exactly_what_is_fainter_than_asked)
 {
     for (int lobes = 0; lobes <= 350; lobes += 350) {
-        struct reference r, usual;
-        double           difference = 0;
-        raster_lobed_scene(&r, 600, lobes, 61, 47);
-        raster_lobed_scene(&usual, 600, lobes, 61, 47);
-        raster_ask_for(&r, 0.05);
-        reference_forward(test_ctx, &r);
-        reference_forward(test_ctx, &usual);
-        CHECK(r.bins_f64.pair_count < 0.9 * usual.bins_f64.pair_count);
-        for (int y = 0; y < 47; y++)
-            for (int x = 0; x < 61; x++) {
-                CHECK_CLOSE(r.rgb[y * 61 + x], raster_plain(&r, 0, x + 0.5, y + 0.5), 1e-11);
-                difference += fabs(r.rgb[y * 61 + x] - usual.rgb[y * 61 + x]) / (61 * 47);
-            }
+        struct wide w, usual;
+        double      difference = 0;
+        raster_scene(&w, 600, lobes, 61, 47);
+        raster_scene(&usual, 600, lobes, 61, 47);
+        w.alpha_min = 0.05;
+        CHECK(kernels_forward(&w) < kernels_forward(&usual));
+        CHECK_CLOSE(raster_difference(&w), 0, 1e-10);
+        for (int i = 0; i < 61 * 47; i++) difference += fabs(w.rgb[i] - usual.rgb[i]) / (61 * 47);
         CHECK(difference > 1e-3);
-        reference_free(test_ctx, &r);
-        reference_free(test_ctx, &usual);
+        wide_free(&w);
+        wide_free(&usual);
     }
 }
 
 TEST(negative_alpha_lets_no_pixel_grow_past_32)
 {
-    struct reference r;
-    double           most = 0;
-    raster_lobed_scene(&r, 64, 64, 40, 40);
+    struct wide w;
+    double      most = 0;
+    raster_scene(&w, 64, 64, 40, 40);
     for (int i = 0; i < 64; i++) {
-        r.in.plane[OXL_MEAN][i] = r.in.plane[OXL_MEAN + 1][i] = 0;
-        r.in.plane[OXL_OPACITY][i] = 8, r.in.plane[OXL_LOBE][i] = 8;
-        for (int a = 0; a < 3; a++) r.in.plane[OXL_LOG_SCALE + a][i] = -2, r.in.plane[OXL_LOBE + 1 + a][i] = 1.5;
+        w.plane[OXL_MEAN][i] = w.plane[OXL_MEAN + 1][i] = 0;
+        w.plane[OXL_OPACITY][i] = 8, w.plane[OXL_LOBE][i] = 8;
+        for (int a = 0; a < 3; a++) w.plane[OXL_LOG_SCALE + a][i] = -2, w.plane[OXL_LOBE + 1 + a][i] = 1.5;
     }
-    reference_forward(test_ctx, &r);
-    for (int i = 0; i < 1600; i++) most = OXL_MAX(most, r.transmittance[i]);
+    CHECK_CLOSE(raster_difference(&w), 0, 1e-9);
+    for (int i = 0; i < 1600; i++) most = OXL_MAX(most, w.transmittance[i]);
     CHECK(most >= 16 && most < 32);
-    for (int i = 0; i < 1600; i++) CHECK_CLOSE(r.rgb[i], raster_plain(&r, 0, i % 40 + 0.5, i / 40 + 0.5), 1e-10);
-    reference_free(test_ctx, &r);
+    wide_free(&w);
 }
 
 /* Four plain splats end the pixels in the middle; in the same batch alpha is negative behind them. */
 TEST(pixel_that_has_ended_does_not_come_back_where_alpha_is_negative)
 {
-    struct reference r;
-    raster_lobed_scene(&r, 16, 12, 40, 40);
+    struct wide w;
+    raster_scene(&w, 16, 12, 40, 40);
     for (int i = 0; i < 16; i++) {
-        const int lobed         = i < 12;
-        r.in.plane[OXL_MEAN][i] = r.in.plane[OXL_MEAN + 1][i] = 0, r.in.plane[OXL_MEAN + 2][i] = lobed ? 1 : -1;
-        r.in.plane[OXL_OPACITY][i] = (float)(lobed ? 8 : 3 + 0.01 * i); /* no T falls on 1e-4 itself */
-        if (lobed) r.in.plane[OXL_LOBE][i] = 8;
-        for (int a = 0; a < 3; a++) r.in.plane[OXL_LOG_SCALE + a][i] = lobed ? -2 : -1;
-        for (int a = 0; lobed && a < 3; a++) r.in.plane[OXL_LOBE + 1 + a][i] = 1.5;
+        const int lobed      = i < 12;
+        w.plane[OXL_MEAN][i] = w.plane[OXL_MEAN + 1][i] = 0, w.plane[OXL_MEAN + 2][i] = lobed ? 1 : -1;
+        w.plane[OXL_OPACITY][i] = (float)(lobed ? 8 : 3 + 0.01 * i); /* no T falls on 1e-4 itself */
+        if (lobed) w.plane[OXL_LOBE][i] = 8;
+        for (int a = 0; a < 3; a++) w.plane[OXL_LOG_SCALE + a][i] = lobed ? -2 : -1;
+        for (int a = 0; lobed && a < 3; a++) w.plane[OXL_LOBE + 1 + a][i] = 1.5;
     }
-    reference_forward(test_ctx, &r);
-    CHECK(r.transmittance[20 * 40 + 20] < 0.01);
-    for (int i = 0; i < 1600; i++) CHECK_CLOSE(r.rgb[i], raster_plain(&r, 0, i % 40 + 0.5, i / 40 + 0.5), 1e-10);
-    reference_free(test_ctx, &r);
+    CHECK_CLOSE(raster_difference(&w), 0, 1e-9);
+    CHECK(w.transmittance[20 * 40 + 20] < 0.01);
+    wide_free(&w);
 }
 
 TEST(binning_lists_each_tile_in_depth_order_with_ties_by_row)
 {
-    struct reference r;
-    raster_scene(&r, 400, 64, 64);
-    for (int i = 0; i < 400; i++) r.in.plane[OXL_MEAN + 2][i] = i % 7 * 0.25;
-    reference_forward(test_ctx, &r);
+    struct wide      w;
+    struct renderer *r;
+    raster_scene(&w, 400, 0, 64, 64);
+    for (int i = 0; i < 400; i++) w.plane[OXL_MEAN + 2][i] = i % 7 * 0.25;
+    r = raster_draw(&w);
     for (int tile = 0; tile < 16; tile++)
-        for (uint32_t i = r.bins_f64.tile_start[tile] + 1; i < r.bins_f64.tile_start[tile + 1]; i++) {
-            const uint32_t a = r.bins_f64.pair_f64[i - 1].splat_f64, b = r.bins_f64.pair_f64[i].splat_f64;
-            CHECK(r.splat_f64[a].depth < r.splat_f64[b].depth || (r.splat_f64[a].depth == r.splat_f64[b].depth && a < b));
+        for (uint32_t i = r->bins.tile_start[tile] + 1; i < r->bins.tile_start[tile + 1]; i++) {
+            const uint32_t a = r->bins.pair[i - 1].splat, b = r->bins.pair[i].splat;
+            CHECK(r->splat[a].depth < r->splat[b].depth || (r->splat[a].depth == r->splat[b].depth && a < b));
         }
-    reference_free(test_ctx, &r);
+    renderer_free(test_ctx, r);
+    wide_free(&w);
 }
 
 TEST(raster_draws_images_of_odd_sizes)
 {
     static const int size[][2] = {{1, 1}, {1, 300}, {300, 1}, {17, 15}, {16, 16}, {5, 33}};
     for (size_t n = 0; n < OXL_COUNT(size); n++) {
-        struct reference r;
-        raster_scene(&r, 200, size[n][0], size[n][1]);
-        reference_forward(test_ctx, &r);
-        for (int i = 0; i < size[n][0] * size[n][1]; i++)
-            CHECK_CLOSE(r.rgb[i], raster_plain(&r, 0, i % size[n][0] + 0.5, i / size[n][0] + 0.5), 1e-12);
-        reference_free(test_ctx, &r);
+        struct wide w;
+        raster_scene(&w, 200, 0, size[n][0], size[n][1]);
+        CHECK_CLOSE(raster_difference(&w), 0, 1e-11);
+        wide_free(&w);
     }
 }
 
 /* ---------------------------------------------------------------- the score */
 
-/* One pixel's share of every row's score, plainly: dS/dalpha from all that lies behind, summed anew for each splat. */
-static void raster_plain_score(const struct reference *r, const double *drgb, int x, int y, double *score)
-{
-    const int pixels = r->lens_f64.width * r->lens_f64.height, at = y * r->lens_f64.width + x;
-    uint32_t  drawn[1000];
-    double    alpha[1000], opacity[1000], before[1000], light[1000], t = 1;
-    int       n = 0;
-    for (size_t i = 0; i < r->bins_f64.visible_count; i++) {
-        const struct splat_f64 *s  = &r->splat_f64[r->bins_f64.order[i]];
-        const double            dy = y + 0.5 - s->v, w = x + 0.5 - s->u + s->k * dy;
-        const double            value = exp2(s->peak - s->a * w * w - s->e * dy * dy);
-        const double            a     = OXL_MIN(0.99, value) - raster_second(r, r->bins_f64.order[i], x + 0.5, y + 0.5);
-        if (fabs(a) < 1.0 / 255 || (a < 0 && t >= 16)) continue;
-        if (t * (1 - a) < 1e-4) break;
-        drawn[n] = r->bins_f64.order[i], alpha[n] = a, before[n] = t, light[n] = 0;
-        opacity[n] = value < 0.99 ? exp2(s->peak) : 0; /* the clamp stops the derivative */
-        for (int c = 0; c < 3; c++) light[n] += drgb[c * pixels + at] * s->colour[c];
-        t *= 1 - a;
-        n++;
-    }
-    for (int i = 0; i < n; i++) {
-        double slope = before[i] * light[i], through = before[i];
-        for (int j = i + 1; j < n; j++) {
-            slope -= through * alpha[j] * light[j];
-            through *= 1 - alpha[j];
-        }
-        for (int c = 0; c < 3; c++) slope -= through * drgb[c * pixels + at] * r->background[c];
-        score[drawn[i]] += opacity[i] * slope * opacity[i] * slope;
-    }
-}
-
 enum { SCORE_COUNT = 600, SCORE_WIDTH = 61, SCORE_HEIGHT = 47 };
 
-static void raster_score_case(struct reference *r, int lobes, double *drgb)
+static void raster_score_case(struct wide *w, int lobes, double *drgb)
 {
-    raster_lobed_scene(r, SCORE_COUNT, lobes, SCORE_WIDTH, SCORE_HEIGHT);
-    for (int c = 0; c < 3; c++) r->background[c] = 0.3 * c;
+    raster_scene(w, SCORE_COUNT, lobes, SCORE_WIDTH, SCORE_HEIGHT);
+    for (int c = 0; c < 3; c++) w->background[c] = 0.3 * c;
     for (int i = 0; i < 3 * SCORE_WIDTH * SCORE_HEIGHT; i++)
         drgb[i] = (float)(1 + 0.3 * random_unit(random_bits(4, (uint64_t)i, 0)));
-    reference_forward(test_ctx, r);
 }
 
 TEST(raster_score_is_the_sum_of_squared_slopes_of_every_pixel)
 {
-    struct reference r;
-    static double    drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], score[SCORE_COUNT], plain[SCORE_COUNT];
-    double           largest = 0;
+    struct wide   w;
+    static double drgb[3 * SCORE_WIDTH * SCORE_HEIGHT], score[SCORE_COUNT], plain[SCORE_COUNT];
+    double        largest = 0;
     for (int lobes = 0; lobes <= 200; lobes += 200) {
-        raster_score_case(&r, lobes, drgb);
+        raster_score_case(&w, lobes, drgb);
         memset(score, 0, sizeof score), memset(plain, 0, sizeof plain);
-        reference_score(&r, drgb, score);
-        for (int y = 0; y < SCORE_HEIGHT; y++)
-            for (int x = 0; x < SCORE_WIDTH; x++) raster_plain_score(&r, drgb, x, y, plain);
+        kernels_score(&w, drgb, score);
+        splat_score(&w, drgb, plain);
         for (int i = 0; i < SCORE_COUNT; i++) largest = OXL_MAX(largest, plain[i]);
         CHECK(largest > 1);
-        for (int i = 0; i < SCORE_COUNT; i++) CHECK_CLOSE(score[i], plain[i], 1e-10 * largest);
-        reference_free(test_ctx, &r);
+        for (int i = 0; i < SCORE_COUNT; i++) CHECK_CLOSE(score[i], plain[i], 1e-9 * largest);
+        wide_free(&w);
     }
 }
 
@@ -281,7 +229,7 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
     const oxl_camera camera = {
         SCORE_WIDTH, SCORE_HEIGHT, 50, 50, SCORE_WIDTH / 2.0, SCORE_HEIGHT / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const int          threads = test_ctx->threads, isa = test_ctx->isa;
-    struct reference   r;
+    struct wide        r;
     struct renderer   *renderer;
     oxl_model          m;
     oxl_render_options options = oxl_render_options_default();
@@ -290,12 +238,10 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
     double             total = 0, off = 0;
     memset(exact, 0, sizeof exact), memset(score, 0, sizeof score);
     raster_score_case(&r, 0, drgb);
-    reference_score(&r, drgb, exact);
+    kernels_score(&r, drgb, exact);
     for (size_t i = 0; i < OXL_COUNT(narrow); i++) narrow[i] = (float)drgb[i];
     for (int c = 0; c < 3; c++) options.background[c] = (float)r.background[c];
-    CHECK_OK(oxl_model_create(test_ctx, SCORE_COUNT, 0, &m));
-    for (int k = 0; k < oxl_model_planes(&m); k++)
-        for (size_t i = 0; i < m.count; i++) m.plane[k][i] = (float)r.in.plane[k][i];
+    raster_to_model(&r, &m);
     CHECK_OK(renderer_create(test_ctx, &renderer));
     CHECK_OK(renderer_forward(test_ctx, renderer, &m, &camera, &options));
     test_ctx->threads = 1;
@@ -314,7 +260,7 @@ TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
     CHECK(off < 1e-3 * total); /* a decision that falls the other way in float moves a pixel's share */
     renderer_free(test_ctx, renderer);
     oxl_model_free(test_ctx, &m);
-    reference_free(test_ctx, &r);
+    wide_free(&r);
 }
 
 /* ---------------------------------------------------------------- what else it draws */
@@ -364,18 +310,13 @@ static struct raster_result raster_run(int threads, int isa, int lobes)
     oxl_render_options   options        = oxl_render_options_default();
     const oxl_camera     camera         = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     const int            threads_before = test_ctx->threads, isa_before = test_ctx->isa;
-    struct reference     r;
+    struct wide          r;
     oxl_model            m;
     struct raster_result out;
     static float         drgb[3 * 113 * 71];
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
-    raster_lobed_scene(&r, 3000, lobes, 113, 71);
-    CHECK_OK(oxl_model_create(test_ctx, r.in.count, 0, &m));
-    for (int k = 0; k < oxl_model_planes(&m); k++)
-        for (size_t i = 0; i < m.count; i++) m.plane[k][i] = (float)r.in.plane[k][i];
-    CHECK_OK(model_set_lobes(test_ctx, &m, (size_t)lobes));
-    for (int k = OXL_LOBE; k < OXL_PLANES; k++)
-        for (size_t i = 0; i < m.lobes; i++) m.plane[k][i] = (float)r.in.plane[k][i];
+    raster_scene(&r, 3000, lobes, 113, 71);
+    raster_to_model(&r, &m);
     test_ctx->threads = threads;
     test_ctx->isa     = isa;
     CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &out.image, NULL));
@@ -383,7 +324,7 @@ static struct raster_result raster_run(int threads, int isa, int lobes)
     test_ctx->threads = threads_before;
     test_ctx->isa     = isa_before;
     oxl_model_free(test_ctx, &m);
-    reference_free(test_ctx, &r);
+    wide_free(&r);
     return out;
 }
 
@@ -399,26 +340,23 @@ TEST(render_option_alpha_min_is_what_the_kernels_get_and_at_least_1_of_255)
 {
     oxl_render_options options = oxl_render_options_default();
     const oxl_camera   camera  = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
-    struct reference   r;
+    struct wide        r;
     oxl_model          m;
     oxl_image          image[3]; /* asked for 1/255, 0, 0.05 */
-    raster_scene(&r, 1000, 113, 71);
-    r.lens_f64 = reference_lens(&camera, options.near_plane);
-    CHECK_OK(oxl_model_create(test_ctx, r.in.count, 0, &m));
-    for (int k = 0; k < oxl_model_planes(&m); k++)
-        for (size_t i = 0; i < m.count; i++) r.in.plane[k][i] = m.plane[k][i] = (float)r.in.plane[k][i];
+    raster_scene(&r, 1000, 0, 113, 71);
+    r.camera = camera, r.near_plane = options.near_plane, r.alpha_min = 0.05;
+    raster_to_model(&r, &m);
     for (int i = 0; i < 3; i++) {
         options.alpha_min = i == 0 ? options.alpha_min : i == 1 ? 0 : 0.05f;
         CHECK_OK(oxl_render(test_ctx, &m, &camera, &options, &image[i], NULL));
     }
-    raster_ask_for(&r, 0.05);
-    reference_forward(test_ctx, &r);
+    kernels_forward(&r);
     CHECK(memcmp(image[0].rgb, image[1].rgb, sizeof(float) * 3 * 113 * 71) == 0);
     CHECK(raster_mean_difference(&image[2], r.rgb) < 2e-5);
     CHECK(raster_mean_difference(&image[0], r.rgb) > 1e-3);
     for (int i = 0; i < 3; i++) oxl_image_free(test_ctx, &image[i]);
     oxl_model_free(test_ctx, &m);
-    reference_free(test_ctx, &r);
+    wide_free(&r);
 }
 
 static void raster_result_free(struct raster_result *a)
@@ -479,14 +417,12 @@ TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
 {
     const oxl_camera     camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};
     static float         drgb[3 * 113 * 71];
-    struct reference     r;
+    struct wide          r;
     oxl_model            m;
     struct raster_result plain, beside;
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)random_unit(random_bits(3, i, 0)) - 0.5f;
-    raster_scene(&r, 3000, 113, 71);
-    CHECK_OK(oxl_model_create(test_ctx, r.in.count, 0, &m));
-    for (int k = 0; k < oxl_model_planes(&m); k++)
-        for (size_t i = 0; i < m.count; i++) m.plane[k][i] = (float)r.in.plane[k][i];
+    raster_scene(&r, 3000, 0, 113, 71);
+    raster_to_model(&r, &m);
     m.plane[OXL_MEAN + 2][0] = -50;
     CHECK_OK(oxl_render(test_ctx, &m, &camera, NULL, &plain.image, NULL));
     CHECK_OK(oxl_render_backward(test_ctx, &m, &camera, NULL, drgb, &plain.gradient));
@@ -500,5 +436,5 @@ TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
     raster_result_free(&plain);
     raster_result_free(&beside);
     oxl_model_free(test_ctx, &m);
-    reference_free(test_ctx, &r);
+    wide_free(&r);
 }

@@ -351,6 +351,39 @@ TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
     }
 }
 
+/* The kernels' source in double has the same formulas to the last digits, needles and all. */
+TEST(reference_agrees_with_the_kernels_in_double)
+{
+    for (size_t n = 0; n < OXL_COUNT(REFERENCE_SCENES); n++) {
+        struct reference_case c;
+        double               *drgb, *gradient[OXL_PLANES] = {0}, *rgb, worst = 0, most = 1;
+        size_t                values;
+        reference_open(&REFERENCE_SCENES[n], &c);
+        values = 3 * (size_t)c.w.camera.width * (size_t)c.w.camera.height;
+        drgb = wide_array(values), rgb = c.w.rgb, c.w.rgb = wide_array(values);
+        for (size_t i = 0; i < values; i++) drgb[i] = c.drgb[i];
+        for (int k = 0; k < OXL_PLANES; k++)
+            if (c.w.plane[k]) gradient[k] = c.w.gradient[k], c.w.gradient[k] = wide_array(c.w.count);
+        kernels_backward(&c.w, drgb);
+        for (size_t i = 0; i < values; i++) {
+            if (!c.fragile[i % (values / 3)]) worst = OXL_MAX(worst, fabs(c.w.rgb[i] - rgb[i]));
+            most = OXL_MAX(most, fabs(rgb[i]));
+        }
+        CHECK_CLOSE(worst / most, 0, 1e-9);
+        for (int k = 0; k < OXL_PLANES; k++) {
+            worst = 0, most = 1e-30;
+            for (size_t i = 0; gradient[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) {
+                worst = OXL_MAX(worst, fabs(c.w.gradient[k][i] - gradient[k][i]));
+                most  = OXL_MAX(most, fabs(gradient[k][i]));
+            }
+            CHECK_CLOSE(worst / most, 0, 1e-7);
+            free(gradient[k]);
+        }
+        free(drgb), free(rgb);
+        reference_close(&c);
+    }
+}
+
 /* What density control and the step of rows in view go by. A row whose box ends within 0.1 px of the outermost pixel centres may be either:
  * the kernels' boxes are a little wider than the contour. */
 TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)

@@ -15,7 +15,8 @@ void *wide_array(size_t count)
 void wide_create(struct wide *w, const oxl_camera *camera, size_t count, size_t lobes, int sh_degree)
 {
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    *w = (struct wide){.camera = *camera, .near_plane = 0.2, .count = count, .lobes = lobes, .sh_degree = sh_degree};
+    *w                  = (struct wide){
+                         .camera = *camera, .near_plane = 0.2, .alpha_min = ALPHA_MIN, .count = count, .lobes = lobes, .sh_degree = sh_degree};
     for (int k = 0; k < OXL_PLANES; k++) {
         if (k < OXL_LOBE ? k >= OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1) : lobes == 0) continue;
         w->plane[k]    = wide_array(count);
@@ -95,15 +96,33 @@ static void scene_free(struct scene *s)
 
 /* ---------------------------------------------------------------- drawing, and back */
 
+/* composite_forward with another threshold than ALPHA_MIN, or the same. */
+static double pixel_forward(const struct wide *w, const struct splat *s, int count, double x, double y, double rgb[3])
+{
+    double T = 1, G[2];
+    for (int c = 0; c < 3; c++) rgb[c] = 0;
+    for (int i = 0; i < count; i++) {
+        const double alpha = alpha_forward(&s[i], x, y, T, G);
+        if (fabs(alpha) < w->alpha_min) continue;
+        if (T * (1 - alpha) < T_MIN) break;
+        for (int c = 0; c < 3; c++) rgb[c] += s[i].colour[c] * alpha * T;
+        T *= 1 - alpha;
+    }
+    for (int c = 0; c < 3; c++) rgb[c] += T * w->background[c];
+    return T;
+}
+
 void splat_forward(struct wide *w)
 {
     struct scene s;
     double       rgb[3];
     scene_create(&s, w);
-    for (int i = 0; i < 3 * s.pixels; i++) w->rgb[i % 3 * s.pixels + i / 3] = s.rgb[i];
-    for (int i = 0; i < s.pixels; i++)
-        w->transmittance[i] =
-            composite_forward(s.splat, s.count, w->background, i % w->camera.width + 0.5, i / w->camera.width + 0.5, rgb);
+    for (int i = 0; i < s.pixels; i++) {
+        w->transmittance[i] = pixel_forward(w, s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5, rgb);
+        for (int c = 0; c < 3; c++) w->rgb[c * s.pixels + i] = rgb[c];
+        for (int c = 0; c < 3; c++)
+            if (w->alpha_min == ALPHA_MIN && rgb[c] != s.rgb[3 * i + c]) abort(); /* it is what render_forward draws */
+    }
     for (size_t i = 0; i < w->count; i++) w->inside[i] = scene_inside(&s, (int)i);
     scene_free(&s);
 }
@@ -126,6 +145,32 @@ void splat_backward(struct wide *w, const double *drgb)
     for (int i = 0; i < s.count; i++)
         w->dmean2d[s.splat[i].row] = hypot(ds[i].centre[0] * w->camera.width / 2, ds[i].centre[1] * w->camera.height / 2);
     free(interleaved), free(ds), free(dg);
+    scene_free(&s);
+}
+
+/* One pixel's (o dS/dalpha)^2: that of o G alone, and none where it is held at ALPHA_MAX. */
+static void pixel_score(const struct splat *s, int count, double x, double y, const double rgb[3], const double drgb[3],
+                        double *score)
+{
+    double T = 1, G[2] = {0, 0}, behind = dot(drgb, rgb, 3);
+    for (int i = 0; i < count; i++) {
+        const double alpha = alpha_forward(&s[i], x, y, T, G), light = dot(drgb, s[i].colour, 3), o = s[i].opacity[0];
+        if (T * (1 - alpha) < T_MIN) return;
+        if (alpha == 0) continue;
+        behind -= light * alpha * T;
+        if (o * G[0] < ALPHA_MAX) score[s[i].row] += pow(o * (T * light - behind / (1 - alpha)), 2);
+        T *= 1 - alpha;
+    }
+}
+
+void splat_score(struct wide *w, const double *drgb, double *score)
+{
+    struct scene s;
+    scene_create(&s, w);
+    for (int i = 0; i < s.pixels; i++) {
+        const double d[3] = {drgb[i], drgb[s.pixels + i], drgb[2 * s.pixels + i]};
+        pixel_score(s.splat, s.count, i % w->camera.width + 0.5, i / w->camera.width + 0.5, s.rgb + 3 * i, d, score);
+    }
     scene_free(&s);
 }
 

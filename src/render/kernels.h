@@ -1,14 +1,10 @@
 /* kernels.h - the types that the kernels speak in, and their doors, for whichever `real` is in force.
  *
- * The kernels (project.c, bin.c, raster.c, loss.c, adam.c) are written over `real`: float in the library. tests/reference.c includes
- * this header and those files a second time with real = double and every name suffixed, which gives the numerical reference
- * from the same source. Hence there is no plain include guard.
+ * The kernels (project.c, bin.c, raster.c, loss.c, adam.c) are written over `real`: float in the library. tests/wide_kernels.c builds
+ * the same files with real = double (OXL_REFERENCE), which shows what float costs.
  */
-#if !defined(OXL_KERNELS_H) || (defined(OXL_REFERENCE) && !defined(OXL_KERNELS_REFERENCE_H))
+#ifndef OXL_KERNELS_H
 #define OXL_KERNELS_H
-#ifdef OXL_REFERENCE
-#define OXL_KERNELS_REFERENCE_H
-#endif
 
 #include "render.h"
 #include "../core/simd.h"
@@ -214,7 +210,6 @@ SIMD_INLINE struct vec3 mat3_transposed_times(struct mat3 m, struct vec3 v)
 struct gaussians {       /* an oxl_model seen by the kernels; planes are readable up to the next multiple of PACK */
     size_t count, lobes; /* rows 0..lobes-1 have a second lobe */
     int    sh_degree;    /* bands evaluated */
-    real   lobe_free;    /* 0: a lobe's planes are factors of its row's opacity and scale; 1: its own (the oracle's scenes) */
     real  *plane[OXL_PLANES];
 };
 

@@ -135,11 +135,10 @@ SIMD_INLINE struct project_geometry project_geometry(const int fused, const stru
 SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const struct gaussians *in, const struct lens *lens,
                                                           size_t i, int *in_front)
 {
-    struct project_geometry g    = project_place(fused, in, lens, i, in_front);
-    const real              tied = 1 - in->lobe_free;
-    g.scale.x                    = real_exp(fused, tied * in->plane[OXL_LOG_SCALE][i] + in->plane[OXL_LOBE + 1][i]);
-    g.scale.y                    = real_exp(fused, tied * in->plane[OXL_LOG_SCALE + 1][i] + in->plane[OXL_LOBE + 2][i]);
-    g.scale.z                    = real_exp(fused, tied * in->plane[OXL_LOG_SCALE + 2][i] + in->plane[OXL_LOBE + 3][i]);
+    struct project_geometry g = project_place(fused, in, lens, i, in_front);
+    g.scale.x                 = real_exp(fused, in->plane[OXL_LOG_SCALE][i] + in->plane[OXL_LOBE + 1][i]);
+    g.scale.y                 = real_exp(fused, in->plane[OXL_LOG_SCALE + 1][i] + in->plane[OXL_LOBE + 2][i]);
+    g.scale.z                 = real_exp(fused, in->plane[OXL_LOG_SCALE + 2][i] + in->plane[OXL_LOBE + 3][i]);
     project_covariance(&g);
     return g;
 }
@@ -370,7 +369,7 @@ SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *jo
     const struct project_geometry g      = project_lobe_geometry(fused, &job->in, job->lens, i, &in_front);
     const real                    factor = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
     const real                    main_x = lanes->half_x[l], main_y = lanes->half_y[l], main_peak = lanes->peak[l];
-    const real                    peak   = (1 - job->in.lobe_free) * main_peak + real_log2(fused, factor);
+    const real                    peak   = main_peak + real_log2(fused, factor);
     const struct project_shape    s      = project_shape(&g, peak, job->lens->cut);
     const real                    half_x = s.half_x > main_x ? s.half_x : main_x, half_y = s.half_y > main_y ? s.half_y : main_y;
     const int                     shown = (s.reach >= 0) | (main_peak + job->lens->cut >= 0);
@@ -586,17 +585,17 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     const real                    rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const real                    rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
     const struct project_pull     p           = project_pull(lens, &g, sums, l);
-    const real                    tied = 1 - job->in.lobe_free, pull = sums[SUM_G][l];
-    const int                     ok = seen >> l & 1; /* seen: of the rows with a lobe */
+    const real                    pull        = sums[SUM_G][l];
+    const int                     ok          = seen >> l & 1; /* seen: of the rows with a lobe */
     d->mean[0][l] += ok ? p.mean.x : 0, d->mean[1][l] += ok ? p.mean.y : 0, d->mean[2][l] += ok ? p.mean.z : 0;
-    job->out.plane[OXL_LOG_SCALE][i] += ok ? tied * p.log_scale.x : 0;
-    job->out.plane[OXL_LOG_SCALE + 1][i] += ok ? tied * p.log_scale.y : 0;
-    job->out.plane[OXL_LOG_SCALE + 2][i] += ok ? tied * p.log_scale.z : 0;
+    job->out.plane[OXL_LOG_SCALE][i] += ok ? p.log_scale.x : 0;
+    job->out.plane[OXL_LOG_SCALE + 1][i] += ok ? p.log_scale.y : 0;
+    job->out.plane[OXL_LOG_SCALE + 2][i] += ok ? p.log_scale.z : 0;
     job->out.plane[OXL_ROTATION][i] += ok ? p.q[0] : 0;
     job->out.plane[OXL_ROTATION + 1][i] += ok ? p.q[1] : 0;
     job->out.plane[OXL_ROTATION + 2][i] += ok ? p.q[2] : 0;
     job->out.plane[OXL_ROTATION + 3][i] += ok ? p.q[3] : 0;
-    job->out.plane[OXL_OPACITY][i] += ok ? tied * pull * rest : 0;
+    job->out.plane[OXL_OPACITY][i] += ok ? pull * rest : 0;
     job->out.plane[OXL_LOBE][i]     = ok ? pull * rest_factor : 0;
     job->out.plane[OXL_LOBE + 1][i] = ok ? p.log_scale.x : 0;
     job->out.plane[OXL_LOBE + 2][i] = ok ? p.log_scale.y : 0;

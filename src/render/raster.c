@@ -518,10 +518,7 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
     for (; pair < tile.end; pair++) raster_give_nothing(lobed, score, job, pair);
 }
 
-/* ---------------------------------------------------------------- the doors
- *
- * Each in four kinds: with and without second lobes, with the exact and with the quick 2^x.
- */
+/* ---------------------------------------------------------------- entry points, with and without second lobes */
 
 SIMD_BODY void raster_forward_plain_body(const int fused, const struct raster_job *job)
 {
