@@ -128,7 +128,7 @@ static void print_error(const char *text)
 /* ---------------------------------------------------------------- from arguments to options */
 
 /* A run that is there already keeps its options, unless another preset is asked for. */
-static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o, oxl_run **run)
+static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o, oxl_manifest **run)
 {
     struct arguments changes = *a;
     oxl_result       rc      = OXL_OK;
@@ -189,14 +189,14 @@ static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct 
 {
     const oxl_callback callback = {on_progress, console};
     oxl_job_options    options;
-    oxl_run           *run;
+    oxl_manifest      *run;
     oxl_result         rc = resumed_options(ctx, a, &options, &run);
     if (rc == OXL_OK) {
         catch_signals();
         rc = oxl_job_run(ctx, a->path[0], a->out, &options, &callback);
         console_clear(console);
     }
-    oxl_run_free(ctx, &run);
+    oxl_manifest_free(ctx, &run);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, console->error, sizeof console->error);
     if (rc != OXL_OK) return rc;

@@ -195,8 +195,8 @@ OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robu
 
 /* The ray along which a pixel of the photograph, of the size in cameras.txt, was seen, distortion undone: where it starts and a unit vector, local
  * coordinates. OXL_ERR_INPUT: a pixel outside of the photograph, or one that the lens model does not reach. */
-OXL_API oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
-                                   double way[3]);
+OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
+                                 double way[3]);
 
 /* The gains of the scene's images from imaging.txt beside a model's file, where train has left one: evaluation and pictures apply
  * them then. No such file: nothing happens. */
@@ -373,17 +373,17 @@ typedef struct oxl_train_options {
     float        background[3];
     float        ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
-    float        coarse;      /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
-    float        alpha_min;   /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
-    float        bands_every; /* share of the run after which there is one more band of spherical harmonics */
+    float        coarse;             /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
+    float        alpha_min;          /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
+    float        sh_degree_interval; /* share of the run after which there is one more band of spherical harmonics */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
     float        rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
     /* Those are of 30 000 iterations. With h = (30 000 / n)^haste, in a run of n < 30 000, they are h times as large for means, scales
      * and rotations, sqrt(h) times for bands above 0; and the first Gaussians are narrower and more opaque than Kerbl's. In a run
      * of n < 7000, with r = (7000 / n)^haste, scales take sqrt(r) times that again, the mean gradient forgets r^2 times as much in a
      * step (up to a half), and the mean of its square r^-1.5 times as much (docs/TRADEOFF.md). */
-    float        haste;
-    float        settle; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
+    float        short_run_exponent;
+    float        cooldown; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
     /* density control, as fractions of the run and steps */
     float        densify_from, densify_until; /* shares of the run */
     int          densify_every;               /* steps */
@@ -404,13 +404,13 @@ typedef struct oxl_train_options {
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
 
 /* Numbers that were not finite, or as good as not, and what was done about them: all 0 in a run that went well. */
-typedef struct oxl_faults {
+typedef struct oxl_nonfinite {
     size_t photographs; /* that could not be read: left out */
     size_t steps;       /* whose loss was not finite: skipped */
     size_t rows;        /* steps of single Gaussians whose gradient was not finite: skipped */
     size_t cleared;     /* Gaussians that held such a number: made invisible, or removed at the end */
     size_t degenerate;  /* of the result: without a rotation, or of a scale past e^+-87; drawn all the same */
-} oxl_faults;
+} oxl_nonfinite;
 
 typedef struct oxl_progress {
     int              iteration, iterations;
@@ -422,7 +422,7 @@ typedef struct oxl_progress {
     double           seconds_left; /* predicted */
     size_t           memory;       /* bytes at the peak so far; only in a job, else 0 */
     const oxl_model *model;        /* as it stands, on a device as it was brought home last; valid during the call */
-    oxl_faults       faults;       /* so far */
+    oxl_nonfinite    faults;       /* so far */
     int              trial;        /* 1: a step of a way that is tried out, for a decision; it may be taken back */
 } oxl_progress;
 
@@ -613,10 +613,11 @@ OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_r
 OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_callback *callback);
 
 /* The options of the run in folder `out`, if there is one of this survey: a run that is resumed keeps what it was given. Otherwise
- * options stay as they are. Their strings lie in *run: free it, by oxl_run_free, when the options are no longer used. */
-typedef struct oxl_run oxl_run;
-OXL_API oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options, oxl_run **run);
-OXL_API void       oxl_run_free(oxl_context *ctx, oxl_run **run);
+ * options stay as they are. Their strings lie in *run: free it, by oxl_manifest_free, when the options are no longer used. */
+typedef struct oxl_manifest oxl_manifest;
+OXL_API oxl_result          oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options,
+                                           oxl_manifest **run);
+OXL_API void                oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
 
 /* Pictures of a split into a folder: NAME.png for each view; with photographs NAME.photo.png; with depth NAME.depth.png
  * (near is bright), NAME.depth.pfm (float camera z, 0: nothing there) and NAME.depth16.png (16-bit grey: camera z in thousandths of

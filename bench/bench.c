@@ -166,12 +166,12 @@ struct bench_input {
 
 static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input *in, double seconds[STAGES])
 {
-    oxl_render_options         o = oxl_render_options_default();
-    struct renderer_loss       loss;
-    struct renderer_aside      aside;
-    struct gaussians           out;
-    const struct renderer_pace still = {.beta = RENDERER_BETAS, .step = 1};
-    double                     t[STAGES + 1];
+    oxl_render_options        o = oxl_render_options_default();
+    struct renderer_loss      loss;
+    struct renderer_nonfinite aside;
+    struct gaussians          out;
+    const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
+    double                    t[STAGES + 1];
     o.near_plane = in->near_plane;
     bench_check(ctx, render_begin(ctx, r, &in->model, &in->camera, &o));
     t[0] = os_seconds();

@@ -28,11 +28,11 @@ static double cost_cpu(void)
 /* Milliseconds of a step, the mean over some views. */
 static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, oxl_model *model, int views)
 {
-    struct rehearsal r     = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
-    const int        count = oxl_scene_view_count(scene);
-    double           sum   = 0;
-    r.render.near_plane    = (float)scene_near_plane(scene);
-    cost_check(ctx, rehearse_target(&r));
+    struct time_probe r     = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
+    const int         count = oxl_scene_view_count(scene);
+    double            sum   = 0;
+    r.render.near_plane     = (float)scene_near_plane(scene);
+    cost_check(ctx, predict_time_target(&r));
     cost_check(ctx, renderer_create(ctx, &r.renderer));
     cost_check(ctx, oxl_model_create(ctx, model->count, model->sh_degree, &r.first));
     cost_check(ctx, oxl_model_create(ctx, model->count, model->sh_degree, &r.second));
@@ -42,12 +42,13 @@ static double cost_of_step(oxl_context *ctx, const oxl_scene *scene, oxl_model *
         double least = HUGE_VAL;
         for (int round = 0; round <= COST_ROUNDS; round++) { /* the first makes room */
             const double begun = cost_cpu();
-            cost_check(ctx, rehearse_step(&r, model, &oxl_scene_view(scene, k * (count - 1) / OXL_MAX(1, views - 1))->camera));
+            cost_check(ctx,
+                       predict_time_step(&r, model, &oxl_scene_view(scene, k * (count - 1) / OXL_MAX(1, views - 1))->camera));
             if (round > 0) least = OXL_MIN(least, cost_cpu() - begun);
         }
         sum += least;
     }
-    rehearse_end_model(&r);
+    predict_time_end_model(&r);
     renderer_free(ctx, r.renderer);
     oxl_free(ctx, r.target);
     return 1e3 * sum / views;
@@ -74,7 +75,7 @@ static oxl_model cost_model(oxl_context *ctx, const oxl_scene *scene, double tim
     cost_check(ctx, oxl_model_from_points(ctx, some, OXL_MIN(count, points), degree, &model));
     oxl_free(ctx, some);
     if (count <= points) return model;
-    cost_check(ctx, rehearse_grow(ctx, &model, count, &grown));
+    cost_check(ctx, predict_time_grow(ctx, &model, count, &grown));
     oxl_model_free(ctx, &model);
     return grown;
 }

@@ -66,11 +66,11 @@ static void device_check(oxl_context *ctx, oxl_result rc)
 }
 
 struct device_run {
-    oxl_model        model, first, second, gradient;
-    oxl_camera       camera;
-    struct photo     photo;
-    float           *numbers;
-    struct renderer *renderer;
+    oxl_model             model, first, second, gradient;
+    oxl_camera            camera;
+    struct training_image photo;
+    float                *numbers;
+    struct renderer      *renderer;
 };
 
 static void device_begin(oxl_context *ctx, size_t count, int width, int height, struct device_run *r)
@@ -90,7 +90,7 @@ static void device_begin(oxl_context *ctx, size_t count, int width, int height, 
     device_check(ctx, oxl_model_create(ctx, count, 3, &r->gradient));
     r->camera = (oxl_camera){width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
                              {0, 0, 3}};
-    r->photo  = (struct photo){width, height, oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, 1), NULL};
+    r->photo  = (struct training_image){width, height, oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, 1), NULL};
     r->numbers = oxl_calloc(ctx, 2 * count, sizeof *r->numbers);
     if (!r->photo.rgb || !r->numbers) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
     for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) r->photo.rgb[i] = (uint8_t)random_bits(8, i, 0);
@@ -111,14 +111,14 @@ static void device_end(oxl_context *ctx, struct device_run *r)
 /* Rates of 0: every round draws the same. */
 static void device_step(oxl_context *ctx, struct device_run *r)
 {
-    const struct renderer_pace still   = {.beta = RENDERER_BETAS, .step = 1};
-    oxl_render_options         options = oxl_render_options_default();
-    struct renderer_loss       loss;
-    struct renderer_aside      aside;
-    struct renderer_sums       sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
-    options.near_plane              = 0.01f;
+    const struct adam_params  still   = {.beta = RENDERER_BETAS, .step = 1};
+    oxl_render_options        options = oxl_render_options_default();
+    struct renderer_loss      loss;
+    struct renderer_nonfinite aside;
+    struct renderer_sums      sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
+    options.near_plane             = 0.01f;
     device_check(ctx, renderer_forward(ctx, r->renderer, &r->model, &r->camera, &options));
-    device_check(ctx, renderer_take_photo(ctx, r->renderer, 0, &r->photo, 0));
+    device_check(ctx, renderer_take_image(ctx, r->renderer, 0, &r->photo, 0));
     device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
     device_check(ctx, renderer_backward(ctx, r->renderer, NULL, &r->gradient));
     device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, &still, &aside));

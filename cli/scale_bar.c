@@ -87,7 +87,7 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
             pixel[k] = scale_comma(&at, end) ? json_number_at(&at) : NAN;
             if (isnan(pixel[k])) return scale_fail(error, size, "a pixel is wanted in", text, length);
         }
-        rc = oxl_scene_sight(ctx, scene, view, pixel[0], pixel[1], r, r + 3);
+        rc = oxl_scene_ray(ctx, scene, view, pixel[0], pixel[1], r, r + 3);
         if (rc != OXL_OK) return rc;
         scale_add_ray(&e, r, r + 3);
         if (at < end && !scale_comma(&at, end)) return scale_fail(error, size, "a comma is wanted in", text, length);

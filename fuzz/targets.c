@@ -307,21 +307,21 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
 static void fuzz_run(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     oxl_job_options     options = oxl_job_options_default(OXL_PRESET_DRAFT);
-    struct oxl_run      run;
+    struct oxl_manifest run;
     struct block_record record;
     struct text         line = {.ctx = ctx};
     oxl_result          rc;
     fuzz_write("run.json", data, size);
     fuzz_write("block.json", data, size);
     fuzz_write("model.ply", data, 0);
-    rc = run_read(ctx, fuzz_folder(), &run);
+    rc = manifest_read(ctx, fuzz_folder(), &run);
     fuzz_explained(ctx, rc);
     if (rc == OXL_OK && run.line) {
-        run_options(&run, &options);
-        run_describe(&line, "scene", &options);
+        manifest_options(&run, &options);
+        manifest_describe(&line, "scene", &options);
     }
     text_free(&line);
-    run_free(ctx, &run);
+    manifest_free(ctx, &run);
     fuzz_explained(ctx, block_read(ctx, fuzz_folder(), "\"job\": {", &record));
 }
 

@@ -92,8 +92,8 @@ static void study_change(const struct study *s, int row, int seed, const struct 
     case STUDY_COARSE: job->train.coarse = (float)c->value; break;
     case STUDY_ALPHA_MIN: job->train.alpha_min = (float)c->value; break;
     case STUDY_SH_DEGREE: job->train.sh_degree = (int)c->value; break;
-    case STUDY_HASTE: job->train.haste = (float)c->value; break;
-    case STUDY_SETTLE: job->train.settle = (float)c->value; break;
+    case STUDY_HASTE: job->train.short_run_exponent = (float)c->value; break;
+    case STUDY_SETTLE: job->train.cooldown = (float)c->value; break;
     case STUDY_EQUAL_COUNT: job->train.densify_gradient = (float)s->threshold[row]; break;
     case STUDY_EQUAL_BYTES: job->train.keep = (oxl_keep){OXL_KEEP_BYTES, s->value[like][seed - 1][STUDY_BYTES]}; break;
     }

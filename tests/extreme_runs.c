@@ -204,7 +204,7 @@ static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *
 
 static int extreme_count_faults(void *user, const oxl_progress *p)
 {
-    *(oxl_faults *)user = p->faults;
+    *(oxl_nonfinite *)user = p->faults;
     return 0;
 }
 
@@ -215,7 +215,7 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
     oxl_train_options  train  = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_scene_options  load   = oxl_scene_options_default();
     oxl_render_options draw   = oxl_render_options_default();
-    oxl_faults         faults = {0};
+    oxl_nonfinite      faults = {0};
     const oxl_callback count  = {extreme_count_faults, &faults};
     oxl_scene         *scene;
     oxl_model          model;

@@ -111,7 +111,7 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
 {
     synth_options     options = synth_options_default();
     oxl_train_options train   = oxl_train_options_default(OXL_PRESET_PAPER);
-    oxl_faults        faults  = {0};
+    oxl_nonfinite     faults  = {0};
     oxl_callback      count   = {extreme_count_faults, &faults};
     oxl_scene        *scene   = NULL;
     oxl_model         model   = {0};

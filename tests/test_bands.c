@@ -23,30 +23,30 @@ static oxl_scene *bands_scene(void)
 
 TEST(bands_of_pixels_are_those_of_the_nearest_point_and_none_far_from_all)
 {
-    static uint8_t band[BANDS_W * BANDS_H];
-    oxl_scene     *scene = bands_scene();
-    struct bands   b;
-    size_t         counted = 0;
-    CHECK_OK(bands_begin(test_ctx, scene, (int[]){0}, 1, &b));
+    static uint8_t     band[BANDS_W * BANDS_H];
+    oxl_scene         *scene = bands_scene();
+    struct depth_bands b;
+    size_t             counted = 0;
+    CHECK_OK(depth_bands_begin(test_ctx, scene, (int[]){0}, 1, &b));
     CHECK(b.count == 3 && b.depth[0] > 1 && b.depth[0] <= 2 && b.depth[1] >= 2 && b.depth[1] < 3);
     b.depth[0] = 1.5, b.depth[1] = 2.5;
-    CHECK_OK(bands_of_view(test_ctx, &b, scene, 0, band));
+    CHECK_OK(depth_bands_of_view(test_ctx, &b, scene, 0, band));
     for (size_t i = 0; i < sizeof band; i++) counted += band[i] == 1;
     CHECK(counted == 41); /* all within 4 steps */
     CHECK(band[8 * BANDS_W + 8] == 1 && band[8 * BANDS_W + 12] == 1 && band[8 * BANDS_W + 13] == 0 &&
           band[10 * BANDS_W + 11] == 0);
     CHECK(band[8 * BANDS_W + 41] == 2 && band[8 * BANDS_W + 43] == 3 && band[8 * BANDS_W + 48] == 3 &&
           band[12 * BANDS_W + 40] == 2);
-    bands_free(test_ctx, &b);
+    depth_bands_free(test_ctx, &b);
     oxl_scene_free(test_ctx, scene);
 }
 
 /* Both views stand at the origin and have both points in their picture; each saw one of them. */
 TEST(bands_go_by_tracks_where_there_are_some)
 {
-    oxl_scene   *scene = NULL;
-    struct bands b;
-    oxl_image    image;
+    oxl_scene         *scene = NULL;
+    struct depth_bands b;
+    oxl_image          image;
     CHECK_OK(oxl_image_create(test_ctx, BANDS_W, BANDS_H, &image));
     test_write("survey/images/.keep", "");
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 64 48 40 40 32 24\n");
@@ -55,13 +55,13 @@ TEST(bands_go_by_tracks_where_there_are_some)
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/a.png"), &image));
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/b.png"), &image));
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
-    CHECK_OK(bands_begin(test_ctx, scene, (int[]){0, 1}, 2, &b));
+    CHECK_OK(depth_bands_begin(test_ctx, scene, (int[]){0, 1}, 2, &b));
     CHECK(b.count == 2 && b.sight[0].view == 0 && b.sight[1].view == 1);
     CHECK(b.sight[0].z == 4 && b.sight[0].pixel == 24 * BANDS_W + 32 && b.sight[1].z == 1);
-    bands_free(test_ctx, &b);
-    CHECK_OK(bands_begin(test_ctx, scene, (int[]){1}, 1, &b)); /* of the second alone, the same */
+    depth_bands_free(test_ctx, &b);
+    CHECK_OK(depth_bands_begin(test_ctx, scene, (int[]){1}, 1, &b)); /* of the second alone, the same */
     CHECK(b.count == 1 && b.sight[0].view == 1 && b.sight[0].z == 1);
-    bands_free(test_ctx, &b);
+    depth_bands_free(test_ctx, &b);
     oxl_image_free(test_ctx, &image);
     oxl_scene_free(test_ctx, scene);
 }

@@ -248,14 +248,14 @@ TEST(float_gradient_agrees_with_double_within_1e_4_of_the_largest)
 
 TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
 {
-    const oxl_camera      camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
-    oxl_render_options    options = oxl_render_options_default();
-    float                 drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
-    struct renderer_pace  pace = {.beta = RENDERER_BETAS, .step = 1};
-    struct wide           r;
-    struct renderer      *renderer;
-    oxl_model             m, first, second, gradient, old;
-    struct renderer_aside aside;
+    const oxl_camera          camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
+    oxl_render_options        options = oxl_render_options_default();
+    float                     drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
+    struct adam_params        pace = {.beta = RENDERER_BETAS, .step = 1};
+    struct wide               r;
+    struct renderer          *renderer;
+    oxl_model                 m, first, second, gradient, old;
+    struct renderer_nonfinite aside;
     gradient_lobed_scene(&r, 40, 19, 0);
     r.plane[OXL_MEAN + 2][3] = -50; /* out of sight */
     gradient_to_model(&r, &m);

@@ -281,10 +281,10 @@ TEST(image_jpeg_bytes_do_not_depend_on_simd)
 
 TEST(image_reduction_is_the_exact_mean_over_the_area)
 {
-    const char  *path = image_photograph("p.png", 64, 48);
-    oxl_camera   to   = image_camera(24, 12); /* 64/24 = 2 2/3 px wide, 4 high */
-    struct photo photo;
-    CHECK_OK(image_load_photo(test_ctx, path, NULL, &image_pinhole, &to, &photo));
+    const char           *path = image_photograph("p.png", 64, 48);
+    oxl_camera            to   = image_camera(24, 12); /* 64/24 = 2 2/3 px wide, 4 high */
+    struct training_image photo;
+    CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &photo));
     CHECK(photo.width == 24 && photo.height == 12 && !photo.mask);
     for (int at = 0; at < 3 * 24 * 12; at++) {
         const int c = at / (24 * 12), y = at / 24 % 12, x = at % 24;
@@ -298,36 +298,38 @@ TEST(image_reduction_is_the_exact_mean_over_the_area)
             }
         CHECK_CLOSE(photo.rgb[at], sum / weight, 0.5 + 1e-9);
     }
-    image_photo_free(test_ctx, &photo);
+    image_training_free(test_ctx, &photo);
 }
 
 TEST(image_of_the_right_size_is_taken_byte_by_byte)
 {
-    const char  *path = image_photograph("p.png", 64, 48);
-    oxl_camera   to   = image_camera(64, 48);
-    struct photo photo;
-    float        rgb[3 * 64 * 48], weight[64 * 48];
-    int          wrong = 0;
-    CHECK_OK(image_load_photo(test_ctx, path, NULL, &image_pinhole, &to, &photo));
-    image_from_photo(test_ctx, &photo, rgb, weight);
+    const char           *path = image_photograph("p.png", 64, 48);
+    oxl_camera            to   = image_camera(64, 48);
+    struct training_image photo;
+    float                 rgb[3 * 64 * 48], weight[64 * 48];
+    int                   wrong = 0;
+    CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &photo));
+    image_from_training(test_ctx, &photo, rgb, weight);
     for (int at = 0; at < 3 * 64 * 48; at++) {
         const int v = image_pattern(at % 64, at / 64 % 48, at / (64 * 48));
         wrong += photo.rgb[at] != v || rgb[at] != (float)v / 255.0f || weight[at % (64 * 48)] != 1;
     }
     CHECK(wrong == 0);
-    image_photo_free(test_ctx, &photo);
+    image_training_free(test_ctx, &photo);
 }
 
 TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
 {
-    oxl_camera   to = image_camera(32, 24);
-    struct photo photo;
-    CHECK_OK(image_load_photo(test_ctx, image_photograph("half.png", 32, 24), NULL, &image_pinhole, &to, &photo));
-    image_photo_free(test_ctx, &photo);
-    CHECK(image_load_photo(test_ctx, image_photograph("crop.png", 60, 48), NULL, &image_pinhole, &to, &photo) == OXL_ERR_INPUT);
+    oxl_camera            to = image_camera(32, 24);
+    struct training_image photo;
+    CHECK_OK(image_load_training(test_ctx, image_photograph("half.png", 32, 24), NULL, &image_pinhole, &to, &photo));
+    image_training_free(test_ctx, &photo);
+    CHECK(image_load_training(test_ctx, image_photograph("crop.png", 60, 48), NULL, &image_pinhole, &to, &photo) ==
+          OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "crop.png: 60 x 48 px, but camera 1 (cameras.txt:4) has 64 x 48");
     CHECK(!photo.rgb);
-    CHECK(image_load_photo(test_ctx, image_photograph("turned.png", 48, 64), NULL, &image_pinhole, &to, &photo) == OXL_ERR_INPUT);
+    CHECK(image_load_training(test_ctx, image_photograph("turned.png", 48, 64), NULL, &image_pinhole, &to, &photo) ==
+          OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "fix: turn the photograph back");
 }
 
@@ -336,10 +338,10 @@ static void image_check_undistorted(int file_width, int file_height, double redu
 {
     const struct colmap_camera from = {
         .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
-    const double zoom = file_width / 64.0;
-    oxl_camera   to;
-    struct photo photo;
-    double       worst = 0;
+    const double          zoom = file_width / 64.0;
+    oxl_camera            to;
+    struct training_image photo;
+    double                worst = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
     to.width  = (int)(to.width / reduction);
     to.height = (int)(to.height / reduction);
@@ -347,7 +349,7 @@ static void image_check_undistorted(int file_width, int file_height, double redu
     to.fy /= reduction;
     to.cx /= reduction;
     to.cy /= reduction;
-    CHECK_OK(image_load_photo(test_ctx, image_photograph("d.png", file_width, file_height), NULL, &from, &to, &photo));
+    CHECK_OK(image_load_training(test_ctx, image_photograph("d.png", file_width, file_height), NULL, &from, &to, &photo));
     CHECK(!photo.mask);
     for (int at = 0; at < to.width * to.height; at++) { /* red: 3 x + 2 y, which wraps round at 256 */
         const double direction[2] = {(at % to.width + 0.5 - to.cx) / to.fx, (at / to.width + 0.5 - to.cy) / to.fy};
@@ -357,7 +359,7 @@ static void image_check_undistorted(int file_width, int file_height, double redu
         if (wanted < 240) worst = OXL_MAX(worst, fabs(photo.rgb[at] - wanted));
     }
     CHECK_CLOSE(worst, 0, 0.6); /* half a level, and a little from 1/256 px and the curve within a pixel */
-    image_photo_free(test_ctx, &photo);
+    image_training_free(test_ctx, &photo);
 }
 
 TEST(image_undistortion_looks_where_the_lens_model_says)
@@ -373,52 +375,52 @@ TEST(image_undistorted_agrees_with_colmaps_own)
         .id = 1, .model = 2, .width = 960, .height = 512, .parameter = {1042.8142056641748, 480, 256, -0.27931708280078082}};
     static const struct colmap_camera ideal = {
         .id = 1, .model = 1, .width = 1028, .height = 520, .parameter = {1042.8142056641748, 1042.8142056641748, 514, 260}};
-    const char  *path;
-    oxl_camera   to;
-    struct photo ours, colmaps;
-    double       error = 0;
+    const char           *path;
+    oxl_camera            to;
+    struct training_image ours, colmaps;
+    double                error = 0;
     if (!test_shared("data/subvo_pool_distorted/images/f150.jpg")) SKIP("no ../shared/data");
     CHECK_OK(camera_undistorted(test_ctx, &lens, &to));
     path = test_shared("data/subvo_pool_distorted/images/f150.jpg");
-    CHECK_OK(image_load_photo(test_ctx, path, NULL, &lens, &to, &ours));
+    CHECK_OK(image_load_training(test_ctx, path, NULL, &lens, &to, &ours));
     path = test_shared("data/subvo_pool/images/f150.jpg");
-    CHECK_OK(image_load_photo(test_ctx, path, NULL, &ideal, &to, &colmaps));
+    CHECK_OK(image_load_training(test_ctx, path, NULL, &ideal, &to, &colmaps));
     CHECK(!ours.mask);
     for (int i = 0; i < 3 * to.width * to.height; i++) error += (ours.rgb[i] - colmaps.rgb[i]) * (ours.rgb[i] - colmaps.rgb[i]);
     error /= 3.0 * to.width * to.height;
     CHECK(error < 255.0 * 255 / 4000); /* 36 dB: its JPEG of quality 92 lies between; 1/8 px off would be 36.2 -> 35 */
-    image_photo_free(test_ctx, &ours);
-    image_photo_free(test_ctx, &colmaps);
+    image_training_free(test_ctx, &ours);
+    image_training_free(test_ctx, &colmaps);
 }
 
 TEST(image_mask_covers_every_pixel_that_touches_black)
 {
-    const char  *path = image_photograph("p.png", 64, 48);
-    const char  *mask = image_mask("m.png", 4, 3,
-                                   "...."
-                                    ".#.."
-                                    "...#");
-    oxl_camera   to = image_camera(16, 12), odd = image_camera(6, 4);
-    struct photo photo;
-    CHECK_OK(image_load_photo(test_ctx, path, mask, &image_pinhole, &to, &photo));
+    const char           *path = image_photograph("p.png", 64, 48);
+    const char           *mask = image_mask("m.png", 4, 3,
+                                            "...."
+                                                      ".#.."
+                                                      "...#");
+    oxl_camera            to = image_camera(16, 12), odd = image_camera(6, 4);
+    struct training_image photo;
+    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &photo));
     for (int i = 0; i < 16 * 12; i++) {
         const int x = i % 16 / 4, y = i / 16 / 4;
         CHECK(photo.mask[i] == ((x == 1 && y == 1) || (x == 3 && y == 2) ? 0 : 255));
     }
-    image_photo_free(test_ctx, &photo);
-    CHECK_OK(image_load_photo(test_ctx, path, mask, &image_pinhole, &odd, &photo));
+    image_training_free(test_ctx, &photo);
+    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &odd, &photo));
     CHECK(memcmp(photo.mask,
                  "\377\377\377\377\377\377"
                  "\377\0\0\377\377\377"
                  "\377\0\0\377\0\0"
                  "\377\377\377\377\0\0",
                  24) == 0);
-    image_photo_free(test_ctx, &photo);
+    image_training_free(test_ctx, &photo);
     mask = image_mask("white.png", 2, 2, "....");
-    CHECK_OK(image_load_photo(test_ctx, path, mask, &image_pinhole, &to, &photo));
+    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &photo));
     CHECK(!photo.mask);
-    image_photo_free(test_ctx, &photo);
-    CHECK(image_load_photo(test_ctx, path, test_write("bad.png", "no"), &image_pinhole, &to, &photo) == OXL_ERR_INPUT);
+    image_training_free(test_ctx, &photo);
+    CHECK(image_load_training(test_ctx, path, test_write("bad.png", "no"), &image_pinhole, &to, &photo) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "bad.png");
 }
 
@@ -426,15 +428,15 @@ TEST(image_mask_is_undistorted_with_its_photograph)
 {
     const struct colmap_camera from = {
         .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
-    const char  *mask = image_mask("m.png", 4, 3,
-                                   "#..."
-                                    "...."
-                                    "....");
-    oxl_camera   to;
-    struct photo photo;
-    int          wrong = 0;
+    const char           *mask = image_mask("m.png", 4, 3,
+                                            "#..."
+                                                      "...."
+                                                      "....");
+    oxl_camera            to;
+    struct training_image photo;
+    int                   wrong = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
-    CHECK_OK(image_load_photo(test_ctx, image_photograph("p.png", 64, 48), mask, &from, &to, &photo));
+    CHECK_OK(image_load_training(test_ctx, image_photograph("p.png", 64, 48), mask, &from, &to, &photo));
     CHECK(photo.mask && photo.mask[0] == 0);
     for (int i = 0; photo.mask && i < to.width * to.height; i++) {
         const double direction[2] = {(i % to.width + 0.5 - to.cx) / to.fx, (i / to.width + 0.5 - to.cy) / to.fy};
@@ -443,7 +445,7 @@ TEST(image_mask_is_undistorted_with_its_photograph)
         wrong += (photo.mask[i] == 0) != (p[0] < 16 && p[1] < 16);
     }
     CHECK(wrong == 0);
-    image_photo_free(test_ctx, &photo);
+    image_training_free(test_ctx, &photo);
 }
 
 TEST(image_photograph_is_the_same_with_any_number_of_threads)
@@ -455,14 +457,14 @@ TEST(image_photograph_is_the_same_with_any_number_of_threads)
     oxl_camera  to;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
     for (int distorted = 0; distorted < 2; distorted++) {
-        struct photo one, many;
+        struct training_image one, many;
         test_ctx->threads = 1;
-        CHECK_OK(image_load_photo(test_ctx, path, NULL, distorted ? &from : &image_pinhole, &to, &one));
+        CHECK_OK(image_load_training(test_ctx, path, NULL, distorted ? &from : &image_pinhole, &to, &one));
         test_ctx->threads = 7;
-        CHECK_OK(image_load_photo(test_ctx, path, NULL, distorted ? &from : &image_pinhole, &to, &many));
+        CHECK_OK(image_load_training(test_ctx, path, NULL, distorted ? &from : &image_pinhole, &to, &many));
         CHECK(memcmp(one.rgb, many.rgb, (size_t)3 * to.width * to.height) == 0);
-        image_photo_free(test_ctx, &one);
-        image_photo_free(test_ctx, &many);
+        image_training_free(test_ctx, &one);
+        image_training_free(test_ctx, &many);
     }
     test_ctx->threads = before;
 }

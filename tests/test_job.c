@@ -445,7 +445,7 @@ TEST(job_resume_finds_the_options_that_a_run_was_given)
 {
     oxl_job_options given = job_test_options(), found = oxl_job_options_default(OXL_PRESET_PAPER);
     const char     *survey = job_test_survey();
-    oxl_run        *run    = NULL;
+    oxl_manifest   *run    = NULL;
     given.scene.max_side   = 40;
     given.train.rate_sh    = 1e-3f;
     given.seed             = 77;
@@ -455,10 +455,10 @@ TEST(job_resume_finds_the_options_that_a_run_was_given)
     CHECK(found.train.iterations == 12 && found.scene.max_side == 40 && found.train.rate_sh == 1e-3f && found.seed == 77);
     CHECK_TEXT(found.scene.images ? found.scene.images : "", "survey/images");
     CHECK_TEXT(found.preset ? found.preset : "", "draft");
-    oxl_run_free(test_ctx, &run);
+    oxl_manifest_free(test_ctx, &run);
     CHECK_OK(oxl_job_resume(test_ctx, "another survey", test_path("out"), &given, &run));
     CHECK(given.train.iterations == 12);
-    oxl_run_free(test_ctx, &run);
+    oxl_manifest_free(test_ctx, &run);
 }
 
 TEST(job_without_held_out_views_judges_training_views_and_says_so)
@@ -576,15 +576,15 @@ TEST(run_numbers_that_no_option_can_hold_are_not_taken)
 {
     oxl_job_options       o     = oxl_job_options_default(OXL_PRESET_DRAFT);
     const oxl_job_options plain = o;
-    struct oxl_run        run;
+    struct oxl_manifest   run;
     test_write(
         "run.json",
         "{\n  \"job\": {\"split\": 77, \"ucd\": -1, \"iterations\": 3e9, \"ram\": -1, \"keep\": nan, \"max_side\": 900}\n}\n");
-    CHECK_OK(run_read(test_ctx, test_folder(), &run));
-    run_options(&run, &o);
+    CHECK_OK(manifest_read(test_ctx, test_folder(), &run));
+    manifest_options(&run, &o);
     CHECK(o.partition.cut == plain.partition.cut && o.train.ucd.mode == plain.train.ucd.mode && o.ram == plain.ram);
     CHECK(o.train.iterations == plain.train.iterations && o.train.keep.kind == plain.train.keep.kind && o.scene.max_side == 900);
-    run_free(test_ctx, &run);
+    manifest_free(test_ctx, &run);
 }
 
 TEST(job_leaves_out_photographs_that_cannot_be_read_and_counts_them)

@@ -104,7 +104,7 @@ TEST(nerfstudio_survey_is_that_of_colmap_with_every_lens)
         struct colmap colmap, other;
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_nerfstudio(&colmap, cases[i][1]);
-        CHECK_OK(find_model(test_ctx, test_path("ns"), NULL, &other));
+        CHECK_OK(survey_find_model(test_ctx, test_path("ns"), NULL, &other));
         CHECK(other.camera_count == 1 && !other.images_beside && other.warnings == 0);
         jsurvey_check_same(&colmap, &other);
         colmap_free(test_ctx, &colmap);
@@ -132,7 +132,7 @@ TEST(opensfm_survey_is_that_of_colmap_with_every_lens)
         struct colmap colmap, other;
         jsurvey_colmap(cases[i][0], &colmap);
         jsurvey_write_opensfm(&colmap, cases[i][1]);
-        CHECK_OK(find_model(test_ctx, test_path("osfm"), NULL, &other));
+        CHECK_OK(survey_find_model(test_ctx, test_path("osfm"), NULL, &other));
         CHECK(other.camera_count == 2);
         jsurvey_check_same(&colmap, &other);
         colmap_free(test_ctx, &colmap);

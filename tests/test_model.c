@@ -501,7 +501,7 @@ TEST(model_read_gives_back_every_bit_that_was_written)
         CHECK_OK(oxl_model_write(test_ctx, path, &m));
         CHECK_OK(oxl_model_read(test_ctx, path, &standard));
         CHECK(standard.sh_degree == 3 && model_test_same(&standard, &m));
-        CHECK_OK(modelfile_write_ply(test_ctx, path, &m, degree));
+        CHECK_OK(model_file_write_ply(test_ctx, path, &m, degree));
         CHECK_OK(oxl_model_read(test_ctx, path, &compact));
         CHECK(compact.sh_degree == degree && model_test_same(&compact, &m));
         oxl_model_free(test_ctx, &m);

@@ -2,7 +2,7 @@
 
 TEST(options_have_names_of_their_own_and_one_place_each_in_run_json)
 {
-    CHECK(oxl_option_count() <= RUN_VALUES && oxl_option_at(0)->kind == OXL_OPTION_PRESET);
+    CHECK(oxl_option_count() <= MANIFEST_VALUES && oxl_option_at(0)->kind == OXL_OPTION_PRESET);
     for (int i = 0; i < oxl_option_count(); i++) {
         const oxl_option *o = oxl_option_at(i);
         CHECK(oxl_option_find(o->name) == o && strlen(o->name) < 32 && o->group && o->help);
@@ -37,9 +37,10 @@ TEST(options_defaults_are_those_of_the_paper_and_of_kerbl)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER), draft = oxl_train_options_default(OXL_PRESET_DRAFT);
     CHECK(o.iterations == 40000 && o.sh_degree == 3 && o.rate_mean_first == 1.6e-4f && o.rate_mean_last == 1.6e-6f);
-    CHECK(o.rate_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.bands_every == 1.0f / 30 && o.densify_gradient == 2e-4f);
+    CHECK(o.rate_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.sh_degree_interval == 1.0f / 30 &&
+          o.densify_gradient == 2e-4f);
     CHECK(o.ucd.mode == OXL_UCD_AUTO && o.ucd.f_mid == 1.5f && o.ucd.f_far == 2 && o.ucd.learn == 1 && o.dog_from == 0.55f);
-    CHECK(draft.coarse == -1 && draft.sh_degree == -1 && draft.densify_gradient == 4e-4f && draft.haste == 0.35f);
+    CHECK(draft.coarse == -1 && draft.sh_degree == -1 && draft.densify_gradient == 4e-4f && draft.short_run_exponent == 0.35f);
 }
 
 TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
@@ -101,8 +102,8 @@ TEST(options_check_names_the_one_that_is_out_of_range)
     CHECK(oxl_job_options_check(test_ctx, &o) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "option --iterations: '0' seen");
     CHECK(!strstr(oxl_error_text(test_ctx), "degree"));
-    o              = oxl_job_options_default(OXL_PRESET_DRAFT);
-    o.train.settle = NAN;
+    o                = oxl_job_options_default(OXL_PRESET_DRAFT);
+    o.train.cooldown = NAN;
     CHECK(oxl_train_options_check(test_ctx, &o.train) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "option --cooldown: 'nan' seen");
 }
@@ -141,17 +142,17 @@ TEST(options_in_run_json_are_read_back_every_one)
     const oxl_job_options others = options_test_others();
     oxl_job_options       read   = oxl_job_options_default(OXL_PRESET_PAPER);
     struct text           line = {.ctx = test_ctx}, again = line, file = line;
-    struct oxl_run        run;
-    run_describe(&line, "a survey, \"quoted\"", &others);
+    struct oxl_manifest   run;
+    manifest_describe(&line, "a survey, \"quoted\"", &others);
     text_add(&file, "{\n  %s,\n  \"found\": {\"images\": 1}\n}\n", line.data);
     test_write("run.json", file.data);
-    CHECK_OK(run_read(test_ctx, test_folder(), &run));
-    run_options(&run, &read);
-    run_describe(&again, "a survey, \"quoted\"", &read);
+    CHECK_OK(manifest_read(test_ctx, test_folder(), &run));
+    manifest_options(&run, &read);
+    manifest_describe(&again, "a survey, \"quoted\"", &read);
     CHECK(strcmp(again.data, line.data) == 0);
     CHECK_TEXT(line.data, "\"keep\": \"12345678B\"");
     CHECK_TEXT(line.data, "\"ucd\": \"1.25,3,fixed\"");
-    run_free(test_ctx, &run);
+    manifest_free(test_ctx, &run);
     text_free(&line);
     text_free(&again);
     text_free(&file);
@@ -164,9 +165,9 @@ TEST(options_that_differ_between_two_runs_are_named_with_both_values)
     b.train.keep   = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
     b.scene.images = "here";
     a.train.robust = 1;
-    run_describe(&there, "one", &a);
-    run_describe(&here, "two", &b);
-    CHECK_OK(run_differences(&t, there.data, here.data));
+    manifest_describe(&there, "one", &a);
+    manifest_describe(&here, "two", &b);
+    CHECK_OK(manifest_differences(&t, there.data, here.data));
     CHECK(strcmp(t.data, "  --images: not given there, here here\n  --keep: all there, 0.5 here\n"
                          "  --mask-transients: true there, false here\n  survey: one there, two here\n") == 0);
     text_free(&there);

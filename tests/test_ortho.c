@@ -233,7 +233,7 @@ TEST(scale_sight_undoes_the_lens)
         if (!scene) continue;
         for (int i = 0; i < 12; i++) {
             const double x = 20 + 50 * (i % 4), y = 20 + 50 * (i / 4);
-            CHECK_OK(oxl_scene_sight(test_ctx, scene, 0, x, y, start, way));
+            CHECK_OK(oxl_scene_ray(test_ctx, scene, 0, x, y, start, way));
             camera_distort(&scene->colmap.camera[0], (double[2]){way[0] / way[2], way[1] / way[2]}, pixel);
             CHECK_CLOSE(pixel[0], x, 2e-3);
             CHECK_CLOSE(pixel[1], y, 2e-3);

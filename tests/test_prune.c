@@ -99,7 +99,7 @@ TEST(prune_row_bytes_are_those_of_the_file)
         struct os_file_map file;
         oxl_model          m;
         CHECK_OK(oxl_model_create(test_ctx, 1000, degree, &m));
-        CHECK_OK(modelfile_write_ply(test_ctx, test_path("m.ply"), &m, degree));
+        CHECK_OK(model_file_write_ply(test_ctx, test_path("m.ply"), &m, degree));
         CHECK_OK(os_read_file(test_ctx, test_path("m.ply"), &file));
         CHECK(file.size <= PRUNE_FILE + 1000 * prune_row_bytes(degree, 0) && file.size > 1000 * prune_row_bytes(degree, 0));
         os_release_file(test_ctx, &file);
@@ -172,9 +172,9 @@ TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
 }
 
 /* Left half flat, right half a pattern of 4 px that a fine blur leaves. */
-static struct photo prune_pattern(void)
+static struct training_image prune_pattern(void)
 {
-    struct photo p = {.width = 64, .height = 48, .rgb = oxl_alloc(test_ctx, 3 * 64 * 48, 1)};
+    struct training_image p = {.width = 64, .height = 48, .rgb = oxl_alloc(test_ctx, 3 * 64 * 48, 1)};
     for (int i = 0; i < 3 * 64 * 48; i++) {
         const int x = i % 64, y = i / 64 % 48;
         p.rgb[i] = (uint8_t)(x < 32 ? 100 : ((x / 4 + y / 4) % 2 ? 160 : 60));
@@ -184,10 +184,10 @@ static struct photo prune_pattern(void)
 
 TEST(prune_detail_is_high_where_the_photograph_has_it_and_the_same_with_any_threads)
 {
-    struct photo p       = prune_pattern();
-    const size_t pixels  = 64 * 48;
-    const int    threads = test_ctx->threads;
-    float       *w = oxl_alloc(test_ctx, 2 * pixels, sizeof *w), flat = 0, fine = 0, most = 0;
+    struct training_image p       = prune_pattern();
+    const size_t          pixels  = 64 * 48;
+    const int             threads = test_ctx->threads;
+    float                *w = oxl_alloc(test_ctx, 2 * pixels, sizeof *w), flat = 0, fine = 0, most = 0;
     test_ctx->threads = 1;
     CHECK_OK(prune_detail(test_ctx, &p, w));
     test_ctx->threads = 5;
@@ -203,7 +203,7 @@ TEST(prune_detail_is_high_where_the_photograph_has_it_and_the_same_with_any_thre
     memset(p.rgb, 77, 3 * pixels);
     CHECK_OK(prune_detail(test_ctx, &p, w));
     for (size_t i = 0; i < pixels; i++) CHECK(w[i] == 0);
-    image_photo_free(test_ctx, &p);
+    image_training_free(test_ctx, &p);
     oxl_free(test_ctx, w);
 }
 

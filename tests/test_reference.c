@@ -489,8 +489,8 @@ TEST(reference_steps_of_adam_agree)
 {
     enum { STEPS = 60, ROWS = 60 };
     const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, ROWS, 20, 0};
-    struct renderer_pace         pace  = {.beta = RENDERER_BETAS};
-    struct renderer_aside        aside;
+    struct adam_params           pace  = {.beta = RENDERER_BETAS};
+    struct renderer_nonfinite    aside;
     struct renderer             *r;
     struct reference_case        c;
     oxl_model                    gradient, first, second;

@@ -282,9 +282,9 @@ static int study_test_same_options(const oxl_train_options *a, const oxl_train_o
     struct text     x = {.ctx = test_ctx}, y = x;
     int             same = 0;
     job.train            = *a;
-    run_describe(&x, "", &job);
+    manifest_describe(&x, "", &job);
     job.train = *b;
-    run_describe(&y, "", &job);
+    manifest_describe(&y, "", &job);
     same = !x.failed && !y.failed && !strcmp(x.data, y.data);
     text_free(&x);
     text_free(&y);
@@ -310,7 +310,7 @@ TEST(tradeoff_rows_differ_by_one_option_or_are_a_preset)
 TEST(tradeoff_options_are_off_in_the_papers_preset)
 {
     const oxl_train_options o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.sh_degree == 3 && o.iterations == 40000 && o.haste == 0);
+    CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.sh_degree == 3 && o.iterations == 40000 && o.short_run_exponent == 0);
 }
 
 /* What the rows are told to be compared with, and made equal to, is there, and before the controls. */

@@ -465,7 +465,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
     oxl_model         model[6], again;
     const int         threads = test_ctx->threads;
     for (int i = 0; i < 6; i++) o[i] = train_options(60), o[i].coarse = 0;
-    o[1].coarse = 0.5f, o[2].bands_every = 0.5f, o[3].haste = 0, o[4].settle = 0, o[5].alpha_min = 0.04f;
+    o[1].coarse = 0.5f, o[2].sh_degree_interval = 0.5f, o[3].short_run_exponent = 0, o[4].cooldown = 0, o[5].alpha_min = 0.04f;
     for (int i = 0; i < 6; i++) {
         test_ctx->threads = 1;
         CHECK_OK(oxl_train(test_ctx, scene, &o[i], NULL, &model[i]));
@@ -490,7 +490,7 @@ TEST(train_in_haste_starts_from_gaussians_that_are_narrower_and_more_opaque)
     o.rate_mean_first = o.rate_mean_last = 1e-30f;
     o.rate_log_scale = o.rate_opacity = 0;
     for (int i = 0; i < 2; i++) {
-        o.haste = (float)i * 0.1f;
+        o.short_run_exponent = (float)i * 0.1f;
         CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, i ? &hasty : &usual));
     }
     CHECK(usual.count == hasty.count);
@@ -521,43 +521,45 @@ TEST(train_refuses_shares_of_a_run_that_are_none)
     oxl_model         model;
     o.coarse = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.coarse = 0, o.bands_every = 0;
+    o.coarse = 0, o.sh_degree_interval = 0;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.bands_every = 0.1f, o.haste = 1.5f;
+    o.sh_degree_interval = 0.1f, o.short_run_exponent = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.haste = 0, o.settle = 1.5f;
+    o.short_run_exponent = 0, o.cooldown = 1.5f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
-    o.settle = 0, o.alpha_min = 0.06f;
+    o.cooldown = 0, o.alpha_min = 0.06f;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     o.alpha_min = 0, o.dog = OXL_DOG_ALL, o.dog_from = o.densify_until;
     CHECK(oxl_train(test_ctx, scene, &o, NULL, &model) == OXL_ERR_USAGE);
     oxl_scene_free(test_ctx, scene);
 }
 
-static struct renderer_pace train_pace_at(int step, int iterations, float haste, float settle)
+static struct adam_params train_adam_params_at(int step, int iterations, float short_run_exponent, float cooldown)
 {
-    oxl_train_options    o     = oxl_train_options_default(OXL_PRESET_STANDARD);
-    oxl_scene           *scene = train_scene(2);
-    const struct train   t     = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
-    struct renderer_pace pace;
-    o.iterations = iterations;
-    o.haste      = haste;
-    o.settle     = settle;
-    pace         = train_pace(&t);
+    oxl_train_options  o     = oxl_train_options_default(OXL_PRESET_STANDARD);
+    oxl_scene         *scene = train_scene(2);
+    const struct train t     = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
+    struct adam_params pace;
+    o.iterations         = iterations;
+    o.short_run_exponent = short_run_exponent;
+    o.cooldown           = cooldown;
+    pace                 = train_adam_params(&t);
     oxl_scene_free(test_ctx, scene);
     return pace;
 }
 
-static struct renderer_pace train_pace_of(int iterations, float haste)
+static struct adam_params train_pace_of(int iterations, float short_run_exponent)
 {
-    return train_pace_at(1, iterations, haste, 0.2f);
+    return train_adam_params_at(1, iterations, short_run_exponent, 0.2f);
 }
 
 /* Of 10 001 steps, so that shares of the run are round. */
 TEST(train_settles_to_a_tenth_of_all_steps_in_the_last_share_of_the_run)
 {
-    const struct renderer_pace usual = train_pace_at(10001, 10001, 0, 0), before = train_pace_at(8000, 10001, 0, 0.2f),
-                               within = train_pace_at(9001, 10001, 0, 0.2f), end = train_pace_at(10001, 10001, 0, 0.2f);
+    const struct adam_params usual  = train_adam_params_at(10001, 10001, 0, 0),
+                             before = train_adam_params_at(8000, 10001, 0, 0.2f),
+                             within = train_adam_params_at(9001, 10001, 0, 0.2f),
+                             end    = train_adam_params_at(10001, 10001, 0, 0.2f);
     for (int k = 0; k < OXL_PLANES; k++) {
         CHECK_CLOSE(end.rate[k] / usual.rate[k], 0.1, 1e-6);
         if (k < OXL_LOG_SCALE) continue; /* means shrink in the whole run */
@@ -578,8 +580,8 @@ TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_settled_or_n
 
 TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iterations_on)
 {
-    const struct renderer_pace calm = train_pace_of(7000, 0.35f), hurried = train_pace_of(700, 0.35f),
-                               least = train_pace_of(10, 0.35f), usual = train_pace_of(700, 0);
+    const struct adam_params calm = train_pace_of(7000, 0.35f), hurried = train_pace_of(700, 0.35f),
+                             least = train_pace_of(10, 0.35f), usual = train_pace_of(700, 0);
     CHECK(calm.beta[0] == 0.9 && calm.beta[1] == 0.999);
     CHECK(usual.beta[0] == 0.9 && usual.beta[1] == 0.999 && usual.rate[OXL_LOG_SCALE] == 0.005f);
     CHECK_CLOSE(hurried.beta[0], 0.5, 0.002); /* 1 - 0.1 x 10^0.7 */

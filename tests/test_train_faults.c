@@ -45,7 +45,7 @@ static void faults_free(struct faults_case *c)
 static void faults_step_with_pixel(struct faults_case *c, float value)
 {
     c->t.step++;
-    CHECK_OK(train_photo(&c->t, 2));
+    CHECK_OK(train_load_image(&c->t, 2));
     c->t.renderer->target[100] = value;
     CHECK_OK(train_on_view(&c->t, 2));
     CHECK_OK(train_density(&c->t));
@@ -91,7 +91,7 @@ TEST(faults_a_gaussian_that_turns_bad_is_traced_and_cleared_and_the_rest_is_trai
         for (size_t i = 0; i < c.model.count; i++) bad += !model_row_is_finite(&c.model, i);
         CHECK(bad == (c.t.faults.cleared == 0)); /* one that no view can see harms none, and goes at the end */
         CHECK(c.model.plane[OXL_MEAN][5] != c.before.plane[OXL_MEAN][5]);
-        CHECK_OK(faults_end(test_ctx, &c.t.faults, &c.model));
+        CHECK_OK(nonfinite_end(test_ctx, &c.t.faults, &c.model));
         CHECK(faults_model_is_finite(&c.model) && c.t.faults.cleared == 1);
         faults_free(&c);
     }
@@ -99,14 +99,14 @@ TEST(faults_a_gaussian_that_turns_bad_is_traced_and_cleared_and_the_rest_is_trai
 
 TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_other)
 {
-    struct faults_case    c;
-    struct renderer_aside aside;
-    struct renderer_loss  loss;
-    struct renderer_pace  pace = {.beta = RENDERER_BETAS};
+    struct faults_case        c;
+    struct renderer_nonfinite aside;
+    struct renderer_loss      loss;
+    struct adam_params        pace = {.beta = RENDERER_BETAS};
     faults_begin(&c, 3);
     for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] = 0.01f;
     pace.step = ++c.t.step;
-    CHECK_OK(train_photo(&c.t, 2));
+    CHECK_OK(train_load_image(&c.t, 2));
     CHECK_OK(train_compare_view(&c.t, 2, &loss));
     CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &c.t.gradient));
     c.t.gradient.plane[OXL_ROTATION + 1][40] = NAN;
@@ -116,7 +116,7 @@ TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_ot
     for (int k = 0; k < oxl_model_planes(&c.model); k++)
         for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);
     CHECK(c.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] && c.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
-    faults_of_rows(test_ctx, &c.t.faults, c.t.step, "v02.png", aside, &c.model, &c.t.first, &c.t.second);
+    nonfinite_of_rows(test_ctx, &c.t.faults, c.t.step, "v02.png", aside, &c.model, &c.t.first, &c.t.second);
     CHECK_TEXT(faults_heard,
                "step 4: in v02.png, Gaussian 40 and 1 more met a number that is not finite: the step is skipped, 0");
     CHECK(c.t.faults.rows == 2 && c.t.faults.cleared == 0 && faults_model_is_finite(&c.model) &&
@@ -126,25 +126,25 @@ TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_ot
 
 TEST(faults_are_told_at_the_end_and_kept_in_the_records)
 {
-    const oxl_faults f    = {1, 2, 3, 4, 5};
-    oxl_faults       back = {0}, end = f;
-    struct text      t = {.ctx = test_ctx};
-    oxl_model        m;
+    const oxl_nonfinite f    = {1, 2, 3, 4, 5};
+    oxl_nonfinite       back = {0}, end = f;
+    struct text         t = {.ctx = test_ctx};
+    oxl_model           m;
     faults_heard[0]       = 0;
     test_ctx->options.log = faults_listen;
     text_add(&t, "{\n");
-    faults_add_json(&t, &f);
+    nonfinite_add_json(&t, &f);
     text_add(&t, "  \"end\": 0}");
     CHECK_TEXT(t.data, "\"steps_skipped\": 2,\n  \"gaussian_steps_skipped\": 3,\n  \"gaussians_cleared\": 4,\n");
-    faults_read_json(t.data, &back);
+    nonfinite_read_json(t.data, &back);
     CHECK(memcmp(&back, &f, sizeof f) == 0);
-    faults_add(&back, &f);
+    nonfinite_add(&back, &f);
     CHECK(back.photographs == 2 && back.degenerate == 10);
     CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
     m.plane[OXL_ROTATION][0]      = 0;
     m.plane[OXL_LOG_SCALE + 1][1] = -90;
     m.plane[OXL_SH][2]            = NAN;
-    CHECK_OK(faults_end(test_ctx, &end, &m));
+    CHECK_OK(nonfinite_end(test_ctx, &end, &m));
     CHECK(m.count == 2 && end.cleared == 5 && end.degenerate == 2);
     CHECK_TEXT(faults_heard, "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
     CHECK_TEXT(faults_heard, "could not be read and were left out: 1");

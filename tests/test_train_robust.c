@@ -3,22 +3,22 @@
 enum { ROBUST_TEST_SIDE = 48, ROBUST_TEST_PIXELS = ROBUST_TEST_SIDE * ROBUST_TEST_SIDE, ROBUST_TEST_BLOT = 12 };
 
 struct robust_case {
-    oxl_scene    *scene;
-    struct robust robust;
-    float         drawn[3 * ROBUST_TEST_PIXELS], photo[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
+    oxl_scene        *scene;
+    struct transients robust;
+    float             drawn[3 * ROBUST_TEST_PIXELS], photo[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
 };
 
 static struct robust_case *robust_case(void)
 {
     struct robust_case *c = calloc(1, sizeof *c);
     c->scene              = train_scene(7);
-    CHECK_OK(robust_begin(test_ctx, &c->robust, c->scene, 1));
+    CHECK_OK(transients_begin(test_ctx, &c->robust, c->scene, 1));
     return c;
 }
 
 static void robust_case_free(struct robust_case *c)
 {
-    robust_free(test_ctx, &c->robust);
+    transients_free(test_ctx, &c->robust);
     oxl_scene_free(test_ctx, c->scene);
     free(c);
 }
@@ -33,8 +33,8 @@ static void robust_test_paint(float *rgb, int x, int y, float by)
 
 static void robust_test_look(struct robust_case *c, int view, int masked)
 {
-    CHECK_OK(robust_weigh(test_ctx, &c->robust, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->drawn, c->photo, 1,
-                          masked, c->weight));
+    CHECK_OK(transients_weigh(test_ctx, &c->robust, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->drawn, c->photo, 1,
+                              masked, c->weight));
 }
 
 static int robust_test_aside(const struct robust_case *c)
@@ -92,7 +92,7 @@ TEST(robust_keeps_masks_and_asks_nobody_about_what_they_hide)
     before = c->robust.usual[hidden];
     robust_test_look(c, 3, 1);
     after = c->robust.usual[hidden];
-    CHECK(before == after && before == ROBUST_MOST);
+    CHECK(before == after && before == TRANSIENTS_MOST);
     for (int i = 0; i < ROBUST_TEST_PIXELS; i++) c->weight[i] = 0;
     robust_test_look(c, 3, 0); /* without a mask the weights are made anew */
     CHECK(robust_test_aside(c) == 0 && c->robust.usual[hidden] < before);
@@ -101,18 +101,18 @@ TEST(robust_keeps_masks_and_asks_nobody_about_what_they_hide)
 
 TEST(robust_without_points_is_off_and_says_so)
 {
-    oxl_view      view  = {"a.png", {8, 8, 9, 9, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}}, 0};
-    oxl_image     image = {0};
-    oxl_scene    *scene = NULL;
-    struct robust r;
+    oxl_view          view  = {"a.png", {8, 8, 9, 9, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}}, 0};
+    oxl_image         image = {0};
+    oxl_scene        *scene = NULL;
+    struct transients r;
     CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
     CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene));
     faults_heard[0]       = 0;
     test_ctx->options.log = faults_listen;
-    CHECK_OK(robust_begin(test_ctx, &r, scene, 1));
+    CHECK_OK(transients_begin(test_ctx, &r, scene, 1));
     CHECK(r.points == 0 && !r.usual);
     CHECK_TEXT(faults_heard, "the scene has no points");
-    robust_free(test_ctx, &r);
+    transients_free(test_ctx, &r);
     oxl_image_free(test_ctx, &image);
     oxl_scene_free(test_ctx, scene);
 }

@@ -7,7 +7,7 @@ TEST(predict_time_leaves_the_run_as_it_would_be)
     oxl_model         before, after;
     double            range[2] = {0};
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &before));
-    CHECK(rehearse(test_ctx, scene, &o, 400, range) > 0);
+    CHECK(predict_time(test_ctx, scene, &o, 400, range) > 0);
     CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &after));
     CHECK(train_same(&before, &after));
     oxl_model_free(test_ctx, &before);
@@ -20,10 +20,10 @@ TEST(predict_time_states_a_range_around_its_value_and_more_for_more_steps)
     oxl_scene        *scene = train_scene(5);
     oxl_train_options o     = train_options(20);
     double            few[2], many[2];
-    const double      seconds = rehearse(test_ctx, scene, &o, 400, few);
+    const double      seconds = predict_time(test_ctx, scene, &o, 400, few);
     o.iterations              = 2000000; /* a busy machine makes some steps many times as long: more than 1e5 it does not */
     CHECK(0 < few[0] && few[0] < seconds && seconds < few[1]);
-    CHECK(rehearse(test_ctx, scene, &o, 400, many) > seconds && many[0] > few[0]);
+    CHECK(predict_time(test_ctx, scene, &o, 400, many) > seconds && many[0] > few[0]);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -37,7 +37,7 @@ TEST(predict_time_of_a_scene_without_points_is_not_told)
     oxl_image         image;
     CHECK_OK(oxl_image_create(test_ctx, 32, 32, &image));
     CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene));
-    CHECK(rehearse(test_ctx, scene, &o, 400, range) == 0 && range[0] == 1 && range[1] == 2);
+    CHECK(predict_time(test_ctx, scene, &o, 400, range) == 0 && range[0] == 1 && range[1] == 2);
     oxl_image_free(test_ctx, &image);
     oxl_scene_free(test_ctx, scene);
 }
@@ -46,18 +46,18 @@ TEST(predict_time_expects_growth_up_to_the_cap)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT), none = o;
     none.densify_until = none.densify_from;
-    CHECK(rehearse_expected(&none, 1000, 1000000) < rehearse_expected(&o, 1000, 1000000));
-    CHECK(rehearse_expected(&none, 1000, 1000000) >= 1000);
-    CHECK(rehearse_expected(&o, 1000, 1100) == 1100 && rehearse_expected(&o, 1000, 10) == 10);
+    CHECK(predict_time_expected(&none, 1000, 1000000) < predict_time_expected(&o, 1000, 1000000));
+    CHECK(predict_time_expected(&none, 1000, 1000000) >= 1000);
+    CHECK(predict_time_expected(&o, 1000, 1100) == 1100 && predict_time_expected(&o, 1000, 10) == 10);
 }
 
 /* The share of a run in which it has grown lies between none and all of it, and is more the sooner it is full. */
 TEST(predict_time_weighs_the_grown_model_by_when_the_run_has_grown)
 {
     const oxl_train_options o     = oxl_train_options_default(OXL_PRESET_DRAFT);
-    const double            early = rehearse_grown(&o, 1000, 1250), late = rehearse_grown(&o, 1000, 8000);
+    const double            early = predict_time_grown(&o, 1000, 1250), late = predict_time_grown(&o, 1000, 8000);
     CHECK(0 < late && late < early && early < 1);
-    CHECK(rehearse_grown(&o, 1000, 1000) == 1);
+    CHECK(predict_time_grown(&o, 1000, 1000) == 1);
 }
 
 TEST(predict_time_grows_a_model_beside_its_own_centres)
@@ -65,7 +65,7 @@ TEST(predict_time_grows_a_model_beside_its_own_centres)
     static const oxl_point at[3] = {{.position = {0, 0, 0}}, {.position = {1, 0, 0}}, {.position = {0, 1, 0}}};
     oxl_model              model, grown;
     CHECK_OK(oxl_model_from_points(test_ctx, at, 3, 1, &model));
-    CHECK_OK(rehearse_grow(test_ctx, &model, 9, &grown));
+    CHECK_OK(predict_time_grow(test_ctx, &model, 9, &grown));
     CHECK(grown.count == 9 && grown.sh_degree == 1);
     for (int i = 0; i < 9; i++)
         for (int a = 0; a < 3; a++) CHECK(grown.plane[OXL_MEAN + a][i] > -1.5f && grown.plane[OXL_MEAN + a][i] < 2.5f);

@@ -3,9 +3,9 @@
 TEST(decide_lets_an_eighth_of_the_views_stand_aside_and_eight_at_most)
 {
     int held = 0;
-    for (int i = 0; i < 300; i++) held += decide_holds(i, 300);
-    CHECK(held == 8 && !decide_holds(0, 1));
-    for (int i = held = 0; i < 20; i++) held += decide_holds(i, 20);
+    for (int i = 0; i < 300; i++) held += selection_holds(i, 300);
+    CHECK(held == 8 && !selection_holds(0, 1));
+    for (int i = held = 0; i < 20; i++) held += selection_holds(i, 20);
     CHECK(held == 2);
 }
 
@@ -14,14 +14,14 @@ TEST(decide_tells_how_many_steps_its_trials_take_beside_the_run)
 {
     oxl_train_options o = train_options(2000);
     o.ucd.mode          = OXL_UCD_OFF;
-    CHECK(decide_steps_beside(&o, 50) == 0);
+    CHECK(selection_steps_beside(&o, 50) == 0);
     o.sh_degree = -1;
-    CHECK(decide_steps_beside(&o, 50) == 150 && decide_steps_beside(&o, 7) == 0);
+    CHECK(selection_steps_beside(&o, 50) == 150 && selection_steps_beside(&o, 7) == 0);
     o.dog = OXL_DOG_AUTO;
-    CHECK(decide_steps_beside(&o, 50) == 200);
+    CHECK(selection_steps_beside(&o, 50) == 200);
     o.ucd.mode      = OXL_UCD_ON;
     o.densify_every = INT_MAX;
-    CHECK(decide_steps_beside(&o, 50) == 200);
+    CHECK(selection_steps_beside(&o, 50) == 200);
 }
 
 struct decide_case {
@@ -54,9 +54,9 @@ static struct decide_case decide_case(oxl_scene *scene, int sh_degree, oxl_dog d
     struct decide_case       c     = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
     const struct train_place place = {
         .folder = test_folder(), .key = "key", .log = &c.log, .notes = &c.log, .decisions = &c.decisions};
-    c.options.sh_degree = sh_degree;
-    c.options.dog       = dog;
-    c.options.haste     = 0; /* bands take the usual steps: a grey world is drawn to 70 dB by whatever learns fast */
+    c.options.sh_degree          = sh_degree;
+    c.options.dog                = dog;
+    c.options.short_run_exponent = 0; /* bands take the usual steps: a grey world is drawn to 70 dB by whatever learns fast */
     CHECK_OK(train_run(test_ctx, c.scene, &c.options, NULL, &place, &c.model));
     return c;
 }
@@ -170,9 +170,9 @@ TEST(decide_tries_each_pair_of_weights_from_the_same_step_over_four_densificatio
     oxl_model           model;
     CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){decide_watch, &w}, &model));
     CHECK(w.tried == 3 * 22 && w.back == 3 && w.step == 240);
-    CHECK(decide_steps_beside(&o, 14) == 3 * 11);
+    CHECK(selection_steps_beside(&o, 14) == 3 * 11);
     o.ucd.mode = OXL_UCD_AUTO;
-    CHECK(decide_steps_beside(&o, 14) == 3 * 11 / 2);
+    CHECK(selection_steps_beside(&o, 14) == 3 * 11 / 2);
     CHECK(w.densified > 6); /* of 3 in each of 6 trials, besides the one that it began with */
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);

@@ -218,7 +218,7 @@ static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
 {
     size_t other = 0, seen = 0;
     double worst[10] = {0};
-    CHECK_OK(renderer_fetch_rows(t->ctx[1], t->r[1]));
+    CHECK_OK(renderer_download_rows(t->ctx[1], t->r[1]));
     for (size_t i = 0; i < count; i++) {
         const struct splat *a = &t->r[0]->splat[i], *b = &t->r[1]->splat[i];
         const float         x[10] = {a->u, a->v, a->a, a->k, a->e, a->peak, a->colour[0], a->depth, a->half_x, a->half_y};
@@ -508,25 +508,25 @@ static void vulkan_check_loss(oxl_context *device)
 /* Photographs are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
 static void vulkan_check_photo_of(oxl_context *device, int width, int height, int masked, int halved)
 {
-    struct vulkan_twins  t      = vulkan_twins(device, width >> halved, height >> halved);
-    const size_t         pixels = (size_t)width * (size_t)height;
-    uint8_t             *bytes  = oxl_alloc(test_ctx, 4 * pixels, 1);
-    struct photo         photo  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
-    struct renderer_loss loss[2];
-    oxl_model            m;
+    struct vulkan_twins   t      = vulkan_twins(device, width >> halved, height >> halved);
+    const size_t          pixels = (size_t)width * (size_t)height;
+    uint8_t              *bytes  = oxl_alloc(test_ctx, 4 * pixels, 1);
+    struct training_image photo  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
+    struct renderer_loss  loss[2];
+    oxl_model             m;
     vulkan_scene(200, 0, 0, &m);
     for (size_t i = 0; i < 4 * pixels; i++) bytes[i] = (uint8_t)(random_bits(9, i, 0) & (i < 3 * pixels || i % 97 ? 255 : 0));
     for (int round = 0; round < 2; round++) {
-        const struct photo *given = renderer_has_photo(t.r[1], 3) ? NULL : &photo;
+        const struct training_image *given = renderer_has_image(t.r[1], 3) ? NULL : &photo;
         vulkan_forward_both(&t, &m);
         for (int k = 0; k < 2; k++) {
-            CHECK_OK(renderer_take_photo(t.ctx[k], t.r[k], 3, k ? given : &photo, halved));
+            CHECK_OK(renderer_take_image(t.ctx[k], t.r[k], 3, k ? given : &photo, halved));
             CHECK_OK(renderer_loss(t.ctx[k], t.r[k], NULL, NULL, 0.2f, &loss[k]));
         }
         CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
         CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     }
-    CHECK(renderer_has_photo(t.r[1], 3) == (device->vulkan->photos > 0) && !renderer_has_photo(t.r[1], 2));
+    CHECK(renderer_has_image(t.r[1], 3) == (device->vulkan->photos > 0) && !renderer_has_image(t.r[1], 2));
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, bytes);
     vulkan_twins_free(&t);
@@ -559,7 +559,7 @@ static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lob
         CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], m.count).relative, 0, 2e-3);
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
         CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], lobes).relative, 0, 2e-3);
-    CHECK_OK(renderer_fetch_rows(device, t.r[1]));
+    CHECK_OK(renderer_download_rows(device, t.r[1]));
     for (size_t i = 0; i < m.count; i++)
         if (renderer_saw(t.r[0], i) && renderer_saw(t.r[1], i))
             CHECK_CLOSE(t.r[1]->dmean2d[i], t.r[0]->dmean2d[i], 1e-2 * t.r[0]->dmean2d[i] + 1e-2);
@@ -637,9 +637,9 @@ static void vulkan_run_free(struct vulkan_run *r)
 static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_camera *camera, struct vulkan_run *run,
                              const float *drgb, int from, int to, size_t aside_wanted)
 {
-    oxl_render_options    options = oxl_render_options_default();
-    struct renderer_aside aside;
-    struct renderer_pace  pace = {.beta = {0.7, 0.9995}};
+    oxl_render_options        options = oxl_render_options_default();
+    struct renderer_nonfinite aside;
+    struct adam_params        pace = {.beta = {0.7, 0.9995}};
     for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] = 1e-3f;
     for (pace.step = from; pace.step <= to; pace.step++) {
         CHECK_OK(renderer_forward(ctx, r, &run->model, camera, &options));
@@ -648,7 +648,7 @@ static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_cam
         CHECK(aside.rows == aside_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
-    CHECK_OK(renderer_fetch(ctx, r));
+    CHECK_OK(renderer_download(ctx, r));
 }
 
 static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double bound)
@@ -756,7 +756,7 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
     vulkan_idle_waits              = 0;
     device->vulkan->DeviceWaitIdle = vulkan_play_idle;
-    CHECK(renderer_fetch(device, r) == OXL_ERR_FAILED);
+    CHECK(renderer_download(device, r) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
@@ -768,13 +768,13 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
 
 static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
 {
-    const oxl_camera      camera  = vulkan_camera(64, 48);
-    float                *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
-    struct vulkan_run     run     = vulkan_run_begin(300, 1, 0);
-    oxl_render_options    options = oxl_render_options_default();
-    struct renderer_pace  pace    = {.beta = {0.7, 0.9995}, .step = 3};
-    struct renderer_aside aside;
-    struct renderer      *r;
+    const oxl_camera          camera  = vulkan_camera(64, 48);
+    float                    *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
+    struct vulkan_run         run     = vulkan_run_begin(300, 1, 0);
+    oxl_render_options        options = oxl_render_options_default();
+    struct adam_params        pace    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct renderer_nonfinite aside;
+    struct renderer          *r;
     CHECK_OK(renderer_create(device, &r));
     vulkan_run_steps(device, r, &camera, &run, drgb, 1, 2, 0);
     CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
@@ -863,13 +863,13 @@ static void vulkan_play_full(struct vulkan *v, int allocations)
 
 static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_model *m, int view, struct renderer_loss *loss)
 {
-    oxl_render_options options = oxl_render_options_default();
-    const size_t       bytes   = 4 * t->pixels;
-    uint8_t           *rgb     = oxl_alloc(test_ctx, bytes, 1);
-    struct photo       photo   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
-    oxl_result         rc;
+    oxl_render_options    options = oxl_render_options_default();
+    const size_t          bytes   = 4 * t->pixels;
+    uint8_t              *rgb     = oxl_alloc(test_ctx, bytes, 1);
+    struct training_image photo   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
+    oxl_result            rc;
     for (size_t i = 0; i < bytes; i++) rgb[i] = (uint8_t)random_bits(9, i, (uint64_t)view);
-    rc = renderer_take_photo(t->ctx[k], t->r[k], view, &photo, 0);
+    rc = renderer_take_image(t->ctx[k], t->r[k], view, &photo, 0);
     if (rc == OXL_OK) rc = renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options);
     if (rc == OXL_OK) rc = renderer_loss(t->ctx[k], t->r[k], NULL, NULL, 0.2f, loss);
     oxl_free(test_ctx, rgb);
@@ -886,12 +886,12 @@ static void vulkan_check_full(oxl_context *device)
     vulkan_scene(300, 1, 0, &m);
     vulkan_scene(3000, 1, 0, &larger);
     for (int view = 0; view < 4; view++) CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss[1]));
-    CHECK(renderer_has_photo(t.r[1], 0) && renderer_has_photo(t.r[1], 3));
+    CHECK(renderer_has_image(t.r[1], 0) && renderer_has_image(t.r[1], 3));
     vulkan_play_full(device->vulkan, 0); /* the first fails, images leave, and the second is the real one */
     while (vulkan_take_and_draw(&t, 1, &larger, 3, &loss[1]) == OXL_ERR_MEMORY && tries < 60)
         vulkan_play_full(device->vulkan, ++tries);
     CHECK(tries > 0 && tries < 60);
-    CHECK(!renderer_has_photo(t.r[1], 0));
+    CHECK(!renderer_has_image(t.r[1], 0));
     CHECK_OK(vulkan_take_and_draw(&t, 0, &larger, 3, &loss[0]));
     CHECK_CLOSE(loss[1].total, loss[0].total, 1e-5);
     oxl_model_free(test_ctx, &m);
@@ -1052,7 +1052,7 @@ static void vulkan_repaint(oxl_model *m)
     for (size_t i = 0; i < m->count; i++) m->plane[OXL_SH][i] += (float)(1 + vulkan_random(i, 90));
 }
 
-/* Behind the doors: a model that was changed after renderer_fetch, and another in the shape of the first. */
+/* Behind the doors: a model that was changed after renderer_download, and another in the shape of the first. */
 static void vulkan_check_models_of_a_renderer(oxl_context *device)
 {
     struct vulkan_twins t = vulkan_twins(device, 64, 48);
@@ -1062,7 +1062,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_repaint(&other);
     vulkan_forward_both(&t, &m);
     vulkan_compare_images(&t);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_fetch(t.ctx[k], t.r[k]));
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k]));
     vulkan_repaint(&m);
     vulkan_repaint(&m);
     vulkan_forward_both(&t, &m);

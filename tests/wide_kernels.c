@@ -56,35 +56,35 @@ oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t 
 /* ---------------------------------------------------------------- one view */
 
 struct view {
-    struct lens      lens;
-    struct gaussians in, out;
-    struct splat    *splat;
-    struct lobe     *lobe;
-    uint16_t        *visible;
-    struct bins      bins;
+    struct kernel_camera lens;
+    struct gaussians     in, out;
+    struct splat        *splat;
+    struct lobe         *lobe;
+    uint16_t            *visible;
+    struct bins          bins;
     real (*sums)[SPLAT_SUMS];
 };
 
-static struct lens view_lens(const struct wide *w)
+static struct kernel_camera view_lens(const struct wide *w)
 {
-    const oxl_camera *c = &w->camera;
-    const double     *r = c->rotation, *t = c->translation;
-    struct lens       l = {.width      = c->width,
-                           .height     = c->height,
-                           .fx         = c->fx,
-                           .fy         = c->fy,
-                           .cx         = c->cx,
-                           .cy         = c->cy,
-                           .limit_x    = FRUSTUM_CLAMP * c->width / (2 * c->fx),
-                           .limit_y    = FRUSTUM_CLAMP * c->height / (2 * c->fy),
-                           .near_plane = w->near_plane,
-                           .alpha_min  = w->alpha_min,
-                           .cut        = w->alpha_min > ALPHA_MIN ? -log2(w->alpha_min) : LOG2_255};
-    l.rotation.x        = vec3(r[0], r[1], r[2]);
-    l.rotation.y        = vec3(r[3], r[4], r[5]);
-    l.rotation.z        = vec3(r[6], r[7], r[8]);
-    l.translation       = vec3(t[0], t[1], t[2]);
-    l.eye               = scale3(-1, mat3_transposed_times(l.rotation, l.translation));
+    const oxl_camera    *c = &w->camera;
+    const double        *r = c->rotation, *t = c->translation;
+    struct kernel_camera l = {.width      = c->width,
+                              .height     = c->height,
+                              .fx         = c->fx,
+                              .fy         = c->fy,
+                              .cx         = c->cx,
+                              .cy         = c->cy,
+                              .limit_x    = FRUSTUM_CLAMP * c->width / (2 * c->fx),
+                              .limit_y    = FRUSTUM_CLAMP * c->height / (2 * c->fy),
+                              .near_plane = w->near_plane,
+                              .alpha_min  = w->alpha_min,
+                              .cut        = w->alpha_min > ALPHA_MIN ? -log2(w->alpha_min) : LOG2_255};
+    l.rotation.x           = vec3(r[0], r[1], r[2]);
+    l.rotation.y           = vec3(r[3], r[4], r[5]);
+    l.rotation.z           = vec3(r[6], r[7], r[8]);
+    l.translation          = vec3(t[0], t[1], t[2]);
+    l.eye                  = scale3(-1, mat3_transposed_times(l.rotation, l.translation));
     return l;
 }
 

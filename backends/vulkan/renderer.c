@@ -46,7 +46,7 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
 
 static void vulkan_take_view(struct vulkan_renderer *r, const oxl_camera *c, const oxl_render_options *o)
 {
-    struct lens l = render_lens(c, o->near_plane);
+    struct kernel_camera l = render_kernel_camera(c, o->near_plane);
     render_set_alpha_min(&l, o->alpha_min);
     r->view  = (struct vulkan_view){.rotation    = {l.rotation.x.x, l.rotation.x.y, l.rotation.x.z, l.rotation.y.x, l.rotation.y.y,
                                                     l.rotation.y.z, l.rotation.z.x, l.rotation.z.y, l.rotation.z.z},
@@ -360,8 +360,8 @@ static oxl_result vulkan_score(void *device, const float *drgb, float *score)
 
 /* ---------------------------------------------------------------- step and statistics */
 
-static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second,
-                              const struct renderer_pace *pace, struct renderer_aside *out)
+static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *pace,
+                              struct renderer_nonfinite *out)
 {
     struct vulkan_renderer *r          = device;
     struct vulkan          *v          = r->v;
@@ -388,7 +388,7 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     }
     r->stepped = 1;
     vulkan_download(v, &r->counts, COUNT_ASIDE * sizeof *aside, aside, sizeof aside);
-    *out = (struct renderer_aside){aside[0], aside[0] ? aside[1] : SIZE_MAX};
+    *out = (struct renderer_nonfinite){aside[0], aside[0] ? aside[1] : SIZE_MAX};
     return v->rc;
 }
 
@@ -460,8 +460,8 @@ OXL_INTERNAL const struct renderer_device *vulkan_doors(void)
                                                  .free       = vulkan_renderer_free,
                                                  .forward    = vulkan_forward,
                                                  .image      = vulkan_image,
-                                                 .has_photo  = vulkan_has_photo,
-                                                 .take_photo = vulkan_take_photo,
+                                                 .has_image  = vulkan_has_photo,
+                                                 .take_image = vulkan_take_photo,
                                                  .target     = vulkan_target,
                                                  .loss       = vulkan_loss,
                                                  .backward   = vulkan_backward,

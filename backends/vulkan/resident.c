@@ -207,7 +207,7 @@ OXL_INTERNAL int vulkan_has_photo(const void *device, int view)
 }
 
 /* Each is an allocation, and a device may allow but 4096. */
-static void vulkan_send_photo(struct vulkan *v, const struct photo *photo, struct vulkan_photo *to)
+static void vulkan_send_photo(struct vulkan *v, const struct training_image *photo, struct vulkan_photo *to)
 {
     const size_t pixels = (size_t)photo->width * (size_t)photo->height;
     to->width           = (uint32_t)photo->width;
@@ -262,7 +262,7 @@ static void vulkan_reserve_target(struct vulkan_renderer *r, size_t pixels)
     if (r->masked) vulkan_reserve(r->v, &r->weight, pixels, 4, "pixels");
 }
 
-static struct vulkan_photo *vulkan_add_photo(struct vulkan_renderer *r, int view, const struct photo *photo,
+static struct vulkan_photo *vulkan_add_photo(struct vulkan_renderer *r, int view, const struct training_image *photo,
                                              struct vulkan_photo *passing)
 {
     struct vulkan_photo *p = vulkan_photo_place(r, view, 4 * (size_t)photo->width * (size_t)photo->height);
@@ -278,7 +278,7 @@ static struct vulkan_photo *vulkan_add_photo(struct vulkan_renderer *r, int view
     return passing;
 }
 
-OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct photo *photo, int halved)
+OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct training_image *photo, int halved)
 {
     struct vulkan_renderer *r       = device;
     struct vulkan          *v       = r->v;

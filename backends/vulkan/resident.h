@@ -69,6 +69,6 @@ OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
 OXL_INTERNAL oxl_result vulkan_fetch(void *device);
 OXL_INTERNAL int        vulkan_has_photo(const void *device, int view);
 OXL_INTERNAL size_t     vulkan_target(void *device, float *rgb, float *weight, int *masked);
-OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct photo *photo, int halved);
+OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct training_image *photo, int halved);
 
 #endif

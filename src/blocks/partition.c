@@ -77,12 +77,12 @@ struct partition_build {
     size_t                 least_points;
     int                    least_views;
 
-    struct partition_sight *sight;
-    uint32_t               *first; /* (count + 1) in `blocks`: the blocks in whose expanded box a point lies */
-    uint32_t               *blocks;
-    size_t                 *inside; /* (blocks) points in the expanded box */
-    uint8_t                *role;   /* (blocks, views) */
-    uint8_t                *poor;   /* (blocks) has few views; NULL: not yet known */
+    struct partition_visibility *sight;
+    uint32_t                    *first; /* (count + 1) in `blocks`: the blocks in whose expanded box a point lies */
+    uint32_t                    *blocks;
+    size_t                      *inside; /* (blocks) points in the expanded box */
+    uint8_t                     *role;   /* (blocks, views) */
+    uint8_t                     *poor;   /* (blocks) has few views; NULL: not yet known */
 };
 
 static size_t partition_task_begin(size_t count, int task)
@@ -435,7 +435,7 @@ static enum partition_role partition_role(size_t both, size_t all, size_t inside
 /* seen (blocks): scratch. */
 static void partition_judge_view(const struct partition_build *b, size_t view, uint32_t *seen)
 {
-    const struct partition_sight *s = b->sight;
+    const struct partition_visibility *s = b->sight;
     memset(seen, 0, (size_t)b->leaf_count * sizeof *seen);
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++) {
         const uint32_t i = s->point[k];
@@ -559,9 +559,9 @@ static size_t partition_mark_one(uint64_t *bits, uint32_t i)
 
 OXL_INTERNAL size_t partition_mark(const struct partition *p, int block, uint64_t *bits)
 {
-    const struct partition_plan  *plan  = p->plan;
-    const struct partition_sight *s     = plan->sight;
-    size_t                        count = 0;
+    const struct partition_plan       *plan  = p->plan;
+    const struct partition_visibility *s     = plan->sight;
+    size_t                             count = 0;
     for (size_t k = plan->first_member[block]; k < plan->first_member[block + 1]; k++)
         count += partition_mark_one(bits, plan->member[k]);
     for (size_t v = 0; v < s->views; v++) {

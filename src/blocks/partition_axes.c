@@ -41,7 +41,7 @@ static size_t axes_trim(double *sample, size_t n, double *scratch)
         const double *p = sample + 3 * i;
         scratch[i]      = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
     }
-    limit = AXES_REACH * AXES_REACH * measure_pick(scratch, n, AXES_QUANTILE);
+    limit = AXES_REACH * AXES_REACH * stats_pick(scratch, n, AXES_QUANTILE);
     for (size_t i = 0; i < n; i++) {
         const double *p = sample + 3 * i;
         if (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] <= limit) memmove(sample + 3 * kept++, p, 3 * sizeof *p);
@@ -108,8 +108,8 @@ static struct axes_reach axes_measure(const double axis[3], const double *p, siz
 {
     struct axes_reach r = {.axis = {axis[0], axis[1], axis[2]}};
     for (size_t i = 0; i < n; i++) scratch[i] = axes_dot(axis, p + 3 * i);
-    r.low  = measure_pick(scratch, n, 0.01);
-    r.high = measure_pick(scratch, n, 0.99);
+    r.low  = stats_pick(scratch, n, 0.01);
+    r.high = stats_pick(scratch, n, 0.99);
     return r;
 }
 

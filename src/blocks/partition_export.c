@@ -134,7 +134,7 @@ static void exporter_cameras(const struct exporter *e, struct exporter_worker *w
 /* Which point each 2D point of the view belongs to, by the tracks. */
 static void exporter_fill_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
-    const struct partition_sight *s = e->p->plan->sight;
+    const struct partition_visibility *s = e->p->plan->sight;
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++) {
         if (s->observation[k] >= e->slots || w->slot[s->observation[k]] != -1) w->loose++;
         else w->slot[s->observation[k]] = e->colmap->point[s->point[k]].id;
@@ -143,7 +143,7 @@ static void exporter_fill_slots(const struct exporter *e, struct exporter_worker
 
 static void exporter_clear_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
-    const struct partition_sight *s = e->p->plan->sight;
+    const struct partition_visibility *s = e->p->plan->sight;
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++)
         if (s->observation[k] < e->slots && w->slot[s->observation[k]] != -1) {
             w->loose++;

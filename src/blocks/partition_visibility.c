@@ -8,11 +8,11 @@
 /* ---------------------------------------------------------------- turning over, in parts of the points */
 
 struct sight_build {
-    const struct colmap    *colmap;
-    const double           *origin;
-    int32_t                *view; /* (images of the COLMAP model) -1: none for training */
-    struct partition_sight *sight;
-    size_t                 *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
+    const struct colmap         *colmap;
+    const double                *origin;
+    int32_t                     *view; /* (images of the COLMAP model) -1: none for training */
+    struct partition_visibility *sight;
+    size_t                      *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
 };
 
 static oxl_result sight_find_views(oxl_context *ctx, const oxl_scene *scene, struct sight_build *b)
@@ -64,14 +64,14 @@ static void sight_place(const struct sight_build *b)
     b->sight->first[b->sight->views] = total;
 }
 
-static uint32_t sight_count_different(const struct partition_sight *s, size_t view)
+static uint32_t sight_count_different(const struct partition_visibility *s, size_t view)
 {
     uint32_t count = 0;
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++) count += k == s->first[view] || s->point[k] != s->point[k - 1];
     return count;
 }
 
-static oxl_result sight_alloc_lists(oxl_context *ctx, struct partition_sight *s)
+static oxl_result sight_alloc_lists(oxl_context *ctx, struct partition_visibility *s)
 {
     const size_t total = s->first[s->views];
     s->point           = oxl_alloc(ctx, total + 1, sizeof *s->point);
@@ -80,13 +80,13 @@ static oxl_result sight_alloc_lists(oxl_context *ctx, struct partition_sight *s)
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu observations", total);
 }
 
-OXL_INTERNAL oxl_result partition_sight_create(oxl_context *ctx, const oxl_scene *scene, struct partition_sight **out)
+OXL_INTERNAL oxl_result partition_sight_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out)
 {
-    const size_t            views = (size_t)oxl_scene_view_count(scene);
-    struct partition_sight *s     = oxl_calloc(ctx, 1, sizeof *s);
-    struct sight_build      b     = {.colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .sight = s};
-    oxl_result              rc    = OXL_OK;
-    *out                          = NULL;
+    const size_t                 views = (size_t)oxl_scene_view_count(scene);
+    struct partition_visibility *s     = oxl_calloc(ctx, 1, sizeof *s);
+    struct sight_build           b     = {.colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .sight = s};
+    oxl_result                   rc    = OXL_OK;
+    *out                               = NULL;
     if (s) {
         s->views = views;
         s->first = oxl_calloc(ctx, views + 1, sizeof *s->first);
@@ -115,7 +115,7 @@ done:
     return rc;
 }
 
-OXL_INTERNAL void partition_sight_free(oxl_context *ctx, struct partition_sight *s)
+OXL_INTERNAL void partition_sight_free(oxl_context *ctx, struct partition_visibility *s)
 {
     if (!s) return;
     oxl_free(ctx, s->first);

@@ -8,7 +8,7 @@
 
 /* ---------------------------------------------------------------- context */
 
-static void *base_reallocate(void *user, void *old, size_t size)
+static void *context_reallocate(void *user, void *old, size_t size)
 {
     (void)user;
     if (size == 0) {
@@ -20,13 +20,13 @@ static void *base_reallocate(void *user, void *old, size_t size)
 
 oxl_context_options oxl_context_options_default(void)
 {
-    return (oxl_context_options){.seed = 1, .reallocate = base_reallocate, .device = -1};
+    return (oxl_context_options){.seed = 1, .reallocate = context_reallocate, .device = -1};
 }
 
 /* The result does not depend on their number, and with a hundred thousand the OpenMP runtime crashes. */
 enum { BASE_THREADS_MAX = 1024 };
 
-static int base_threads(int wanted)
+static int context_threads(int wanted)
 {
 #ifdef _OPENMP
     return OXL_MIN(wanted > 0 ? wanted : omp_get_max_threads(), BASE_THREADS_MAX);
@@ -36,7 +36,7 @@ static int base_threads(int wanted)
 #endif
 }
 
-OXL_INTERNAL int base_thread(void)
+OXL_INTERNAL int context_thread(void)
 {
 #ifdef _OPENMP
     return omp_get_thread_num();
@@ -50,10 +50,10 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
     oxl_context_options o   = options ? *options : oxl_context_options_default();
     oxl_context        *ctx = NULL;
     *out                    = NULL;
-    if (!o.reallocate) o.reallocate = base_reallocate;
+    if (!o.reallocate) o.reallocate = context_reallocate;
     ctx = o.reallocate(o.user, NULL, sizeof *ctx);
     if (!ctx) return OXL_ERR_MEMORY;
-    *ctx = (oxl_context){.options = o, .threads = base_threads(o.threads), .isa = simd_detect()};
+    *ctx = (oxl_context){.options = o, .threads = context_threads(o.threads), .isa = simd_detect()};
     *out = ctx;
     return OXL_OK;
 }
@@ -84,7 +84,7 @@ const char *oxl_isa_name(const oxl_context *ctx)
 }
 
 /* The caller's allocator, one thread at a time. */
-static void *base_reallocate_in_turn(void *user, void *old, size_t size)
+static void *context_reallocate_in_turn(void *user, void *old, size_t size)
 {
     const oxl_context_options *caller = user;
     void                      *memory;
@@ -95,10 +95,10 @@ static void *base_reallocate_in_turn(void *user, void *old, size_t size)
     return memory;
 }
 
-OXL_INTERNAL oxl_context base_apart(oxl_context *ctx)
+OXL_INTERNAL oxl_context context_apart(oxl_context *ctx)
 {
     return (oxl_context){
-        .options = {.reallocate = base_reallocate_in_turn, .user = &ctx->options}, .threads = 1, .isa = ctx->isa};
+        .options = {.reallocate = context_reallocate_in_turn, .user = &ctx->options}, .threads = 1, .isa = ctx->isa};
 }
 
 /* ---------------------------------------------------------------- errors and the log */
@@ -290,7 +290,7 @@ OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b)
 
 /* ---------------------------------------------------------------- random numbers */
 
-static uint64_t base_mix(uint64_t x) /* splitmix64 (Steele, Lea & Flood 2014) */
+static uint64_t context_mix(uint64_t x) /* splitmix64 (Steele, Lea & Flood 2014) */
 {
     x += UINT64_C(0x9E3779B97F4A7C15);
     x = (x ^ (x >> 30)) * UINT64_C(0xBF58476D1CE4E5B9);
@@ -300,7 +300,7 @@ static uint64_t base_mix(uint64_t x) /* splitmix64 (Steele, Lea & Flood 2014) */
 
 OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b)
 {
-    return base_mix(base_mix(base_mix(seed) ^ a) ^ b);
+    return context_mix(context_mix(context_mix(seed) ^ a) ^ b);
 }
 
 OXL_INTERNAL double random_unit(uint64_t bits)

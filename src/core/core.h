@@ -71,10 +71,10 @@ struct oxl_context {
 OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out);
 OXL_INTERNAL void       context_close(oxl_context *ctx);
 
-OXL_INTERNAL int base_thread(void); /* which of a parallel region's threads this is, from 0 */
+OXL_INTERNAL int context_thread(void); /* which of a parallel region's threads this is, from 0 */
 
 /* For a thread beside others: a context of its own, with memory from ctx. It logs nothing, and its errors stay with it. */
-OXL_INTERNAL oxl_context base_apart(oxl_context *ctx);
+OXL_INTERNAL oxl_context context_apart(oxl_context *ctx);
 
 /* All memory goes through these; NULL when the allocator refuses or count x size overflows. Aligned to 64 bytes. */
 OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);

@@ -21,7 +21,7 @@ struct block {
     struct text              log, notes;
     struct text              decisions;   /* members of a JSON object */
     double                   log_written; /* seconds */
-    oxl_faults               faults;
+    oxl_nonfinite            faults;
 };
 
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
@@ -37,7 +37,7 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
 {
     char      *path = oxl_path_join(b->ctx, b->task->folder, name);
     oxl_result rc   = path ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
-    if (rc == OXL_OK) rc = modelfile_write_ply(b->ctx, path, model, model->sh_degree);
+    if (rc == OXL_OK) rc = model_file_write_ply(b->ctx, path, model, model->sh_degree);
     oxl_free(b->ctx, path);
     return rc;
 }
@@ -75,13 +75,13 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
         out->there             = 1;
         out->trained           = strstr(map.data, "\"trained\": true") != NULL;
         out->finished          = strstr(map.data, "\"finished\": true") != NULL;
-        out->iterations        = (int)OXL_CLAMP(run_number(map.data, "iterations_done"), 0, INT_MAX);
-        out->gaussians         = (size_t)OXL_CLAMP(run_number(map.data, "gaussians"), 0, 1e9);
-        out->seconds           = run_number(map.data, "seconds");
-        out->peak              = run_number(map.data, "peak_rss_bytes");
-        out->predicted_peak    = run_number(map.data, "predicted_memory_bytes");
-        out->predicted_seconds = run_number(map.data, "predicted_seconds");
-        faults_read_json(map.data, &out->faults);
+        out->iterations        = (int)OXL_CLAMP(manifest_number(map.data, "iterations_done"), 0, INT_MAX);
+        out->gaussians         = (size_t)OXL_CLAMP(manifest_number(map.data, "gaussians"), 0, 1e9);
+        out->seconds           = manifest_number(map.data, "seconds");
+        out->peak              = manifest_number(map.data, "peak_rss_bytes");
+        out->predicted_peak    = manifest_number(map.data, "predicted_memory_bytes");
+        out->predicted_seconds = manifest_number(map.data, "predicted_seconds");
+        nonfinite_read_json(map.data, &out->faults);
     }
     os_release_file(ctx, &map);
     oxl_free(ctx, path);
@@ -133,7 +133,7 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     block_add(&t, "peak_rss_bytes", r->peak);
     block_add(&t, "predicted_memory_bytes", r->predicted_peak);
     block_add(&t, "predicted_seconds", r->predicted_seconds);
-    faults_add_json(&t, &r->faults);
+    nonfinite_add_json(&t, &r->faults);
     text_add(&t, "  " BLOCK_DECISIONS "%s},\n", b->decisions.data ? b->decisions.data : "");
     text_add(&t, "  %s,\n  " BLOCK_NOTES "%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
     t.failed |= b->notes.failed || b->decisions.failed;
@@ -254,23 +254,23 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
 /* At the rates that the run had before it settled, those of its haste, not of a run as short as this; with Kerbl's momentum. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
-    const double      haste = train_haste(run);
-    oxl_train_options o     = *run;
-    o.iterations            = steps;
-    o.sh_degree             = sh_degree;
-    o.haste                 = 0;
-    o.rate_mean_last        = (float)(haste * run->rate_mean_last);
-    o.rate_mean_first       = o.rate_mean_last;
-    o.rate_log_scale        = train_scale_rate(run);
-    o.rate_rotation         = (float)(haste * run->rate_rotation);
-    o.rate_sh               = (float)(sqrt(haste) * run->rate_sh);
-    o.densify_until         = 0;
-    o.coarse                = 0;
-    o.reset_opacity_every   = 0;
-    o.ucd.mode              = OXL_UCD_OFF;
-    o.keep.kind             = OXL_KEEP_ALL;
-    o.dog                   = OXL_DOG_OFF;
-    o.alpha_min             = 0;
+    const double      short_run_exponent = train_short_run_factor(run);
+    oxl_train_options o                  = *run;
+    o.iterations                         = steps;
+    o.sh_degree                          = sh_degree;
+    o.short_run_exponent                 = 0;
+    o.rate_mean_last                     = (float)(short_run_exponent * run->rate_mean_last);
+    o.rate_mean_first                    = o.rate_mean_last;
+    o.rate_log_scale                     = train_scale_rate(run);
+    o.rate_rotation                      = (float)(short_run_exponent * run->rate_rotation);
+    o.rate_sh                            = (float)(sqrt(short_run_exponent) * run->rate_sh);
+    o.densify_until                      = 0;
+    o.coarse                             = 0;
+    o.reset_opacity_every                = 0;
+    o.ucd.mode                           = OXL_UCD_OFF;
+    o.keep.kind                          = OXL_KEEP_ALL;
+    o.dog                                = OXL_DOG_OFF;
+    o.alpha_min                          = 0;
     return o;
 }
 
@@ -320,10 +320,10 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
     oxl_result rc   = OXL_OK;
     if (model->lobes > 0 && b->task->standard > 0) {
         b->last   = (oxl_progress){0};
-        b->faults = (oxl_faults){0};
+        b->faults = (oxl_nonfinite){0};
         rc        = block_refine(b, scene, model, &done);
         record->seconds += block_rounded(b->last.seconds, 1e3);
-        faults_add(&record->faults, &b->faults);
+        nonfinite_add(&record->faults, &b->faults);
     }
     if (rc != OXL_OK || !done) return rc;
     record->finished = 1;

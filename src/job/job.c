@@ -150,21 +150,21 @@ static oxl_result job_write_run(struct job *job, int finished)
     return rc;
 }
 
-oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options, oxl_run **run)
+oxl_result oxl_job_resume(oxl_context *ctx, const char *scene, const char *out, oxl_job_options *options, oxl_manifest **run)
 {
     oxl_result rc = OXL_OK;
     *run          = oxl_calloc(ctx, 1, sizeof **run);
     if (!*run) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
-    rc = run_read(ctx, out, *run);
-    if (rc == OXL_OK && (*run)->line && (*run)->scene && !strcmp((*run)->scene, scene)) run_options(*run, options);
-    if (rc != OXL_OK) oxl_run_free(ctx, run);
+    rc = manifest_read(ctx, out, *run);
+    if (rc == OXL_OK && (*run)->line && (*run)->scene && !strcmp((*run)->scene, scene)) manifest_options(*run, options);
+    if (rc != OXL_OK) oxl_manifest_free(ctx, run);
     return rc;
 }
 
-void oxl_run_free(oxl_context *ctx, oxl_run **run)
+void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 {
     if (!*run) return;
-    run_free(ctx, *run);
+    manifest_free(ctx, *run);
     oxl_free(ctx, *run);
     *run = NULL;
 }
@@ -204,23 +204,23 @@ static void job_drop_checkpoints(struct job *job)
 }
 
 /* Of another folder and with other contents: a survey that moved, or has grown, is no other. */
-static int job_is_of_another_survey(const struct job *job, const struct oxl_run *run)
+static int job_is_of_another_survey(const struct job *job, const struct oxl_manifest *run)
 {
     return run->scene && run->found && strcmp(run->scene, job->scene_path) != 0 && strcmp(run->found, job->found.data) != 0;
 }
 
-static int job_is_of_another_run(const struct job *job, const struct oxl_run *run)
+static int job_is_of_another_run(const struct job *job, const struct oxl_manifest *run)
 {
     return strcmp(run->line, job->line.data) || !run->found || strcmp(run->found, job->found.data);
 }
 
 /* Says which options, or what of the survey, are not the same. */
-static oxl_result job_refuse(struct job *job, const struct oxl_run *run)
+static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 {
     struct text t = {.ctx = job->ctx}, there = t;
     oxl_result  rc;
     text_add(&there, "%s, %s", run->line, run->found ? run->found : "");
-    rc = there.failed ? OXL_ERR_MEMORY : run_differences(&t, there.data, job->key.data);
+    rc = there.failed ? OXL_ERR_MEMORY : manifest_differences(&t, there.data, job->key.data);
     if (rc == OXL_OK)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
                       "%s holds the unfinished work of a run with other options or of another survey:\n%s"
@@ -235,7 +235,7 @@ static oxl_result job_refuse(struct job *job, const struct oxl_run *run)
 }
 
 /* The work of another run is not thrown away by a slip of the hand; a finished one of this survey has given what it had to give. */
-static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
+static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
 {
     if (run->finished && job_is_of_another_survey(job, run) && !job->options.restart)
         return oxl_fail(job->ctx, OXL_ERR_USAGE,
@@ -253,14 +253,14 @@ static oxl_result job_make_way(struct job *job, const struct oxl_run *run)
 /* *done: nothing is left to do. */
 static oxl_result job_look(struct job *job, int *done)
 {
-    struct oxl_run run = {0};
-    oxl_result     rc  = run_read(job->ctx, job->out, &run);
-    *done              = 0;
+    struct oxl_manifest run = {0};
+    oxl_result          rc  = manifest_read(job->ctx, job->out, &run);
+    *done                   = 0;
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_make_way(job, &run);
     else *done = run.finished && run.refine == job->options.refine && job_has(job, "scene.ply");
 leave:
-    run_free(job->ctx, &run);
+    manifest_free(job->ctx, &run);
     return rc;
 }
 
@@ -369,7 +369,7 @@ static void job_add_record(struct job *job, const struct block_record *r)
     t->peak              = OXL_MAX(t->peak, r->peak);
     t->predicted_peak    = OXL_MAX(t->predicted_peak, r->predicted_peak);
     t->predicted_seconds = t->predicted_seconds + r->predicted_seconds;
-    faults_add(&t->faults, &r->faults);
+    nonfinite_add(&t->faults, &r->faults);
     job->unfinished += !r->finished;
 }
 
@@ -648,7 +648,7 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
 {
     struct os_file_map map  = {0};
     char              *path = oxl_path_join(job->ctx, job->out, name);
-    oxl_result         rc   = path ? modelfile_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
+    oxl_result         rc   = path ? model_file_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
     if (rc == OXL_OK) rc = os_read_file(job->ctx, path, &map);
     *bytes = map.size;
     os_release_file(job->ctx, &map);
@@ -728,7 +728,7 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     job_add(t, "predicted_seconds", job->total.predicted_seconds);
     job_add(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
     job_add(t, "predicted_memory_bytes", job->total.predicted_peak);
-    faults_add_json(t, &job->total.faults);
+    nonfinite_add_json(t, &job->total.faults);
 }
 
 static oxl_result job_judge_training(struct job *job, struct text *t)
@@ -843,7 +843,7 @@ static void job_begin(struct job *job, oxl_context *ctx, const char *scene, cons
                         .seed       = ctx->options.seed};
     if (job->options.seed) ctx->options.seed = job->options.seed;
     ctx->notes = &job->notes;
-    run_describe(&job->line, scene, &job->options);
+    manifest_describe(&job->line, scene, &job->options);
 }
 
 static oxl_result job_check(struct job *job)
@@ -893,8 +893,8 @@ static oxl_result job_prepare(struct job *job, int *done)
 /* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
 static oxl_result job_prepare_block(struct job *job, int *ready)
 {
-    struct oxl_run run = {0};
-    oxl_result     rc  = run_read(job->ctx, job->out, &run);
+    struct oxl_manifest run = {0};
+    oxl_result          rc  = manifest_read(job->ctx, job->out, &run);
     *ready = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && !strcmp(run.line, job->line.data) &&
              job_has(job, "partition.txt");
     *ready = *ready && run.found;
@@ -902,7 +902,7 @@ static oxl_result job_prepare_block(struct job *job, int *ready)
         text_add(&job->found, "%s", run.found);
         rc = job_make_key(job);
     }
-    run_free(job->ctx, &run);
+    manifest_free(job->ctx, &run);
     return rc == OXL_OK && *ready ? job_cut(job) : rc;
 }
 
@@ -947,17 +947,17 @@ static oxl_result job_collect(struct job *job)
 
 oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_callback *callback)
 {
-    oxl_job_options options = oxl_job_options_default(OXL_PRESET_DRAFT);
-    struct oxl_run  run     = {0};
-    struct job      job;
-    int             done = 0;
-    oxl_result      rc   = backend_begin(ctx);
-    if (rc == OXL_OK) rc = run_read(ctx, out, &run);
+    oxl_job_options     options = oxl_job_options_default(OXL_PRESET_DRAFT);
+    struct oxl_manifest run     = {0};
+    struct job          job;
+    int                 done = 0;
+    oxl_result          rc   = backend_begin(ctx);
+    if (rc == OXL_OK) rc = manifest_read(ctx, out, &run);
     if (rc == OXL_OK && (!run.line || !run.scene))
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
                       out, out);
     if (rc != OXL_OK) return rc;
-    run_options(&run, &options);
+    manifest_options(&run, &options);
     options.scene.allow_cut = 1; /* as its training was allowed to */
     if (refine >= 0) options.refine = refine;
     job_begin(&job, ctx, run.scene, out, &options, callback);
@@ -967,6 +967,6 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
     if (rc == OXL_OK && !done) rc = job_together(&job);
     if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
     job_end(&job);
-    run_free(ctx, &run);
+    manifest_free(ctx, &run);
     return rc;
 }

@@ -7,30 +7,30 @@
 
 /* ---------------------------------------------------------------- manifest.c: run.json, what a result depends on */
 
-enum { RUN_VALUES = 96, RUN_DIFFERENCES = 10 /* options; lines about them */ };
+enum { MANIFEST_VALUES = 96, MANIFEST_DIFFERENCES = 10 /* options; lines about them */ };
 
-struct oxl_run { /* read back from run.json */
+struct oxl_manifest { /* read back from run.json */
     int      finished;
-    float    refine;                             /* not in the line: blocks do not depend on it */
-    char    *line, *found;                       /* "job": {...}, "found": {...}; line NULL: there was no run */
-    char    *scene, *preset, *value[RUN_VALUES]; /* value: of the options as text, in the table's order; NULL: not there */
+    float    refine;                                  /* not in the line: blocks do not depend on it */
+    char    *line, *found;                            /* "job": {...}, "found": {...}; line NULL: there was no run */
+    char    *scene, *preset, *value[MANIFEST_VALUES]; /* value: of the options as text, in the table's order; NULL: not there */
     uint64_t seed;
 };
-OXL_INTERNAL void       run_describe(struct text *t, const char *scene, const oxl_job_options *o); /* "job": {...} */
-OXL_INTERNAL oxl_result run_read(oxl_context *ctx, const char *folder, struct oxl_run *out);
-OXL_INTERNAL void       run_free(oxl_context *ctx, struct oxl_run *run);
-OXL_INTERNAL void       run_options(const struct oxl_run *run, oxl_job_options *o); /* o borrows run's strings */
+OXL_INTERNAL void       manifest_describe(struct text *t, const char *scene, const oxl_job_options *o); /* "job": {...} */
+OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, struct oxl_manifest *out);
+OXL_INTERNAL void       manifest_free(oxl_context *ctx, struct oxl_manifest *run);
+OXL_INTERNAL void       manifest_options(const struct oxl_manifest *run, oxl_job_options *o); /* o borrows run's strings */
 /* A line for each member of "job" and "found" that differs between two runs. */
-OXL_INTERNAL oxl_result run_differences(struct text *t, const char *there, const char *here);
-OXL_INTERNAL double     run_number(const char *text, const char *name); /* what follows "name": , or 0 */
+OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *there, const char *here);
+OXL_INTERNAL double     manifest_number(const char *text, const char *name); /* what follows "name": , or 0 */
 
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 
-struct block_record {                                /* block.json */
-    int        there, trained, finished, iterations; /* trained: to its end, but for a standard model */
-    size_t     gaussians;
-    double     seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
-    oxl_faults faults;
+struct block_record {                                   /* block.json */
+    int           there, trained, finished, iterations; /* trained: to its end, but for a standard model */
+    size_t        gaussians;
+    double        seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
+    oxl_nonfinite faults;
 };
 struct block_task {
     const char         *folder, *key; /* key: what the result depends on */
@@ -119,12 +119,12 @@ OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, con
 /* ---------------------------------------------------------------- predict_time.c: how long steps will take */
 
 /* Gaussians at the end of a run that may not have more than `cap`. */
-OXL_INTERNAL double rehearse_expected(const oxl_train_options *options, size_t points, size_t cap);
+OXL_INTERNAL double predict_time_expected(const oxl_train_options *options, size_t points, size_t cap);
 
 /* Seconds of a run that is to end with so many Gaussians, extrapolated from steps that are timed here and now; range: the least and the
  * most that it may be. 0: it cannot be told so, be it that timing would take too long, or for want of memory. */
-OXL_INTERNAL double rehearse(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options, double gaussians,
-                             double range[2]);
+OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options, double gaussians,
+                                 double range[2]);
 
 /* ---------------------------------------------------------------- budget.c: --ram */
 

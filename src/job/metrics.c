@@ -295,7 +295,7 @@ static void metrics_rows(oxl_context *ctx, const struct metrics_windows *s)
     const int    edge  = s->whole ? METRICS_RADIUS : 0;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = edge; y < s->a->height - edge; y++) {
-        double             *at   = s->scratch + METRICS_LINES * (size_t)base_thread() * width;
+        double             *at   = s->scratch + METRICS_LINES * (size_t)context_thread() * width;
         struct metrics_line line = {.s = s, .y = y};
         for (int q = 0; q < 5; q++, at += width) line.column[q] = at;
         line.masked = at, line.ssim = at + width, line.contrast = at + 2 * width, line.touches = at + 3 * width;
@@ -415,7 +415,7 @@ oxl_result oxl_ms_ssim(oxl_context *ctx, const oxl_image *a, const oxl_image *b,
 /* ---------------------------------------------------------------- evaluation */
 
 struct metrics_bands { /* what is summed over all views */
-    struct bands       of;
+    struct depth_bands of;
     struct metrics_sum sum[3];
 };
 
@@ -424,7 +424,7 @@ static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, in
 {
     const size_t pixels = (size_t)drawn->width * (size_t)drawn->height;
     uint8_t     *band   = oxl_alloc(ctx, pixels, 1);
-    oxl_result   rc     = band ? bands_of_view(ctx, &b->of, scene, view, band)
+    oxl_result   rc     = band ? depth_bands_of_view(ctx, &b->of, scene, view, band)
                                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
     for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
         if (band[i]) metrics_add_pixel(drawn, photograph, i, &b->sum[band[i] - 1]);
@@ -494,15 +494,15 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
     if (!view || !out->views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
-    if (rc == OXL_OK) rc = bands_begin(ctx, scene, view, count, &bands.of);
+    if (rc == OXL_OK) rc = depth_bands_begin(ctx, scene, view, count, &bands.of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
-        photos_ahead(ctx, scene, view + i, count - i);
+        image_cache_ahead(ctx, scene, view + i, count - i);
         rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);
     }
     metrics_sum_up(out, &bands);
     renderer_free(ctx, r);
-    bands_free(ctx, &bands.of);
+    depth_bands_free(ctx, &bands.of);
     oxl_free(ctx, view);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;

@@ -137,7 +137,7 @@ static oxl_result picture_draw(oxl_context *ctx, struct renderer *r, const oxl_m
     oxl_render_options options = oxl_render_options_default();
     oxl_result         rc      = OXL_OK;
     options.near_plane         = (float)scene_near_plane(scene);
-    *out = (struct picture){.name = of->name, .width = of->camera.width, .height = of->camera.height, .own = base_apart(ctx)};
+    *out = (struct picture){.name = of->name, .width = of->camera.width, .height = of->camera.height, .own = context_apart(ctx)};
     if (what->depth) rc = picture_reserve_depth(ctx, out);
     renderer_set_medium(r, what->clear ? NULL : &scene_imaging(scene)->medium);
     if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, &of->camera, &options, &out->drawn, out->depth);
@@ -165,11 +165,11 @@ static oxl_result pictures_draw(oxl_context *ctx, struct renderer *r, const oxl_
     size_t     bytes = 0;
     oxl_result rc    = OXL_OK;
     *drawn           = 0;
-    if (what->photographs) photos_ahead(ctx, scene, view, count);
+    if (what->photographs) image_cache_ahead(ctx, scene, view, count);
     while (*drawn < OXL_MIN(count, OXL_MIN(ctx->threads, PICTURES_AT_ONCE))) {
         const oxl_camera *camera = &oxl_scene_view(scene, view[*drawn])->camera;
         bytes += (size_t)PICTURES_BYTES * (size_t)camera->width * (size_t)camera->height;
-        if (*drawn > 0 && bytes > scene_photos(scene)->limit / 4) break;
+        if (*drawn > 0 && bytes > scene_image_cache(scene)->limit / 4) break;
         rc = picture_draw(ctx, r, model, scene, view[*drawn], what, &out[*drawn]);
         if (rc != OXL_OK) break;
         ++*drawn;

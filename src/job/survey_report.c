@@ -50,7 +50,7 @@ OXL_INTERNAL double survey_memory(const oxl_job_options *o, const struct survey_
 {
     const int    degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
-    const double photos = photos_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
+    const double photos = image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const int    sets   = train_may_try(&o->train) ? 10 : 4;
     /* planes of 4 bytes: parameters, gradient and two moments; all but the gradient twice more while a trial goes on */
     return SURVEY_PROGRAM_BYTES + photos + load->largest * SURVEY_PIXEL_BYTES +
@@ -62,7 +62,7 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
     const double       a_view = load->pixels / OXL_MAX(1, load->views);
     const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
     const size_t       cap    = train_cap_of(load->points, load->train_pixels, &o->train);
-    struct survey_cost cost   = {.gaussians = rehearse_expected(&o->train, load->points, cap)};
+    struct survey_cost cost   = {.gaussians = predict_time_expected(&o->train, load->points, cap)};
     const double       step   = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
                         (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
     cost.seconds = o->train.iterations * step;
@@ -86,7 +86,7 @@ OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, con
     const double limit    = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
     const double all      = blocks > 1 ? blocks * (1 + o->refine) : 1;
     double       timed[2] = {cost->seconds / SURVEY_WITHIN, cost->seconds * SURVEY_WITHIN};
-    double       seconds  = rehearse(ctx, scene, &o->train, cost->gaussians, timed);
+    double       seconds  = predict_time(ctx, scene, &o->train, cost->gaussians, timed);
     if (!(seconds > 0)) seconds = cost->seconds;
     for (int i = 0; range && i < 2; i++) range[i] = OXL_MIN(timed[i] * all, limit);
     return OXL_MIN(seconds * all, limit);
@@ -213,8 +213,8 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     }
     survey_cameras(scene_colmap(scene), out);
     survey_largest(scene, out);
-    rc = lint_sightings(ctx, scene, out);
-    if (rc == OXL_OK && closely) rc = lint_photographs(ctx, scene, out);
+    rc = lint_observations(ctx, scene, out);
+    if (rc == OXL_OK && closely) rc = lint_images(ctx, scene, out);
     if (rc != OXL_OK) return rc;
     survey_predict(ctx, scene, options, out);
     survey_write_facts(ctx, out);

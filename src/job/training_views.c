@@ -74,7 +74,7 @@ static int training_nearest(const struct training_views *t, int of, int out[TRAI
 
 static double training_median(double *value, int count)
 {
-    return count > 0 ? measure_pick(value, (size_t)count, 0.5) : 0;
+    return count > 0 ? stats_pick(value, (size_t)count, 0.5) : 0;
 }
 
 /* ---------------------------------------------------------------- what a view lacks */

@@ -402,7 +402,7 @@ static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
     if (!apart) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to start from %zu points", count);
     for (size_t i = 0; i < count; i++)
         if (square[i] > 0) apart[n++] = square[i];
-    if (n) least = OXL_MAX(MODEL_LEAST_SQUARE * measure_pick(apart, n, 0.5), DBL_MIN);
+    if (n) least = OXL_MAX(MODEL_LEAST_SQUARE * stats_pick(apart, n, 0.5), DBL_MIN);
     oxl_free(ctx, apart);
     for (size_t i = 0; i < count; i++) square[i] = 0.5 * vecmath_log(OXL_MAX(square[i], least));
     return OXL_OK;

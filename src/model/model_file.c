@@ -14,69 +14,69 @@
 
 #include "../core/vecmath.h"
 
-#define MODELFILE_ORIGIN_MOST 1e15 /* as far as a survey may lie */
+#define MODEL_FILE_ORIGIN_MOST 1e15 /* as far as a survey may lie */
 
 enum {
-    MODELFILE_COLUMNS     = 62,  /* of the standard layout */
-    MODELFILE_ROWS        = 256, /* converted at a time */
-    MODELFILE_SPLAT_BYTES = 32,
-    MODELFILE_LOBE_BYTES  = 16
+    MODEL_FILE_COLUMNS     = 62,  /* of the standard layout */
+    MODEL_FILE_ROWS        = 256, /* converted at a time */
+    MODEL_FILE_SPLAT_BYTES = 32,
+    MODEL_FILE_LOBE_BYTES  = 16
 };
 
-static oxl_result modelfile_no_memory(oxl_context *ctx, const char *path)
+static oxl_result model_file_no_memory(oxl_context *ctx, const char *path)
 {
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the model of %s", path);
 }
 
 /* ---------------------------------------------------------------- the columns of the standard PLY */
 
-struct modelfile_column {
+struct model_file_column {
     char name[20];
     int  plane; /* -1: zero on output, not needed on input */
 };
 
-static struct modelfile_column modelfile_column(const char *prefix, int index, int plane)
+static struct model_file_column model_file_column(const char *prefix, int index, int plane)
 {
-    struct modelfile_column c = {.plane = plane};
+    struct model_file_column c = {.plane = plane};
     snprintf(c.name, sizeof c.name, "%s%d", prefix, index);
     return c;
 }
 
 /* The columns of a PLY of `file_degree` for a model of `sh_degree`, in the standard's order. f_rest is channel-major: all
  * coefficients of red, then of green, then of blue. Returns their number: 62 when file_degree is 3. */
-static int modelfile_columns(int file_degree, int sh_degree, struct modelfile_column out[MODELFILE_COLUMNS])
+static int model_file_columns(int file_degree, int sh_degree, struct model_file_column out[MODEL_FILE_COLUMNS])
 {
     const int rest = (file_degree + 1) * (file_degree + 1) - 1; /* coefficients a channel */
     const int kept = (sh_degree + 1) * (sh_degree + 1);
     int       n    = 0;
-    for (int i = 0; i < 3; i++) out[n++] = (struct modelfile_column){{(char)('x' + i)}, OXL_MEAN + i};
-    for (int i = 0; i < 3; i++) out[n++] = (struct modelfile_column){{'n', (char)('x' + i)}, -1};
-    for (int i = 0; i < 3; i++) out[n++] = modelfile_column("f_dc_", i, OXL_SH + i);
+    for (int i = 0; i < 3; i++) out[n++] = (struct model_file_column){{(char)('x' + i)}, OXL_MEAN + i};
+    for (int i = 0; i < 3; i++) out[n++] = (struct model_file_column){{'n', (char)('x' + i)}, -1};
+    for (int i = 0; i < 3; i++) out[n++] = model_file_column("f_dc_", i, OXL_SH + i);
     for (int i = 0; i < 3 * rest; i++) {
         const int channel = i / rest, k = 1 + i % rest;
-        out[n++] = modelfile_column("f_rest_", i, k < kept ? OXL_SH + 3 * k + channel : -1);
+        out[n++] = model_file_column("f_rest_", i, k < kept ? OXL_SH + 3 * k + channel : -1);
     }
-    out[n++] = (struct modelfile_column){"opacity", OXL_OPACITY};
-    for (int i = 0; i < 3; i++) out[n++] = modelfile_column("scale_", i, OXL_LOG_SCALE + i);
-    for (int i = 0; i < 4; i++) out[n++] = modelfile_column("rot_", i, OXL_ROTATION + i);
+    out[n++] = (struct model_file_column){"opacity", OXL_OPACITY};
+    for (int i = 0; i < 3; i++) out[n++] = model_file_column("scale_", i, OXL_LOG_SCALE + i);
+    for (int i = 0; i < 4; i++) out[n++] = model_file_column("rot_", i, OXL_ROTATION + i);
     return n;
 }
 
 /* The float columns of element dog, one for each plane from OXL_LOBE on. */
-static const char *const MODELFILE_LOBE[MODEL_LOBE_PLANES] = {"opacity_factor", "scale_factor_0", "scale_factor_1",
-                                                              "scale_factor_2"};
+static const char *const MODEL_FILE_LOBE[MODEL_LOBE_PLANES] = {"opacity_factor", "scale_factor_0", "scale_factor_1",
+                                                               "scale_factor_2"};
 
 /* ---------------------------------------------------------------- rows that are not finite */
 
-static int modelfile_finite(float x)
+static int model_file_finite(float x)
 {
     return fabsf(x) <= FLT_MAX;
 }
 
-static oxl_result modelfile_check_column(oxl_context *ctx, const char *path, const char *name, const float *plane, size_t rows)
+static oxl_result model_file_check_column(oxl_context *ctx, const char *path, const char *name, const float *plane, size_t rows)
 {
     for (size_t i = 0; i < rows; i++)
-        if (!modelfile_finite(plane[i]))
+        if (!model_file_finite(plane[i]))
             return oxl_fail(ctx, OXL_ERR_FAILED,
                             "%s: not written: column %s of row %zu is %f, wanted a finite number\n"
                             "fix: remove such rows before writing",
@@ -84,33 +84,33 @@ static oxl_result modelfile_check_column(oxl_context *ctx, const char *path, con
     return OXL_OK;
 }
 
-static oxl_result modelfile_check_finite(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
+static oxl_result model_file_check_finite(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
 {
-    struct modelfile_column column[MODELFILE_COLUMNS];
-    const int               columns = modelfile_columns(file_degree, model->sh_degree, column);
-    oxl_result              rc      = OXL_OK;
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int                columns = model_file_columns(file_degree, model->sh_degree, column);
+    oxl_result               rc      = OXL_OK;
     for (int i = 0; i < 3; i++)
         if (!(fabs(model->origin[i]) <= DBL_MAX))
             return oxl_fail(ctx, OXL_ERR_FAILED, "%s: not written: the model's origin is not finite", path);
     for (int c = 0; rc == OXL_OK && c < columns; c++)
         if (column[c].plane >= 0)
-            rc = modelfile_check_column(ctx, path, column[c].name, model->plane[column[c].plane], model->count);
+            rc = model_file_check_column(ctx, path, column[c].name, model->plane[column[c].plane], model->count);
     for (int k = 0; rc == OXL_OK && k < MODEL_LOBE_PLANES; k++)
-        rc = modelfile_check_column(ctx, path, MODELFILE_LOBE[k], model->plane[OXL_LOBE + k], model->lobes);
+        rc = model_file_check_column(ctx, path, MODEL_FILE_LOBE[k], model->plane[OXL_LOBE + k], model->lobes);
     return rc;
 }
 
 /* Keeps the finite rows in their order. */
-static oxl_result modelfile_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
+static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
     const size_t count = model->count;
     uint8_t     *keep  = oxl_alloc(ctx, count + 1, 1);
-    if (!keep) return modelfile_no_memory(ctx, path);
+    if (!keep) return model_file_no_memory(ctx, path);
     memset(keep, 1, count + 1);
     for (int p = 0; p < oxl_model_planes(model); p++)
-        for (size_t i = 0; i < count; i++) keep[i] &= modelfile_finite(model->plane[p][i]) != 0;
+        for (size_t i = 0; i < count; i++) keep[i] &= model_file_finite(model->plane[p][i]) != 0;
     for (int k = 0; k < MODEL_LOBE_PLANES; k++)
-        for (size_t i = 0; i < model->lobes; i++) keep[i] &= modelfile_finite(model->plane[OXL_LOBE + k][i]) != 0;
+        for (size_t i = 0; i < model->lobes; i++) keep[i] &= model_file_finite(model->plane[OXL_LOBE + k][i]) != 0;
     model_keep_rows(model, keep);
     if (model->count < count)
         oxl_log(ctx, OXL_LOG_WARNING, "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path,
@@ -121,19 +121,19 @@ static oxl_result modelfile_drop_rows(oxl_context *ctx, const char *path, oxl_mo
 
 /* ---------------------------------------------------------------- bytes, whatever the machine's own order */
 
-static void modelfile_put_bits(unsigned char *p, uint32_t bits)
+static void model_file_put_bits(unsigned char *p, uint32_t bits)
 {
     for (int i = 0; i < 4; i++) p[i] = (unsigned char)(bits >> 8 * i);
 }
 
-static void modelfile_put_float(unsigned char *p, float value)
+static void model_file_put_float(unsigned char *p, float value)
 {
     uint32_t bits;
     memcpy(&bits, &value, sizeof bits);
-    modelfile_put_bits(p, bits);
+    model_file_put_bits(p, bits);
 }
 
-static float modelfile_get_float(const unsigned char *p)
+static float model_file_get_float(const unsigned char *p)
 {
     const uint32_t bits = (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
     float          value;
@@ -141,7 +141,7 @@ static float modelfile_get_float(const unsigned char *p)
     return value;
 }
 
-static oxl_result modelfile_put(oxl_context *ctx, const struct os_writer *w, const void *data, size_t size)
+static oxl_result model_file_put(oxl_context *ctx, const struct os_writer *w, const void *data, size_t size)
 {
     if (fwrite(data, 1, size, w->file) == size) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: look for room on the disk", w->path);
@@ -149,8 +149,8 @@ static oxl_result modelfile_put(oxl_context *ctx, const struct os_writer *w, con
 
 /* ---------------------------------------------------------------- PLY out */
 
-static oxl_result modelfile_write_header(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                         const struct modelfile_column *column, int columns)
+static oxl_result model_file_write_header(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
+                                          const struct model_file_column *column, int columns)
 {
     struct text t  = {.ctx = ctx};
     oxl_result  rc = OXL_ERR_MEMORY;
@@ -165,60 +165,60 @@ static oxl_result modelfile_write_header(oxl_context *ctx, const struct os_write
     text_add(&t, "\nelement vertex %zu\n", model->count);
     for (int c = 0; c < columns; c++) text_add(&t, "property float %s\n", column[c].name);
     if (model->lobes) text_add(&t, "element dog %zu\n", model->lobes);
-    for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++) text_add(&t, "property float %s\n", MODELFILE_LOBE[k]);
+    for (int k = 0; model->lobes && k < MODEL_LOBE_PLANES; k++) text_add(&t, "property float %s\n", MODEL_FILE_LOBE[k]);
     text_add(&t, "end_header\n");
-    rc = t.failed ? modelfile_no_memory(ctx, w->path) : modelfile_put(ctx, w, t.data, t.size);
+    rc = t.failed ? model_file_no_memory(ctx, w->path) : model_file_put(ctx, w, t.data, t.size);
     text_free(&t);
     return rc;
 }
 
-static oxl_result modelfile_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                       const struct modelfile_column *column, int columns)
+static oxl_result model_file_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
+                                        const struct model_file_column *column, int columns)
 {
     const size_t   row  = 4 * (size_t)columns; /* bytes */
-    unsigned char *rows = oxl_alloc(ctx, MODELFILE_ROWS, row);
-    oxl_result     rc   = rows ? OXL_OK : modelfile_no_memory(ctx, w->path);
-    for (size_t first = 0; rc == OXL_OK && first < model->count; first += MODELFILE_ROWS) {
-        const size_t n = OXL_MIN(model->count - first, MODELFILE_ROWS);
+    unsigned char *rows = oxl_alloc(ctx, MODEL_FILE_ROWS, row);
+    oxl_result     rc   = rows ? OXL_OK : model_file_no_memory(ctx, w->path);
+    for (size_t first = 0; rc == OXL_OK && first < model->count; first += MODEL_FILE_ROWS) {
+        const size_t n = OXL_MIN(model->count - first, MODEL_FILE_ROWS);
         for (int c = 0; c < columns; c++)
             for (size_t i = 0; i < n; i++)
-                modelfile_put_float(rows + i * row + 4 * (size_t)c,
-                                    column[c].plane < 0 ? 0 : model->plane[column[c].plane][first + i]);
-        rc = modelfile_put(ctx, w, rows, n * row);
+                model_file_put_float(rows + i * row + 4 * (size_t)c,
+                                     column[c].plane < 0 ? 0 : model->plane[column[c].plane][first + i]);
+        rc = model_file_put(ctx, w, rows, n * row);
     }
     oxl_free(ctx, rows);
     return rc;
 }
 
-static oxl_result modelfile_write_lobes(oxl_context *ctx, const struct os_writer *w, const oxl_model *model)
+static oxl_result model_file_write_lobes(oxl_context *ctx, const struct os_writer *w, const oxl_model *model)
 {
     oxl_result rc = OXL_OK;
     for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
-        unsigned char row[MODELFILE_LOBE_BYTES];
-        for (int k = 0; k < MODEL_LOBE_PLANES; k++) modelfile_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
-        rc = modelfile_put(ctx, w, row, sizeof row);
+        unsigned char row[MODEL_FILE_LOBE_BYTES];
+        for (int k = 0; k < MODEL_LOBE_PLANES; k++) model_file_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
+        rc = model_file_put(ctx, w, row, sizeof row);
     }
     return rc;
 }
 
-OXL_INTERNAL oxl_result modelfile_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
+OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
 {
-    struct modelfile_column column[MODELFILE_COLUMNS];
-    const int               columns = modelfile_columns(file_degree, model->sh_degree, column);
-    struct os_writer        w       = {0};
-    oxl_result              rc      = modelfile_check_finite(ctx, path, model, file_degree);
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int                columns = model_file_columns(file_degree, model->sh_degree, column);
+    struct os_writer         w       = {0};
+    oxl_result               rc      = model_file_check_finite(ctx, path, model, file_degree);
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc != OXL_OK) return rc;
-    rc = modelfile_write_header(ctx, &w, model, column, columns);
-    if (rc == OXL_OK) rc = modelfile_write_rows(ctx, &w, model, column, columns);
-    if (rc == OXL_OK) rc = modelfile_write_lobes(ctx, &w, model);
+    rc = model_file_write_header(ctx, &w, model, column, columns);
+    if (rc == OXL_OK) rc = model_file_write_rows(ctx, &w, model, column, columns);
+    if (rc == OXL_OK) rc = model_file_write_lobes(ctx, &w, model);
     return os_writer_close(ctx, &w, rc);
 }
 
 /* ---------------------------------------------------------------- PLY in */
 
 /* "origin X Y Z" among the comments. */
-static void modelfile_read_origin(oxl_context *ctx, const struct ply *ply, double origin[3])
+static void model_file_read_origin(oxl_context *ctx, const struct ply *ply, double origin[3])
 {
     for (int i = 0; i < ply->comments; i++) {
         const char *c = ply->comment[i], *end = c + strlen(c);
@@ -228,17 +228,17 @@ static void modelfile_read_origin(oxl_context *ctx, const struct ply *ply, doubl
         c += 7;
         for (; n < 3; n++) {
             while (*c == ' ') c++;
-            if (!parse_double(&c, end, &value[n]) || !(fabs(value[n]) <= MODELFILE_ORIGIN_MOST)) break;
+            if (!parse_double(&c, end, &value[n]) || !(fabs(value[n]) <= MODEL_FILE_ORIGIN_MOST)) break;
         }
         if (n == 3) memcpy(origin, value, sizeof value);
         else
             oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted origin X Y Z, each within %g", ply->path,
-                    ply->comment[i], MODELFILE_ORIGIN_MOST);
+                    ply->comment[i], MODEL_FILE_ORIGIN_MOST);
     }
 }
 
-static oxl_result modelfile_no_property(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex,
-                                        const char *name)
+static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex,
+                                         const char *name)
 {
     const int   points = ply_find_property(vertex, "x") >= 0 && ply_find_property(vertex, "f_dc_0") < 0;
     struct text seen   = {.ctx = ctx};
@@ -254,7 +254,7 @@ static oxl_result modelfile_no_property(oxl_context *ctx, const struct ply *ply,
 }
 
 /* The degree that the number of f_rest columns speaks of. */
-static oxl_result modelfile_read_degree(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex, int *degree)
+static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex, int *degree)
 {
     int rest = 0;
     for (int c = 0; c < vertex->properties; c++) rest += !strncmp(vertex->property[c].name, "f_rest_", 7);
@@ -265,22 +265,22 @@ static oxl_result modelfile_read_degree(oxl_context *ctx, const struct ply *ply,
                     ply->path, rest);
 }
 
-static oxl_result modelfile_read_vertices(oxl_context *ctx, const struct ply *ply, int element, oxl_model *out)
+static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *ply, int element, oxl_model *out)
 {
     const struct ply_element *vertex = &ply->element[element];
-    struct modelfile_column   column[MODELFILE_COLUMNS];
+    struct model_file_column  column[MODEL_FILE_COLUMNS];
     struct ply_target        *target = NULL;
     int                       degree, columns;
-    oxl_result                rc = modelfile_read_degree(ctx, ply, vertex, &degree);
+    oxl_result                rc = model_file_read_degree(ctx, ply, vertex, &degree);
     if (rc != OXL_OK) return rc;
-    columns = modelfile_columns(degree, degree, column);
+    columns = model_file_columns(degree, degree, column);
     for (int c = 0; c < columns; c++)
         if (column[c].plane >= 0 && ply_find_property(vertex, column[c].name) < 0)
-            return modelfile_no_property(ctx, ply, vertex, column[c].name);
+            return model_file_no_property(ctx, ply, vertex, column[c].name);
     rc = oxl_model_create(ctx, (size_t)vertex->rows, degree, out);
     if (rc != OXL_OK) return rc;
     target = oxl_calloc(ctx, (size_t)vertex->properties, sizeof *target);
-    if (!target) return modelfile_no_memory(ctx, ply->path);
+    if (!target) return model_file_no_memory(ctx, ply->path);
     for (int c = 0; c < columns; c++)
         if (column[c].plane >= 0) target[ply_find_property(vertex, column[c].name)].as_float = out->plane[column[c].plane];
     rc = ply_read(ctx, ply, element, target);
@@ -289,14 +289,14 @@ static oxl_result modelfile_read_vertices(oxl_context *ctx, const struct ply *pl
 }
 
 /* The rows of element dog: index (rows) as double, the row itself where the file has no vertex_index; factor (4, rows). */
-static oxl_result modelfile_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index, float *factor)
+static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index, float *factor)
 {
     const struct ply_element *dog    = &ply->element[element];
     struct ply_target        *target = oxl_calloc(ctx, (size_t)dog->properties + 1, sizeof *target);
     oxl_result                rc;
-    if (!target) return modelfile_no_memory(ctx, ply->path);
+    if (!target) return model_file_no_memory(ctx, ply->path);
     for (int k = -1; k < MODEL_LOBE_PLANES; k++) {
-        const char *name = k < 0 ? "vertex_index" : MODELFILE_LOBE[k];
+        const char *name = k < 0 ? "vertex_index" : MODEL_FILE_LOBE[k];
         const int   at   = ply_find_property(dog, name);
         if (k < 0 && at < 0) {
             for (size_t i = 0; i < (size_t)dog->rows; i++) index[i] = (double)i;
@@ -319,8 +319,8 @@ done:
 }
 
 /* Marks the vertices that element dog names; each at most once. */
-static oxl_result modelfile_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index, size_t rows, size_t vertices,
-                                       uint8_t *active)
+static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index, size_t rows,
+                                        size_t vertices, uint8_t *active)
 {
     for (size_t i = 0; i < rows; i++) {
         if (!(index[i] >= 0 && index[i] < (double)vertices && index[i] == floor(index[i])))
@@ -337,7 +337,7 @@ static oxl_result modelfile_mark_lobes(oxl_context *ctx, const struct ply *ply, 
     return OXL_OK;
 }
 
-static oxl_result modelfile_read_lobes(oxl_context *ctx, const struct ply *ply, int element, oxl_model *model)
+static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element, oxl_model *model)
 {
     const uint64_t announced = ply->element[element].rows; /* rows without properties cost no bytes: any number can stand there */
     const size_t   vertices = model->count, rows = (size_t)OXL_MIN(announced, vertices);
@@ -345,14 +345,14 @@ static oxl_result modelfile_read_lobes(oxl_context *ctx, const struct ply *ply, 
     float         *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
     uint8_t       *active = oxl_calloc(ctx, vertices + 1, 1);
     size_t        *row    = oxl_alloc(ctx, vertices + 1, sizeof *row); /* of a vertex, when it has a lobe */
-    oxl_result     rc     = index && factor && active && row ? OXL_OK : modelfile_no_memory(ctx, ply->path);
+    oxl_result     rc     = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
     if (rc == OXL_OK && announced > vertices)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: element dog announces %llu rows for %zu vertices, wanted at most one each\n"
                       "fix: write the file again with oceanxl, or leave element dog out",
                       ply->path, (unsigned long long)announced, vertices);
-    if (rc == OXL_OK) rc = modelfile_read_factors(ctx, ply, element, index, factor);
-    if (rc == OXL_OK) rc = modelfile_mark_lobes(ctx, ply, index, rows, vertices, active);
+    if (rc == OXL_OK) rc = model_file_read_factors(ctx, ply, element, index, factor);
+    if (rc == OXL_OK) rc = model_file_mark_lobes(ctx, ply, index, rows, vertices, active);
     if (rc == OXL_OK) rc = model_activate_lobes(ctx, model, NULL, NULL, active, 0.5f, 1);
     for (size_t i = 0, lobe = 0; rc == OXL_OK && i < vertices; i++) {
         row[i] = lobe;
@@ -368,7 +368,7 @@ static oxl_result modelfile_read_lobes(oxl_context *ctx, const struct ply *ply, 
     return rc;
 }
 
-static oxl_result modelfile_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
+static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_model *out)
 {
     struct ply ply;
     int        vertex, dog;
@@ -376,12 +376,12 @@ static oxl_result modelfile_read_ply(oxl_context *ctx, const char *path, oxl_mod
     if (rc != OXL_OK) return rc;
     vertex = ply_find_element(&ply, "vertex");
     dog    = ply_find_element(&ply, "dog");
-    if (vertex >= 0) rc = modelfile_read_vertices(ctx, &ply, vertex, out);
+    if (vertex >= 0) rc = model_file_read_vertices(ctx, &ply, vertex, out);
     else
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
                       ply.elements);
-    if (rc == OXL_OK && dog >= 0) rc = modelfile_read_lobes(ctx, &ply, dog, out);
-    if (rc == OXL_OK) modelfile_read_origin(ctx, &ply, out->origin);
+    if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
+    if (rc == OXL_OK) model_file_read_origin(ctx, &ply, out->origin);
     ply_close(ctx, &ply);
     return rc;
 }
@@ -392,12 +392,12 @@ static oxl_result modelfile_read_ply(oxl_context *ctx, const char *path, oxl_mod
  *          12  scale     3 float        28  rotation w x y z, q * 128 + 128
  */
 
-static unsigned char modelfile_byte(double x)
+static unsigned char model_file_byte(double x)
 {
     return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
 }
 
-static void modelfile_put_splat(const oxl_model *model, size_t row, unsigned char *p)
+static void model_file_put_splat(const oxl_model *model, size_t row, unsigned char *p)
 {
     double norm = 0;
     for (int i = 0; i < 4; i++) {
@@ -407,26 +407,26 @@ static void modelfile_put_splat(const oxl_model *model, size_t row, unsigned cha
     norm = sqrt(norm);
     for (int i = 0; i < 3; i++) {
         const double scale = vecmath_exp(model->plane[OXL_LOG_SCALE + i][row]);
-        modelfile_put_float(p + 4 * i, model->plane[OXL_MEAN + i][row]);
-        modelfile_put_float(p + 12 + 4 * i, (float)OXL_MIN(scale, FLT_MAX));
-        p[24 + i] = modelfile_byte(255 * (0.5 + MODEL_SH0 * model->plane[OXL_SH + i][row]));
+        model_file_put_float(p + 4 * i, model->plane[OXL_MEAN + i][row]);
+        model_file_put_float(p + 12 + 4 * i, (float)OXL_MIN(scale, FLT_MAX));
+        p[24 + i] = model_file_byte(255 * (0.5 + MODEL_SH0 * model->plane[OXL_SH + i][row]));
     }
-    p[27] = modelfile_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
+    p[27] = model_file_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
     for (int i = 0; i < 4; i++) {
         const double q = norm > 0 ? model->plane[OXL_ROTATION + i][row] / norm : i == 0;
-        p[28 + i]      = modelfile_byte(128 * q + 128);
+        p[28 + i]      = model_file_byte(128 * q + 128);
     }
 }
 
 /* Bytes at the ends stand for values that the raw form cannot hold: alpha 0 and 255 become a quarter of a step inside, a scale
  * of 0 the least normal float, so that both come back as the same byte. */
-static void modelfile_get_splat(const unsigned char *p, oxl_model *model, size_t row)
+static void model_file_get_splat(const unsigned char *p, oxl_model *model, size_t row)
 {
     const double alpha = OXL_CLAMP(p[27], 0.25, 254.75) / 255;
     int          zero  = 1;
     for (int i = 0; i < 3; i++) {
-        const float scale                    = modelfile_get_float(p + 12 + 4 * i);
-        model->plane[OXL_MEAN + i][row]      = modelfile_get_float(p + 4 * i);
+        const float scale                    = model_file_get_float(p + 12 + 4 * i);
+        model->plane[OXL_MEAN + i][row]      = model_file_get_float(p + 4 * i);
         model->plane[OXL_LOG_SCALE + i][row] = (float)vecmath_log(scale >= 0 && scale < FLT_MIN ? FLT_MIN : scale);
         model->plane[OXL_SH + i][row]        = (float)((p[24 + i] / 255.0 - 0.5) / MODEL_SH0);
     }
@@ -435,41 +435,41 @@ static void modelfile_get_splat(const unsigned char *p, oxl_model *model, size_t
     for (int i = 0; i < 4; i++) model->plane[OXL_ROTATION + i][row] = zero ? i == 0 : (float)((p[28 + i] - 128) / 128.0);
 }
 
-struct modelfile_rank {
+struct model_file_rank {
     double weight; /* opacity x volume */
     size_t row;
 };
 
-static int modelfile_by_weight(const void *a, const void *b)
+static int model_file_by_weight(const void *a, const void *b)
 {
-    const struct modelfile_rank *x = a, *y = b;
+    const struct model_file_rank *x = a, *y = b;
     if (x->weight != y->weight) return x->weight > y->weight ? -1 : 1;
     return x->row < y->row ? -1 : x->row > y->row;
 }
 
 /* The most visible first, as viewers that load a .splat piece by piece expect. */
-static oxl_result modelfile_write_splat(oxl_context *ctx, const char *path, const oxl_model *model)
+static oxl_result model_file_write_splat(oxl_context *ctx, const char *path, const oxl_model *model)
 {
-    struct modelfile_rank *rank = NULL;
-    struct os_writer       w    = {0};
-    oxl_result             rc   = modelfile_check_finite(ctx, path, model, 0);
+    struct model_file_rank *rank = NULL;
+    struct os_writer        w    = {0};
+    oxl_result              rc   = model_file_check_finite(ctx, path, model, 0);
     if (rc != OXL_OK) return rc;
     rank = oxl_alloc(ctx, model->count, sizeof *rank);
-    if (!rank) return modelfile_no_memory(ctx, path);
+    if (!rank) return model_file_no_memory(ctx, path);
     for (size_t i = 0; i < model->count; i++) {
         const double sum =
             (double)model->plane[OXL_LOG_SCALE][i] + model->plane[OXL_LOG_SCALE + 1][i] + model->plane[OXL_LOG_SCALE + 2][i];
-        rank[i] = (struct modelfile_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
+        rank[i] = (struct model_file_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
     }
-    qsort(rank, model->count, sizeof *rank, modelfile_by_weight);
+    qsort(rank, model->count, sizeof *rank, model_file_by_weight);
     if (model->sh_degree > 0 || model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0)
         oxl_log(ctx, OXL_LOG_INFO, "%s: a .splat has no place for the origin and for harmonics past degree 0", path);
     rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
         for (size_t i = 0; rc == OXL_OK && i < model->count; i++) {
-            unsigned char splat[MODELFILE_SPLAT_BYTES];
-            modelfile_put_splat(model, rank[i].row, splat);
-            rc = modelfile_put(ctx, &w, splat, sizeof splat);
+            unsigned char splat[MODEL_FILE_SPLAT_BYTES];
+            model_file_put_splat(model, rank[i].row, splat);
+            rc = model_file_put(ctx, &w, splat, sizeof splat);
         }
         rc = os_writer_close(ctx, &w, rc);
     }
@@ -477,25 +477,25 @@ static oxl_result modelfile_write_splat(oxl_context *ctx, const char *path, cons
     return rc;
 }
 
-static oxl_result modelfile_read_splat(oxl_context *ctx, const char *path, oxl_model *out)
+static oxl_result model_file_read_splat(oxl_context *ctx, const char *path, oxl_model *out)
 {
     struct os_file_map file = {0};
     oxl_result         rc   = os_read_file(ctx, path, &file);
     if (rc != OXL_OK) return rc;
-    if (file.size % MODELFILE_SPLAT_BYTES)
+    if (file.size % MODEL_FILE_SPLAT_BYTES)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: %zu bytes, wanted a multiple of 32\nfix: the file was cut short or is no .splat; copy it again", path,
                       file.size);
-    if (rc == OXL_OK) rc = oxl_model_create(ctx, file.size / MODELFILE_SPLAT_BYTES, 0, out);
+    if (rc == OXL_OK) rc = oxl_model_create(ctx, file.size / MODEL_FILE_SPLAT_BYTES, 0, out);
     for (size_t i = 0; rc == OXL_OK && i < out->count; i++)
-        modelfile_get_splat((const unsigned char *)file.data + MODELFILE_SPLAT_BYTES * i, out, i);
+        model_file_get_splat((const unsigned char *)file.data + MODEL_FILE_SPLAT_BYTES * i, out, i);
     os_release_file(ctx, &file);
     return rc;
 }
 
 /* ---------------------------------------------------------------- the door */
 
-static int modelfile_ends_in(const char *path, const char *extension)
+static int model_file_ends_in(const char *path, const char *extension)
 {
     const size_t n = strlen(path), m = strlen(extension);
     return n >= m && !strcmp(path + n - m, extension);
@@ -505,17 +505,17 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
 {
     oxl_result rc;
     *out = (oxl_model){0};
-    rc   = modelfile_ends_in(path, ".splat") ? modelfile_read_splat(ctx, path, out)
-           : modelfile_ends_in(path, ".spz") ? spz_read(ctx, path, out)
-                                             : modelfile_read_ply(ctx, path, out);
-    if (rc == OXL_OK) rc = modelfile_drop_rows(ctx, path, out);
+    rc   = model_file_ends_in(path, ".splat") ? model_file_read_splat(ctx, path, out)
+           : model_file_ends_in(path, ".spz") ? spz_read(ctx, path, out)
+                                              : model_file_read_ply(ctx, path, out);
+    if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0) oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);
     if (rc != OXL_OK) oxl_model_free(ctx, out);
     return rc;
 }
 
 /* The model without its lobes; it borrows the planes. */
-static oxl_model modelfile_standard(oxl_context *ctx, const char *path, const oxl_model *model)
+static oxl_model model_file_standard(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     oxl_model plain = *model;
     if (model->lobes)
@@ -527,16 +527,16 @@ static oxl_model modelfile_standard(oxl_context *ctx, const char *path, const ox
 
 oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
-    const int splat = modelfile_ends_in(path, ".splat"), spz = modelfile_ends_in(path, ".spz");
-    if (spz || modelfile_ends_in(path, ".glb")) {
-        const oxl_model  plain = modelfile_standard(ctx, path, model);
-        const oxl_result rc    = modelfile_check_finite(ctx, path, &plain, plain.sh_degree);
+    const int splat = model_file_ends_in(path, ".splat"), spz = model_file_ends_in(path, ".spz");
+    if (spz || model_file_ends_in(path, ".glb")) {
+        const oxl_model  plain = model_file_standard(ctx, path, model);
+        const oxl_result rc    = model_file_check_finite(ctx, path, &plain, plain.sh_degree);
         return rc != OXL_OK ? rc : spz ? spz_write(ctx, path, &plain) : gltf_write(ctx, path, &plain);
     }
-    if (splat || modelfile_ends_in(path, "_standard.ply")) {
-        const oxl_model plain = modelfile_standard(ctx, path, model);
-        return splat ? modelfile_write_splat(ctx, path, &plain) : modelfile_write_ply(ctx, path, &plain, 3);
+    if (splat || model_file_ends_in(path, "_standard.ply")) {
+        const oxl_model plain = model_file_standard(ctx, path, model);
+        return splat ? model_file_write_splat(ctx, path, &plain) : model_file_write_ply(ctx, path, &plain, 3);
     }
-    if (modelfile_ends_in(path, ".ply")) return modelfile_write_ply(ctx, path, model, 3);
+    if (model_file_ends_in(path, ".ply")) return model_file_write_ply(ctx, path, model, 3);
     return oxl_fail(ctx, OXL_ERR_USAGE, "%s: wanted a name that ends in .ply, .spz, .glb or .splat", path);
 }

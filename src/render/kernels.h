@@ -213,7 +213,7 @@ struct gaussians {       /* an oxl_model seen by the kernels; planes are readabl
     real  *plane[OXL_PLANES];
 };
 
-struct lens { /* an oxl_camera in the kernels' numbers */
+struct kernel_camera { /* an oxl_camera in the kernels' numbers */
     int         width, height;
     real        fx, fy, cx, cy; /* px */
     struct mat3 rotation;       /* world to camera */
@@ -259,12 +259,12 @@ struct lobe {
 #define SUM_RED    6 /* alpha T dL/dC, without g: colour, three channels */
 
 struct project_job {
-    struct gaussians   in;
-    const struct lens *lens;
-    size_t             first_pack, end_pack; /* packs of PACK rows */
-    struct splat      *splat;                /* (count) written for visible rows */
-    struct lobe       *lobe;                 /* (lobes) written for visible rows */
-    uint16_t          *visible;              /* (packs) a bit a row */
+    struct gaussians            in;
+    const struct kernel_camera *lens;
+    size_t                      first_pack, end_pack; /* packs of PACK rows */
+    struct splat               *splat;                /* (count) written for visible rows */
+    struct lobe                *lobe;                 /* (lobes) written for visible rows */
+    uint16_t                   *visible;              /* (packs) a bit a row */
     /* backward alone: */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
     struct gaussians out;           /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
@@ -320,23 +320,23 @@ OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 
 #ifndef OXL_REFERENCE
-OXL_INTERNAL struct lens render_lens(const oxl_camera *camera, float near_plane);  /* renderer.c */
-OXL_INTERNAL void        render_set_alpha_min(struct lens *lens, float alpha_min); /* no less than ALPHA_MIN */
+OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane);  /* renderer.c */
+OXL_INTERNAL void                 render_set_alpha_min(struct kernel_camera *lens, float alpha_min); /* no less than ALPHA_MIN */
 #endif
 
 /* ---------------------------------------------------------------- medium.c: water between the camera and the Gaussians */
 
 #ifndef OXL_REFERENCE
 struct medium_job {
-    const struct medium *medium;
-    struct gaussians     in;
-    const struct lens   *lens;
-    size_t               first_pack, end_pack;
-    const uint16_t      *visible; /* (packs) */
-    struct splat        *splat;   /* (count) colours: through the water after forward, clear again after backward */
-    float               *clear;   /* (count,3) */
-    float               *drange;  /* (count) dL/dr / r */
-    real (*sums)[SPLAT_SUMS];     /* (slots, SPLAT_SUMS) */
+    const struct medium        *medium;
+    struct gaussians            in;
+    const struct kernel_camera *lens;
+    size_t                      first_pack, end_pack;
+    const uint16_t             *visible; /* (packs) */
+    struct splat               *splat;   /* (count) colours: through the water after forward, clear again after backward */
+    float                      *clear;   /* (count,3) */
+    float                      *drange;  /* (count) dL/dr / r */
+    real (*sums)[SPLAT_SUMS];            /* (slots, SPLAT_SUMS) */
 };
 OXL_INTERNAL void medium_forward(const struct medium_job *job);
 /* sum (9): of the rows; bD, bB, Binf by channel. */

@@ -61,7 +61,7 @@ SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project
 }
 
 /* The perspective Jacobian at the clamped position, times R (MATH 2). */
-SIMD_INLINE void project_jacobian(const struct lens *lens, real z, struct project_geometry *g)
+SIMD_INLINE void project_jacobian(const struct kernel_camera *lens, real z, struct project_geometry *g)
 {
     const real inverse = 1 / z, x = g->p.x * inverse, y = g->p.y * inverse;
     const real cx = OXL_CLAMP(x, -lens->limit_x, lens->limit_x), cy = OXL_CLAMP(y, -lens->limit_y, lens->limit_y);
@@ -104,8 +104,8 @@ SIMD_INLINE void project_covariance(struct project_geometry *g)
 }
 
 /* All of it but the covariance. */
-SIMD_INLINE struct project_geometry project_place(const int fused, const struct gaussians *in, const struct lens *lens, size_t i,
-                                                  int *in_front)
+SIMD_INLINE struct project_geometry project_place(const int fused, const struct gaussians *in, const struct kernel_camera *lens,
+                                                  size_t i, int *in_front)
 {
     struct project_geometry g;
     const struct vec3       mean = vec3(in->plane[OXL_MEAN][i], in->plane[OXL_MEAN + 1][i], in->plane[OXL_MEAN + 2][i]);
@@ -123,8 +123,8 @@ SIMD_INLINE struct project_geometry project_place(const int fused, const struct 
     return g;
 }
 
-SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in, const struct lens *lens,
-                                                     size_t i, int *in_front)
+SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in,
+                                                     const struct kernel_camera *lens, size_t i, int *in_front)
 {
     struct project_geometry g = project_place(fused, in, lens, i, in_front);
     project_covariance(&g);
@@ -132,8 +132,8 @@ SIMD_INLINE struct project_geometry project_geometry(const int fused, const stru
 }
 
 /* The second lobe's: all alike but the scale. */
-SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const struct gaussians *in, const struct lens *lens,
-                                                          size_t i, int *in_front)
+SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const struct gaussians *in,
+                                                          const struct kernel_camera *lens, size_t i, int *in_front)
 {
     struct project_geometry g = project_place(fused, in, lens, i, in_front);
     g.scale.x                 = real_exp(fused, in->plane[OXL_LOG_SCALE][i] + in->plane[OXL_LOBE + 1][i]);
@@ -236,7 +236,8 @@ SIMD_INLINE void project_basis_backward(int degree, const struct project_colour 
 }
 
 /* From the eye to each row, and the basis there. */
-SIMD_INLINE void project_sight(const struct gaussians *in, const struct lens *lens, size_t first, struct project_colour *c)
+SIMD_INLINE void project_sight(const struct gaussians *in, const struct kernel_camera *lens, size_t first,
+                               struct project_colour *c)
 {
     const real *mx = in->plane[OXL_MEAN] + first, *my = in->plane[OXL_MEAN + 1] + first, *mz = in->plane[OXL_MEAN + 2] + first;
 #pragma omp simd
@@ -249,7 +250,8 @@ SIMD_INLINE void project_sight(const struct gaussians *in, const struct lens *le
     project_basis(in->sh_degree, c);
 }
 
-SIMD_INLINE void project_colour(const struct gaussians *in, const struct lens *lens, size_t first, struct project_colour *c)
+SIMD_INLINE void project_colour(const struct gaussians *in, const struct kernel_camera *lens, size_t first,
+                                struct project_colour *c)
 {
     const int bands = (in->sh_degree + 1) * (in->sh_degree + 1);
     real      red[PACK], green[PACK], blue[PACK];
@@ -334,7 +336,7 @@ SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g,
     return s;
 }
 
-SIMD_INLINE int project_in_view(const struct lens *lens, real u, real v, real half_x, real half_y)
+SIMD_INLINE int project_in_view(const struct kernel_camera *lens, real u, real v, real half_x, real half_y)
 {
     return (u + half_x >= (real)0.5) & (u - half_x <= lens->width - (real)0.5) & (v + half_y >= (real)0.5) &
            (v - half_y <= lens->height - (real)0.5) & (half_x < (real)1e30) & (half_y < (real)1e30);
@@ -342,7 +344,7 @@ SIMD_INLINE int project_in_view(const struct lens *lens, real u, real v, real ha
 
 SIMD_INLINE void project_lane(const int fused, const struct project_job *job, size_t i, int l, struct project_lanes *out)
 {
-    const struct lens            *lens = job->lens;
+    const struct kernel_camera   *lens = job->lens;
     int                           in_front;
     const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
@@ -386,11 +388,11 @@ SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *jo
 static void project_store(const struct project_job *job, size_t i, int l, const struct project_lanes *p,
                           const struct project_colour *c)
 {
-    const struct lens *lens = job->lens;
-    struct splat      *s    = &job->splat[i];
-    const real         w = lens->width - 1, h = lens->height - 1;
-    const real         x0 = p->u[l] - p->half_x[l], x1 = p->u[l] + p->half_x[l];
-    const real         y0 = p->v[l] - p->half_y[l], y1 = p->v[l] + p->half_y[l];
+    const struct kernel_camera *lens = job->lens;
+    struct splat               *s    = &job->splat[i];
+    const real                  w = lens->width - 1, h = lens->height - 1;
+    const real                  x0 = p->u[l] - p->half_x[l], x1 = p->u[l] + p->half_x[l];
+    const real                  y0 = p->v[l] - p->half_y[l], y1 = p->v[l] + p->half_y[l];
     s->u = p->u[l], s->v = p->v[l];
     s->a = p->a[l], s->k = p->k[l], s->e = p->e[l];
     s->peak  = p->peak[l];
@@ -497,8 +499,8 @@ SIMD_INLINE void project_rotation_backward(const struct project_geometry *g, str
 }
 
 /* dL/d(J R) (rows dt0, dt1) and dL/d(u, v) -> dL/d(p), with J = [fx/z, 0, -fx tx/z^2; 0, fy/z, -fy ty/z^2] (MATH 15). */
-SIMD_INLINE struct vec3 project_jacobian_backward(const struct lens *lens, const struct project_geometry *g, struct vec3 dt0,
-                                                  struct vec3 dt1, real du, real dv)
+SIMD_INLINE struct vec3 project_jacobian_backward(const struct kernel_camera *lens, const struct project_geometry *g,
+                                                  struct vec3 dt0, struct vec3 dt1, real du, real dv)
 {
     const real  i = 1 / g->p.z, fx = lens->fx * i, fy = lens->fy * i;
     const real  d00 = dot3(dt0, lens->rotation.x), d02 = dot3(dt0, lens->rotation.z);
@@ -519,7 +521,7 @@ struct project_pull {
 };
 
 /* MATH 11, 13. sums: those of lane l. */
-SIMD_INLINE struct project_pull project_pull(const struct lens *lens, const struct project_geometry *geometry,
+SIMD_INLINE struct project_pull project_pull(const struct kernel_camera *lens, const struct project_geometry *geometry,
                                              real sums[SPLAT_SUMS][PACK], int l)
 {
     const struct project_geometry g = *geometry;
@@ -546,7 +548,7 @@ SIMD_INLINE struct project_pull project_pull(const struct lens *lens, const stru
 }
 
 /* |dL/d(u, v)| in units of half an image. */
-SIMD_INLINE real project_length(const struct lens *lens, real du, real dv)
+SIMD_INLINE real project_length(const struct kernel_camera *lens, real du, real dv)
 {
     const real hx = (real)0.5 * lens->width * du, hy = (real)0.5 * lens->height * dv;
     return real_sqrt(hx * hx + hy * hy);
@@ -555,7 +557,7 @@ SIMD_INLINE real project_length(const struct lens *lens, real du, real dv)
 SIMD_INLINE void project_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                        struct project_gradients *d)
 {
-    const struct lens            *lens = job->lens;
+    const struct kernel_camera   *lens = job->lens;
     int                           in_front;
     const struct project_geometry g    = project_geometry(fused, &job->in, lens, i, &in_front);
     const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, digits kept */
@@ -579,7 +581,7 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
 SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                             real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
 {
-    const struct lens            *lens = job->lens;
+    const struct kernel_camera   *lens = job->lens;
     int                           in_front;
     const struct project_geometry g           = project_lobe_geometry(fused, &job->in, lens, i, &in_front);
     const real                    rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);

@@ -480,8 +480,8 @@ SIMD_INLINE void raster_open_backward(const struct raster_job *job, const struct
 }
 
 /* What the batch found out about splat n, to its slot. */
-SIMD_INLINE void raster_give(const int fused, const int lobed, const int score, const struct raster_job *job,
-                             const struct raster_batch *batch, int n, const struct raster_gradients *d)
+SIMD_INLINE void raster_flush(const int fused, const int lobed, const int score, const struct raster_job *job,
+                              const struct raster_batch *batch, int n, const struct raster_gradients *d)
 {
     const struct pair *pair = &batch->pair[n];
     if (score) {
@@ -493,7 +493,7 @@ SIMD_INLINE void raster_give(const int fused, const int lobed, const int score, 
 }
 
 /* The same for a splat behind the last that any pixel saw. */
-SIMD_INLINE void raster_give_nothing(const int lobed, const int score, const struct raster_job *job, const struct pair *pair)
+SIMD_INLINE void raster_zero_sums(const int lobed, const int score, const struct raster_job *job, const struct pair *pair)
 {
     if (score) job->score[pair->slot] = 0;
     else memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
@@ -512,10 +512,10 @@ SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const in
         raster_collect(lobed, job, &tile, pair, alive, &batch);
         for (int block = 0; block < TILE_BLOCKS; block++)
             if (batch.splats[block]) raster_differentiate_block(fused, lobed, score, &batch, block, &d);
-        for (int n = 0; n < batch.count; n++) raster_give(fused, lobed, score, job, &batch, n, &d);
+        for (int n = 0; n < batch.count; n++) raster_flush(fused, lobed, score, job, &batch, n, &d);
         if (tile.end - pair > RASTER_BATCH) alive = raster_alive(d.t);
     }
-    for (; pair < tile.end; pair++) raster_give_nothing(lobed, score, job, pair);
+    for (; pair < tile.end; pair++) raster_zero_sums(lobed, score, job, pair);
 }
 
 /* ---------------------------------------------------------------- entry points, with and without second lobes */

@@ -27,9 +27,9 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
                                       const oxl_render_options *options, oxl_image *out, float *depth);
 
 /* The photograph of a view, at half its sides if `halved`: what renderer_loss compares with where it is given none. A device keeps
- * photographs, as far as a share of its memory goes: `photo` may be NULL where renderer_has_photo says so. */
-OXL_INTERNAL int        renderer_has_photo(const struct renderer *r, int view);
-OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r, int view, const struct photo *photo,
+ * photographs, as far as a share of its memory goes: `photo` may be NULL where renderer_has_image says so. */
+OXL_INTERNAL int        renderer_has_image(const struct renderer *r, int view);
+OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *photo,
                                             int halved);
 
 /* Loss of the drawn image against rgb (3,H,W) with weight (H,W) or NULL, or against the photograph that was taken last where rgb is
@@ -49,7 +49,7 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
  * each row seen, the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
 
-struct renderer_pace {
+struct adam_params {
     float  rate[OXL_PLANES]; /* of each plane at this step */
     double beta[2];          /* what is left after a step of the mean gradient, and of its mean square */
     int    step;             /* of the run, not of the row; from 1: both means begin at 0, which is made up for */
@@ -58,14 +58,14 @@ struct renderer_pace {
     {                  \
         0.9, 0.999     \
     } /* [Kerbl 2023] */
-struct renderer_aside {
+struct renderer_nonfinite {
     size_t rows, first; /* how many; the first of them */
 };
 /* Adam on the rows seen by the last view, but for those of which a number or its gradient is not finite: these count as not
  * seen from then on. */
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                      oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
-                                      struct renderer_aside *out);
+                                      oxl_model *first, oxl_model *second, const struct adam_params *pace,
+                                      struct renderer_nonfinite *out);
 
 /* Adds to the statistics of density control what the last view, walked back, tells of each row that it saw. */
 struct renderer_sums {
@@ -79,11 +79,11 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
 
 /* Between steps a device holds the model, its moments and the statistics. This brings home what was stepped and observed since: to
  * be called before the host reads or changes any of them. The next renderer_forward takes the model as the host has it then. */
-OXL_INTERNAL oxl_result renderer_fetch(oxl_context *ctx, struct renderer *r);
+OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r);
 
 OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r); /* as if the last view had seen nothing */
-/* What the last view saw of row i; on a device, as it was when renderer_fetch_rows was called. */
-OXL_INTERNAL oxl_result renderer_fetch_rows(oxl_context *ctx, struct renderer *r);
+/* What the last view saw of row i; on a device, as it was when renderer_download_rows was called. */
+OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer *r);
 OXL_INTERNAL int        renderer_drew_finite(const struct renderer *r, size_t row); /* 1 too when it did not see it */
 OXL_INTERNAL int        renderer_saw(const struct renderer *r, size_t row);
 OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
@@ -102,16 +102,16 @@ struct renderer_device {
     oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options);
     /* (3,H,W) drawn; depths: the sums of alpha T z and of alpha T in its place. */
     oxl_result (*image)(void *device, int depths, float *rgb);
-    int (*has_photo)(const void *device, int view);
-    oxl_result (*take_photo)(void *device, int view, const struct photo *photo, int halved);
+    int (*has_image)(const void *device, int view);
+    oxl_result (*take_image)(void *device, int view, const struct training_image *photo, int halved);
     /* The image taken last, as (3,H,W) and (H,W); returns its pixels, 0 on failure. rgb NULL: its pixels alone. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
     oxl_result (*loss)(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out);
     oxl_result (*backward)(void *device, const float *drgb);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     oxl_result (*score)(void *device, const float *drgb, float *score);
-    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
-                       struct renderer_aside *out);
+    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *pace,
+                       struct renderer_nonfinite *out);
     oxl_result (*observe)(void *device, const struct renderer_sums *sums);
     oxl_result (*fetch)(void *device);
     oxl_result (*forget)(void *device);

@@ -18,20 +18,20 @@ struct render_share {
 };
 
 struct renderer {
-    const struct renderer_device *doors;  /* of `device` */
-    void                         *device; /* NULL: the CPU draws, with what follows */
+    const struct renderer_device *backend; /* of `device` */
+    void                         *device;  /* NULL: the CPU draws, with what follows */
 
-    struct lens      lens;
-    float            background[3];
-    struct gaussians in;
-    struct splat    *splat;   /* (count) */
-    struct lobe     *lobe;    /* (lobes) */
-    uint16_t        *visible; /* (packs) */
-    float           *dmean2d; /* (count) */
-    float           *rgb, *drgb, *transmittance;
-    struct medium    medium;
-    float           *clear, *drange; /* (count,3), (count): with a medium */
-    double (*medium_sum)[9];         /* (tasks) */
+    struct kernel_camera lens;
+    float                background[3];
+    struct gaussians     in;
+    struct splat        *splat;   /* (count) */
+    struct lobe         *lobe;    /* (lobes) */
+    uint16_t            *visible; /* (packs) */
+    float               *dmean2d; /* (count) */
+    float               *rgb, *drgb, *transmittance;
+    struct medium        medium;
+    float               *clear, *drange; /* (count,3), (count): with a medium */
+    double (*medium_sum)[9];             /* (tasks) */
     double dmedium[9];
     size_t clear_capacity, drange_capacity, medium_sum_capacity;
     float  gain[3]; /* of renderer_set_gain */
@@ -64,8 +64,8 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
 #ifdef OXL_VULKAN
     if (ctx->vulkan) {
-        (*out)->doors = vulkan_doors();
-        rc            = (*out)->doors->create(ctx, &(*out)->device);
+        (*out)->backend = vulkan_doors();
+        rc              = (*out)->backend->create(ctx, &(*out)->device);
     }
 #endif
     if (rc == OXL_OK) return rc;
@@ -77,7 +77,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
 OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 {
     if (!r) return;
-    if (r->device) r->doors->free(r->device);
+    if (r->device) r->backend->free(r->device);
     bin_free(ctx, &r->bins);
     loss_free(ctx, &r->loss);
     oxl_free(ctx, r->splat);
@@ -101,20 +101,20 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 
 /* ---------------------------------------------------------------- into the kernels' terms */
 
-OXL_INTERNAL struct lens render_lens(const oxl_camera *c, float near_plane)
+OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, float near_plane)
 {
-    struct lens l = {.width      = c->width,
-                     .height     = c->height,
-                     .fx         = (float)c->fx,
-                     .fy         = (float)c->fy,
-                     .cx         = (float)c->cx,
-                     .cy         = (float)c->cy,
-                     .limit_x    = (float)(FRUSTUM_CLAMP * c->width / (2 * c->fx)),
-                     .limit_y    = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
-                     .near_plane = near_plane,
-                     .alpha_min  = ALPHA_MIN,
-                     .cut        = LOG2_255};
-    double      eye[3];
+    struct kernel_camera l = {.width      = c->width,
+                              .height     = c->height,
+                              .fx         = (float)c->fx,
+                              .fy         = (float)c->fy,
+                              .cx         = (float)c->cx,
+                              .cy         = (float)c->cy,
+                              .limit_x    = (float)(FRUSTUM_CLAMP * c->width / (2 * c->fx)),
+                              .limit_y    = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
+                              .near_plane = near_plane,
+                              .alpha_min  = ALPHA_MIN,
+                              .cut        = LOG2_255};
+    double               eye[3];
     camera_position(c, eye);
     l.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
     l.rotation.y  = vec3((float)c->rotation[3], (float)c->rotation[4], (float)c->rotation[5]);
@@ -124,7 +124,7 @@ OXL_INTERNAL struct lens render_lens(const oxl_camera *c, float near_plane)
     return l;
 }
 
-OXL_INTERNAL void render_set_alpha_min(struct lens *l, float alpha_min)
+OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *l, float alpha_min)
 {
     if (!(alpha_min > ALPHA_MIN)) return;
     l->alpha_min = OXL_MIN(alpha_min, ALPHA_MAX);
@@ -162,10 +162,10 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t co
 /* The image taken last comes along: the loss is still to be computed. */
 static oxl_result render_take_target_home(oxl_context *ctx, struct renderer *r)
 {
-    const size_t pixels = r->doors->target(r->device, NULL, NULL, &r->masked);
+    const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
     oxl_result   rc     = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
     if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
-    if (rc == OXL_OK && pixels > 0 && r->doors->target(r->device, r->target, r->weight, &r->masked) == 0) rc = ctx->failed;
+    if (rc == OXL_OK && pixels > 0 && r->backend->target(r->device, r->target, r->weight, &r->masked) == 0) rc = ctx->failed;
     return rc;
 }
 
@@ -177,9 +177,9 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO) return rc;
     snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
     rc = render_take_target_home(ctx, r);
-    if (rc == OXL_OK) rc = r->doors->fetch(r->device);
+    if (rc == OXL_OK) rc = r->backend->fetch(r->device);
     if (rc != OXL_OK) return rc;
-    r->doors->free(r->device);
+    r->backend->free(r->device);
     r->device = NULL;
     oxl_log(ctx, OXL_LOG_WARNING, "%s: the CPU goes on", why);
     return OXL_OK;
@@ -333,7 +333,7 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
 {
     const oxl_result rc = render_reserve(ctx, r, model->count, model->lobes, (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
-    r->lens = render_lens(camera, options->near_plane);
+    r->lens = render_kernel_camera(camera, options->near_plane);
     r->in   = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
     render_set_alpha_min(&r->lens, options->alpha_min);
@@ -353,10 +353,10 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
     const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
     const oxl_result rc     = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
-    r->lens       = render_lens(camera, options->near_plane);
+    r->lens       = render_kernel_camera(camera, options->near_plane);
     r->in         = render_gaussians(model, options->sh_degree);
     r->bins.packs = render_packs(model->count);
-    return r->doors->forward(r->device, model, camera, options);
+    return r->backend->forward(r->device, model, camera, options);
 }
 
 OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
@@ -381,22 +381,23 @@ OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, con
 {
     (void)ctx;
     *out = r->rgb;
-    return r->device ? r->doors->image(r->device, 0, r->rgb) : OXL_OK;
+    return r->device ? r->backend->image(r->device, 0, r->rgb) : OXL_OK;
 }
 
 /* ---------------------------------------------------------------- loss and backward */
 
-OXL_INTERNAL int renderer_has_photo(const struct renderer *r, int view)
+OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view)
 {
-    return r->device && r->doors->has_photo(r->device, view);
+    return r->device && r->backend->has_image(r->device, view);
 }
 
-OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r, int view, const struct photo *photo, int halved)
+OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *photo,
+                                            int halved)
 {
     size_t     pixels;
     oxl_result rc;
     if (r->device) {
-        rc = r->doors->take_photo(r->device, view, photo, halved);
+        rc = r->backend->take_image(r->device, view, photo, halved);
         if (photo) rc = render_leave_device(ctx, r, rc);
         if (rc != OXL_OK || r->device) return rc;
     }
@@ -405,7 +406,7 @@ OXL_INTERNAL oxl_result renderer_take_photo(oxl_context *ctx, struct renderer *r
     r->masked = photo->mask != NULL;
     if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc != OXL_OK) return rc;
-    image_from_photo(ctx, photo, r->target, r->masked ? r->weight : NULL);
+    image_from_training(ctx, photo, r->target, r->masked ? r->weight : NULL);
     if (halved) image_halve(photo->width, photo->height, r->target, r->masked ? r->weight : NULL);
     return OXL_OK;
 }
@@ -443,7 +444,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     const size_t      pixels = (size_t)r->lens.width * (size_t)r->lens.height;
     struct loss_value value;
     oxl_result        rc;
-    if (r->device && !r->has_gain) return r->doors->loss(r->device, rgb, weight, ssim_weight, out);
+    if (r->device && !r->has_gain) return r->backend->loss(r->device, rgb, weight, ssim_weight, out);
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
     if (rc == OXL_OK && r->has_gain) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, &value);
@@ -477,7 +478,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 {
     struct gaussians out;
     oxl_result       rc = model_set_lobes(ctx, gradient, r->in.lobes);
-    if (rc == OXL_OK && r->device) return r->doors->backward(r->device, drgb || !r->has_gain ? drgb : r->drgb);
+    if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !r->has_gain ? drgb : r->drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     out = render_gaussians(gradient, r->in.sh_degree);
@@ -494,7 +495,7 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient)
 {
     (void)ctx;
-    return r->device ? r->doors->gradient(r->device, gradient) : OXL_OK;
+    return r->device ? r->backend->gradient(r->device, gradient) : OXL_OK;
 }
 
 /* ---------------------------------------------------------------- score */
@@ -502,7 +503,7 @@ OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, 
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score)
 {
     oxl_result rc;
-    if (r->device) return r->doors->score(r->device, drgb, score);
+    if (r->device) return r->backend->score(r->device, drgb, score);
     rc = oxl_reserve(ctx, (void **)&r->score, &r->score_capacity, r->bins.slot_count + 1, sizeof *r->score);
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);
@@ -538,7 +539,7 @@ static void render_step_planes(const struct render_step *s, int first_plane, int
 }
 
 /* Rows of a pack that were seen before the step and are no longer: those that it put aside. */
-static void render_count_aside(unsigned before, unsigned after, size_t pack, struct renderer_aside *out)
+static void render_count_aside(unsigned before, unsigned after, size_t pack, struct renderer_nonfinite *out)
 {
     for (unsigned l = 0; before != after && l < PACK; l++)
         if ((before & ~after) >> l & 1) {
@@ -548,8 +549,8 @@ static void render_count_aside(unsigned before, unsigned after, size_t pack, str
 }
 
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                      oxl_model *first, oxl_model *second, const struct renderer_pace *pace,
-                                      struct renderer_aside *out)
+                                      oxl_model *first, oxl_model *second, const struct adam_params *pace,
+                                      struct renderer_nonfinite *out)
 {
     const struct render_step s     = {model,    first,      second,
                                       gradient, pace->rate, 1 - vecmath_exp(pace->step * vecmath_log(pace->beta[0]))};
@@ -560,16 +561,16 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
                                      .beta2              = (float)pace->beta[1],
                                      .lobe_packs         = render_packs(r->in.lobes),
                                      .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(pace->step * vecmath_log(pace->beta[1]))))};
-    if (r->device) return r->doors->step(r->device, model, first, second, pace, out);
+    if (r->device) return r->backend->step(r->device, model, first, second, pace, out);
     rows.planes      = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
     rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
     render_step_planes(&s, 0, rows.planes, 0, &rows);
     render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : aside) reduction(min : first_aside)
     for (int64_t task = 0; task < tasks; task++) {
-        struct adam_job       job  = rows;
-        struct renderer_aside here = {0, SIZE_MAX};
-        uint16_t              seen[RENDER_TASK];
+        struct adam_job           job  = rows;
+        struct renderer_nonfinite here = {0, SIZE_MAX};
+        uint16_t                  seen[RENDER_TASK];
         job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->bins.packs);
         memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);
         adam_step(ctx->isa, &job);
@@ -578,7 +579,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         aside += here.rows;
         first_aside = OXL_MIN(first_aside, here.first);
     }
-    *out = (struct renderer_aside){aside, first_aside};
+    *out = (struct renderer_nonfinite){aside, first_aside};
     return OXL_OK;
 }
 
@@ -591,7 +592,7 @@ static float *render_band(const struct renderer_sums *s, float depth)
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *s)
 {
     (void)ctx; /* without OpenMP */
-    if (r->device) return r->doors->observe(r->device, s);
+    if (r->device) return r->backend->observe(r->device, s);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)s->count; i++)
         if (renderer_saw(r, (size_t)i)) {
@@ -601,10 +602,10 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_fetch(oxl_context *ctx, struct renderer *r)
+OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    return r->device ? r->doors->fetch(r->device) : OXL_OK;
+    return r->device ? r->backend->fetch(r->device) : OXL_OK;
 }
 
 OXL_INTERNAL int renderer_saw(const struct renderer *r, size_t row)
@@ -615,12 +616,12 @@ OXL_INTERNAL int renderer_saw(const struct renderer *r, size_t row)
 OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    if (r->device) return r->doors->forget(r->device);
+    if (r->device) return r->backend->forget(r->device);
     memset(r->visible, 0, r->bins.packs * sizeof *r->visible);
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_fetch_rows(oxl_context *ctx, struct renderer *r)
+OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer *r)
 {
     const size_t rows = r->bins.packs * PACK;
     oxl_result   rc;
@@ -628,7 +629,7 @@ OXL_INTERNAL oxl_result renderer_fetch_rows(oxl_context *ctx, struct renderer *r
     rc = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->visible, &r->visible_capacity, rows / PACK + 1, sizeof *r->visible);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->dmean2d, &r->dmean2d_capacity, rows, sizeof *r->dmean2d);
-    return rc == OXL_OK ? r->doors->rows(r->device, r->splat, r->visible, r->dmean2d) : rc;
+    return rc == OXL_OK ? r->backend->rows(r->device, r->splat, r->visible, r->dmean2d) : rc;
 }
 
 OXL_INTERNAL int renderer_drew_finite(const struct renderer *r, size_t row)
@@ -683,7 +684,7 @@ static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *dept
 {
     const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
     oxl_result   rc     = OXL_OK;
-    if (r->device) rc = r->doors->image(r->device, 1, r->rgb);
+    if (r->device) rc = r->backend->image(r->device, 1, r->rgb);
     else render_depth_tiles(ctx, r);
     for (size_t i = 0; i < pixels && rc == OXL_OK; i++) depth[i] = r->rgb[pixels + i] > 0 ? r->rgb[i] / r->rgb[pixels + i] : 0;
     return rc;

@@ -103,7 +103,7 @@ static void contrast_size_cells(const oxl_scene *scene, struct contrast_work *w)
 
 /* ---------------------------------------------------------------- the contrast of a patch */
 
-static oxl_result contrast_integrate(oxl_context *ctx, const struct photo *p, struct contrast_work *w)
+static oxl_result contrast_integrate(oxl_context *ctx, const struct training_image *p, struct contrast_work *w)
 {
     const size_t     pixels = (size_t)p->width * (size_t)p->height, stride = (size_t)p->width + 1;
     const oxl_result rc =
@@ -123,7 +123,7 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct photo *p, st
 }
 
 /* Log of the standard deviation of the cells' brightness; not valid when the patch is not wholly inside and unmasked. */
-static void contrast_look(const struct photo *p, const uint32_t *integral, struct contrast_sample *s)
+static void contrast_look(const struct training_image *p, const uint32_t *integral, struct contrast_sample *s)
 {
     const size_t stride = (size_t)p->width + 1;
     const float  left = s->x - 0.5f * CONTRAST_CELLS * s->cell, top = s->y - 0.5f * CONTRAST_CELLS * s->cell;
@@ -147,7 +147,7 @@ static void contrast_look(const struct photo *p, const uint32_t *integral, struc
 }
 
 /* All that is seen in one photograph. */
-static void contrast_look_at(const oxl_context *ctx, const struct photo *photo, int view, struct contrast_work *w)
+static void contrast_look_at(const oxl_context *ctx, const struct training_image *photo, int view, struct contrast_work *w)
 {
     const int64_t samples = (int64_t)w->samples;
     (void)ctx; /* without OpenMP */
@@ -165,9 +165,9 @@ static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struc
 {
     oxl_result rc = OXL_OK;
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
-        const struct photo *photo;
-        photos_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
-        photo = photos_get(ctx, scene, w->chosen[k]);
+        const struct training_image *photo;
+        image_cache_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
+        photo = image_cache_get(ctx, scene, w->chosen[k]);
         if (!photo && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
         if (photo) rc = contrast_integrate(ctx, photo, w);
         if (rc == OXL_OK) contrast_look_at(ctx, photo, w->chosen[k], w);

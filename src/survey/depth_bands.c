@@ -10,7 +10,7 @@
 #define BANDS_REACH (1.0 / 16) /* of the longer side */
 enum { BANDS_MOST = 1 << 22 }; /* points in views; where there are more, every k-th */
 
-static void bands_see(struct bands *b, const oxl_scene *scene, int view, const double world[3])
+static void depth_bands_see(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
 {
     const oxl_camera *c      = &oxl_scene_view(scene, view)->camera;
     const double     *origin = oxl_scene_origin(scene);
@@ -24,69 +24,70 @@ static void bands_see(struct bands *b, const oxl_scene *scene, int view, const d
     u = c->fx * x[0] / x[2] + c->cx;
     v = c->fy * x[1] / x[2] + c->cy;
     if (!(u >= 0 && u < c->width && v >= 0 && v < c->height)) return;
-    b->sight[b->count++] = (struct bands_sight){view, (int)v * c->width + (int)u, (float)x[2]};
+    b->sight[b->count++] = (struct depth_sample){view, (int)v * c->width + (int)u, (float)x[2]};
 }
 
 /* view: of an image of the survey; -1: not asked for, or none. */
-static void bands_by_tracks(struct bands *b, const oxl_scene *scene, const struct colmap *c, const int *view)
+static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c, const int *view)
 {
     const size_t step = c->track_count / BANDS_MOST + 1;
     size_t       seen = 0;
     for (size_t i = 0; i < c->point_count; i++)
         for (uint32_t k = 0; k < c->point[i].track_count; k++) {
             const int v = view[c->track[c->point[i].first_track + k].image_row];
-            if (seen++ % step == 0 && v >= 0) bands_see(b, scene, v, c->point[i].position);
+            if (seen++ % step == 0 && v >= 0) depth_bands_see(b, scene, v, c->point[i].position);
         }
 }
 
-static void bands_by_sight(struct bands *b, const oxl_scene *scene, const int *asked, int count)
+static void depth_bands_by_sight(struct depth_bands *b, const oxl_scene *scene, const int *asked, int count)
 {
     const size_t views = (size_t)oxl_scene_view_count(scene), step = oxl_scene_point_count(scene) * views / BANDS_MOST + 1;
     for (size_t i = 0; i < oxl_scene_point_count(scene); i += step)
         for (int k = 0; k < count; k++) {
             const double *p = oxl_scene_points(scene)[i].position, *origin = oxl_scene_origin(scene);
-            bands_see(b, scene, asked[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
+            depth_bands_see(b, scene, asked[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
         }
 }
 
-static int bands_compare(const void *a, const void *b)
+static int depth_bands_compare(const void *a, const void *b)
 {
-    const struct bands_sight *x = a, *y = b;
-    const int                 d = (x->view > y->view) - (x->view < y->view);
+    const struct depth_sample *x = a, *y = b;
+    const int                  d = (x->view > y->view) - (x->view < y->view);
     if (d) return d;
     return x->pixel != y->pixel ? (x->pixel > y->pixel) - (x->pixel < y->pixel) : (x->z > y->z) - (x->z < y->z);
 }
 
-OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count, struct bands *out)
+OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count,
+                                          struct depth_bands *out)
 {
     const struct colmap *c       = scene_colmap(scene);
     const int            tracked = c && c->track_count > 0;
     const size_t         most    = tracked ? c->track_count : oxl_scene_point_count(scene) * (size_t)count;
     int                 *view    = oxl_alloc(ctx, (tracked ? c->image_count : 0) + 1, sizeof *view);
-    *out       = (struct bands){.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
+    *out       = (struct depth_bands){.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
     out->sight = oxl_alloc(ctx, OXL_MIN(most, BANDS_MOST) + 1, sizeof *out->sight);
     if (!view || !out->sight) {
         oxl_free(ctx, view);
-        bands_free(ctx, out);
+        depth_bands_free(ctx, out);
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of what %d views saw", count);
     }
     for (size_t i = 0; tracked && i < c->image_count; i++) view[i] = -1;
     for (int k = 0; tracked && k < count; k++) view[scene_source_image(scene, asked[k]) - c->image] = asked[k];
-    if (tracked) bands_by_tracks(out, scene, c, view);
-    else bands_by_sight(out, scene, asked, count);
-    qsort(out->sight, out->count, sizeof *out->sight, bands_compare);
+    if (tracked) depth_bands_by_tracks(out, scene, c, view);
+    else depth_bands_by_sight(out, scene, asked, count);
+    qsort(out->sight, out->count, sizeof *out->sight, depth_bands_compare);
     oxl_free(ctx, view);
     return OXL_OK;
 }
 
-OXL_INTERNAL void bands_free(oxl_context *ctx, struct bands *b)
+OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b)
 {
     oxl_free(ctx, b->sight);
-    *b = (struct bands){0};
+    *b = (struct depth_bands){0};
 }
 
 /* The first of the view's; of nearest points in one pixel, the nearer shows. */
-static size_t bands_first(const struct bands *b, int view)
+static size_t depth_bands_first(const struct depth_bands *b, int view)
 {
     size_t low = 0, high = b->count;
     while (low < high) {
@@ -97,7 +98,7 @@ static size_t bands_first(const struct bands *b, int view)
     return low;
 }
 
-static void bands_spread(int width, int height, int *queue, size_t waiting, uint8_t *band)
+static void depth_bands_spread(int width, int height, int *queue, size_t waiting, uint8_t *band)
 {
     const int reach = (int)(BANDS_REACH * OXL_MAX(width, height));
     size_t    next  = 0;
@@ -114,7 +115,8 @@ static void bands_spread(int width, int height, int *queue, size_t waiting, uint
         }
 }
 
-OXL_INTERNAL oxl_result bands_of_view(oxl_context *ctx, const struct bands *b, const oxl_scene *scene, int view, uint8_t *band)
+OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b, const oxl_scene *scene, int view,
+                                            uint8_t *band)
 {
     const oxl_camera *c       = &oxl_scene_view(scene, view)->camera;
     const size_t      pixels  = (size_t)c->width * (size_t)c->height;
@@ -122,13 +124,13 @@ OXL_INTERNAL oxl_result bands_of_view(oxl_context *ctx, const struct bands *b, c
     size_t            waiting = 0;
     if (!queue) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", c->width, c->height);
     memset(band, 0, pixels);
-    for (size_t i = bands_first(b, view); b->depth[0] > 0 && i < b->count && b->sight[i].view == view; i++) {
-        const struct bands_sight *s = &b->sight[i];
+    for (size_t i = depth_bands_first(b, view); b->depth[0] > 0 && i < b->count && b->sight[i].view == view; i++) {
+        const struct depth_sample *s = &b->sight[i];
         if (band[s->pixel]) continue;
         band[s->pixel]   = (uint8_t)(1 + (s->z > b->depth[0]) + (s->z > b->depth[1]));
         queue[waiting++] = s->pixel;
     }
-    bands_spread(c->width, c->height, queue, waiting, band);
+    depth_bands_spread(c->width, c->height, queue, waiting, band);
     oxl_free(ctx, queue);
     return OXL_OK;
 }

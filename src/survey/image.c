@@ -238,10 +238,10 @@ static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
 
 /* What the rows of a photograph's output have in common: where its columns lie, and a line for each thread to add rows in. */
 struct image_reduction {
-    const struct pixels *in;
-    const struct photo  *out;
-    struct image_span   *column; /* (out->width) */
-    uint32_t            *line;   /* (threads, in->width, 3) */
+    const struct pixels         *in;
+    const struct training_image *out;
+    struct image_span           *column; /* (out->width) */
+    uint32_t                    *line;   /* (threads, in->width, 3) */
 };
 
 /* The weighted sum of the rows under the span. Their weights add up to in->height, so 32 bits hold it. */
@@ -262,7 +262,7 @@ static void image_reduce_row(const struct image_reduction *r, int y)
     const struct image_span rows  = image_span_of(y, r->in->height, r->out->height);
     const uint64_t          total = (uint64_t)r->in->width * r->in->height;
     const size_t            plane = (size_t)r->out->width * r->out->height;
-    uint32_t               *line  = r->line + 3 * (size_t)r->in->width * (size_t)base_thread();
+    uint32_t               *line  = r->line + 3 * (size_t)r->in->width * (size_t)context_thread();
     image_add_rows(r, &rows, line);
     for (int x = 0; x < r->out->width; x++) {
         const struct image_span *s      = &r->column[x];
@@ -274,7 +274,7 @@ static void image_reduce_row(const struct image_reduction *r, int y)
     }
 }
 
-static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const struct photo *out)
+static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const struct training_image *out)
 {
     struct image_reduction r  = {.in = in, .out = out};
     oxl_result             rc = OXL_OK;
@@ -294,7 +294,7 @@ done:
 }
 
 /* A pixel that touches a black one of the mask is masked: its colour has part of what is to be ignored. */
-static void image_reduce_mask_row(const struct pixels *mask, const struct photo *out, int y)
+static void image_reduce_mask_row(const struct pixels *mask, const struct training_image *out, int y)
 {
     const struct image_span rows = image_span_of(y, mask->height, out->height);
     for (int x = 0; x < out->width; x++) {
@@ -343,7 +343,7 @@ static int image_counts(const struct image_warp *w, const double p[2])
 }
 
 /* Each pixel is the mean of samples x samples bilinear samples of the photograph, spread evenly over it. */
-static void image_warp_row(const struct image_warp *w, const struct photo *out, int y)
+static void image_warp_row(const struct image_warp *w, const struct training_image *out, int y)
 {
     const size_t   plane = (size_t)out->width * out->height;
     const uint32_t total = (uint32_t)(w->samples * w->samples) * IMAGE_FRACTION * IMAGE_FRACTION;
@@ -394,10 +394,10 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
                            : "use the photographs that COLMAP was given");
 }
 
-static oxl_result image_photo_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask, struct photo *out)
+static oxl_result image_photo_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask, struct training_image *out)
 {
     const size_t count = (size_t)to->width * to->height;
-    *out               = (struct photo){.width = to->width, .height = to->height};
+    *out               = (struct training_image){.width = to->width, .height = to->height};
     out->rgb           = oxl_alloc(ctx, count, 3);
     if (with_mask) out->mask = oxl_alloc(ctx, count, 1);
     if (out->rgb && (out->mask || !with_mask)) return OXL_OK;
@@ -405,7 +405,7 @@ static oxl_result image_photo_alloc(oxl_context *ctx, const oxl_camera *to, int 
 }
 
 /* A mask that masks nothing is not kept. */
-static void image_drop_empty_mask(oxl_context *ctx, struct photo *p)
+static void image_drop_empty_mask(oxl_context *ctx, struct training_image *p)
 {
     if (!p->mask || memchr(p->mask, 0, (size_t)p->width * p->height)) return;
     oxl_free(ctx, p->mask);
@@ -413,7 +413,7 @@ static void image_drop_empty_mask(oxl_context *ctx, struct photo *p)
 }
 
 /* Reduced and undistorted, a mask may be black all over that was not. */
-static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct photo *p)
+static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct training_image *p)
 {
     if (!p->mask || memchr(p->mask, 255, (size_t)p->width * p->height)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
@@ -422,14 +422,14 @@ static oxl_result image_check_mask(oxl_context *ctx, const char *path, const str
                     path, p->width, p->height);
 }
 
-OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, const char *mask_path,
-                                         const struct colmap_camera *from, const oxl_camera *to, struct photo *out)
+OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
+                                            const struct colmap_camera *from, const oxl_camera *to, struct training_image *out)
 {
     const int         distorted = camera_is_distorted(from);
     struct pixels     photo = {0}, mask = {0};
     struct image_warp warp;
     oxl_result        rc;
-    *out = (struct photo){0};
+    *out = (struct training_image){0};
     rc   = image_decode(ctx, path, 3, &photo);
     if (rc == OXL_OK) rc = image_check_shape(ctx, path, photo.width, photo.height, from);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
@@ -448,18 +448,18 @@ OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, con
 done:
     image_pixels_free(ctx, &photo);
     image_pixels_free(ctx, &mask);
-    if (rc != OXL_OK) image_photo_free(ctx, out);
+    if (rc != OXL_OK) image_training_free(ctx, out);
     return rc;
 }
 
-OXL_INTERNAL void image_photo_free(oxl_context *ctx, struct photo *photo)
+OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *photo)
 {
     oxl_free(ctx, photo->rgb);
     oxl_free(ctx, photo->mask);
-    *photo = (struct photo){0};
+    *photo = (struct training_image){0};
 }
 
-OXL_INTERNAL void image_from_photo(const oxl_context *ctx, const struct photo *photo, float *rgb, float *weight)
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *photo, float *rgb, float *weight)
 {
     const int64_t count = (int64_t)photo->width * photo->height;
 #pragma omp parallel for simd schedule(static) num_threads(ctx->threads)
@@ -491,7 +491,7 @@ static uint8_t image_to_byte(float v)
     return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
 }
 
-OXL_INTERNAL void image_to_photo(const oxl_image *image, struct photo *photo)
+OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *photo)
 {
     const size_t count = (size_t)image->width * image->height;
     for (size_t i = 0; i < 3 * count; i++) photo->rgb[i] = image_to_byte(image->rgb[i]);

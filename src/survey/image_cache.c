@@ -5,28 +5,29 @@
 #include "survey.h"
 
 enum {
-    PHOTOS_AHEAD        = 16, /* read at once, at most */
-    PHOTOS_DECODE_BYTES = 6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
+    IMAGE_CACHE_AHEAD = 16, /* read at once, at most */
+    IMAGE_CACHE_DECODE_BYTES =
+        6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
 };
 
-OXL_INTERNAL oxl_result photos_begin(oxl_context *ctx, size_t count, struct photos *out)
+OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out)
 {
-    *out = (struct photos){.photo = oxl_calloc(ctx, count + 1, sizeof *out->photo),
-                           .used  = oxl_calloc(ctx, count + 1, sizeof *out->used),
-                           .count = (int)count,
-                           .limit = SIZE_MAX};
+    *out = (struct image_cache){.photo = oxl_calloc(ctx, count + 1, sizeof *out->photo),
+                                .used  = oxl_calloc(ctx, count + 1, sizeof *out->used),
+                                .count = (int)count,
+                                .limit = SIZE_MAX};
     return out->photo && out->used ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu photographs", count);
 }
 
-OXL_INTERNAL void photos_free(oxl_context *ctx, struct photos *photos)
+OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *photos)
 {
-    for (int i = 0; photos->photo && i < photos->count; i++) image_photo_free(ctx, &photos->photo[i]);
+    for (int i = 0; photos->photo && i < photos->count; i++) image_training_free(ctx, &photos->photo[i]);
     oxl_free(ctx, photos->photo);
     oxl_free(ctx, photos->used);
-    *photos = (struct photos){0};
+    *photos = (struct image_cache){0};
 }
 
-static size_t photos_size(const struct photo *photo)
+static size_t image_cache_size(const struct training_image *photo)
 {
     return (size_t)photo->width * photo->height * (photo->mask ? 4 : 3);
 }
@@ -34,46 +35,47 @@ static size_t photos_size(const struct photo *photo)
 /* Drops the photographs asked for last, until the rest and `keep` fit. Every epoch asks for all of them in a new order, so the one just
  * used is the one that will not be wanted for longest: with room for half of them this finds 50 % in memory, where dropping the oldest
  * finds 15 %. */
-static void photos_make_room(oxl_context *ctx, struct photos *p, int keep, size_t limit)
+static void image_cache_make_room(oxl_context *ctx, struct image_cache *p, int keep, size_t limit)
 {
     while (p->held > limit) {
         int latest = -1;
         for (int i = 0; i < p->count; i++)
             if (i != keep && p->photo[i].rgb && (latest < 0 || p->used[i] > p->used[latest])) latest = i;
         if (latest < 0) return;
-        p->held -= photos_size(&p->photo[latest]);
-        image_photo_free(ctx, &p->photo[latest]);
+        p->held -= image_cache_size(&p->photo[latest]);
+        image_training_free(ctx, &p->photo[latest]);
     }
 }
 
-OXL_INTERNAL const struct photo *photos_get(oxl_context *ctx, oxl_scene *scene, int view)
+OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view)
 {
-    struct photos *p     = scene_photos(scene);
-    struct photo  *photo = &p->photo[view];
-    p->used[view]        = ++p->clock;
+    struct image_cache    *p     = scene_image_cache(scene);
+    struct training_image *photo = &p->photo[view];
+    p->used[view]                = ++p->clock;
     if (!photo->rgb) {
-        if (scene_load_photo(ctx, scene, view, photo) != OXL_OK) return NULL;
-        p->held += photos_size(photo);
-        photos_make_room(ctx, p, view, p->limit);
+        if (scene_load_image(ctx, scene, view, photo) != OXL_OK) return NULL;
+        p->held += image_cache_size(photo);
+        image_cache_make_room(ctx, p, view, p->limit);
     }
     return photo;
 }
 
-OXL_INTERNAL double photos_bytes(double cache, double pixels, double file_pixels)
+OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels)
 {
-    const double one = PHOTOS_DECODE_BYTES * file_pixels, ahead = OXL_MIN(cache / 4, PHOTOS_AHEAD * one);
+    const double one = IMAGE_CACHE_DECODE_BYTES * file_pixels, ahead = OXL_MIN(cache / 4, IMAGE_CACHE_AHEAD * one);
     return OXL_MIN(3 * pixels + ahead, cache) + one;
 }
 
 /* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
  * cache as they come from the file, which is *bytes. */
-static int photos_choose_ahead(const oxl_context *ctx, oxl_scene *scene, const int *view, int count, int *chosen, size_t *bytes)
+static int image_cache_choose_ahead(const oxl_context *ctx, oxl_scene *scene, const int *view, int count, int *chosen,
+                                    size_t *bytes)
 {
-    const struct photos *p = scene_photos(scene);
-    int                  n = 0;
-    *bytes                 = 0;
-    for (int i = 0; i < count && n < OXL_MIN(ctx->threads, PHOTOS_AHEAD); i++) {
-        const double more = PHOTOS_DECODE_BYTES * scene_file_pixels(scene, view[i]);
+    const struct image_cache *p = scene_image_cache(scene);
+    int                       n = 0;
+    *bytes                      = 0;
+    for (int i = 0; i < count && n < OXL_MIN(ctx->threads, IMAGE_CACHE_AHEAD); i++) {
+        const double more = IMAGE_CACHE_DECODE_BYTES * scene_file_pixels(scene, view[i]);
         if (p->photo[view[i]].rgb) continue;
         if ((double)*bytes + more > (double)(p->limit / 4)) break;
         *bytes += (size_t)more;
@@ -82,24 +84,24 @@ static int photos_choose_ahead(const oxl_context *ctx, oxl_scene *scene, const i
     return n;
 }
 
-OXL_INTERNAL void photos_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
+OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count)
 {
-    struct photos *p                  = scene_photos(scene);
-    struct photo   read[PHOTOS_AHEAD] = {{0}};
-    int            chosen[PHOTOS_AHEAD], n;
-    size_t         bytes;
-    oxl_context    own = base_apart(ctx); /* its errors nobody hears: who asks for the photograph will */
+    struct image_cache   *p                       = scene_image_cache(scene);
+    struct training_image read[IMAGE_CACHE_AHEAD] = {{0}};
+    int                   chosen[IMAGE_CACHE_AHEAD], n;
+    size_t                bytes;
+    oxl_context           own = context_apart(ctx); /* its errors nobody hears: who asks for the photograph will */
     if (!scene_colmap(scene) || count < 1 || p->photo[view[0]].rgb) return;
-    n = photos_choose_ahead(ctx, scene, view, count, chosen, &bytes);
+    n = image_cache_choose_ahead(ctx, scene, view, count, chosen, &bytes);
     if (n < 2) return;
-    photos_make_room(ctx, p, -1, p->limit - bytes);
+    image_cache_make_room(ctx, p, -1, p->limit - bytes);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads) firstprivate(own)
-    for (int i = 0; i < n; i++) scene_load_photo(&own, scene, chosen[i], &read[i]);
+    for (int i = 0; i < n; i++) scene_load_image(&own, scene, chosen[i], &read[i]);
     for (int i = 0; i < n; i++) {
         if (!read[i].rgb) continue;
         p->photo[chosen[i]] = read[i];
         p->used[chosen[i]]  = 0; /* wanted soon: the last to be dropped */
-        p->held += photos_size(&read[i]);
+        p->held += image_cache_size(&read[i]);
     }
-    photos_make_room(ctx, p, -1, p->limit);
+    image_cache_make_room(ctx, p, -1, p->limit);
 }

@@ -219,7 +219,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
 
 oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path)
 {
-    const char    *name   = find_base_name(model_path);
+    const char    *name   = survey_find_base_name(model_path);
     struct text    folder = {.ctx = ctx};
     char          *path;
     struct imaging read = {0};

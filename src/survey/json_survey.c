@@ -96,7 +96,7 @@ OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, c
     struct os_file_map   map  = {0};
     char                *path = oxl_path_join(ctx, folder, name), *slash;
     oxl_result           rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    *out                      = (struct colmap){.format = COLMAP_JSON, .images_file = find_base_name(name)};
+    *out                      = (struct colmap){.format = COLMAP_JSON, .images_file = survey_find_base_name(name)};
     if (rc == OXL_OK) rc = json_survey_open(&r, path, &map);
     if (rc == OXL_OK)
         rc = strcmp(out->images_file, "transforms.json") ? opensfm_read(&r, map.data) : nerfstudio_read(&r, map.data);

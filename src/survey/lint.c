@@ -81,7 +81,7 @@ static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct l
     if (named > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more", named - LINT_NAMED);
 }
 
-OXL_INTERNAL oxl_result lint_sightings(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s)
+OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s)
 {
     const struct colmap *c     = scene_colmap(scene);
     const int            count = oxl_scene_view_count(scene);
@@ -148,7 +148,7 @@ static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, 
     return rc;
 }
 
-OXL_INTERNAL oxl_result lint_photographs(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s)
+OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s)
 {
     double masked = 0;
     int    usable = 0, stretched = 0;

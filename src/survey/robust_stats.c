@@ -9,34 +9,34 @@
 #include "survey.h"
 
 enum {
-    MEASURE_SAMPLE = 1 << 16, /* values that a quantile is taken of, at most */
-    MEASURE_VIEWS  = 64,      /* without tracks: views and points that depths are sampled from; their product is the sample */
-    MEASURE_POINTS = MEASURE_SAMPLE / MEASURE_VIEWS
+    STATS_SAMPLE = 1 << 16, /* values that a quantile is taken of, at most */
+    STATS_VIEWS  = 64,      /* without tracks: views and points that depths are sampled from; their product is the sample */
+    STATS_POINTS = STATS_SAMPLE / STATS_VIEWS
 };
-#define MEASURE_OUTLIER 5.0 /* a camera farther out than so many median distances does not count for the radius */
+#define STATS_OUTLIER 5.0 /* a camera farther out than so many median distances does not count for the radius */
 
 /* ---------------------------------------------------------------- quantiles */
 
-static int measure_compare(const void *a, const void *b)
+static int stats_compare(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
 }
 
-static size_t measure_rank(size_t count, double quantile)
+static size_t stats_rank(size_t count, double quantile)
 {
     return (size_t)(OXL_CLAMP(quantile, 0.0, 1.0) * (double)(count - 1) + 0.5);
 }
 
-OXL_INTERNAL double measure_quantile(const double *ascending, size_t count, double quantile)
+OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile)
 {
-    return count ? ascending[measure_rank(count, quantile)] : 0;
+    return count ? ascending[stats_rank(count, quantile)] : 0;
 }
 
 /* Hoare 1961. Equal values stop both scans, so that many of them cost no more than others. */
-OXL_INTERNAL double measure_pick(double *value, size_t count, double quantile)
+OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile)
 {
-    const size_t nth   = count ? measure_rank(count, quantile) : 0;
+    const size_t nth   = count ? stats_rank(count, quantile) : 0;
     size_t       first = 0, end = count;
     while (end - first > 1) {
         const double pivot = value[first + (end - first - 1) / 2]; /* never the last: so both parts are smaller */
@@ -54,10 +54,10 @@ OXL_INTERNAL double measure_pick(double *value, size_t count, double quantile)
     return count ? value[nth] : 0;
 }
 
-OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
-                                       double middle[3], double high[3])
+OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
+                                     double middle[3], double high[3])
 {
-    const size_t step   = n / MEASURE_SAMPLE + 1;
+    const size_t step   = n / STATS_SAMPLE + 1;
     double      *values = oxl_alloc(ctx, n / step + 1, sizeof *values);
     if (!values) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the bounds of %zu positions", n);
     for (int axis = 0; axis < 3; axis++) {
@@ -66,9 +66,9 @@ OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position,
             const double value = ((const double *)((const char *)position + i * stride))[axis];
             if (fabs(value) <= DBL_MAX) values[count++] = value;
         }
-        low[axis]    = measure_pick(values, count, 0.01);
-        middle[axis] = measure_pick(values, count, 0.5);
-        high[axis]   = measure_pick(values, count, 0.99);
+        low[axis]    = stats_pick(values, count, 0.01);
+        middle[axis] = stats_pick(values, count, 0.5);
+        high[axis]   = stats_pick(values, count, 0.99);
     }
     oxl_free(ctx, values);
     return OXL_OK;
@@ -76,31 +76,31 @@ OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position,
 
 /* ---------------------------------------------------------------- cameras */
 
-static double measure_distance(const double a[3], const double b[3])
+static double stats_distance(const double a[3], const double b[3])
 {
     return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
 }
 
 /* Moves those of n centres that stand within the limit to the front; returns how many. */
-static size_t measure_drop_outliers(double *centre, size_t n, const double middle[3], double limit)
+static size_t stats_drop_outliers(double *centre, size_t n, const double middle[3], double limit)
 {
     size_t kept = 0;
     for (size_t i = 0; i < n; i++)
-        if (measure_distance(centre + 3 * i, middle) <= limit) memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
+        if (stats_distance(centre + 3 * i, middle) <= limit) memmove(centre + 3 * kept++, centre + 3 * i, 3 * sizeof *centre);
     return kept;
 }
 
 /* The largest distance from the mean, as in 3DGS. */
-static double measure_radius(const double *centre, size_t n)
+static double stats_radius(const double *centre, size_t n)
 {
     double mean[3] = {0, 0, 0}, radius = 0;
     for (size_t i = 0; i < n; i++)
         for (int k = 0; k < 3; k++) mean[k] += centre[3 * i + k] / (double)n;
-    for (size_t i = 0; i < n; i++) radius = OXL_MAX(radius, measure_distance(centre + 3 * i, mean));
+    for (size_t i = 0; i < n; i++) radius = OXL_MAX(radius, stats_distance(centre + 3 * i, mean));
     return radius;
 }
 
-OXL_INTERNAL oxl_result measure_camera_radius(oxl_context *ctx, const struct measure_view *views, size_t count, double *radius)
+OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius)
 {
     double    *centre   = oxl_alloc(ctx, count + 1, 3 * sizeof *centre);
     double    *distance = oxl_alloc(ctx, count + 1, sizeof *distance);
@@ -111,11 +111,11 @@ OXL_INTERNAL oxl_result measure_camera_radius(oxl_context *ctx, const struct mea
     if (!centre || !distance) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu camera centres", count);
     if (rc != OXL_OK || count == 0) goto done;
     for (size_t i = 0; i < count; i++) camera_position(views[i].camera, centre + 3 * i);
-    rc = measure_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
+    rc = stats_bounds(ctx, centre, count, 3 * sizeof *centre, low, middle, high);
     if (rc != OXL_OK) goto done;
-    for (size_t i = 0; i < count; i++) distance[i] = measure_distance(centre + 3 * i, middle);
-    kept    = measure_drop_outliers(centre, count, middle, MEASURE_OUTLIER * measure_pick(distance, count, 0.5));
-    *radius = measure_radius(centre, kept);
+    for (size_t i = 0; i < count; i++) distance[i] = stats_distance(centre + 3 * i, middle);
+    kept    = stats_drop_outliers(centre, count, middle, STATS_OUTLIER * stats_pick(distance, count, 0.5));
+    *radius = stats_radius(centre, kept);
     if (kept < count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras stand far from all others and do not count for the extent", count - kept);
 done:
@@ -126,41 +126,41 @@ done:
 
 /* ---------------------------------------------------------------- depths */
 
-struct measure_depths {
-    double *z; /* (MEASURE_SAMPLE) */
+struct stats_depths {
+    double *z; /* (STATS_SAMPLE) */
     size_t  count;
 };
 
-static void measure_add_depth(struct measure_depths *d, const oxl_camera *c, const double p[3])
+static void stats_add_depth(struct stats_depths *d, const oxl_camera *c, const double p[3])
 {
     const double z = c->rotation[6] * p[0] + c->rotation[7] * p[1] + c->rotation[8] * p[2] + c->translation[2];
-    if (z > 0 && z <= DBL_MAX && d->count < MEASURE_SAMPLE) d->z[d->count++] = z;
+    if (z > 0 && z <= DBL_MAX && d->count < STATS_SAMPLE) d->z[d->count++] = z;
 }
 
-static int measure_compare_views(const void *a, const void *b)
+static int stats_compare_views(const void *a, const void *b)
 {
-    const struct measure_view *x = a, *y = b;
+    const struct stats_view *x = a, *y = b;
     return (x->image_row > y->image_row) - (x->image_row < y->image_row);
 }
 
 /* Every k-th entry of all tracks. */
-static void measure_by_tracks(const struct measure_view *views, size_t count, const struct colmap *c, const double origin[3],
-                              struct measure_depths *d)
+static void stats_by_tracks(const struct stats_view *views, size_t count, const struct colmap *c, const double origin[3],
+                            struct stats_depths *d)
 {
-    const size_t step = c->track_count / MEASURE_SAMPLE + 1;
+    const size_t step = c->track_count / STATS_SAMPLE + 1;
     size_t       seen = 0;
     for (size_t i = 0; i < c->point_count; i++) {
         const double *p = c->point[i].position, local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
         for (uint32_t k = 0; k < c->point[i].track_count; k++) {
-            const struct measure_view *view, wanted = {.image_row = c->track[c->point[i].first_track + k].image_row};
+            const struct stats_view *view, wanted = {.image_row = c->track[c->point[i].first_track + k].image_row};
             if (seen++ % step != 0) continue;
-            view = bsearch(&wanted, views, count, sizeof *views, measure_compare_views);
-            if (view) measure_add_depth(d, view->camera, local); /* NULL: a test view, or one that is missing */
+            view = bsearch(&wanted, views, count, sizeof *views, stats_compare_views);
+            if (view) stats_add_depth(d, view->camera, local); /* NULL: a test view, or one that is missing */
         }
     }
 }
 
-static int measure_is_in_sight(const oxl_camera *c, const double p[3])
+static int stats_is_in_sight(const oxl_camera *c, const double p[3])
 {
     double x[3];
     for (int i = 0; i < 3; i++) {
@@ -172,27 +172,26 @@ static int measure_is_in_sight(const oxl_camera *c, const double p[3])
            fabs(c->fy * x[1] / x[2] + c->cy - 0.5 * c->height) <= 0.5 * c->height;
 }
 
-static void measure_by_sight(const struct measure_view *views, size_t count, const oxl_point *points, size_t n,
-                             struct measure_depths *d)
+static void stats_by_sight(const struct stats_view *views, size_t count, const oxl_point *points, size_t n,
+                           struct stats_depths *d)
 {
-    const size_t view_step = count / MEASURE_VIEWS + 1, step = n / MEASURE_POINTS + 1;
+    const size_t view_step = count / STATS_VIEWS + 1, step = n / STATS_POINTS + 1;
     for (size_t v = 0; v < count; v += view_step)
         for (size_t i = 0; i < n; i += step)
-            if (measure_is_in_sight(views[v].camera, points[i].position))
-                measure_add_depth(d, views[v].camera, points[i].position);
+            if (stats_is_in_sight(views[v].camera, points[i].position)) stats_add_depth(d, views[v].camera, points[i].position);
 }
 
-OXL_INTERNAL oxl_result measure_depths(oxl_context *ctx, struct measure_view *views, size_t count, const oxl_point *points,
-                                       size_t n, const struct colmap *c, const double origin[3], double **out, size_t *out_count)
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
+                                     const struct colmap *c, const double origin[3], double **out, size_t *out_count)
 {
-    struct measure_depths d = {.z = oxl_alloc(ctx, MEASURE_SAMPLE, sizeof *d.z)};
-    *out                    = d.z;
-    *out_count              = 0;
+    struct stats_depths d = {.z = oxl_alloc(ctx, STATS_SAMPLE, sizeof *d.z)};
+    *out                  = d.z;
+    *out_count            = 0;
     if (!d.z) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
-    if (count) qsort(views, count, sizeof *views, measure_compare_views);
-    measure_by_tracks(views, count, c, origin, &d);
-    if (d.count == 0) measure_by_sight(views, count, points, n, &d);
-    qsort(d.z, d.count, sizeof *d.z, measure_compare);
+    if (count) qsort(views, count, sizeof *views, stats_compare_views);
+    stats_by_tracks(views, count, c, origin, &d);
+    if (d.count == 0) stats_by_sight(views, count, points, n, &d);
+    qsort(d.z, d.count, sizeof *d.z, stats_compare);
     *out_count = d.count;
     return OXL_OK;
 }

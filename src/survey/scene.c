@@ -33,7 +33,7 @@ struct oxl_scene {
     double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
     size_t     depth_count;
 
-    struct photos photos; /* (view_count) */
+    struct image_cache photos; /* (view_count) */
 
     struct imaging imaging; /* of the model that was trained on it or read for it */
 
@@ -49,7 +49,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 {
     if (!scene) return;
     for (int i = 0; i < scene->view_count && !scene->from_files; i++) oxl_free(ctx, (char *)scene->view[i].name);
-    photos_free(ctx, &scene->photos);
+    image_cache_free(ctx, &scene->photos);
     imaging_free(ctx, &scene->imaging);
     oxl_free(ctx, scene->view);
     oxl_free(ctx, scene->point);
@@ -71,7 +71,7 @@ static oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t c
 {
     scene->view   = oxl_calloc(ctx, count + 1, sizeof *scene->view);
     scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
-    if (scene->view && scene->source) return photos_begin(ctx, count, &scene->photos);
+    if (scene->view && scene->source) return image_cache_begin(ctx, count, &scene->photos);
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
 }
 
@@ -103,7 +103,7 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s: there is no such folder, and the photographs should be in it\nfix: name theirs by --images",
                         scene->images);
-    find_like(ctx, scene->images, first, like, sizeof like);
+    survey_find_like(ctx, scene->images, first, like, sizeof like);
     return oxl_fail(ctx, OXL_ERR_INPUT,
                     "%d of the %zu photographs of images.txt are not in %s, the first is %s; at most %.0f %% may be missing\n"
                     "fix: %s%s%s",
@@ -295,7 +295,7 @@ static void scene_split(oxl_scene *scene, int test_every)
 /* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out)
 {
-    const char *base = find_base_name(name), *dot = strrchr(base, '.');
+    const char *base = survey_find_base_name(name), *dot = strrchr(base, '.');
     const int   whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
     for (int i = 0; i < 2 && scene->masks; i++) {
         struct text t = {.ctx = ctx};
@@ -333,8 +333,8 @@ static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
     oxl_result           rc;
     if (!centres) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %d camera centres", scene->view_count);
     for (int i = 0; i < scene->view_count; i++) camera_position(&scene->view[i].camera, centres + 3 * i);
-    if (c->point_count) rc = measure_bounds(ctx, c->point->position, c->point_count, sizeof *c->point, low, scene->origin, high);
-    else rc = measure_bounds(ctx, centres, (size_t)scene->view_count, 3 * sizeof *centres, low, scene->origin, high);
+    if (c->point_count) rc = stats_bounds(ctx, c->point->position, c->point_count, sizeof *c->point, low, scene->origin, high);
+    else rc = stats_bounds(ctx, centres, (size_t)scene->view_count, 3 * sizeof *centres, low, scene->origin, high);
     oxl_free(ctx, centres);
     for (int i = 0; i < scene->view_count && rc == OXL_OK; i++) {
         oxl_camera *camera = &scene->view[i].camera;
@@ -400,22 +400,22 @@ static void scene_fill_stats(oxl_scene *scene)
 /* What follows from views and points, wherever they came from. */
 static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
 {
-    struct measure_view *views = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *views);
-    double               middle[3], radius = 0;
-    size_t               count = 0;
-    oxl_result           rc = views ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure %d views", scene->view_count);
+    struct stats_view *views = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *views);
+    double             middle[3], radius = 0;
+    size_t             count = 0;
+    oxl_result         rc    = views ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure %d views", scene->view_count);
     if (rc != OXL_OK) goto done;
     for (int i = 0; i < scene->view_count; i++) {
         const uint32_t image_row = scene->from_files ? (uint32_t)scene->source[i].image : (uint32_t)i;
-        if (!scene->view[i].is_test) views[count++] = (struct measure_view){image_row, &scene->view[i].camera};
+        if (!scene->view[i].is_test) views[count++] = (struct stats_view){image_row, &scene->view[i].camera};
     }
-    rc = measure_camera_radius(ctx, views, count, &radius);
+    rc = stats_camera_radius(ctx, views, count, &radius);
     if (rc == OXL_OK)
-        rc = measure_depths(ctx, views, count, scene->point, scene->point_count, &scene->colmap, scene->origin, &scene->depth,
-                            &scene->depth_count);
+        rc = stats_depths(ctx, views, count, scene->point, scene->point_count, &scene->colmap, scene->origin, &scene->depth,
+                          &scene->depth_count);
     if (rc == OXL_OK && scene->point_count)
-        rc = measure_bounds(ctx, scene->point->position, scene->point_count, sizeof *scene->point, scene->stats.bounds_min,
-                            middle, scene->stats.bounds_max);
+        rc = stats_bounds(ctx, scene->point->position, scene->point_count, sizeof *scene->point, scene->stats.bounds_min, middle,
+                          scene->stats.bounds_max);
     scene->extent = SCENE_EXTENT * radius;
     if (!(scene->extent > SCENE_EXTENT_LEAST * scene_depth_quantile(scene, 0.5)))
         scene->extent = scene_depth_quantile(scene, 0.5);
@@ -428,7 +428,7 @@ done:
 
 OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile)
 {
-    return measure_quantile(scene->depth, scene->depth_count, quantile);
+    return stats_quantile(scene->depth, scene->depth_count, quantile);
 }
 
 OXL_INTERNAL double scene_near_plane(const oxl_scene *scene)
@@ -460,7 +460,7 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
 
 static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene_options *o, oxl_scene *scene)
 {
-    oxl_result rc = find_model(ctx, path, o->sparse, &scene->colmap);
+    oxl_result rc = survey_find_model(ctx, path, o->sparse, &scene->colmap);
     if (rc == OXL_OK && scene->colmap.is_cut && !o->allow_cut)
         rc =
             oxl_fail(ctx, OXL_ERR_INPUT,
@@ -510,9 +510,9 @@ done:
 
 static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_view *view, const oxl_image *image)
 {
-    const size_t  pixels = (size_t)image->width * image->height;
-    struct photo *photo  = &scene->photos.photo[scene->view_count];
-    char         *name   = oxl_strdup(ctx, view->name ? view->name : "");
+    const size_t           pixels = (size_t)image->width * image->height;
+    struct training_image *photo  = &scene->photos.photo[scene->view_count];
+    char                  *name   = oxl_strdup(ctx, view->name ? view->name : "");
     if (!name) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a name");
     scene->view[scene->view_count]      = *view;
     scene->view[scene->view_count].name = name;
@@ -523,12 +523,12 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "view %s: an image of %d x %d px for a camera of %d x %d\nfix: give each view its own image", name,
                         image->rgb ? image->width : 0, image->rgb ? image->height : 0, view->camera.width, view->camera.height);
-    *photo      = (struct photo){.width = image->width, .height = image->height};
+    *photo      = (struct training_image){.width = image->width, .height = image->height};
     photo->rgb  = oxl_alloc(ctx, pixels, 3);
     photo->mask = image->weight ? oxl_alloc(ctx, pixels, 1) : NULL;
     if (!photo->rgb || (image->weight && !photo->mask))
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of view %s", name);
-    image_to_photo(image, photo);
+    image_to_training(image, photo);
     return OXL_OK;
 }
 
@@ -564,7 +564,7 @@ done:
 
 /* ---------------------------------------------------------------- photographs */
 
-OXL_INTERNAL struct photos *scene_photos(oxl_scene *scene)
+OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene)
 {
     return &scene->photos;
 }
@@ -574,14 +574,15 @@ OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
     if (scene->from_files) scene->photos.limit = bytes;
 }
 
-OXL_INTERNAL oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int view, struct photo *out)
+OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out)
 {
     char      *path = oxl_path_join(ctx, scene->images, scene->view[view].name);
     char      *mask = NULL;
     oxl_result rc =
         path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (rc == OXL_OK)
-        rc = image_load_photo(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera, out);
+        rc = image_load_training(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera,
+                                 out);
     oxl_free(ctx, path);
     oxl_free(ctx, mask);
     return rc;
@@ -596,19 +597,19 @@ OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
 
 oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out)
 {
-    const struct photo *photo;
-    oxl_result          rc;
+    const struct training_image *photo;
+    oxl_result                   rc;
     *out = (oxl_image){0};
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
-    photo = photos_get(ctx, scene, view);
+    photo = image_cache_get(ctx, scene, view);
     if (!photo) return ctx->failed;
     rc = oxl_image_create(ctx, photo->width, photo->height, out);
     if (rc == OXL_OK && photo->mask) {
         out->weight = oxl_alloc(ctx, (size_t)photo->width * photo->height, sizeof *out->weight);
         if (!out->weight) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the mask of %s", scene->view[view].name);
     }
-    if (rc == OXL_OK) image_from_photo(ctx, photo, out->rgb, out->weight);
+    if (rc == OXL_OK) image_from_training(ctx, photo, out->rgb, out->weight);
     else oxl_image_free(ctx, out);
     return rc;
 }
@@ -684,7 +685,7 @@ OXL_INTERNAL const char *scene_masks_folder(const oxl_scene *scene)
 }
 
 /* By fixed-point iteration: a lens moves a pixel by less than it lies off the axis. */
-oxl_result oxl_scene_sight(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3], double way[3])
+oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3], double way[3])
 {
     const struct colmap_camera *camera = scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;
     const oxl_camera           *c      = &scene->view[view].camera;

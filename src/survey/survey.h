@@ -150,22 +150,22 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
 OXL_INTERNAL void       image_pixels_free(oxl_context *ctx, struct pixels *p);
 
 /* A training photograph: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 counts, 0 masked). */
-struct photo {
+struct training_image {
     int      width, height;
     uint8_t *rgb;
     uint8_t *mask;
 };
 /* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike. mask_path may be NULL. */
-OXL_INTERNAL oxl_result image_load_photo(oxl_context *ctx, const char *path, const char *mask_path,
-                                         const struct colmap_camera *from, const oxl_camera *to, struct photo *out);
-OXL_INTERNAL void       image_photo_free(oxl_context *ctx, struct photo *photo);
-OXL_INTERNAL void       image_from_photo(const oxl_context *ctx, const struct photo *photo, float *rgb,
-                                         float *weight); /* weight may be NULL */
+OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
+                                            const struct colmap_camera *from, const oxl_camera *to, struct training_image *out);
+OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *photo);
+OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *photo, float *rgb,
+                                            float *weight); /* weight may be NULL */
 /* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, that count when all four do; an odd last row or column
  * is dropped. */
 OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
 /* The other way, into memory that photo has already; weight of 0.5 and less is masked. */
-OXL_INTERNAL void       image_to_photo(const oxl_image *image, struct photo *photo);
+OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *photo);
 
 OXL_INTERNAL void       image_begin(void); /* with each context: how stb writes PNGs */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
@@ -180,29 +180,29 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
 /* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
 
 /* Reads the sub-model with most images: of `sparse`, or of SCENE/sparse, the folders in it, and SCENE. Observations are not kept. */
-OXL_INTERNAL oxl_result  find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
+OXL_INTERNAL oxl_result  survey_find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
 /* Path of a file at most 3 folders deep that is called like `name` but for folder, extension and capitals; "" when there is none. */
-OXL_INTERNAL void        find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
-OXL_INTERNAL const char *find_base_name(const char *path); /* what follows the last slash */
+OXL_INTERNAL void        survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
+OXL_INTERNAL const char *survey_find_base_name(const char *path); /* what follows the last slash */
 
 /* ---------------------------------------------------------------- robust_stats.c: robust measures of a survey */
 
-struct measure_view {            /* a training view */
+struct stats_view {              /* a training view */
     uint32_t          image_row; /* in colmap.image, for tracks */
     const oxl_camera *camera;
 };
-OXL_INTERNAL double     measure_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 of none */
-OXL_INTERNAL double     measure_pick(double *value, size_t count, double quantile); /* the same; they lie in another order then */
+OXL_INTERNAL double     stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 of none */
+OXL_INTERNAL double     stats_pick(double *value, size_t count, double quantile); /* the same; they lie in another order then */
 /* 1st, 50th and 99th percentile of each coordinate of n positions that lie `stride` bytes apart. */
-OXL_INTERNAL oxl_result measure_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
-                                       double middle[3], double high[3]);
+OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
+                                     double middle[3], double high[3]);
 /* Largest distance from the mean of the camera centres, those left out that stand farther than 5 median distances from their
  * median place (coordinate by coordinate): exactly 3DGS's when there is no such outlier. 0 for one camera. */
-OXL_INTERNAL oxl_result measure_camera_radius(oxl_context *ctx, const struct measure_view *views, size_t count, double *radius);
+OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius);
 /* An ascending sample of the depths (camera z) of points in the views that saw them by their tracks, or, when there are no
  * tracks (from arrays: points alone), in the views that have them in their picture. Sorts views by image. */
-OXL_INTERNAL oxl_result measure_depths(oxl_context *ctx, struct measure_view *views, size_t count, const oxl_point *points,
-                                       size_t n, const struct colmap *c, const double origin[3], double **out, size_t *out_count);
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
+                                     const struct colmap *c, const double origin[3], double **out, size_t *out_count);
 
 /* ---------------------------------------------------------------- scene.c: from the files to views, points and photographs */
 
@@ -222,11 +222,11 @@ OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *sce
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
 OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
 OXL_INTERNAL int        scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* (all views at most) -> how many */
-OXL_INTERNAL struct photos *scene_photos(oxl_scene *scene);
+OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene);
 OXL_INTERNAL void   scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs; from arrays: nothing is dropped */
 OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first photograph; 0: from arrays */
-/* From the files, undistorted, reduced and masked as the view is; free it with image_photo_free. */
-OXL_INTERNAL oxl_result scene_load_photo(oxl_context *ctx, const oxl_scene *scene, int view, struct photo *out);
+/* From the files, undistorted, reduced and masked as the view is; free it with image_training_free. */
+OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
 OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile);
 /* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
@@ -236,39 +236,41 @@ OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *s
 
 /* ---------------------------------------------------------------- image_cache.c: which photographs are in memory */
 
-struct photos {
-    struct photo *photo; /* (count) rgb NULL: not in memory */
-    uint64_t     *used;  /* (count) when it was last asked for */
-    uint64_t      clock;
-    int           count;
-    size_t        held, limit; /* bytes in memory; of the cache */
+struct image_cache {
+    struct training_image *photo; /* (count) rgb NULL: not in memory */
+    uint64_t              *used;  /* (count) when it was last asked for */
+    uint64_t               clock;
+    int                    count;
+    size_t                 held, limit; /* bytes in memory; of the cache */
 };
-OXL_INTERNAL oxl_result          photos_begin(oxl_context *ctx, size_t count, struct photos *out); /* none in memory, no limit */
-OXL_INTERNAL void                photos_free(oxl_context *ctx, struct photos *photos);
+OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out); /* none in memory, no limit */
+OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *photos);
 /* Borrowed until the next call for another view or for photographs ahead; NULL: with the error set. */
-OXL_INTERNAL const struct photo *photos_get(oxl_context *ctx, oxl_scene *scene, int view);
+OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view);
 /* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
  * quarter of the cache may be on its way, and is made free before. Nothing is said of one that cannot be read, until it is asked for. */
-OXL_INTERNAL void                photos_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
+OXL_INTERNAL void                         image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
 /* Photographs of so many pixels in all, without masks, take at most so much, with what decoding files of file_pixels takes, on however many threads. */
-OXL_INTERNAL double              photos_bytes(double cache, double pixels, double file_pixels);
+OXL_INTERNAL double                       image_cache_bytes(double cache, double pixels, double file_pixels);
 
 /* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */
 
-struct bands_sight { /* a point in a view */
+struct depth_sample { /* a point in a view */
     int   view, pixel;
     float z; /* camera z */
 };
-struct bands {
-    double              depth[2]; /* a third of the times that a point is seen in training, it lies nearer, and a third beyond */
-    struct bands_sight *sight;    /* (count) by view and pixel, the nearer first */
-    size_t              count;
+struct depth_bands {
+    double               depth[2]; /* a third of the times that a point is seen in training, it lies nearer, and a third beyond */
+    struct depth_sample *sight;    /* (count) by view and pixel, the nearer first */
+    size_t               count;
 };
 /* Of `count` views asked for. */
-OXL_INTERNAL oxl_result bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count, struct bands *out);
-OXL_INTERNAL void       bands_free(oxl_context *ctx, struct bands *b);
+OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count,
+                                          struct depth_bands *out);
+OXL_INTERNAL void       depth_bands_free(oxl_context *ctx, struct depth_bands *b);
 /* band: (H,W) 1 near, 2 mid, 3 far; 0: no point tells. */
-OXL_INTERNAL oxl_result bands_of_view(oxl_context *ctx, const struct bands *b, const oxl_scene *scene, int view, uint8_t *band);
+OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b, const oxl_scene *scene, int view,
+                                            uint8_t *band);
 
 /* ---------------------------------------------------------------- contrast.c: how fast contrast fades with depth */
 
@@ -283,8 +285,8 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 
 #define LINT_DOUBT 0.1 /* share of sightings that are none, from which on the survey as a whole is doubted */
 /* Fills s->missed; s->unusable and s->masked. What is wrong is logged. OXL_ERR_INPUT: no photograph can be trained with. */
-OXL_INTERNAL oxl_result lint_sightings(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
-OXL_INTERNAL oxl_result lint_photographs(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 
 /* ---------------------------------------------------------------- imaging.c: what lies between the scene's colours and an image */
 

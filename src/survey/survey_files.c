@@ -8,27 +8,27 @@
 
 /* ---------------------------------------------------------------- which sub-model */
 
-struct find_folders {
+struct survey_find_folders {
     oxl_context *ctx;
     char       **name;
     size_t       count, capacity;
     int          failed;
 };
 
-static void find_visit_folder(void *user, const char *name)
+static void survey_find_visit_folder(void *user, const char *name)
 {
-    struct find_folders *f = user;
+    struct survey_find_folders *f = user;
     if (oxl_reserve(f->ctx, (void **)&f->name, &f->capacity, f->count + 1, sizeof *f->name) != OXL_OK) f->failed = 1;
     else if ((f->name[f->count] = oxl_strdup(f->ctx, name)) == NULL) f->failed = 1;
     else f->count++;
 }
 
-static int find_compare_names(const void *a, const void *b)
+static int survey_find_compare_names(const void *a, const void *b)
 {
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
-static int find_holds(oxl_context *ctx, const char *folder, const char *file)
+static int survey_find_holds(oxl_context *ctx, const char *folder, const char *file)
 {
     char     *path = oxl_path_join(ctx, folder, file);
     const int held = path && os_is_file(path);
@@ -37,7 +37,8 @@ static int find_holds(oxl_context *ctx, const char *folder, const char *file)
 }
 
 /* Reads `folder` and keeps it in *best when it has more images than what is there. */
-static oxl_result find_try_model(oxl_context *ctx, const char *folder, struct colmap *best, char **best_folder, int *models)
+static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, struct colmap *best, char **best_folder,
+                                        int *models)
 {
     struct colmap    found;
     const oxl_result rc = colmap_read(ctx, folder, 0, &found);
@@ -55,20 +56,20 @@ static oxl_result find_try_model(oxl_context *ctx, const char *folder, struct co
 }
 
 /* The folder itself and, when `inside`, each folder in it that holds one of two files. */
-static oxl_result find_try_folder(oxl_context *ctx, const char *folder, int inside, const char *const file[2],
-                                  struct colmap *best, char **best_folder, int *models)
+static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, int inside, const char *const file[2],
+                                         struct colmap *best, char **best_folder, int *models)
 {
-    struct find_folders in = {.ctx = ctx};
-    oxl_result          rc = OXL_OK;
-    if (find_holds(ctx, folder, file[0]) || find_holds(ctx, folder, file[1]))
-        rc = find_try_model(ctx, folder, best, best_folder, models);
-    if (rc == OXL_OK && inside && os_is_folder(folder)) rc = os_list_folder(ctx, folder, find_visit_folder, &in);
+    struct survey_find_folders in = {.ctx = ctx};
+    oxl_result                 rc = OXL_OK;
+    if (survey_find_holds(ctx, folder, file[0]) || survey_find_holds(ctx, folder, file[1]))
+        rc = survey_find_try_model(ctx, folder, best, best_folder, models);
+    if (rc == OXL_OK && inside && os_is_folder(folder)) rc = os_list_folder(ctx, folder, survey_find_visit_folder, &in);
     if (rc == OXL_OK && in.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to list %s", folder);
-    if (in.count) qsort(in.name, in.count, sizeof *in.name, find_compare_names);
+    if (in.count) qsort(in.name, in.count, sizeof *in.name, survey_find_compare_names);
     for (size_t i = 0; i < in.count; i++) {
         char *path = oxl_path_join(ctx, folder, in.name[i]);
-        if (rc == OXL_OK && path && (find_holds(ctx, path, file[0]) || find_holds(ctx, path, file[1])))
-            rc = find_try_model(ctx, path, best, best_folder, models);
+        if (rc == OXL_OK && path && (survey_find_holds(ctx, path, file[0]) || survey_find_holds(ctx, path, file[1])))
+            rc = survey_find_try_model(ctx, path, best, best_folder, models);
         oxl_free(ctx, path);
         oxl_free(ctx, in.name[i]);
     }
@@ -77,12 +78,12 @@ static oxl_result find_try_folder(oxl_context *ctx, const char *folder, int insi
 }
 
 /* Where there is no COLMAP model: nerfstudio's, or OpenSfM's, in its own folder or in OpenDroneMap's project. */
-static oxl_result find_try_json(oxl_context *ctx, const char *path, struct colmap *out, int *models)
+static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, struct colmap *out, int *models)
 {
     static const char *const names[] = {"transforms.json", "reconstruction.json", "opensfm/reconstruction.json"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
         oxl_result rc;
-        if (!find_holds(ctx, path, names[i])) continue;
+        if (!survey_find_holds(ctx, path, names[i])) continue;
         rc = json_survey_read(ctx, path, names[i], out);
         if (rc != OXL_OK) return rc;
         ++*models;
@@ -93,7 +94,7 @@ static oxl_result find_try_json(oxl_context *ctx, const char *path, struct colma
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result find_model(oxl_context *ctx, const char *path, const char *sparse_option, struct colmap *out)
+OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse_option, struct colmap *out)
 {
     static const char *const files[][2] = {{"images.txt", "images.bin"},
                                            {"cameras.txt", "cameras.bin"}}; /* the last two: for colmap_read's errors */
@@ -109,10 +110,11 @@ OXL_INTERNAL oxl_result find_model(oxl_context *ctx, const char *path, const cha
                       sparse_option ? "--sparse names the folder of cameras, images and points3D, .txt or .bin"
                                     : "give the folder that holds images/ and sparse/");
     for (size_t i = 0; rc == OXL_OK && models == 0 && i < OXL_COUNT(files); i++) {
-        rc = find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
-        if (rc == OXL_OK && models == 0 && !sparse_option) rc = find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
+        rc = survey_find_try_folder(ctx, sparse, 1, files[i], out, &folder, &models);
+        if (rc == OXL_OK && models == 0 && !sparse_option)
+            rc = survey_find_try_folder(ctx, path, 0, files[i], out, &folder, &models);
     }
-    if (rc == OXL_OK && models == 0 && !sparse_option) rc = find_try_json(ctx, path, out, &models);
+    if (rc == OXL_OK && models == 0 && !sparse_option) rc = survey_find_try_json(ctx, path, out, &models);
     if (rc == OXL_OK && models == 0)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: no COLMAP model (cameras, images and points3D, .txt or .bin) in %s, in a folder there%s\n"
@@ -129,21 +131,21 @@ OXL_INTERNAL oxl_result find_model(oxl_context *ctx, const char *path, const cha
 
 /* ---------------------------------------------------------------- photographs that are not there */
 
-struct find_hunt {
+struct survey_find_hunt {
     oxl_context *ctx;
     const char  *folder, *wanted; /* wanted: base name */
     int          depth;
     char         found[256]; /* path, "" while none */
 };
 
-OXL_INTERNAL const char *find_base_name(const char *path)
+OXL_INTERNAL const char *survey_find_base_name(const char *path)
 {
     const char *slash = strrchr(path, '/');
     return slash ? slash + 1 : path;
 }
 
 /* The same but for the extension and for small and capital letters? */
-static int find_is_like(const char *a, const char *b)
+static int survey_find_is_like(const char *a, const char *b)
 {
     const char *end_a = strrchr(a, '.'), *end_b = strrchr(b, '.');
     size_t      n = end_a ? (size_t)(end_a - a) : strlen(a);
@@ -155,23 +157,23 @@ static int find_is_like(const char *a, const char *b)
     return 1;
 }
 
-static void find_visit_hunt(void *user, const char *name)
+static void survey_find_visit_hunt(void *user, const char *name)
 {
-    struct find_hunt *h    = user;
-    char             *path = h->found[0] ? NULL : oxl_path_join(h->ctx, h->folder, name);
+    struct survey_find_hunt *h    = user;
+    char                    *path = h->found[0] ? NULL : oxl_path_join(h->ctx, h->folder, name);
     if (path && os_is_folder(path) && h->depth < 3) {
-        struct find_hunt deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
-        os_list_folder(h->ctx, path, find_visit_hunt, &deeper);
+        struct survey_find_hunt deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
+        os_list_folder(h->ctx, path, survey_find_visit_hunt, &deeper);
         memcpy(h->found, deeper.found, sizeof h->found);
-    } else if (path && find_is_like(name, h->wanted)) {
+    } else if (path && survey_find_is_like(name, h->wanted)) {
         snprintf(h->found, sizeof h->found, "%s", path);
     }
     oxl_free(h->ctx, path);
 }
 
-OXL_INTERNAL void find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size)
+OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size)
 {
-    struct find_hunt hunt = {.ctx = ctx, .folder = folder, .wanted = find_base_name(name)};
-    os_list_folder(ctx, folder, find_visit_hunt, &hunt);
+    struct survey_find_hunt hunt = {.ctx = ctx, .folder = folder, .wanted = survey_find_base_name(name)};
+    os_list_folder(ctx, folder, survey_find_visit_hunt, &hunt);
     snprintf(out, size, "%s", hunt.found);
 }

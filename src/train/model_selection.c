@@ -14,19 +14,19 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define DECIDE_BANDS_EARN 0.1  /* dB that bands must bring together over fewer of them */
-#define DECIDE_LOBES_EARN 0.05 /* dB that second lobes must bring */
-#define DECIDE_NOISE      6e-5 /* mean squared error of 2 grey levels, a JPEG image's own: what lies below it is no evidence */
-#define DECIDE_WATCH      (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
-#define DECIDE_TRIAL      (1.0 / 40) /* of the run: how long each way of a trial is trained */
+#define SELECTION_SH_MIN_GAIN    0.1  /* dB that bands must bring together over fewer of them */
+#define SELECTION_LOBES_MIN_GAIN 0.05 /* dB that second lobes must bring */
+#define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, a JPEG image's own: what lies below it is no evidence */
+#define SELECTION_WATCH          (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
+#define SELECTION_TRIAL          (1.0 / 40) /* of the run: how long each way of a trial is trained */
 enum {
-    DECIDE_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
-    DECIDE_VIEWS_MOST  = 8,  /* that stand aside */
-    DECIDE_RECOVERY    = 500 /* steps after an opacity reset whose losses tell of the reset alone */
+    SELECTION_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
+    SELECTION_VIEWS_MOST  = 8,  /* that stand aside */
+    SELECTION_RECOVERY    = 500 /* steps after an opacity reset whose losses tell of the reset alone */
 };
 
 /* What was chosen, and why: one member of the object. */
-static void decide_note(struct train *t, const char *what, const char *chosen, const char *why)
+static void selection_note(struct train *t, const char *what, const char *chosen, const char *why)
 {
     struct text *d = &t->decisions;
     if (d->size > 0) text_add(d, ", ");
@@ -38,41 +38,41 @@ static void decide_note(struct train *t, const char *what, const char *chosen, c
     text_add(d, "}");
 }
 
-static int decide_has_noted(const struct train *t, const char *quoted)
+static int selection_has_noted(const struct train *t, const char *quoted)
 {
     return !t->decisions.failed && strstr(t->decisions.data, quoted) != NULL;
 }
 
 /* ---------------------------------------------------------------- views that stand aside */
 
-static int decide_bands_at(const oxl_train_options *o)
+static int selection_sh_degree_at(const oxl_train_options *o)
 {
     return o->sh_degree < 0 ? (int)(o->densify_until * o->iterations) : 0;
 }
 
-static int decide_lobes_at(const oxl_train_options *o)
+static int selection_lobes_at(const oxl_train_options *o)
 {
     return o->dog == OXL_DOG_OFF ? 0 : (int)(o->dog_from * o->iterations);
 }
 
 /* The step after which no view stands aside any more. */
-static int decide_last(const struct train *t)
+static int selection_last(const struct train *t)
 {
-    const int lobes = t->options->dog == OXL_DOG_AUTO ? decide_lobes_at(t->options) : 0;
+    const int lobes = t->options->dog == OXL_DOG_AUTO ? selection_lobes_at(t->options) : 0;
     const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
-    return OXL_MAX(OXL_MAX(keep, exposure_decides_at(t->options)), OXL_MAX(lobes, decide_bands_at(t->options)));
+    return OXL_MAX(OXL_MAX(keep, exposure_decides_at(t->options)), OXL_MAX(lobes, selection_sh_degree_at(t->options)));
 }
 
-OXL_INTERNAL int decide_holds(int index, int views)
+OXL_INTERNAL int selection_holds(int index, int views)
 {
-    const int held = OXL_CLAMP(views / 8, 1, DECIDE_VIEWS_MOST), stride = views / held;
+    const int held = OXL_CLAMP(views / 8, 1, SELECTION_VIEWS_MOST), stride = views / held;
     return views > 1 && index % stride == stride / 2 && index / stride < held;
 }
 
 /* Training views in the order of their names; those that decisions are judged by stand aside. */
-OXL_INTERNAL oxl_result decide_begin(struct train *t)
+OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
-    const int views = train_training_views(t->scene), holds = decide_last(t) > 0 && views >= DECIDE_VIEWS_LEAST;
+    const int views = train_training_views(t->scene), holds = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
     int       index = 0;
     t->sh_degree    = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
     t->view         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
@@ -80,44 +80,44 @@ OXL_INTERNAL oxl_result decide_begin(struct train *t)
     if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
         if (oxl_scene_view(t->scene, i)->is_test) continue;
-        if (holds && decide_holds(index++, views)) t->held[t->held_views++] = i;
+        if (holds && selection_holds(index++, views)) t->held[t->held_views++] = i;
         else t->view[t->views++] = i;
     }
     if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
     return OXL_OK;
 }
 
-static void decide_release_views(struct train *t)
+static void selection_release_views(struct train *t)
 {
-    if (t->step < decide_last(t) || t->trial_is_next) return;
+    if (t->step < selection_last(t) || t->trial_is_next) return;
     while (t->held_views > 0) t->view[t->views++] = t->held[--t->held_views];
 }
 
 /* One that cannot be read is named and cannot judge, from then on: every mean is over the same views. */
-static void decide_drop_view(struct train *t, int slot)
+static void selection_drop_view(struct train *t, int slot)
 {
-    faults_of_photo(t->ctx, &t->faults);
+    nonfinite_of_photo(t->ctx, &t->faults);
     t->held_views--;
     memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
 }
 
 /* Not a number where no view is left to judge by. */
-OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr)
+OXL_INTERNAL oxl_result selection_judge(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;
     oxl_result           rc = OXL_OK;
     *loss = *psnr = 0;
     for (int i = 0; i < t->held_views && rc == OXL_OK;) {
-        rc = train_photo(t, t->held[i]);
+        rc = train_load_image(t, t->held[i]);
         if (rc == OXL_ERR_INPUT) {
-            decide_drop_view(t, i);
+            selection_drop_view(t, i);
             rc = OXL_OK;
             continue;
         }
         if (rc == OXL_OK) rc = train_compare_view(t, t->held[i++], &one);
         if (rc != OXL_OK) break;
         *loss += one.total;
-        *psnr -= 4.342944819032518 * vecmath_log(one.mse + DECIDE_NOISE);
+        *psnr -= 4.342944819032518 * vecmath_log(one.mse + SELECTION_NOISE);
     }
     *loss = t->held_views > 0 ? *loss / t->held_views : NAN;
     *psnr = t->held_views > 0 ? *psnr / t->held_views : NAN;
@@ -126,7 +126,7 @@ OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr
 
 /* ---------------------------------------------------------------- a trial: the same steps from the same state */
 
-struct decide_branch { /* what a step changes */
+struct selection_branch { /* what a step changes */
     oxl_model       model, first, second;
     struct density *density;
     int            *view, views, step;
@@ -135,7 +135,7 @@ struct decide_branch { /* what a step changes */
     struct water    water;
 };
 
-static void decide_branch_free(struct train *t, struct decide_branch *b)
+static void selection_branch_free(struct train *t, struct selection_branch *b)
 {
     oxl_model_free(t->ctx, &b->model);
     oxl_model_free(t->ctx, &b->first);
@@ -143,18 +143,18 @@ static void decide_branch_free(struct train *t, struct decide_branch *b)
     density_free(t->ctx, b->density);
     exposure_free(t->ctx, &b->exposure);
     oxl_free(t->ctx, b->view);
-    *b = (struct decide_branch){0};
+    *b = (struct selection_branch){0};
 }
 
-static oxl_result decide_branch_copy(const struct train *t, struct decide_branch *out)
+static oxl_result selection_branch_copy(const struct train *t, struct selection_branch *out)
 {
     oxl_result rc;
-    *out      = (struct decide_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
+    *out      = (struct selection_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
     out->view = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
     if (!out->view)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
     memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
-    rc = renderer_fetch(t->ctx, t->renderer);
+    rc = renderer_download(t->ctx, t->renderer);
     if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
     if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
@@ -164,9 +164,9 @@ static oxl_result decide_branch_copy(const struct train *t, struct decide_branch
     return rc;
 }
 
-static oxl_result decide_branch_swap(struct train *t, struct decide_branch *b)
+static oxl_result selection_branch_swap(struct train *t, struct selection_branch *b)
 {
-    const oxl_result rc = renderer_fetch(t->ctx, t->renderer);
+    const oxl_result rc = renderer_download(t->ctx, t->renderer);
     if (rc != OXL_OK) return rc;
     OXL_SWAP(oxl_model, *t->model, b->model);
     OXL_SWAP(oxl_model, t->first, b->first);
@@ -183,101 +183,102 @@ static oxl_result decide_branch_swap(struct train *t, struct decide_branch *b)
 }
 
 /* Leaves t in the state `start`, and what t was in `aside`; start stays. */
-static oxl_result decide_branch_restart(struct train *t, struct decide_branch *start, struct decide_branch *aside)
+static oxl_result selection_branch_restart(struct train *t, struct selection_branch *start, struct selection_branch *aside)
 {
     oxl_result rc;
-    decide_branch_free(t, aside);
-    rc = decide_branch_swap(t, start);
+    selection_branch_free(t, aside);
+    rc = selection_branch_swap(t, start);
     if (rc != OXL_OK) return rc;
     *aside = *start;
-    return decide_branch_copy(t, start);
+    return selection_branch_copy(t, start);
 }
 
-static int decide_steps(const struct train *t, double share)
+static int selection_steps(const struct train *t, double share)
 {
     return OXL_MAX(1, (int)(share * t->options->iterations));
 }
 
 /* Trains on for the length of a trial, and judges what came of it. */
-static oxl_result decide_try(struct train *t, double *psnr)
+static oxl_result selection_try(struct train *t, double *psnr)
 {
-    const int  end = OXL_MIN(t->step + decide_steps(t, DECIDE_TRIAL), t->options->iterations);
+    const int  end = OXL_MIN(t->step + selection_steps(t, SELECTION_TRIAL), t->options->iterations);
     oxl_result rc  = OXL_OK;
     double     loss;
     while (rc == OXL_OK && t->step < end) {
         t->step++;
-        rc = train_photograph(t);
+        rc = train_on_next_view(t);
         if (rc == OXL_OK && train_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
     }
-    return rc == OXL_OK ? decide_judge(t, &loss, psnr) : rc;
+    return rc == OXL_OK ? selection_judge(t, &loss, psnr) : rc;
 }
 
 /* ---------------------------------------------------------------- SH bands */
 
-static oxl_result decide_set_degree(struct train *t, int degree)
+static oxl_result selection_set_degree(struct train *t, int degree)
 {
     oxl_model *all[3] = {t->model, &t->first, &t->second};
-    oxl_result rc     = renderer_fetch(t->ctx, t->renderer);
+    oxl_result rc     = renderer_download(t->ctx, t->renderer);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
     return rc == OXL_OK ? train_resize(t) : rc;
 }
 
-static void decide_note_bands(struct train *t, int most, const double psnr[4])
+static void selection_note_sh_degree(struct train *t, int most, const double psnr[4])
 {
     char why[256], chosen[16];
     int  used = snprintf(why, sizeof why, "%d training views that stood aside, after %d steps: degree %d %.2f dB", t->held_views,
-                         decide_steps(t, DECIDE_TRIAL), most, psnr[most]);
+                         selection_steps(t, SELECTION_TRIAL), most, psnr[most]);
     for (int d = 0; d < most && d <= t->sh_degree; d++)
         used += snprintf(why + used, sizeof why - (size_t)used, ", degree %d %.2f", d, psnr[d]);
-    snprintf(why + used, sizeof why - (size_t)used, "; the first within %.2g dB is enough", DECIDE_BANDS_EARN);
+    snprintf(why + used, sizeof why - (size_t)used, "; the first within %.2g dB is enough", SELECTION_SH_MIN_GAIN);
     snprintf(chosen, sizeof chosen, "%d", t->sh_degree);
-    decide_note(t, "sh_degree", chosen, why);
+    selection_note(t, "sh_degree", chosen, why);
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: SH degree %d: %s", t->step, t->sh_degree, why);
 }
 
 /* All bands first, then none, one... until that is enough: t is that branch in the end. */
-static oxl_result decide_try_bands(struct train *t, struct decide_branch *start, struct decide_branch *all, double psnr[4])
+static oxl_result selection_try_sh_degree(struct train *t, struct selection_branch *start, struct selection_branch *all,
+                                          double psnr[4])
 {
-    struct decide_branch other = {0};
-    const int            most  = t->model->sh_degree;
-    oxl_result           rc    = decide_try(t, &psnr[most]);
-    t->sh_degree               = most;
-    if (rc == OXL_OK) rc = decide_branch_restart(t, start, all);
+    struct selection_branch other = {0};
+    const int               most  = t->model->sh_degree;
+    oxl_result              rc    = selection_try(t, &psnr[most]);
+    t->sh_degree                  = most;
+    if (rc == OXL_OK) rc = selection_branch_restart(t, start, all);
     for (int d = 0; d < most && rc == OXL_OK; d++) {
-        if (d > 0) rc = decide_branch_restart(t, start, &other);
-        if (rc == OXL_OK) rc = decide_set_degree(t, d);
-        if (rc == OXL_OK) rc = decide_try(t, &psnr[d]);
-        if (rc == OXL_OK && psnr[d] >= psnr[most] - DECIDE_BANDS_EARN) {
+        if (d > 0) rc = selection_branch_restart(t, start, &other);
+        if (rc == OXL_OK) rc = selection_set_degree(t, d);
+        if (rc == OXL_OK) rc = selection_try(t, &psnr[d]);
+        if (rc == OXL_OK && psnr[d] >= psnr[most] - SELECTION_SH_MIN_GAIN) {
             t->sh_degree = d;
             break;
         }
     }
-    decide_branch_free(t, &other);
-    return rc == OXL_OK && t->sh_degree == most ? decide_branch_swap(t, all) : rc;
+    selection_branch_free(t, &other);
+    return rc == OXL_OK && t->sh_degree == most ? selection_branch_swap(t, all) : rc;
 }
 
-OXL_INTERNAL void decide_bands(struct train *t)
+OXL_INTERNAL void selection_sh_degree(struct train *t)
 {
-    if (t->step == decide_bands_at(t->options) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_BANDS;
-    decide_release_views(t);
+    if (t->step == selection_sh_degree_at(t->options) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_SH_DEGREE;
+    selection_release_views(t);
 }
 
 /* ---------------------------------------------------------------- gains of images (exposure.c) */
 
 /* The watched gains are applied for the second look, and then decided about. */
-OXL_INTERNAL oxl_result decide_exposure(struct train *t)
+OXL_INTERNAL oxl_result selection_exposure(struct train *t)
 {
     double     loss, plain = NAN, gained = NAN;
     char       why[320];
     oxl_result rc = OXL_OK;
     if (t->step != exposure_decides_at(t->options) || !exposure_watches(&t->exposure)) return OXL_OK;
     imaging_centre(&t->exposure.of, t->exposure.mean);
-    if (t->held_views > 0) rc = decide_judge(t, &loss, &plain);
+    if (t->held_views > 0) rc = selection_judge(t, &loss, &plain);
     t->exposure.of.on = 1;
-    if (rc == OXL_OK && t->held_views > 0) rc = decide_judge(t, &loss, &gained);
+    if (rc == OXL_OK && t->held_views > 0) rc = selection_judge(t, &loss, &gained);
     if (rc != OXL_OK) return rc;
     exposure_decide(&t->exposure, plain, gained, t->held_views, why, sizeof why);
-    decide_note(t, "exposure", t->exposure.of.on ? "on" : "off", why);
+    selection_note(t, "exposure", t->exposure.of.on ? "on" : "off", why);
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: exposure %s: %s", t->step, t->exposure.of.on ? "on" : "off", why);
     return OXL_OK;
 }
@@ -285,7 +286,7 @@ OXL_INTERNAL oxl_result decide_exposure(struct train *t)
 /* ---------------------------------------------------------------- which Gaussians get a second lobe */
 
 /* A threshold at or below 0 is a quantile: -0.9 lets the upper tenth have lobes. */
-static oxl_result decide_threshold(const struct train *t, double *out)
+static oxl_result selection_threshold(const struct train *t, double *out)
 {
     const float  threshold = t->options->dog_threshold;
     const size_t count     = t->model->count;
@@ -296,20 +297,20 @@ static oxl_result decide_threshold(const struct train *t, double *out)
     gradient = oxl_alloc(t->ctx, count + 1, sizeof *gradient);
     if (!gradient) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to rank the gradients of %zu Gaussians", count);
     for (size_t i = 0; i < count; i++) gradient[i] = density_mean_gradient(t->density, i);
-    *out = measure_pick(gradient, count, -threshold);
+    *out = stats_pick(gradient, count, -threshold);
     oxl_free(t->ctx, gradient);
     return OXL_OK;
 }
 
 /* Those that the loss still pulls about get a second lobe: decided once [OceanXL sec. 3.2]. */
-static oxl_result decide_give_lobes(struct train *t)
+static oxl_result selection_give_lobes(struct train *t)
 {
     const oxl_train_options *o         = t->options;
     uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
     size_t                   given     = 0;
     double                   threshold = 0;
-    oxl_result rc = active ? renderer_fetch(t->ctx, t->renderer) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
-    if (rc == OXL_OK) rc = decide_threshold(t, &threshold);
+    oxl_result rc = active ? renderer_download(t->ctx, t->renderer) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    if (rc == OXL_OK) rc = selection_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->model->count; i++) {
         active[i] = density_mean_gradient(t->density, i) > threshold;
@@ -325,14 +326,14 @@ done:
 }
 
 /* A trial may go past the steps at which gradients are first watched or lobes given: then the next step does it. */
-OXL_INTERNAL oxl_result decide_lobes(struct train *t)
+OXL_INTERNAL oxl_result selection_lobes(struct train *t)
 {
-    const int  last = decide_lobes_at(t->options), watch = decide_steps(t, DECIDE_WATCH);
+    const int  last = selection_lobes_at(t->options), watch = selection_steps(t, SELECTION_WATCH);
     const int  densified = (int)(t->options->densify_until * t->options->iterations);
     oxl_result rc        = OXL_OK;
     if (last == 0 || t->lobes == LOBES_DECIDED || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
     if (t->lobes == LOBES_IDLE) {
-        rc = renderer_fetch(t->ctx, t->renderer);
+        rc = renderer_download(t->ctx, t->renderer);
         if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
         t->lobes = LOBES_WATCHED;
     }
@@ -340,31 +341,31 @@ OXL_INTERNAL oxl_result decide_lobes(struct train *t)
     if (rc != OXL_OK || t->step < last) return rc;
     t->lobes = LOBES_DECIDED;
     if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
-    return t->options->dog == OXL_DOG_AUTO ? OXL_OK : decide_give_lobes(t);
+    return t->options->dog == OXL_DOG_AUTO ? OXL_OK : selection_give_lobes(t);
 }
 
 /* ---------------------------------------------------------------- weights by depth (ucd.c) */
 
 /* Nothing else may be decided before the trial ends, and no reset of opacities be just made up for: that alone is what the
  * losses would tell of. */
-static int decide_weights_can_be_tried_at(const oxl_train_options *o, int begin)
+static int selection_weights_can_be_tried_at(const oxl_train_options *o, int begin)
 {
-    const int end = begin + UCD_SPANS * o->densify_every, bands = decide_bands_at(o), lobes = decide_lobes_at(o);
+    const int end = begin + UCD_SPANS * o->densify_every, bands = selection_sh_degree_at(o), lobes = selection_lobes_at(o);
     if (end > (int)(o->densify_until * o->iterations)) return 0;
     for (int step = begin; step < end; step++)
         if (step == bands || step == lobes) return 0;
-    for (int step = OXL_MAX(1, begin - DECIDE_RECOVERY); step < end; step++)
+    for (int step = OXL_MAX(1, begin - SELECTION_RECOVERY); step < end; step++)
         if (train_resets_opacity_at(o, step)) return 0;
     return 1;
 }
 
-OXL_INTERNAL int decide_tries_weights(const struct train *t)
+OXL_INTERNAL int selection_tries_weights(const struct train *t)
 {
-    return ucd_tries(&t->ucd) && decide_weights_can_be_tried_at(t->options, t->step);
+    return ucd_tries(&t->ucd) && selection_weights_can_be_tried_at(t->options, t->step);
 }
 
 /* Densifications with the point asked for, and all steps up to the one after. */
-static oxl_result decide_try_point(struct train *t, double *cost)
+static oxl_result selection_try_point(struct train *t, double *cost)
 {
     const int    span = t->options->densify_every, end = t->step + UCD_SPANS * span - 1;
     const double before = (double)t->model->count, f[2] = {t->ucd.f[0], t->ucd.f[1]};
@@ -384,83 +385,85 @@ static oxl_result decide_try_point(struct train *t, double *cost)
 }
 
 /* Both points of a pair: t is the better branch in the end. */
-static oxl_result decide_try_weights(struct train *t, struct decide_branch *start, struct decide_branch *other)
+static oxl_result selection_try_weights(struct train *t, struct selection_branch *start, struct selection_branch *other)
 {
     const struct ucd before  = t->ucd;
     double           cost[2] = {0, 0};
     oxl_result       rc;
     spsa_skip(&t->ucd.spsa); /* a pair that was broken off began from another state */
-    rc = decide_try_point(t, &cost[0]);
-    if (rc == OXL_OK) rc = decide_branch_restart(t, start, other);
+    rc = selection_try_point(t, &cost[0]);
+    if (rc == OXL_OK) rc = selection_branch_restart(t, start, other);
     t->ucd.densified = before.densified;
-    if (rc == OXL_OK) rc = decide_try_point(t, &cost[1]);
+    if (rc == OXL_OK) rc = selection_try_point(t, &cost[1]);
     if (rc != OXL_OK) t->ucd = before;
     if (rc != OXL_OK) return rc;
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs were %.5f and %.5f", t->step, t->ucd.f[0],
             t->ucd.f[1], cost[0], cost[1]);
-    return cost[0] < cost[1] ? decide_branch_swap(t, other) : OXL_OK;
+    return cost[0] < cost[1] ? selection_branch_swap(t, other) : OXL_OK;
 }
 
 /* ---------------------------------------------------------------- trials */
 
-static void decide_note_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
+static void selection_note_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
 {
     char why[256];
     snprintf(why, sizeof why,
              "%d training views that stood aside, after %d steps: %.2f dB with second lobes, %.2f without; %.1f %% more bytes; "
              "worth it from +%.2g dB",
-             t->held_views, decide_steps(t, DECIDE_TRIAL), psnr[1], psnr[0], 100 * (bytes[1] / bytes[0] - 1), DECIDE_LOBES_EARN);
-    decide_note(t, "dog", kept ? "selective" : "off", why);
+             t->held_views, selection_steps(t, SELECTION_TRIAL), psnr[1], psnr[0], 100 * (bytes[1] / bytes[0] - 1),
+             SELECTION_LOBES_MIN_GAIN);
+    selection_note(t, "dog", kept ? "selective" : "off", why);
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: second lobes %s: %s", t->step, kept ? "stay" : "go", why);
 }
 
 /* Without lobes first, then with them: t is the better one in the end. */
-static oxl_result decide_try_lobes(struct train *t, struct decide_branch *start, struct decide_branch *other, double psnr[2])
+static oxl_result selection_try_lobes(struct train *t, struct selection_branch *start, struct selection_branch *other,
+                                      double psnr[2])
 {
     double     bytes[2];
-    oxl_result rc = decide_try(t, &psnr[0]);
-    if (rc == OXL_OK) rc = decide_branch_restart(t, start, other);
-    if (rc == OXL_OK) rc = decide_give_lobes(t);
-    if (rc == OXL_OK) rc = decide_try(t, &psnr[1]);
+    oxl_result rc = selection_try(t, &psnr[0]);
+    if (rc == OXL_OK) rc = selection_branch_restart(t, start, other);
+    if (rc == OXL_OK) rc = selection_give_lobes(t);
+    if (rc == OXL_OK) rc = selection_try(t, &psnr[1]);
     if (rc != OXL_OK) return rc;
     bytes[0] = (double)t->model->count * prune_row_bytes(t->model->sh_degree, 0);
     bytes[1] = bytes[0] + (double)t->model->lobes * (prune_row_bytes(0, 1) - prune_row_bytes(0, 0));
-    decide_note_lobes(t, psnr[1] >= psnr[0] + DECIDE_LOBES_EARN, psnr, bytes);
-    return psnr[1] >= psnr[0] + DECIDE_LOBES_EARN ? OXL_OK : decide_branch_swap(t, other);
+    selection_note_lobes(t, psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN, psnr, bytes);
+    return psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN ? OXL_OK : selection_branch_swap(t, other);
 }
 
-OXL_INTERNAL oxl_result decide_trial(struct train *t)
+OXL_INTERNAL oxl_result selection_trial(struct train *t)
 {
-    struct decide_branch start, other = {0};
-    double               psnr[4] = {0, 0, 0, 0};
-    const int            most    = t->model->sh_degree;
-    oxl_result           rc      = decide_branch_copy(t, &start);
-    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_WEIGHTS) rc = decide_try_weights(t, &start, &other);
-    else if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = decide_try_lobes(t, &start, &other, psnr);
-    else if (rc == OXL_OK) rc = decide_try_bands(t, &start, &other, psnr);
+    struct selection_branch start, other = {0};
+    double                  psnr[4] = {0, 0, 0, 0};
+    const int               most    = t->model->sh_degree;
+    oxl_result              rc      = selection_branch_copy(t, &start);
+    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_WEIGHTS) rc = selection_try_weights(t, &start, &other);
+    else if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
+    else if (rc == OXL_OK) rc = selection_try_sh_degree(t, &start, &other, psnr);
     if (rc == OXL_OK) {
-        if (t->trial_is_next == TRAIN_TRIES_BANDS) decide_note_bands(t, most, psnr);
+        if (t->trial_is_next == TRAIN_TRIES_SH_DEGREE) selection_note_sh_degree(t, most, psnr);
         t->trial_is_next = TRAIN_TRIES_NOTHING;
-        decide_release_views(t);
+        selection_release_views(t);
     } else if (start.second.memory) { /* as if it had not begun */
         t->sh_degree = start.model.sh_degree;
-        if (decide_branch_swap(t, &start) != OXL_OK) rc = OXL_ERR_MEMORY;
+        if (selection_branch_swap(t, &start) != OXL_OK) rc = OXL_ERR_MEMORY;
     }
-    decide_branch_free(t, &start);
-    decide_branch_free(t, &other);
+    selection_branch_free(t, &start);
+    selection_branch_free(t, &other);
     return rc;
 }
 
 /* ---------------------------------------------------------------- what trials take */
 
-static int decide_pairs_of_weights(const oxl_train_options *o)
+static int selection_pairs_of_weights(const oxl_train_options *o)
 {
     struct ucd u    = {.learns = o->ucd.mode != OXL_UCD_OFF && o->ucd.learn};
     int        step = 1;
     if (u.learns) ucd_begin_search(&u, train_densifications(o), 0);
     while (u.learns && step <= o->densify_until * o->iterations) {
         const int densifies = train_densifies_at(o, step);
-        const int tries     = densifies && ucd_tries(&u) && decide_weights_can_be_tried_at(o, step);
+        const int tries     = densifies && ucd_tries(&u) && selection_weights_can_be_tried_at(o, step);
         u.densified += tries ? UCD_SPANS : densifies;
         u.spsa.pair += tries;
         step += tries ? UCD_SPANS * o->densify_every : 1;
@@ -470,38 +473,38 @@ static int decide_pairs_of_weights(const oxl_train_options *o)
 
 /* In a trial of bands all but one of four ways are trained beside the run, in one of lobes one of two, and one of each pair of weights
  * by depth; half of these count where the photographs have yet to tell whether there are weights at all. */
-OXL_INTERNAL int decide_steps_beside(const oxl_train_options *o, int views)
+OXL_INTERNAL int selection_steps_beside(const oxl_train_options *o, int views)
 {
-    const int each    = OXL_MAX(1, (int)(DECIDE_TRIAL * o->iterations));
-    const int pairs   = decide_pairs_of_weights(o); /* none where a span would not fit into the run, be it longer than an int */
+    const int each  = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
+    const int pairs = selection_pairs_of_weights(o); /* none where a span would not fit into the run, be it longer than an int */
     const int weights = pairs > 0 ? pairs * (UCD_SPANS * o->densify_every - 1) / (o->ucd.mode == OXL_UCD_AUTO ? 2 : 1) : 0;
-    if (views < DECIDE_VIEWS_LEAST) return weights;
+    if (views < SELECTION_VIEWS_LEAST) return weights;
     return weights + each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO ? 1 : 0));
 }
 
 /* ---------------------------------------------------------------- at the end, and in between */
 
-OXL_INTERNAL void decide_end(struct train *t)
+OXL_INTERNAL void selection_end(struct train *t)
 {
     const oxl_train_options *o = t->options;
     char                     chosen[64], why[320];
     ucd_describe(&t->ucd, why, sizeof why);
     snprintf(chosen, sizeof chosen, t->ucd.on ? "%.3g,%.3g" : "off", t->ucd.f[0], t->ucd.f[1]);
-    decide_note(t, "ucd", chosen, why);
+    selection_note(t, "ucd", chosen, why);
     prune_describe(&t->prune, why, sizeof why);
     snprintf(chosen, sizeof chosen, "%zu", t->model->count);
-    decide_note(t, "keep", chosen, why);
+    selection_note(t, "keep", chosen, why);
     snprintf(chosen, sizeof chosen, "%d", t->model->sh_degree);
-    if (!decide_has_noted(t, "\"sh_degree\""))
-        decide_note(t, "sh_degree", chosen,
-                    o->sh_degree < 0 ? "too few training views to spare one to judge by" : "as asked for");
+    if (!selection_has_noted(t, "\"sh_degree\""))
+        selection_note(t, "sh_degree", chosen,
+                       o->sh_degree < 0 ? "too few training views to spare one to judge by" : "as asked for");
     snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
-    if (!decide_has_noted(t, "\"dog\""))
-        decide_note(t, "dog", chosen,
-                    o->dog == OXL_DOG_AUTO ? "too few training views to spare one to judge by" : "as asked for");
+    if (!selection_has_noted(t, "\"dog\""))
+        selection_note(t, "dog", chosen,
+                       o->dog == OXL_DOG_AUTO ? "too few training views to spare one to judge by" : "as asked for");
 }
 
-OXL_INTERNAL void decide_archive(struct archive *a, struct train *t)
+OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
 {
     archive_int(a, &t->sh_degree);
     archive_int(a, &t->trial_is_next);

@@ -17,13 +17,13 @@
 
 #include <stddef.h>
 
-enum { FAULTS_NAMED = 10 }; /* of a kind; the sum is told at the end */
+enum { NONFINITE_NAMED = 10 }; /* of a kind; the sum is told at the end */
 
-#define FAULTS_OPACITY   -30.0f /* logit: below what a pixel shows by far */
-#define FAULTS_SCALE_MAX 87.0f  /* |log scale|: project.c clamps there */
+#define NONFINITE_OPACITY   -30.0f /* logit: below what a pixel shows by far */
+#define NONFINITE_SCALE_MAX 87.0f  /* |log scale|: project.c clamps there */
 
 /* The clause of a message that traces the first of some Gaussians. */
-static void faults_name_rows(char out[64], size_t first, size_t rows)
+static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
 {
     if (rows == 1) snprintf(out, 64, "Gaussian %zu", first);
     else snprintf(out, 64, "Gaussian %zu and %zu more", first, rows - 1);
@@ -31,12 +31,12 @@ static void faults_name_rows(char out[64], size_t first, size_t rows)
 
 /* ---------------------------------------------------------------- in a step */
 
-OXL_INTERNAL void faults_of_photo(oxl_context *ctx, oxl_faults *f)
+OXL_INTERNAL void nonfinite_of_photo(oxl_context *ctx, oxl_nonfinite *f)
 {
-    if (f->photographs++ < FAULTS_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(ctx));
+    if (f->photographs++ < NONFINITE_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(ctx));
 }
 
-static void faults_clear_row(oxl_model *m, size_t row, float rotation, float opacity)
+static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float opacity)
 {
     for (int k = 0; k < oxl_model_planes(m); k++) m->plane[k][row] = 0;
     for (int k = OXL_LOBE; row < m->lobes && k < OXL_PLANES; k++) m->plane[k][row] = 0;
@@ -45,43 +45,43 @@ static void faults_clear_row(oxl_model *m, size_t row, float rotation, float opa
 }
 
 /* Clears what is to be; returns how many, the first of them in *found. r: what it could not draw counts too; NULL: nothing. */
-static size_t faults_clear(const struct renderer *r, oxl_model *model, oxl_model *first, oxl_model *second, size_t *found)
+static size_t nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first, oxl_model *second, size_t *found)
 {
     size_t rows = 0;
     for (size_t i = 0; i < model->count; i++) {
         if (model_row_is_finite(model, i) && (!r || renderer_drew_finite(r, i))) continue;
         if (rows++ == 0) *found = i;
-        faults_clear_row(model, i, 1, FAULTS_OPACITY);
-        faults_clear_row(first, i, 0, 0);
-        faults_clear_row(second, i, 0, 0);
+        nonfinite_clear_row(model, i, 1, NONFINITE_OPACITY);
+        nonfinite_clear_row(first, i, 0, 0);
+        nonfinite_clear_row(second, i, 0, 0);
     }
     return rows;
 }
 
-OXL_INTERNAL void faults_of_view(oxl_context *ctx, oxl_faults *f, int step, const char *view, const struct renderer *r,
-                                 oxl_model *model, oxl_model *first, oxl_model *second)
+OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view, const struct renderer *r,
+                                    oxl_model *model, oxl_model *first, oxl_model *second)
 {
     size_t       found = 0;
-    const size_t rows  = faults_clear(r, model, first, second, &found);
+    const size_t rows  = nonfinite_clear(r, model, first, second, &found);
     char         who[64];
     f->cleared += rows;
-    if (f->steps++ >= FAULTS_NAMED) return;
-    faults_name_rows(who, found, rows);
+    if (f->steps++ >= NONFINITE_NAMED) return;
+    nonfinite_name_rows(who, found, rows);
     if (rows)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite because of %s: cleared, the step is skipped", step,
                 view, who);
     else oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite; the step is skipped", step, view);
 }
 
-OXL_INTERNAL void faults_of_rows(oxl_context *ctx, oxl_faults *f, int step, const char *view, struct renderer_aside aside,
-                                 oxl_model *model, oxl_model *first, oxl_model *second)
+OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
+                                    struct renderer_nonfinite aside, oxl_model *model, oxl_model *first, oxl_model *second)
 {
     size_t found = 0, cleared;
     char   who[64];
     if (aside.rows == 0) return;
-    cleared = faults_clear(NULL, model, first, second, &found);
-    faults_name_rows(who, aside.first, aside.rows);
-    if (f->rows < FAULTS_NAMED)
+    cleared = nonfinite_clear(NULL, model, first, second, &found);
+    nonfinite_name_rows(who, aside.first, aside.rows);
+    if (f->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: in %s, %s met a number that is not finite: the step is skipped, %zu cleared",
                 step, view, who, cleared);
     f->rows += aside.rows;
@@ -90,15 +90,15 @@ OXL_INTERNAL void faults_of_rows(oxl_context *ctx, oxl_faults *f, int step, cons
 
 /* ---------------------------------------------------------------- at the end */
 
-static int faults_is_degenerate(const oxl_model *m, size_t i)
+static int nonfinite_is_degenerate(const oxl_model *m, size_t i)
 {
     int turned = 0, clamped = 0;
     for (int k = 0; k < 4; k++) turned |= m->plane[OXL_ROTATION + k][i] != 0;
-    for (int k = 0; k < 3; k++) clamped |= fabsf(m->plane[OXL_LOG_SCALE + k][i]) > FAULTS_SCALE_MAX;
+    for (int k = 0; k < 3; k++) clamped |= fabsf(m->plane[OXL_LOG_SCALE + k][i]) > NONFINITE_SCALE_MAX;
     return !turned || clamped;
 }
 
-OXL_INTERNAL oxl_result faults_end(oxl_context *ctx, oxl_faults *f, oxl_model *model)
+OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f, oxl_model *model)
 {
     const size_t count = model->count;
     uint8_t     *keep  = oxl_alloc(ctx, count + 1, 1);
@@ -107,7 +107,7 @@ OXL_INTERNAL oxl_result faults_end(oxl_context *ctx, oxl_faults *f, oxl_model *m
     for (size_t i = 0; i < count; i++) {
         keep[i] = (uint8_t)model_row_is_finite(model, i);
         f->cleared += !keep[i];
-        f->degenerate += keep[i] && faults_is_degenerate(model, i);
+        f->degenerate += keep[i] && nonfinite_is_degenerate(model, i);
     }
     model_keep_rows(model, keep);
     oxl_free(ctx, keep);
@@ -123,7 +123,7 @@ OXL_INTERNAL oxl_result faults_end(oxl_context *ctx, oxl_faults *f, oxl_model *m
     return OXL_OK;
 }
 
-OXL_INTERNAL void faults_add(oxl_faults *to, const oxl_faults *from)
+OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
 {
     to->photographs += from->photographs;
     to->steps += from->steps;
@@ -132,7 +132,7 @@ OXL_INTERNAL void faults_add(oxl_faults *to, const oxl_faults *from)
     to->degenerate += from->degenerate;
 }
 
-OXL_INTERNAL void faults_archive(struct archive *a, oxl_faults *f)
+OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *f)
 {
     archive_size(a, &f->photographs);
     archive_size(a, &f->steps);
@@ -142,25 +142,25 @@ OXL_INTERNAL void faults_archive(struct archive *a, oxl_faults *f)
 
 /* ---------------------------------------------------------------- as JSON */
 
-static const struct faults_member {
+static const struct nonfinite_member {
     const char *name;
     size_t      at;
-} FAULTS_MEMBERS[] = {{"photographs_left_out", offsetof(oxl_faults, photographs)},
-                      {"steps_skipped", offsetof(oxl_faults, steps)},
-                      {"gaussian_steps_skipped", offsetof(oxl_faults, rows)},
-                      {"gaussians_cleared", offsetof(oxl_faults, cleared)},
-                      {"gaussians_degenerate", offsetof(oxl_faults, degenerate)}};
+} NONFINITE_MEMBERS[] = {{"photographs_left_out", offsetof(oxl_nonfinite, photographs)},
+                         {"steps_skipped", offsetof(oxl_nonfinite, steps)},
+                         {"gaussian_steps_skipped", offsetof(oxl_nonfinite, rows)},
+                         {"gaussians_cleared", offsetof(oxl_nonfinite, cleared)},
+                         {"gaussians_degenerate", offsetof(oxl_nonfinite, degenerate)}};
 
-OXL_INTERNAL void faults_add_json(struct text *t, const oxl_faults *f)
+OXL_INTERNAL void nonfinite_add_json(struct text *t, const oxl_nonfinite *f)
 {
-    for (size_t i = 0; i < OXL_COUNT(FAULTS_MEMBERS); i++)
-        text_add(t, "  \"%s\": %zu,\n", FAULTS_MEMBERS[i].name, *(const size_t *)((const char *)f + FAULTS_MEMBERS[i].at));
+    for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++)
+        text_add(t, "  \"%s\": %zu,\n", NONFINITE_MEMBERS[i].name, *(const size_t *)((const char *)f + NONFINITE_MEMBERS[i].at));
 }
 
-OXL_INTERNAL void faults_read_json(const char *text, oxl_faults *f)
+OXL_INTERNAL void nonfinite_read_json(const char *text, oxl_nonfinite *f)
 {
-    for (size_t i = 0; i < OXL_COUNT(FAULTS_MEMBERS); i++) {
-        const double count                            = oxl_json_number(text, FAULTS_MEMBERS[i].name);
-        *(size_t *)((char *)f + FAULTS_MEMBERS[i].at) = count > 0 ? (size_t)OXL_MIN(count, 1e9) : 0;
+    for (size_t i = 0; i < OXL_COUNT(NONFINITE_MEMBERS); i++) {
+        const double count                               = oxl_json_number(text, NONFINITE_MEMBERS[i].name);
+        *(size_t *)((char *)f + NONFINITE_MEMBERS[i].at) = count > 0 ? (size_t)OXL_MIN(count, 1e9) : 0;
     }
 }

@@ -177,7 +177,7 @@ static double prune_box(const int32_t *sum, int width, int rows, int r, int x)
 }
 
 /* sum[x] becomes the sum over the columns before x of the rows y-r..y+r; returns how many rows there are. */
-static int prune_sum_rows(const struct photo *p, int y, int r, int32_t *sum)
+static int prune_sum_rows(const struct training_image *p, int y, int r, int32_t *sum)
 {
     const size_t pixels = (size_t)p->width * (size_t)p->height;
     const int    first = OXL_MAX(y - r, 0), last = OXL_MIN(y + r, p->height - 1);
@@ -191,7 +191,7 @@ static int prune_sum_rows(const struct photo *p, int y, int r, int32_t *sum)
 }
 
 /* Energy of the detail in row y: (fine blur - coarse blur)^2, 0 where masked. sum: 2 (width+1). Returns the row's sum. */
-static double prune_detail_row(const struct photo *p, int y, int32_t *sum, float *out)
+static double prune_detail_row(const struct training_image *p, int y, int32_t *sum, float *out)
 {
     int32_t  *coarse    = sum + p->width + 1;
     const int fine_rows = prune_sum_rows(p, y, PRUNE_FINE, sum), coarse_rows = prune_sum_rows(p, y, PRUNE_COARSE, coarse);
@@ -206,7 +206,7 @@ static double prune_detail_row(const struct photo *p, int y, int32_t *sum, float
 }
 
 /* (H,W) energy of fine detail over its mean, at most 3; all 0 for a photograph without detail. */
-OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, float *out)
+OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_image *p, float *out)
 {
     const size_t each = 2 * ((size_t)p->width + 1), pixels = (size_t)p->width * (size_t)p->height;
     int32_t     *sum   = oxl_alloc(ctx, (size_t)ctx->threads * each, sizeof *sum);
@@ -220,7 +220,7 @@ OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, fl
     }
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < p->height; y++) {
-        int32_t *own = sum + (size_t)base_thread() * each;
+        int32_t *own = sum + (size_t)context_thread() * each;
         row[y]       = prune_detail_row(p, y, own, out + (size_t)y * p->width);
     }
     for (int y = 0; y < p->height; y++) total += row[y];
@@ -244,13 +244,13 @@ struct prune_pass { /* over the views */
 /* What each pixel of a view counts. */
 static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view, float detail, struct prune_pass *pass)
 {
-    const oxl_camera   *camera = &oxl_scene_view(scene, view)->camera;
-    const size_t        pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct photo *photo  = NULL;
-    oxl_result          rc     = oxl_reserve(ctx, (void **)&pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
+    const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;
+    const size_t                 pixels = (size_t)camera->width * (size_t)camera->height;
+    const struct training_image *photo  = NULL;
+    oxl_result rc = oxl_reserve(ctx, (void **)&pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
     memset(pass->drgb, 0, pixels * sizeof *pass->drgb);
-    if (detail > 0 && !(photo = photos_get(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+    if (detail > 0 && !(photo = image_cache_get(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
     if (photo) rc = prune_detail(ctx, photo, pass->drgb); /* a photograph that cannot be read was named when it was trained on */
     for (size_t i = 0; i < pixels; i++) {
         const int counts = !photo || !photo->mask || photo->mask[i] >= 128;

@@ -66,12 +66,13 @@ static void spsa_open_pair(struct spsa *s)
     s->told  = 0;
 }
 
-OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double doubt, double cap, uint64_t seed)
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double prior_precision, double cap,
+                             uint64_t seed)
 {
     memset(s, 0, sizeof *s);
-    s->cap   = OXL_MAX(cap, 1.0);
-    s->seed  = seed;
-    s->doubt = doubt;
+    s->cap             = OXL_MAX(cap, 1.0);
+    s->seed            = seed;
+    s->prior_precision = prior_precision;
     memcpy(s->f, start, sizeof s->f);
     memcpy(s->home, home, sizeof s->home);
     spsa_project(s->cap, s->f);
@@ -89,9 +90,9 @@ static void spsa_step(struct spsa *s)
     const double  distance[2] = {p[0] - q[0], (p[1] - p[0]) - (q[1] - q[0])}; /* as projected, not as meant */
     for (int i = 0; i < 2; i++) {
         const double slope = fabs(distance[i]) >= least ? (s->cost[0] - s->cost[1]) / distance[i] : 0;
-        s->sway[i] += OXL_CLAMP(-slope / s->doubt, -SPSA_SWAY, SPSA_SWAY);
+        s->offset_sum[i] += OXL_CLAMP(-slope / s->prior_precision, -SPSA_SWAY, SPSA_SWAY);
     }
-    spsa_move(s->cap, s->home, s->sway[0] / (s->pair + 2), s->sway[1] / (s->pair + 2), s->f);
+    spsa_move(s->cap, s->home, s->offset_sum[0] / (s->pair + 2), s->offset_sum[1] / (s->pair + 2), s->f);
 }
 
 OXL_INTERNAL int spsa_tell(struct spsa *s, double cost)
@@ -120,8 +121,8 @@ OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
     archive_doubles(a, s->cost, 2);
     archive_doubles(a, &s->cap, 1);
     archive_doubles(a, s->home, 2);
-    archive_doubles(a, s->sway, 2);
-    archive_doubles(a, &s->doubt, 1);
+    archive_doubles(a, s->offset_sum, 2);
+    archive_doubles(a, &s->prior_precision, 1);
     archive_u64(a, &s->seed);
     archive_u64(a, &s->signs);
     archive_int(a, &s->pair);

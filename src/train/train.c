@@ -13,16 +13,17 @@
 #define TRAIN_RANDOM_POINTS        10000 /* to start from when the scene has none */
 #define TRAIN_COARSE_SIDE          640 /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
 #define TRAIN_COARSE_AUTO          0.25 /* of the run, for larger ones */
-#define TRAIN_HASTE_WIDTH          0.3  /* powers of haste: what the first Gaussians' widths are divided by */
-#define TRAIN_HASTE_OPACITY        0.7  /* and their opacities multiplied, */
+#define TRAIN_SHORT_RUN_WIDTH      0.3  /* powers of haste: what the first Gaussians' widths are divided by */
+#define TRAIN_SHORT_RUN_OPACITY    0.7  /* and their opacities multiplied, */
 #define TRAIN_OPACITY_MOST         0.3  /* up to this */
-#define TRAIN_CALM                 7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
+#define TRAIN_MOMENTUM_ITERATIONS \
+    7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
 #define TRAIN_BETA_LEAST           0.5     /* of the mean gradient */
 #define TRAIN_BETA_MOST            0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
-#define TRAIN_UNHURRIED            30000   /* iterations that the rates were chosen for [Kerbl 2023] */
+#define TRAIN_REFERENCE_ITERATIONS 30000   /* iterations that the rates were chosen for [Kerbl 2023] */
 #define TRAIN_ORDER                (UINT64_C(0x5649455753) << 24) /* a random stream apart from density control's */
-#define TRAIN_FAINT                0.8                            /* of the run: until then alpha_min holds */
-#define TRAIN_SETTLED              0.1                            /* times the usual steps at the end of a run */
+#define TRAIN_ALPHA_MIN_UNTIL      0.8                            /* of the run: until then alpha_min holds */
+#define TRAIN_COOLDOWN_END         0.1                            /* times the usual steps at the end of a run */
 #define TRAIN_AHEAD                64 /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
 #define TRAIN_SAVE_STEPS           500  /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS         60.0 /* or so long, whichever comes first */
@@ -35,55 +36,59 @@ static double train_seconds(const struct train *t)
 
 /* ---------------------------------------------------------------- the schedule */
 
-OXL_INTERNAL double train_haste(const oxl_train_options *o)
+OXL_INTERNAL double train_short_run_factor(const oxl_train_options *o)
 {
-    return o->iterations < TRAIN_UNHURRIED ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_UNHURRIED / o->iterations)) : 1;
+    return o->iterations < TRAIN_REFERENCE_ITERATIONS
+               ? vecmath_exp(o->short_run_exponent * vecmath_log((double)TRAIN_REFERENCE_ITERATIONS / o->iterations))
+               : 1;
 }
 
-/* The same for what helps runs below TRAIN_CALM alone: Adam's means, and scales once more (docs/TRADEOFF.md). */
-static double train_rush(const oxl_train_options *o)
+/* The same for what helps runs below TRAIN_MOMENTUM_ITERATIONS alone: Adam's means, and scales once more (docs/TRADEOFF.md). */
+static double train_momentum_factor(const oxl_train_options *o)
 {
-    return o->iterations < TRAIN_CALM ? vecmath_exp(o->haste * vecmath_log((double)TRAIN_CALM / o->iterations)) : 1;
+    return o->iterations < TRAIN_MOMENTUM_ITERATIONS
+               ? vecmath_exp(o->short_run_exponent * vecmath_log((double)TRAIN_MOMENTUM_ITERATIONS / o->iterations))
+               : 1;
 }
 
 OXL_INTERNAL float train_scale_rate(const oxl_train_options *o)
 {
-    return (float)(train_haste(o) * sqrt(train_rush(o)) * o->rate_log_scale);
+    return (float)(train_short_run_factor(o) * sqrt(train_momentum_factor(o)) * o->rate_log_scale);
 }
 
 /* 0 until the run settles, 1 at its end. */
-static double train_settled(const struct train *t)
+static double train_cooldown(const struct train *t)
 {
     const double left = 1 - (double)(t->step - 1) / OXL_MAX(1, t->options->iterations - 1);
-    return left < t->options->settle ? 1 - left / t->options->settle : 0;
+    return left < t->options->cooldown ? 1 - left / t->options->cooldown : 0;
 }
 
 /* What viewers leave out in the run's last part, whether it settles or not. */
 static float train_alpha_min(const struct train *t)
 {
-    return t->step <= TRAIN_FAINT * t->options->iterations ? t->options->alpha_min : 0;
+    return t->step <= TRAIN_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;
 }
 
-static struct renderer_pace train_pace(const struct train *t)
+static struct adam_params train_adam_params(const struct train *t)
 {
-    const oxl_train_options *o     = t->options;
-    const double             haste = train_haste(o), rush = train_rush(o);
+    const oxl_train_options *o                  = t->options;
+    const double             short_run_exponent = train_short_run_factor(o), rush = train_momentum_factor(o);
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
-    const float              mean = (float)(haste * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
-    struct renderer_pace     pace = {.beta = RENDERER_BETAS, .step = t->step};
-    pace.beta[0]                  = OXL_MAX(TRAIN_BETA_LEAST, 1 - (1 - pace.beta[0]) * rush * rush);
-    pace.beta[1]                  = OXL_MIN(TRAIN_BETA_MOST, 1 - (1 - pace.beta[1]) / (rush * sqrt(rush)));
+    const float mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    struct adam_params pace = {.beta = RENDERER_BETAS, .step = t->step};
+    pace.beta[0]            = OXL_MAX(TRAIN_BETA_LEAST, 1 - (1 - pace.beta[0]) * rush * rush);
+    pace.beta[1]            = OXL_MIN(TRAIN_BETA_MOST, 1 - (1 - pace.beta[1]) / (rush * sqrt(rush)));
     for (int k = 0; k < OXL_PLANES; k++)
         pace.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? train_scale_rate(o)
-                       : k < OXL_OPACITY  ? (float)(haste * o->rate_rotation)
+                       : k < OXL_OPACITY  ? (float)(short_run_exponent * o->rate_rotation)
                        : k < OXL_SH       ? o->rate_opacity
                        : k < OXL_SH + 3   ? o->rate_sh0
-                       : k < OXL_LOBE     ? (float)(sqrt(haste) * o->rate_sh)
+                       : k < OXL_LOBE     ? (float)(sqrt(short_run_exponent) * o->rate_sh)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
-    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] *= (float)vecmath_exp(train_settled(t) * vecmath_log(TRAIN_SETTLED));
+    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] *= (float)vecmath_exp(train_cooldown(t) * vecmath_log(TRAIN_COOLDOWN_END));
     return pace;
 }
 
@@ -138,18 +143,18 @@ static int train_is_coarse(const struct train *t, const oxl_camera *camera)
 }
 
 /* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
-static oxl_result train_photo_at_hand(struct train *t, int view)
+static oxl_result train_load_image_on_host(struct train *t, int view)
 {
-    const struct photo *photo = photos_get(t->ctx, t->scene, view);
-    oxl_result          rc;
-    size_t              pixels;
+    const struct training_image *photo = image_cache_get(t->ctx, t->scene, view);
+    oxl_result                   rc;
+    size_t                       pixels;
     if (!photo) return t->ctx->failed;
     pixels    = (size_t)photo->width * (size_t)photo->height;
     rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
     t->masked = photo->mask != NULL;
     if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc != OXL_OK) return rc;
-    image_from_photo(t->ctx, photo, t->target, t->masked ? t->weight : NULL);
+    image_from_training(t->ctx, photo, t->target, t->masked ? t->weight : NULL);
     if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
     return OXL_OK;
 }
@@ -160,13 +165,13 @@ static int train_compares_itself(const struct train *t)
     return t->robust.points > 0 || t->exposure.of.on || exposure_watches(&t->exposure);
 }
 
-OXL_INTERNAL oxl_result train_photo(struct train *t, int view)
+OXL_INTERNAL oxl_result train_load_image(struct train *t, int view)
 {
-    const struct photo *photo = NULL;
-    t->halved                 = train_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
-    if (train_compares_itself(t)) return train_photo_at_hand(t, view);
-    if (!renderer_has_photo(t->renderer, view) && !(photo = photos_get(t->ctx, t->scene, view))) return t->ctx->failed;
-    return renderer_take_photo(t->ctx, t->renderer, view, photo, t->halved);
+    const struct training_image *photo = NULL;
+    t->halved                          = train_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    if (train_compares_itself(t)) return train_load_image_on_host(t, view);
+    if (!renderer_has_image(t->renderer, view) && !(photo = image_cache_get(t->ctx, t->scene, view))) return t->ctx->failed;
+    return renderer_take_image(t->ctx, t->renderer, view, photo, t->halved);
 }
 
 /* From a place in the epoch on, those that a device does not hold. */
@@ -174,12 +179,12 @@ static void train_read_ahead(struct train *t, int slot)
 {
     int view[TRAIN_AHEAD], count = 0;
     for (int i = slot; i < t->views && count < TRAIN_AHEAD; i++)
-        if (!renderer_has_photo(t->renderer, t->view[i])) view[count++] = t->view[i];
-    if (count > 0 && view[0] == t->view[slot]) photos_ahead(t->ctx, t->scene, view, count);
+        if (!renderer_has_image(t->renderer, t->view[i])) view[count++] = t->view[i];
+    if (count > 0 && view[0] == t->view[slot]) image_cache_ahead(t->ctx, t->scene, view, count);
 }
 
 /* The next view whose photograph can be read; one that cannot is named and left out from then on. */
-static oxl_result train_next_photo(struct train *t, int *view)
+static oxl_result train_next_image(struct train *t, int *view)
 {
     while (t->views > 0) {
         const int  slot = (t->step - 1) % t->views;
@@ -187,9 +192,9 @@ static oxl_result train_next_photo(struct train *t, int *view)
         if (slot == 0) train_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
         train_read_ahead(t, slot);
-        rc = train_photo(t, *view);
+        rc = train_load_image(t, *view);
         if (rc != OXL_ERR_INPUT) return rc;
-        faults_of_photo(t->ctx, &t->faults);
+        nonfinite_of_photo(t->ctx, &t->faults);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(t->ctx, OXL_ERR_INPUT,
@@ -197,7 +202,7 @@ static oxl_result train_next_photo(struct train *t, int *view)
 }
 
 /* What the photograph has and the scene has not. */
-static oxl_result train_put_aside(struct train *t, const oxl_camera *camera)
+static oxl_result train_mask_transients(struct train *t, const oxl_camera *camera)
 {
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     const float *drawn  = NULL;
@@ -206,8 +211,8 @@ static oxl_result train_put_aside(struct train *t, const oxl_camera *camera)
     t->masked           = 1;
     if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &drawn);
     if (rc != OXL_OK) return rc;
-    return robust_weigh(t->ctx, &t->robust, t->scene, camera, t->render.near_plane, drawn, t->target, !t->trial_is_next, masked,
-                        t->weight);
+    return transients_weigh(t->ctx, &t->robust, t->scene, camera, t->render.near_plane, drawn, t->target, !t->trial_is_next,
+                            masked, t->weight);
 }
 
 static void train_set_gain(struct train *t, int view)
@@ -228,7 +233,7 @@ static oxl_result train_watch(struct train *t, int view, const oxl_camera *camer
     return rc;
 }
 
-/* The model drawn from a view, against its photograph as train_photo has left it. */
+/* The model drawn from a view, against its photograph as train_load_image has left it. */
 static oxl_result train_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
     const oxl_camera   *whole  = &oxl_scene_view(t->scene, view)->camera;
@@ -238,7 +243,7 @@ static oxl_result train_compare(struct train *t, int view, int learns, float ssi
     renderer_set_medium(t->renderer, &medium);
     rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
     train_set_gain(t, view);
-    if (rc == OXL_OK && learns && t->robust.points > 0) rc = train_put_aside(t, &camera);
+    if (rc == OXL_OK && learns && t->robust.points > 0) rc = train_mask_transients(t, &camera);
     if (rc == OXL_OK && learns && exposure_watches(&t->exposure)) rc = train_watch(t, view, &camera);
     if (rc != OXL_OK) return rc;
     if (train_compares_itself(t))
@@ -255,20 +260,20 @@ OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct ren
 /* Forward, loss, backward, step. */
 static oxl_result train_on_view(struct train *t, int view)
 {
-    const char           *name = oxl_scene_view(t->scene, view)->name;
-    struct renderer_pace  pace;
-    struct renderer_loss  loss;
-    struct renderer_aside aside;
-    oxl_result            rc;
+    const char               *name = oxl_scene_view(t->scene, view)->name;
+    struct adam_params        pace;
+    struct renderer_loss      loss;
+    struct renderer_nonfinite aside;
+    oxl_result                rc;
     t->last_loss        = NAN;
     t->render.alpha_min = train_alpha_min(t);
     rc                  = train_compare(t, view, 1, t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) {
-        rc = renderer_fetch(t->ctx, t->renderer);
-        if (rc == OXL_OK) rc = renderer_fetch_rows(t->ctx, t->renderer);
+        rc = renderer_download(t->ctx, t->renderer);
+        if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
         if (rc != OXL_OK) return rc;
-        faults_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
+        nonfinite_of_view(t->ctx, &t->faults, t->step, name, t->renderer, t->model, &t->first, &t->second);
         return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
     }
     if (t->exposure.of.on)
@@ -276,11 +281,11 @@ static oxl_result train_on_view(struct train *t, int view)
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, (double)t->step / t->options->iterations, renderer_medium_gradient(t->renderer));
-    pace = train_pace(t);
+    pace = train_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &pace, &aside);
-    if (rc == OXL_OK && aside.rows > 0) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK && aside.rows > 0) rc = renderer_download(t->ctx, t->renderer);
     if (rc != OXL_OK) return rc;
-    faults_of_rows(t->ctx, &t->faults, t->step, name, aside, t->model, &t->first, &t->second);
+    nonfinite_of_rows(t->ctx, &t->faults, t->step, name, aside, t->model, &t->first, &t->second);
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(TRAIN_SMOOTHING, 1.0 / t->step);
@@ -337,7 +342,7 @@ OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2])
                                       .step        = t->step};
     struct density_change    change;
     oxl_result               rc;
-    rc = renderer_fetch(t->ctx, t->renderer);
+    rc = renderer_download(t->ctx, t->renderer);
     if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
     if (rc == OXL_OK) rc = train_resize(t);
     if (rc == OXL_OK && t->model->count == 0) {
@@ -356,11 +361,11 @@ static oxl_result train_density(struct train *t)
     if (t->step > t->options->densify_until * t->options->iterations) return OXL_OK;
     rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
     if (rc == OXL_OK && train_densifies(t)) {
-        if (!t->trial_is_next && decide_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
+        if (!t->trial_is_next && selection_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
         else rc = train_densify(t, t->ucd.f);
         t->ucd.densified++;
     }
-    if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step)) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step)) rc = renderer_download(t->ctx, t->renderer);
     if (rc == OXL_OK && train_resets_opacity_at(t->options, t->step))
         density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
     return rc;
@@ -375,7 +380,7 @@ static oxl_result train_drop(struct train *t, size_t drop)
     uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
     oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
-    if (rc == OXL_OK) rc = renderer_fetch(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = renderer_download(t->ctx, t->renderer);
     if (rc == OXL_OK) {
         model_keep_rows(t->model, keep);
         model_keep_rows(&t->first, keep);
@@ -393,7 +398,7 @@ static oxl_result train_prune(struct train *t)
     size_t     drop;
     oxl_result rc = OXL_OK;
     if (!prune_checks(&t->prune, t->step)) return OXL_OK;
-    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = decide_judge(t, &held, &psnr);
+    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_judge(t, &held, &psnr);
     if (rc != OXL_OK) return rc;
     t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
     drop               = prune_due(&t->prune, t->step, t->model->count, held);
@@ -408,12 +413,12 @@ static oxl_result train_prune(struct train *t)
 /* ---------------------------------------------------------------- bands of spherical harmonics */
 
 /* One more SH band each such share of the run, up to the degree that it is to have. */
-static oxl_result train_bands(struct train *t)
+static oxl_result train_raise_sh_degree(struct train *t)
 {
-    const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->bands_every * t->options->iterations) + 1e-6));
+    const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
-    rc = renderer_fetch(t->ctx, t->renderer);
+    rc = renderer_download(t->ctx, t->renderer);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
@@ -438,11 +443,13 @@ static oxl_result train_first_of_some(struct train *t, const oxl_point *points, 
 }
 
 /* A run in haste starts with what others take time to learn: Gaussians narrower and more opaque than Kerbl's. */
-static void train_hurry(struct train *t)
+static void train_sharpen_start(struct train *t)
 {
-    const double haste = train_haste(t->options), narrower = TRAIN_HASTE_WIDTH * vecmath_log(haste);
-    const double opacity = OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_HASTE_OPACITY * vecmath_log(haste)), TRAIN_OPACITY_MOST);
-    if (!(haste > 1)) return;
+    const double short_run_exponent = train_short_run_factor(t->options),
+                 narrower           = TRAIN_SHORT_RUN_WIDTH * vecmath_log(short_run_exponent);
+    const double opacity =
+        OXL_MIN(MODEL_OPACITY * vecmath_exp(TRAIN_SHORT_RUN_OPACITY * vecmath_log(short_run_exponent)), TRAIN_OPACITY_MOST);
+    if (!(short_run_exponent > 1)) return;
     for (size_t i = 0; i < t->model->count; i++) {
         for (int a = 0; a < 3; a++) t->model->plane[OXL_LOG_SCALE + a][i] -= (float)narrower;
         t->model->plane[OXL_OPACITY][i] = (float)vecmath_logit(opacity);
@@ -472,7 +479,7 @@ static oxl_result train_first_model(struct train *t)
     oxl_result rc;
     if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
     rc = train_fresh_model(t);
-    if (rc == OXL_OK) train_hurry(t);
+    if (rc == OXL_OK) train_sharpen_start(t);
     return rc;
 }
 
@@ -532,11 +539,11 @@ static oxl_result train_begin(struct train *t)
     memset(t->first.plane[OXL_ROTATION], 0, t->first.capacity * sizeof(float));
     memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
     rc = train_begin_control(t);
-    if (rc == OXL_OK) rc = robust_begin(ctx, &t->robust, t->scene, t->options->robust);
+    if (rc == OXL_OK) rc = transients_begin(ctx, &t->robust, t->scene, t->options->robust);
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, t->place && t->place->start);
     if (rc == OXL_OK && t->options->medium)
         rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
-    return rc == OXL_OK ? decide_begin(t) : rc;
+    return rc == OXL_OK ? selection_begin(t) : rc;
 }
 
 static void train_end(struct train *t)
@@ -547,7 +554,7 @@ static void train_end(struct train *t)
     oxl_model_free(ctx, &t->gradient);
     renderer_free(ctx, t->renderer);
     density_free(ctx, t->density);
-    robust_free(ctx, &t->robust);
+    transients_free(ctx, &t->robust);
     exposure_free(ctx, &t->exposure);
     oxl_free(ctx, t->target);
     oxl_free(ctx, t->weight);
@@ -582,7 +589,7 @@ static void train_archive(struct archive *a, void *user)
     archive_doubles(a, &t->loss, 1);
     archive_doubles(a, &t->psnr, 1);
     archive_doubles(a, &spent, 1);
-    faults_archive(a, &t->faults);
+    nonfinite_archive(a, &t->faults);
     archive_size(a, &views);
     archive_expect(a, t->step >= 0 && t->step <= t->options->iterations);
     archive_expect(a, views <= (size_t)train_training_views(t->scene));
@@ -597,10 +604,10 @@ static void train_archive(struct archive *a, void *user)
     density_archive(a, t->density, t->model->count);
     ucd_archive(a, &t->ucd);
     prune_archive(a, &t->prune);
-    robust_archive(a, &t->robust);
+    transients_archive(a, &t->robust);
     exposure_archive(a, &t->exposure);
     water_archive(a, &t->water, t->options->medium);
-    decide_archive(a, t);
+    selection_archive(a, t);
     archive_expect(a,
                    views + (size_t)t->held_views <= (size_t)train_training_views(t->scene)); /* those held come back to `view` */
     archive_text(a, t->place->log);
@@ -613,7 +620,7 @@ static void train_archive(struct archive *a, void *user)
 
 static oxl_result train_save(struct train *t)
 {
-    const oxl_result rc = renderer_fetch(t->ctx, t->renderer);
+    const oxl_result rc = renderer_download(t->ctx, t->renderer);
     t->saved_step       = t->step;
     t->saved_at         = os_seconds();
     if (rc != OXL_OK || !t->place) return rc;
@@ -658,26 +665,26 @@ OXL_INTERNAL int train_report(const struct train *t, int trial)
     return callback && callback->progress && callback->progress(callback->user, &progress);
 }
 
-OXL_INTERNAL oxl_result train_photograph(struct train *t)
+OXL_INTERNAL oxl_result train_on_next_view(struct train *t)
 {
     int        view = -1;
-    oxl_result rc   = train_next_photo(t, &view);
+    oxl_result rc   = train_next_image(t, &view);
     return rc == OXL_OK ? train_on_view(t, view) : rc;
 }
 
 OXL_INTERNAL oxl_result train_step(struct train *t)
 {
-    oxl_result rc = train_bands(t);
-    if (rc == OXL_OK) rc = train_photograph(t);
+    oxl_result rc = train_raise_sh_degree(t);
+    if (rc == OXL_OK) rc = train_on_next_view(t);
     if (rc == OXL_OK) rc = train_density(t);
-    if (rc == OXL_OK) rc = decide_lobes(t); /* it reads the step's statistics, a row each: before rows go */
+    if (rc == OXL_OK) rc = selection_lobes(t); /* it reads the step's statistics, a row each: before rows go */
     if (rc == OXL_OK) rc = train_prune(t);
-    if (rc == OXL_OK) rc = decide_exposure(t);
+    if (rc == OXL_OK) rc = selection_exposure(t);
     if (rc == OXL_OK && t->step == water_starts_at(t->options) && !t->water.on && !(t->place && t->place->start)) {
-        rc = renderer_fetch(t->ctx, t->renderer);
+        rc = renderer_download(t->ctx, t->renderer);
         if (rc == OXL_OK) water_start(&t->water, t->model);
     }
-    if (rc == OXL_OK) decide_bands(t);
+    if (rc == OXL_OK) selection_sh_degree(t);
     return rc;
 }
 
@@ -706,7 +713,7 @@ static oxl_result train_loop(struct train *t)
     if (t->step > 0 && train_report(t, 0)) return OXL_ERR_INTERRUPTED;
     while (rc == OXL_OK && t->step < o->iterations) {
         if (t->trial_is_next) {
-            rc = decide_trial(t);
+            rc = selection_trial(t);
             if (rc == OXL_ERR_INTERRUPTED || (rc == OXL_OK && train_report(t, 0))) return train_stop(t);
             continue;
         }
@@ -720,11 +727,11 @@ static oxl_result train_loop(struct train *t)
         }
         if (train_save_is_due(t)) rc = train_save(t);
     }
-    if (rc == OXL_OK) rc = renderer_fetch(t->ctx, t->renderer);
-    if (rc == OXL_OK) decide_end(t);
+    if (rc == OXL_OK) rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) selection_end(t);
     if (rc == OXL_OK && t->robust.points > 0) {
         char words[160];
-        robust_describe(&t->robust, words, sizeof words);
+        transients_describe(&t->robust, words, sizeof words);
         oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
     }
     return rc;
@@ -741,7 +748,7 @@ static void train_leave_gains(struct train *t)
 }
 
 /* What was decided, for the one who asked where the run has its place. */
-static void train_hand_over(struct train *t)
+static void train_return_decisions(struct train *t)
 {
     struct text *out = t->place ? t->place->decisions : NULL;
     if (out && t->decisions.data) text_add(out, "%s", t->decisions.data);
@@ -764,13 +771,13 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK) rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);
     if (rc == OXL_OK) rc = train_loop(&t);
-    if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = faults_end(ctx, &t.faults, out);
+    if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.faults, out);
     if (ended != OXL_OK) rc = ended;
     if (place && place->faults) *place->faults = t.faults;
     if (place && place->trained) *place->trained = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     else if (rc != OXL_OK) oxl_model_free(ctx, out);
-    train_hand_over(&t);
+    train_return_decisions(&t);
     train_leave_gains(&t);
     train_end(&t);
     return rc;

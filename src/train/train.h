@@ -6,17 +6,17 @@
 
 /* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
-OXL_INTERNAL void       faults_of_photo(oxl_context *ctx, oxl_faults *f); /* why it cannot be read is the context's error */
+OXL_INTERNAL void nonfinite_of_photo(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
 /* The loss of a view that the renderer drew last is not finite. */
-OXL_INTERNAL void       faults_of_view(oxl_context *ctx, oxl_faults *f, int step, const char *view, const struct renderer *r,
-                                       oxl_model *model, oxl_model *first, oxl_model *second);
-OXL_INTERNAL void       faults_of_rows(oxl_context *ctx, oxl_faults *f, int step, const char *view, struct renderer_aside aside,
-                                       oxl_model *model, oxl_model *first, oxl_model *second);
-OXL_INTERNAL oxl_result faults_end(oxl_context *ctx, oxl_faults *f, oxl_model *model); /* removes; says what there was */
-OXL_INTERNAL void       faults_add(oxl_faults *to, const oxl_faults *from);
-OXL_INTERNAL void       faults_archive(struct archive *a, oxl_faults *f);
-OXL_INTERNAL void       faults_add_json(struct text *t, const oxl_faults *f); /* members, each with a comma behind it */
-OXL_INTERNAL void       faults_read_json(const char *text, oxl_faults *f);
+OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view, const struct renderer *r,
+                                    oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
+                                    struct renderer_nonfinite aside, oxl_model *model, oxl_model *first, oxl_model *second);
+OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f, oxl_model *model); /* removes; says what there was */
+OXL_INTERNAL void       nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
+OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *f);
+OXL_INTERNAL void       nonfinite_add_json(struct text *t, const oxl_nonfinite *f); /* members, each with a comma behind it */
+OXL_INTERNAL void       nonfinite_read_json(const char *text, oxl_nonfinite *f);
 
 /* ---------------------------------------------------------------- density.c: clone, split, prune, reset */
 
@@ -87,18 +87,18 @@ OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, 
 /* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
 
 struct spsa {
-    double   f[2];           /* f_mid, f_far: the estimate */
-    double   home[2], doubt; /* where the estimate is drawn to, and how much: the curvature of a cost around it */
-    double   sway[2];        /* how far from home each pair alone would put f_mid and f_far - f_mid: their sums */
-    double   point[2][2];    /* the two points of the pair in progress */
-    double   cost[2];        /* of them, as told */
-    double   cap;            /* the most that f may be */
+    double   f[2];                     /* f_mid, f_far: the estimate */
+    double   home[2], prior_precision; /* where the estimate is drawn to, and how much: the curvature of a cost around it */
+    double   offset_sum[2];            /* how far from home each pair alone would put f_mid and f_far - f_mid: their sums */
+    double   point[2][2];              /* the two points of the pair in progress */
+    double   cost[2];                  /* of them, as told */
+    double   cap;                      /* the most that f may be */
     uint64_t seed, signs;
     int      pair, told; /* pairs finished; costs told of the one in progress */
     int      first;      /* which of the two points is asked for first */
 };
 /* doubt: half of it is what a weight must gain to be believed 1 away from home, in the costs' unit. */
-OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double doubt, double cap,
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double prior_precision, double cap,
                              uint64_t seed);
 /* The point to evaluate now; the same until it is told or skipped. */
 OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
@@ -165,32 +165,32 @@ OXL_INTERNAL void       prune_archive(struct archive *a, struct prune *p);
 OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
                                     const oxl_model *model, const oxl_render_options *options, float *score);
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
-OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct photo *p, float *out); /* (H,W) 0..3 */
+OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_image *p, float *out); /* (H,W) 0..3 */
 
 /* ---------------------------------------------------------------- transients.c: what swims through one photograph */
 
-struct robust_square { /* of pixels, in the present view */
-    float    error;    /* how far off its mean colour is, of white; -1: none of its pixels counts */
-    float    usual;    /* the largest usual error of the points in it; -1: there are none */
+struct transients_square { /* of pixels, in the present view */
+    float    error;        /* how far off its mean colour is, of white; -1: none of its pixels counts */
+    float    usual;        /* the largest usual error of the points in it; -1: there are none */
     unsigned marks;
 };
-struct robust {
-    size_t                points; /* of the scene; 0: off */
-    float                *usual;  /* (points) error where it lies, over the views that see it, of late */
-    int32_t              *place;  /* (points) its square in the present view, or -1 */
-    struct robust_square *square;
-    size_t                square_capacity;
-    double                aside; /* share of the pixels put aside, smoothed over the last photographs */
+struct transients {
+    size_t                    points; /* of the scene; 0: off */
+    float                    *usual;  /* (points) error where it lies, over the views that see it, of late */
+    int32_t                  *place;  /* (points) its square in the present view, or -1 */
+    struct transients_square *square;
+    size_t                    square_capacity;
+    double                    aside; /* share of the pixels put aside, smoothed over the last photographs */
 };
-OXL_INTERNAL oxl_result robust_begin(oxl_context *ctx, struct robust *r, const oxl_scene *scene, int on);
-OXL_INTERNAL void       robust_free(oxl_context *ctx, struct robust *r);
+OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on);
+OXL_INTERNAL void       transients_free(oxl_context *ctx, struct transients *r);
 /* weight (H,W): its pixels that are put aside become 0. masked: it holds a mask; else all of it is set. drawn, photo (3,H,W).
  * remember 0: what is usual stays as it is, as in the steps of a trial. */
-OXL_INTERNAL oxl_result robust_weigh(oxl_context *ctx, struct robust *r, const oxl_scene *scene, const oxl_camera *camera,
-                                     double near_plane, const float *drawn, const float *photo, int remember, int masked,
-                                     float *weight);
-OXL_INTERNAL void       robust_describe(const struct robust *r, char *out, size_t size); /* what was put aside, in words */
-OXL_INTERNAL void       robust_archive(struct archive *a, struct robust *r);
+OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
+                                         double near_plane, const float *drawn, const float *photo, int remember, int masked,
+                                         float *weight);
+OXL_INTERNAL void transients_describe(const struct transients *r, char *out, size_t size); /* what was put aside, in words */
+OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r);
 
 /* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
 
@@ -237,7 +237,7 @@ struct train_place {
     struct text     *notes;     /* so are these */
     const oxl_model *start;     /* what training starts from; NULL: the scene's points */
     struct text     *decisions; /* gets members of a JSON object: what was decided, and on what evidence; or NULL */
-    oxl_faults      *faults;    /* out: of the whole run; or NULL */
+    oxl_nonfinite   *faults;    /* out: of the whole run; or NULL */
     int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */
 };
 /* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
@@ -247,7 +247,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t     train_cap(const oxl_scene *scene, const oxl_train_options *options);
 /* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
-OXL_INTERNAL double     train_haste(const oxl_train_options *options);
+OXL_INTERNAL double     train_short_run_factor(const oxl_train_options *options);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
 OXL_INTERNAL float      train_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t     train_cap_of(size_t points, double pixels, const oxl_train_options *options);
@@ -260,6 +260,6 @@ OXL_INTERNAL int        train_densifications(const oxl_train_options *options); 
 OXL_INTERNAL int        train_may_try(const oxl_train_options *options); /* whether trials, which copy the model, may come */
 OXL_INTERNAL int        train_training_views(const oxl_scene *scene);
 /* Steps of a whole run's trials that are none of its iterations, at most; views: that train. */
-OXL_INTERNAL int        decide_steps_beside(const oxl_train_options *options, int views);
+OXL_INTERNAL int        selection_steps_beside(const oxl_train_options *options, int views);
 
 #endif

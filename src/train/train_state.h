@@ -4,7 +4,7 @@
 
 #include "train.h"
 
-enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_BANDS, TRAIN_TRIES_LOBES, TRAIN_TRIES_WEIGHTS };
+enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES, TRAIN_TRIES_WEIGHTS };
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are watched before lobes are given out */
 
@@ -18,7 +18,7 @@ struct train {
     struct density           *density;
     struct ucd                ucd;
     struct prune              prune;
-    struct robust             robust;
+    struct transients         robust;
     struct exposure           exposure;
     struct water              water;
     int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
@@ -34,7 +34,7 @@ struct train {
     int                       halved;     /* whether the photograph of this step is reduced to half the sides */
     double                    loss, psnr; /* smoothed */
     double                    last_loss;  /* of the last photograph, alike from step to step; not a number: it was put aside */
-    oxl_faults                faults;
+    oxl_nonfinite             faults;
     int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
     double                    begun;      /* when it did */
     double                    seconds;    /* that others had spent on the run before */
@@ -48,11 +48,11 @@ struct train {
 /* ---------------------------------------------------------------- train.c: one step */
 
 /* A photograph, drawn, compared, walked back, stepped: the part of a step that a trial of bands or lobes repeats. */
-OXL_INTERNAL oxl_result train_photograph(struct train *t);
+OXL_INTERNAL oxl_result train_on_next_view(struct train *t);
 OXL_INTERNAL oxl_result train_step(struct train *t);                       /* all of it */
 OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
 /* A view's photograph to the renderer. OXL_ERR_INPUT: it cannot be read. */
-OXL_INTERNAL oxl_result train_photo(struct train *t, int view);
+OXL_INTERNAL oxl_result train_load_image(struct train *t, int view);
 /* The model drawn from a view, against its photograph. */
 OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss);
 OXL_INTERNAL oxl_result train_resize(struct train *t);                  /* the gradient, to the model's shape */
@@ -61,18 +61,18 @@ OXL_INTERNAL int        train_report(const struct train *t, int trial); /* nonze
 /* ---------------------------------------------------------------- model_selection.c: model only what the scene requires */
 
 /* Whether the index-th of so many training views stands aside: an eighth of them, 8 at most, evenly spread. */
-OXL_INTERNAL int        decide_holds(int index, int views);
-OXL_INTERNAL oxl_result decide_begin(struct train *t); /* which views train, and which stand aside */
+OXL_INTERNAL int        selection_holds(int index, int views);
+OXL_INTERNAL oxl_result selection_begin(struct train *t); /* which views train, and which stand aside */
 /* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
-OXL_INTERNAL oxl_result decide_judge(struct train *t, double *loss, double *psnr);
-OXL_INTERNAL oxl_result decide_exposure(struct train *t); /* after each step: gains of images */
-OXL_INTERNAL void       decide_bands(struct train *t);    /* after each step: SH bands */
+OXL_INTERNAL oxl_result selection_judge(struct train *t, double *loss, double *psnr);
+OXL_INTERNAL oxl_result selection_exposure(struct train *t);  /* after each step: gains of images */
+OXL_INTERNAL void       selection_sh_degree(struct train *t); /* after each step: SH bands */
 /* At a densification: whether a trial is to make it, twice. */
-OXL_INTERNAL int        decide_tries_weights(const struct train *t);
-OXL_INTERNAL oxl_result decide_lobes(struct train *t); /* after each step: second lobes */
+OXL_INTERNAL int        selection_tries_weights(const struct train *t);
+OXL_INTERNAL oxl_result selection_lobes(struct train *t); /* after each step: second lobes */
 OXL_INTERNAL oxl_result
-decide_trial(struct train *t);                 /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */
-OXL_INTERNAL void decide_end(struct train *t); /* after the last step: the decisions of others */
-OXL_INTERNAL void decide_archive(struct archive *a, struct train *t);
+selection_trial(struct train *t); /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */
+OXL_INTERNAL void selection_end(struct train *t); /* after the last step: the decisions of others */
+OXL_INTERNAL void selection_archive(struct archive *a, struct train *t);
 
 #endif

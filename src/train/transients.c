@@ -6,14 +6,14 @@
  * half of all pixels aside at first, and for good what is hard to model (thin corals, the survey's rim), which so is never learned. A
  * fish and a coral that is not learned yet leave the same residual in one photograph; they differ in the others. So each sparse point
  * keeps what error is `usual` where it lies, over the views that see it: small behind a fish, for the other views explain the ground;
- * large at the coral until it is learned; and ROBUST_MOST at first, so that little is put aside before there is something to go by.
+ * large at the coral until it is learned; and TRANSIENTS_MOST at first, so that little is put aside before there is something to go by.
  *
  * In a step, e being the error of a square of pixels: the channels' mean of |mean of drawn - photograph| (of the signed difference:
  * texture that is not learned yet has next to none, a blot has), and m the largest usual error of the points around it,
- *     odd    e > ROBUST_ERROR, and of ROBUST_VOTES at least of the 3 x 3 squares around
- *     core   odd, and e > ROBUST_TIMES m
- *     aside  core; or next to one, with e > ROBUST_ERROR / 2 and 2 e > ROBUST_TIMES m
- *     usual  <- usual + ROBUST_RATE (min(e, ROBUST_MOST) - usual), for each point in view
+ *     odd    e > TRANSIENTS_ERROR, and of TRANSIENTS_VOTES at least of the 3 x 3 squares around
+ *     core   odd, and e > TRANSIENTS_TIMES m
+ *     aside  core; or next to one, with e > TRANSIENTS_ERROR / 2 and 2 e > TRANSIENTS_TIMES m
+ *     usual  <- usual + TRANSIENTS_RATE (min(e, TRANSIENTS_MOST) - usual), for each point in view
  * Squares without points around are never put aside. docs/log/ROBUST.md has what this brings and costs, and what was tried instead.
  *
  * Invariant: weights and usual errors are a function of the model, the view and the usual errors before; no sum depends on the number
@@ -21,41 +21,41 @@
  */
 #include "train.h"
 
-#define ROBUST_ERROR     0.05f /* of white: a twentieth is a blot that one sees */
-#define ROBUST_TIMES     4.0f  /* what is usual around */
-#define ROBUST_MOST      0.05f /* of white: counts in what is usual; with more, each fish makes the next one usual */
-#define ROBUST_RATE      0.1f  /* the last ten views, about */
-#define ROBUST_SMOOTHING 0.02  /* of the share that is told at the end: about the last 50 views */
+#define TRANSIENTS_ERROR     0.05f /* of white: a twentieth is a blot that one sees */
+#define TRANSIENTS_TIMES     4.0f  /* what is usual around */
+#define TRANSIENTS_MOST      0.05f /* of white: counts in what is usual; with more, each fish makes the next one usual */
+#define TRANSIENTS_RATE      0.1f  /* the last ten views, about */
+#define TRANSIENTS_SMOOTHING 0.02  /* of the share that is told at the end: about the last 50 views */
 enum {
-    ROBUST_VOTES  = 3,   /* of the 3 x 3 squares, with the one in the middle: noise has none, a thin tail has them */
-    ROBUST_ACROSS = 100, /* squares along the longer side of a photograph, */
-    ROBUST_SIDE   = 4,   /* px: or fewer, of so many at least */
-    ROBUST_NEAR   = 2    /* squares: points that speak for one lie so near */
+    TRANSIENTS_VOTES  = 3,   /* of the 3 x 3 squares, with the one in the middle: noise has none, a thin tail has them */
+    TRANSIENTS_ACROSS = 100, /* squares along the longer side of a photograph, */
+    TRANSIENTS_SIDE   = 4,   /* px: or fewer, of so many at least */
+    TRANSIENTS_NEAR   = 2    /* squares: points that speak for one lie so near */
 };
-enum { ROBUST_ABOVE = 1, ROBUST_ODD = 2, ROBUST_CORE = 4, ROBUST_ASIDE = 8 };
+enum { TRANSIENTS_ABOVE = 1, TRANSIENTS_ODD = 2, TRANSIENTS_CORE = 4, TRANSIENTS_ASIDE = 8 };
 
-OXL_INTERNAL oxl_result robust_begin(oxl_context *ctx, struct robust *r, const oxl_scene *scene, int on)
+OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on)
 {
-    *r = (struct robust){.points = on ? oxl_scene_point_count(scene) : 0};
+    *r = (struct transients){.points = on ? oxl_scene_point_count(scene) : 0};
     if (on && r->points == 0)
         oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: what swims through a photograph cannot be told from the rest");
     if (r->points == 0) return OXL_OK;
     r->usual = oxl_alloc(ctx, r->points, sizeof *r->usual);
     r->place = oxl_alloc(ctx, r->points, sizeof *r->place);
     if (!r->usual || !r->place) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the usual errors of %zu points", r->points);
-    for (size_t i = 0; i < r->points; i++) r->usual[i] = ROBUST_MOST;
+    for (size_t i = 0; i < r->points; i++) r->usual[i] = TRANSIENTS_MOST;
     return OXL_OK;
 }
 
-OXL_INTERNAL void robust_free(oxl_context *ctx, struct robust *r)
+OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *r)
 {
     oxl_free(ctx, r->usual);
     oxl_free(ctx, r->place);
     oxl_free(ctx, r->square);
-    *r = (struct robust){0};
+    *r = (struct transients){0};
 }
 
-OXL_INTERNAL void robust_describe(const struct robust *r, char *out, size_t size)
+OXL_INTERNAL void transients_describe(const struct transients *r, char *out, size_t size)
 {
     snprintf(out, size, "robust: of the photographs' pixels, %.1f %% were put aside of late as what others do not show",
              100 * r->aside);
@@ -63,19 +63,21 @@ OXL_INTERNAL void robust_describe(const struct robust *r, char *out, size_t size
 
 /* ---------------------------------------------------------------- squares of pixels */
 
-struct robust_grid {
+struct transients_grid {
     int width, height; /* px */
     int side, across, down;
 };
 
-static struct robust_grid robust_grid(int width, int height)
+static struct transients_grid transients_grid(int width, int height)
 {
-    const int longer = OXL_MAX(width, height), side = OXL_MAX(ROBUST_SIDE, (longer + ROBUST_ACROSS - 1) / ROBUST_ACROSS);
-    return (struct robust_grid){width, height, side, (width + side - 1) / side, (height + side - 1) / side};
+    const int longer = OXL_MAX(width, height),
+              side   = OXL_MAX(TRANSIENTS_SIDE, (longer + TRANSIENTS_ACROSS - 1) / TRANSIENTS_ACROSS);
+    return (struct transients_grid){width, height, side, (width + side - 1) / side, (height + side - 1) / side};
 }
 
 /* Of the pixels of square (x, y) that count; -1: none does. weight (H,W) may be NULL: all do. */
-static float robust_error(const struct robust_grid *g, const float *drawn, const float *photo, const float *weight, int x, int y)
+static float transients_error(const struct transients_grid *g, const float *drawn, const float *photo, const float *weight, int x,
+                              int y)
 {
     const size_t plane = (size_t)g->width * (size_t)g->height;
     const int    left = x * g->side, right = OXL_MIN(left + g->side, g->width), end = OXL_MIN((y + 1) * g->side, g->height);
@@ -91,7 +93,7 @@ static float robust_error(const struct robust_grid *g, const float *drawn, const
 }
 
 /* How many of the 3 x 3 squares around the i-th have the mark. */
-static int robust_votes(const struct robust_grid *g, const struct robust_square *square, int i, unsigned mark)
+static int transients_votes(const struct transients_grid *g, const struct transients_square *square, int i, unsigned mark)
 {
     const int x = i % g->across, y = i / g->across;
     int       votes = 0;
@@ -102,35 +104,36 @@ static int robust_votes(const struct robust_grid *g, const struct robust_square 
 }
 
 /* The largest usual error of the points near the i-th square; HUGE_VALF without any. */
-static float robust_usual(const struct robust_grid *g, const struct robust_square *square, int i)
+static float transients_usual(const struct transients_grid *g, const struct transients_square *square, int i)
 {
     const int x = i % g->across, y = i / g->across;
     float     usual = -1;
-    for (int row = OXL_MAX(y - ROBUST_NEAR, 0); row <= OXL_MIN(y + ROBUST_NEAR, g->down - 1); row++)
-        for (int column = OXL_MAX(x - ROBUST_NEAR, 0); column <= OXL_MIN(x + ROBUST_NEAR, g->across - 1); column++)
+    for (int row = OXL_MAX(y - TRANSIENTS_NEAR, 0); row <= OXL_MIN(y + TRANSIENTS_NEAR, g->down - 1); row++)
+        for (int column = OXL_MAX(x - TRANSIENTS_NEAR, 0); column <= OXL_MIN(x + TRANSIENTS_NEAR, g->across - 1); column++)
             usual = OXL_MAX(usual, square[row * g->across + column].usual);
     return usual < 0 ? HUGE_VALF : usual;
 }
 
-static void robust_mark(const struct robust_grid *g, struct robust_square *s)
+static void transients_mark(const struct transients_grid *g, struct transients_square *s)
 {
     const int n = g->across * g->down;
-    for (int i = 0; i < n; i++) s[i].marks = s[i].error > ROBUST_ERROR ? ROBUST_ABOVE : 0;
+    for (int i = 0; i < n; i++) s[i].marks = s[i].error > TRANSIENTS_ERROR ? TRANSIENTS_ABOVE : 0;
     for (int i = 0; i < n; i++)
-        if (s[i].marks & ROBUST_ABOVE && robust_votes(g, s, i, ROBUST_ABOVE) >= ROBUST_VOTES) s[i].marks |= ROBUST_ODD;
+        if (s[i].marks & TRANSIENTS_ABOVE && transients_votes(g, s, i, TRANSIENTS_ABOVE) >= TRANSIENTS_VOTES)
+            s[i].marks |= TRANSIENTS_ODD;
     for (int i = 0; i < n; i++)
-        if (s[i].marks & ROBUST_ODD && s[i].error > ROBUST_TIMES * robust_usual(g, s, i))
-            s[i].marks |= ROBUST_CORE | ROBUST_ASIDE;
+        if (s[i].marks & TRANSIENTS_ODD && s[i].error > TRANSIENTS_TIMES * transients_usual(g, s, i))
+            s[i].marks |= TRANSIENTS_CORE | TRANSIENTS_ASIDE;
     for (int i = 0; i < n; i++)
-        if (s[i].error > ROBUST_ERROR / 2 && robust_votes(g, s, i, ROBUST_CORE) > 0 &&
-            2 * s[i].error > ROBUST_TIMES * robust_usual(g, s, i))
-            s[i].marks |= ROBUST_ASIDE;
+        if (s[i].error > TRANSIENTS_ERROR / 2 && transients_votes(g, s, i, TRANSIENTS_CORE) > 0 &&
+            2 * s[i].error > TRANSIENTS_TIMES * transients_usual(g, s, i))
+            s[i].marks |= TRANSIENTS_ASIDE;
 }
 
 /* ---------------------------------------------------------------- points */
 
 /* The square that a point lies in, or -1. */
-static int32_t robust_place(const struct robust_grid *g, const oxl_camera *c, double near_plane, const double *p)
+static int32_t transients_place(const struct transients_grid *g, const oxl_camera *c, double near_plane, const double *p)
 {
     const double *r = c->rotation, *t = c->translation;
     const double  z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
@@ -142,36 +145,36 @@ static int32_t robust_place(const struct robust_grid *g, const oxl_camera *c, do
     return (int32_t)y / g->side * g->across + (int32_t)x / g->side;
 }
 
-static void robust_ask_points(oxl_context *ctx, struct robust *r, const struct robust_grid *g, const oxl_scene *scene,
-                              const oxl_camera *camera, double near_plane)
+static void transients_ask_points(oxl_context *ctx, struct transients *r, const struct transients_grid *g, const oxl_scene *scene,
+                                  const oxl_camera *camera, double near_plane)
 {
     const oxl_point *point = oxl_scene_points(scene);
     (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)r->points; i++) r->place[i] = robust_place(g, camera, near_plane, point[i].position);
+    for (int64_t i = 0; i < (int64_t)r->points; i++) r->place[i] = transients_place(g, camera, near_plane, point[i].position);
     for (size_t i = 0; i < r->points; i++) {
-        struct robust_square *s = r->place[i] < 0 ? NULL : &r->square[r->place[i]];
+        struct transients_square *s = r->place[i] < 0 ? NULL : &r->square[r->place[i]];
         if (s) s->usual = OXL_MAX(s->usual, r->usual[i]);
     }
 }
 
-static void robust_tell_points(struct robust *r)
+static void transients_tell_points(struct transients *r)
 {
     for (size_t i = 0; i < r->points; i++) {
         const float error = r->place[i] < 0 ? -1 : r->square[r->place[i]].error;
-        if (error >= 0) r->usual[i] += ROBUST_RATE * (OXL_MIN(error, ROBUST_MOST) - r->usual[i]);
+        if (error >= 0) r->usual[i] += TRANSIENTS_RATE * (OXL_MIN(error, TRANSIENTS_MOST) - r->usual[i]);
     }
 }
 
 /* ---------------------------------------------------------------- a photograph */
 
 /* Returns how many pixels are aside. */
-static size_t robust_fill(const struct robust_grid *g, const struct robust_square *square, int masked, float *weight)
+static size_t transients_fill(const struct transients_grid *g, const struct transients_square *square, int masked, float *weight)
 {
     size_t aside = 0;
     for (int y = 0; y < g->height; y++)
         for (int x = 0; x < g->width; x++, weight++) {
-            const int is_aside = (square[y / g->side * g->across + x / g->side].marks & ROBUST_ASIDE) != 0;
+            const int is_aside = (square[y / g->side * g->across + x / g->side].marks & TRANSIENTS_ASIDE) != 0;
             if (is_aside) *weight = 0;
             else if (!masked) *weight = 1;
             aside += (size_t)is_aside;
@@ -179,34 +182,34 @@ static size_t robust_fill(const struct robust_grid *g, const struct robust_squar
     return aside;
 }
 
-OXL_INTERNAL oxl_result robust_weigh(oxl_context *ctx, struct robust *r, const oxl_scene *scene, const oxl_camera *camera,
-                                     double near_plane, const float *drawn, const float *photo, int remember, int masked,
-                                     float *weight)
+OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
+                                         double near_plane, const float *drawn, const float *photo, int remember, int masked,
+                                         float *weight)
 {
-    const struct robust_grid g = robust_grid(camera->width, camera->height);
-    const int                n = g.across * g.down;
-    double                   aside;
-    oxl_result               rc = oxl_reserve(ctx, (void **)&r->square, &r->square_capacity, (size_t)n, sizeof *r->square);
+    const struct transients_grid g = transients_grid(camera->width, camera->height);
+    const int                    n = g.across * g.down;
+    double                       aside;
+    oxl_result                   rc = oxl_reserve(ctx, (void **)&r->square, &r->square_capacity, (size_t)n, sizeof *r->square);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < n; i++) {
-        r->square[i].error = robust_error(&g, drawn, photo, masked ? weight : NULL, i % g.across, i / g.across);
+        r->square[i].error = transients_error(&g, drawn, photo, masked ? weight : NULL, i % g.across, i / g.across);
         r->square[i].usual = -1;
     }
-    robust_ask_points(ctx, r, &g, scene, camera, near_plane);
-    robust_mark(&g, r->square);
-    aside = (double)robust_fill(&g, r->square, masked, weight) / ((double)g.width * g.height);
+    transients_ask_points(ctx, r, &g, scene, camera, near_plane);
+    transients_mark(&g, r->square);
+    aside = (double)transients_fill(&g, r->square, masked, weight) / ((double)g.width * g.height);
     if (!remember) return OXL_OK;
-    robust_tell_points(r);
-    r->aside += ROBUST_SMOOTHING * (aside - r->aside);
+    transients_tell_points(r);
+    r->aside += TRANSIENTS_SMOOTHING * (aside - r->aside);
     return OXL_OK;
 }
 
-OXL_INTERNAL void robust_archive(struct archive *a, struct robust *r)
+OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r)
 {
     if (r->points == 0) return; /* off: that follows from the options and the scene */
     archive_floats(a, r->usual, r->points);
     archive_doubles(a, &r->aside, 1);
-    for (size_t i = 0; i < r->points; i++) archive_expect(a, r->usual[i] >= 0 && r->usual[i] <= ROBUST_MOST);
+    for (size_t i = 0; i < r->points; i++) archive_expect(a, r->usual[i] >= 0 && r->usual[i] <= TRANSIENTS_MOST);
     archive_expect(a, r->aside >= 0 && r->aside <= 1);
 }
