@@ -1,19 +1,25 @@
 #!/usr/bin/env bash
 # tests/mutate.sh [N] [FIRST] - plants faults in the kernels, one at a time, and shows which ones the tests do not notice.
+# tests/mutate.sh constants [NAME...] - changes their constants, and runs the comparison with reference/splat.c alone: each must be noticed.
 #
-# A site is an operator or a comparison in the code of a kernel; every k-th is taken, so that N (36) of them are spread over all files. Each
-# mutant is a copy of the tree, built without vectors and optimisation, and tried with the kernels' tests. FIRST (0) shifts the choice.
-# Not a step of .ci/run: N builds take a quarter of an hour. The last line counts; survivors are shown as they read.
+# A site is an operator or a comparison in the code of a kernel; every k-th is taken, so that N (36) of them are spread over all files. FIRST
+# (0) shifts the choice. Of constants all are taken (or those named): a real number becomes 1.1 times itself, a whole one its successor; of an
+# array of whole numbers the first in each line. Each mutant is a copy of the tree, built without vectors and optimisation, and tried with the
+# kernels' tests. Not a step of .ci/run: a build and a run take 20 s. The last line counts; survivors are shown as they read. With constants
+# the exit code is 1 when one survives.
 set -u
 cd "$(dirname "$0")/.." || exit 1
-wanted=${1:-36} first=${2:-0}
 work=build/mutate
-tests="tests/test_adam.c tests/test_extremes.c tests/test_gradient.c tests/test_loss.c tests/test_oracle.c tests/test_raster.c tests/test_train.c"
-names='adam_ pixel_that extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ double_kernels density_ a_step'
+kernels=$(find src -name project.c -o -name bin.c -o -name raster.c -o -name loss.c -o -name adam.c -o -name density.c | sort)
+constants=$(find src -name kernels.h)
+# How much room there is, how the work is cut up, and the last of some names: a larger number changes no result, by the invariants at the top
+# of their files.
+sizes='TILE_PIXELS TILE_BLOCKS SPLAT_SUMS LOSS_GAP LOSS_MAPS LOSS_PRODUCT LOSS_DERIVATIVES LOSS_SUMS BIN_PARTS BIN_PART_LEAST BIN_NARROW
+BIN_RADIX_BITS RASTER_BATCH'
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
 
 # FILE LINE COLUMN OLD NEW: one for each place where code, not a comment or a declaration, has such an operator.
-sites() {
+operators() {
     awk '
     BEGIN { split(" + | - | * | < | > | >= | <= | += |(real)0.5|(real)-0.5", old, "|")
             split(" - | + | + | >= | <= | > | < | -= |(real)0.25|(real)0.5", new, "|") }
@@ -24,7 +30,26 @@ sites() {
             if (at) printf "%s\t%d\t%d\t%s\t%s\n", FILENAME, FNR, at, old[i], new[i]
         }
     }
-    /\*\// { comment = 0 }' src/render/project.c src/render/bin.c src/render/raster.c src/render/loss.c src/render/adam.c src/train/density.c
+    /\*\// { comment = 0 }' $kernels
+}
+
+# The same for constants, with the name before it.
+numbers() { # NAMES TO LEAVE OUT, NAMES TO TAKE (all)
+    awk -v out=" $(echo $1) " -v only=" $2 " '
+    function number(name, from, real,    text) { # returns where it ends
+        text = substr($0, from)
+        sub(/\/\*.*/, "", text)
+        if (index(out, " " name " ") || (only != "  " && !index(only, " " name " "))) return 0
+        if (text ~ /<<|\+/ || !match(text, /[0-9]+(\.[0-9]*)?(e[-+]?[0-9]+)?/)) return 0
+        real = real || substr(text, RSTART, RLENGTH) ~ /[.e]/
+        printf "%s\t%s\t%d\t%d\t%s\t%s\n", name, FILENAME, FNR, from + RSTART - 1, substr(text, RSTART, RLENGTH),
+            real ? sprintf("%.17g", 1.1 * substr(text, RSTART, RLENGTH)) : substr(text, RSTART, RLENGTH) + 1
+        return from + RSTART - 1 + RLENGTH
+    }
+    /^#define [A-Z0-9_]+ / { number($2, index($0, $2) + length($2), /\(real\)/) }
+    /^static const real/ { array = $4; sub(/\[.*/, "", array); number(array, index($0, "=") + 1, !/\{\{/) }
+    array && !/^static const real/ { at = number(array, 1, /\(real\)/); while (at && /\(real\)/) at = number(array, at, 1) }
+    /;$/ { array = "" }' $constants $kernels
 }
 
 mutate() { # FILE LINE COLUMN OLD NEW
@@ -37,25 +62,41 @@ try() {
     (cd "$work/tree" && timeout 600 build/test $names) >"$work/test.log" 2>&1
 }
 
-rm -rf "$work"
-mkdir -p "$work/tree"
-cp -r Makefile oceanxl.c oceanxl.h src cli lab tests fuzz "$work/tree"
-try || { echo "the tests fail without any fault, see $work/test.log"; exit 1; }
-sites >"$work/sites"
-total=$(wc -l <"$work/sites")
-step=$((total / wanted))
-killed=0 survived=0 invalid=0
-while IFS=$'\t' read -r file line at old new; do
-    mutate "$file" "$line" "$at" "$old" "$new"
+plant() { # FILE LINE COLUMN OLD NEW [NAME]
+    local what="$1:$2:$3 ${6:-} '$4' became '$5'"
+    mutate "${@:1:5}"
     try
     case $? in
         0)
             survived=$((survived + 1))
-            echo "survived: $file:$line:$at '$old' became '$new': $(sed -n "${line}p" "$file" | sed 's/^ *//')"
+            echo "survived: $what: $(sed -n "$2p" "$1" | sed 's/^ *//')"
             ;;
-        2) invalid=$((invalid + 1)) ;;
-        *) killed=$((killed + 1)); echo "noticed:  $file:$line:$at '$old' became '$new': $(grep -m1 ^FAIL "$work/test.log" || echo 'crash or no end')" ;;
+        2) invalid=$((invalid + 1)); echo "invalid:  $what: $(grep -m1 error: "$work/build.log")" ;;
+        *) killed=$((killed + 1)); echo "noticed:  $what: $(grep -m1 ^FAIL "$work/test.log" || echo 'crash or no end')" ;;
     esac
-    cp "$file" "$work/tree/$file"
-done < <(awk -v step="$step" -v first="$first" -v wanted="$wanted" 'NR % step == (first % step) && n++ < wanted' "$work/sites")
-echo "$((killed + survived)) faults of $total sites: $killed noticed, $survived survived ($invalid did not compile)"
+    cp "$1" "$work/tree/$1"
+}
+
+tests="tests/test_adam.c tests/test_extremes.c tests/test_gradient.c tests/test_loss.c tests/test_oracle.c tests/test_raster.c tests/test_reference.c tests/test_train.c"
+names='adam_ pixel_that extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_'
+[ "${1:-}" = constants ] && tests=tests/test_reference.c names=reference_
+rm -rf "$work"
+mkdir -p "$work/tree"
+cp -r Makefile oceanxl.c oceanxl.h src backends cli lab reference tests fuzz "$work/tree"
+try || { echo "the tests fail without any fault, see $work/test.log"; exit 1; }
+killed=0 survived=0 invalid=0
+if [ "${1:-}" = constants ]; then
+    numbers "$sizes" "${*:2}" >"$work/sites"
+    while IFS=$'\t' read -r name file line at old new; do plant "$file" "$line" "$at" "$old" "$new" "$name"; done <"$work/sites"
+    echo "$((killed + survived)) constants: $killed noticed, $survived survived ($invalid did not compile)"
+    [ $survived = 0 ]
+else
+    wanted=${1:-36} first=${2:-0}
+    operators >"$work/sites"
+    total=$(wc -l <"$work/sites")
+    step=$((total / wanted))
+    while IFS=$'\t' read -r file line at old new; do
+        plant "$file" "$line" "$at" "$old" "$new"
+    done < <(awk -v step="$step" -v first="$first" -v wanted="$wanted" 'NR % step == (first % step) && n++ < wanted' "$work/sites")
+    echo "$((killed + survived)) faults of $total sites: $killed noticed, $survived survived ($invalid did not compile)"
+fi

@@ -104,6 +104,14 @@ static void reference_dark(struct wide *w, double log_factor)
     reference_opacity(w, 1.5);
 }
 
+/* Gaussians of less than a pixel in second lobes that reach over much of the image. */
+static void reference_dots(struct wide *w, double log_scale)
+{
+    reference_size(w, log_scale);
+    for (size_t i = 0; i < w->lobes; i++)
+        for (int a = 1; a < 4; a++) w->plane[OXL_LOBE + a][i] = -1.5 - log_scale;
+}
+
 static void reference_colour(struct wide *w, double mean)
 {
     reference_fill(w, OXL_SH, OXL_SH + 3, mean, 1);
@@ -140,6 +148,7 @@ static const struct reference_scene REFERENCE_SCENES[] = {
     {"at the near plane", reference_near, 0.1, 64, 48, 200, 50, 2},
     {"past the clamp of the Jacobian", reference_aside, 1.5, 64, 48, 60, 20, 1},
     {"alpha is negative", reference_dark, 0.6, 64, 48, 60, 40, 0},
+    {"dots in discs", reference_dots, -6, 64, 48, 100, 60, 0},
     {"colours about black", reference_colour, -1.7, 64, 48, 200, 0, 2},
     {"long quaternions", reference_quaternion, 1e6, 64, 48, 100, 0, 0},
     {"short quaternions", reference_quaternion, 1e-6, 64, 48, 100, 30, 0},

@@ -14,7 +14,6 @@
  */
 #include "kernels.h"
 
-#define LOSS_TAPS        11
 #define LOSS_HALF        5 /* px: the window reaches this far */
 #define LOSS_BAND        8 /* rows blurred down together: each row that is loaded serves all whose windows hold it */
 #define LOSS_REACH       (LOSS_BAND + 2 * LOSS_HALF) /* rows that the windows of a band reach */
@@ -31,11 +30,9 @@
 #define LOSS_C1 ((real)1e-4) /* 0.01^2 */
 #define LOSS_C2 ((real)9e-4) /* 0.03^2 */
 
-static const real LOSS_WINDOW[LOSS_TAPS] = {/* exp(-i^2 / (2 x 1.5^2)), normalised */
-                                            (real)0.00102838008447911, (real)0.00759875813523919, (real)0.03600077212843083,
-                                            (real)0.10936068950970002, (real)0.21300553771125370, (real)0.26601172486179436,
-                                            (real)0.21300553771125370, (real)0.10936068950970002, (real)0.03600077212843083,
-                                            (real)0.00759875813523919, (real)0.00102838008447911};
+static const real LOSS_WINDOW[LOSS_HALF + 1] = {/* exp(-i^2 / (2 x 1.5^2)) for i = 5..0, all 11 together 1 */
+                                                (real)0.00102838008447911, (real)0.00759875813523919, (real)0.03600077212843083,
+                                                (real)0.10936068950970002, (real)0.21300553771125370, (real)0.26601172486179436};
 
 struct loss_strip {
     const struct loss_job *job;
