@@ -21,16 +21,16 @@
 #define PI            3.14159265358979323846
 #define LOW_PASS      0.3         /* px^2 added to the variances of a splat: none is thinner than a pixel [K*] */
 #define FRUSTUM_CLAMP 1.3         /* half fields of view; the Jacobian further out is that of this edge [K*] */
-#define ALPHA_MIN     (1.0 / 255) /* fainter contributions are skipped [K*] */
-#define ALPHA_MAX     0.99        /* no splat hides all that is behind it [K*] */
-#define T_MIN         1e-4        /* a pixel ends before its transmittance falls below this [K] */
+#define ALPHA_MIN     (1.0 / 255) /* fainter contributions are skipped [K app. C] */
+#define ALPHA_MAX     0.99        /* no splat hides all that is behind it [K app. C] */
+#define T_MIN         1e-4        /* a pixel ends before its transmittance falls below this [K app. C] */
 #define T_MAX         16          /* from here on it takes no negative alpha, which would let it grow */
 
 /* 64 numbers, raw as in a PLY file. Gradients and Adam's moments have the same shape, and so the same type. */
 struct gaussian {
     double mean[3];      /* centre, world units */
     double log_scale[3]; /* log of the standard deviation s along each axis of its own */
-    double rotation[4];  /* quaternion w x y z of any length */
+    double rotation[4];  /* quaternion w x y z of any length but 0 */
     double logit;        /* opacity o = sigmoid(logit) */
     double sh[48];       /* spherical harmonics: coefficient k of channel c at 3 k + c */
     double lobe[4];      /* second lobe: o' = o sigmoid(lobe[0]), s'_a = s_a exp(lobe[1 + a]) */
@@ -392,7 +392,7 @@ void densify(struct trainer *t, int was_reset) {
 
 #ifndef SPLAT_NO_MAIN
 #include "scene.h"
-/* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. */
+/* [K*]'s columns but for the normals, which are 0; those of the harmonics count by channel. Viewers know no second lobes. */
 void write_ply(const char *path, const struct model *m) {
     const char *name[] = {"x",     "y",     "z",     "scale_0", "scale_1", "scale_2", "rot_0",
                           "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0",  "f_dc_1",  "f_dc_2"};
@@ -415,13 +415,14 @@ int main(void) {
     struct camera cam[VIEWS];
     double mean = 0, square = 0;
     FILE *f = fopen("splat.ppm", "wb");
+    if (!f) return perror("splat.ppm"), 1;
     for (int i = 0; i < COUNT; i++) memcpy(&t.x[i], SCENE_GAUSSIAN[i], sizeof *SCENE_GAUSSIAN);
     for (int i = 0; i < VIEWS; i++) {
         cam[i] = (struct camera){{48, 36}, {45, 45}, {24, 18}, .near_plane = 0.2};
         memcpy(cam[i].rotation, SCENE_VIEW[i], 9 * sizeof(double)), memcpy(cam[i].origin, SCENE_VIEW[i] + 9, 3 * sizeof(double));
         render_forward(&t.model, &cam[i], t.s, truth[i]);
     }
-    for (int i = 0; i < COUNT; i++) { /* of the truth only its images are left, and about where it is */
+    for (int i = 0; i < COUNT; i++) { /* known are the images and rough places; o = 0.1, o' = 0.1 o, s' = 1.6 s */
         struct gaussian start = {.log_scale = {-2, -2, -2}, .rotation = {1}, .logit = -2.2, .lobe = {-2.2, 0.5, 0.5, 0.5}};
         for (int a = 0; a < 3; a++) start.mean[a] = rint(4 * t.x[i].mean[a]) / 4;
         t.x[i] = start;
@@ -433,7 +434,7 @@ int main(void) {
         t.model.degree = 4 * step / (STEPS + 1);
         if (step <= STEPS / 2) densify(&t, step > STEPS / 4);
         for (int i = 0; i < t.model.count; i++) {
-            if (step == STEPS / 4) t.x[i].logit = fmin(t.x[i].logit, -4.6), t.m[i].logit = t.v[i].logit = 0; /* reset [K*] */
+            if (step == STEPS / 4) t.x[i].logit = fmin(t.x[i].logit, -4.6), t.m[i].logit = t.v[i].logit = 0; /* o = .01 [K*] */
             if (step == STEPS * 3 / 4) t.x[i].lobed = t.pull[i] > 2e-4 * t.views[i];                         /* [O eq. 4] */
         }
     }
