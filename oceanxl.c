@@ -77,7 +77,10 @@
 #include "src/train/water.c"           /* the nine parameters of the medium */
 #include "src/train/exposure.c"        /* log gains per training image */
 #include "src/train/nonfinite.c"       /* numbers that are not finite: put aside, counted, told */
-#include "src/train/model_selection.c" /* model only what the scene requires: SH bands, second lobes */
+#include "src/train/schedule.c"        /* what depends on the options and the step alone */
+#include "src/train/step.c"            /* the parts of one step: forward, loss, backward, Adam, density, pruning */
+#include "src/train/branch.c"          /* copies of the training state */
+#include "src/train/model_selection.c" /* model only what the scene requires: SH degree, second lobes */
 #include "src/train/train.c"           /* the loop: it reads like the paper's algorithm */
 #include "src/job/metrics.c"           /* PSNR, SSIM, MS-SSIM, evaluation */
 #include "src/job/seam.c"              /* do the borders between blocks show? */

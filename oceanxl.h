@@ -393,7 +393,7 @@ typedef struct oxl_train_options {
     oxl_keep     keep;
     oxl_exposure exposure;
     int          medium; /* 1: water between camera and Gaussians is modelled, nine parameters, on the CPU (docs/WATER.md) */
-    int          robust; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
+    int          mask_transients; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
     /* difference-of-Gaussians lobes */
     oxl_dog      dog;
     float        dog_from;      /* share of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] */
@@ -422,7 +422,7 @@ typedef struct oxl_progress {
     double           seconds_left; /* predicted */
     size_t           memory;       /* bytes at the peak so far; only in a job, else 0 */
     const oxl_model *model;        /* as it stands, on a device as it was brought home last; valid during the call */
-    oxl_nonfinite    faults;       /* so far */
+    oxl_nonfinite    nonfinite;    /* so far */
     int              trial;        /* 1: a step of a way that is tried out, for a decision; it may be taken back */
 } oxl_progress;
 

@@ -292,7 +292,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
     fuzz_explained(ctx, rc);
     for (int i = 0; i < 3 && rc == OXL_OK && t.step < options.iterations; i++) {
         t.step++;
-        rc = train_step(&t);
+        rc = selection_step(&t);
         fuzz_explained(ctx, rc);
     }
     train_end(&t);

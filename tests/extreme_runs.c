@@ -204,7 +204,7 @@ static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *
 
 static int extreme_count_faults(void *user, const oxl_progress *p)
 {
-    *(oxl_nonfinite *)user = p->faults;
+    *(oxl_nonfinite *)user = p->nonfinite;
     return 0;
 }
 

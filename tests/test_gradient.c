@@ -251,7 +251,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     const oxl_camera          camera  = gradient_camera(GRADIENT_WIDTH, GRADIENT_HEIGHT, 12);
     oxl_render_options        options = oxl_render_options_default();
     float                     drgb[3 * GRADIENT_WIDTH * GRADIENT_HEIGHT];
-    struct adam_params        pace = {.beta = RENDERER_BETAS, .step = 1};
+    struct adam_params        adam = {.beta = RENDERER_BETAS, .step = 1};
     struct wide               r;
     struct renderer          *renderer;
     oxl_model                 m, first, second, gradient, old;
@@ -261,7 +261,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     gradient_to_model(&r, &m);
     gradient_to_model(&r, &old);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);
-    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] = k == OXL_LOBE ? 0.025f : 0.005f;
+    for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = k == OXL_LOBE ? 0.025f : 0.005f;
     CHECK_OK(oxl_model_create(test_ctx, 40, 0, &first));
     CHECK_OK(oxl_model_create(test_ctx, 40, 0, &second));
     CHECK_OK(oxl_model_create(test_ctx, 40, 0, &gradient));
@@ -272,10 +272,10 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     CHECK_OK(renderer_forward(test_ctx, renderer, &m, &camera, &options));
     CHECK_OK(renderer_backward(test_ctx, renderer, drgb, &gradient));
     CHECK(gradient.lobes == 19);
-    CHECK_OK(renderer_step(test_ctx, renderer, &m, &gradient, &first, &second, &pace, &aside));
+    CHECK_OK(renderer_step(test_ctx, renderer, &m, &gradient, &first, &second, &adam, &aside));
     for (int k = OXL_LOBE; k < OXL_PLANES; k++) {
         for (int i = 0; i < 19; i++)
-            CHECK_CLOSE(fabs(m.plane[k][i] - old.plane[k][i]), i == 3 ? 0 : pace.rate[k], 1e-4 * pace.rate[k]);
+            CHECK_CLOSE(fabs(m.plane[k][i] - old.plane[k][i]), i == 3 ? 0 : adam.rate[k], 1e-4 * adam.rate[k]);
         for (int i = 19; i < 32; i++) CHECK(m.plane[k][i] == 0);
     }
     CHECK(m.plane[OXL_OPACITY][25] != old.plane[OXL_OPACITY][25]);

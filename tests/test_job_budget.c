@@ -3,7 +3,7 @@
 static struct survey_load budget_test_load(void)
 {
     return (struct survey_load){
-        .points = 20000, .observations = 100000, .views = 50, .pixels = 50e6, .train_pixels = 45e6, .largest = 1e6};
+        .points = 20000, .observations = 100000, .views = 50, .pixels = 50e6, .schedule_pixels = 45e6, .largest = 1e6};
 }
 
 static oxl_job_options budget_test_options(double ram)
@@ -28,7 +28,7 @@ TEST(budget_takes_the_cache_then_trials_then_gaussians)
     oxl_job_options          o    = budget_test_options(20e9);
     const double             most = survey_cost(test_ctx, &o, &load).gaussians; /* that are expected */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)1 << 30);
-    CHECK((size_t)o.train.max_gaussians == train_cap_of(load.points, load.train_pixels, &free.train));
+    CHECK((size_t)o.train.max_gaussians == schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train));
     o = budget_test_options(2e9);
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)5e8);
     CHECK(o.train.max_gaussians >= most);
@@ -105,7 +105,7 @@ TEST(budget_asks_for_no_more_gaussians_than_the_photographs_allow)
 {
     struct survey_load load = budget_test_load();
     oxl_job_options    o    = budget_test_options(2e9);
-    load.train_pixels       = 1e4; /* fewer than points: none is added */
+    load.schedule_pixels    = 1e4; /* fewer than points: none is added */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.max_gaussians >= 20000);
 }
 

@@ -162,9 +162,9 @@ TEST(options_that_differ_between_two_runs_are_named_with_both_values)
 {
     oxl_job_options a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
     struct text     there = {.ctx = test_ctx}, here = there, t = there;
-    b.train.keep   = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
-    b.scene.images = "here";
-    a.train.robust = 1;
+    b.train.keep            = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
+    b.scene.images          = "here";
+    a.train.mask_transients = 1;
     manifest_describe(&there, "one", &a);
     manifest_describe(&here, "two", &b);
     CHECK_OK(manifest_differences(&t, there.data, here.data));

@@ -498,7 +498,7 @@ TEST(reference_steps_of_adam_agree)
 {
     enum { STEPS = 60, ROWS = 60 };
     const struct reference_scene scene = {"", reference_as_it_is, 0, 64, 48, ROWS, 20, 0};
-    struct adam_params           pace  = {.beta = RENDERER_BETAS};
+    struct adam_params           adam  = {.beta = RENDERER_BETAS};
     struct renderer_nonfinite    aside;
     struct renderer             *r;
     struct reference_case        c;
@@ -512,23 +512,23 @@ TEST(reference_steps_of_adam_agree)
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(renderer_forward(test_ctx, r, &c.m, &c.w.camera, &c.options));
     for (int k = 0; k < OXL_PLANES; k++) {
-        pace.rate[k] = (float)splat_learning_rate(k, 3, 0.5);
+        adam.rate[k] = (float)splat_learning_rate(k, 3, 0.5);
         for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
             x[k][i] = c.w.plane[k][i], first.plane[k][i] = second.plane[k][i] = 0;
     }
-    for (pace.step = 1; pace.step <= STEPS; pace.step++) {
+    for (adam.step = 1; adam.step <= STEPS; adam.step++) {
         for (int k = 0; k < OXL_PLANES; k++)
             for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) {
-                const double g       = 0.3 + reference_random(i, (size_t)(k + 100 * pace.step));
+                const double g       = 0.3 + reference_random(i, (size_t)(k + 100 * adam.step));
                 gradient.plane[k][i] = (float)(i % 2 ? g : g * exp(-(double)(i % 37)));
                 if (renderer_saw(r, i))
-                    splat_adam(&x[k][i], gradient.plane[k][i], pace.rate[k], pace.step, &mean[k][i], &square[k][i]);
+                    splat_adam(&x[k][i], gradient.plane[k][i], adam.rate[k], adam.step, &mean[k][i], &square[k][i]);
             }
-        CHECK_OK(renderer_step(test_ctx, r, &c.m, &gradient, &first, &second, &pace, &aside));
+        CHECK_OK(renderer_step(test_ctx, r, &c.m, &gradient, &first, &second, &adam, &aside));
     }
     for (int k = 0; k < OXL_PLANES; k++)
         for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++)
-            CHECK_CLOSE(c.m.plane[k][i], x[k][i], 1e-4 * STEPS * pace.rate[k] + 1e-5 * fabs(x[k][i]));
+            CHECK_CLOSE(c.m.plane[k][i], x[k][i], 1e-4 * STEPS * adam.rate[k] + 1e-5 * fabs(x[k][i]));
     renderer_free(test_ctx, r);
     oxl_model_free(test_ctx, &gradient);
     oxl_model_free(test_ctx, &first);

@@ -448,7 +448,7 @@ TEST(train_resets_no_opacity_shortly_before_density_control_ends_or_pruning_star
             o.iterations = n;
             prune_begin(&p, (oxl_keep){OXL_KEEP_FRACTION, 0.5}, n, (int)(o.densify_until * n), 100, 248);
             for (int step = 1; step <= n; step++)
-                if (train_resets_opacity_at(&o, step)) last = step, count++;
+                if (schedule_resets_opacity_at(&o, step)) last = step, count++;
             CHECK(last == 0 || last + OXL_MAX(1000, 0.025 * n) <= o.densify_until * n);
             CHECK(last == 0 || last + OXL_MAX(1000, 0.025 * n) <= p.start);
             CHECK(n < 30000 || count == 4); /* of Kerbl's schedule none but the last is gone */
@@ -507,11 +507,11 @@ TEST(train_in_haste_starts_from_gaussians_that_are_narrower_and_more_opaque)
 TEST(train_halves_large_photographs_alone_when_it_is_to_choose)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
-    CHECK(train_coarse_share(&o, 320, 640) == 0.25 && train_coarse_share(&o, 639, 400) == 0);
+    CHECK(schedule_coarse_share(&o, 320, 640) == 0.25 && schedule_coarse_share(&o, 639, 400) == 0);
     o.coarse = 0.5f;
-    CHECK(train_coarse_share(&o, 48, 48) == 0.5);
+    CHECK(schedule_coarse_share(&o, 48, 48) == 0.5);
     o = oxl_train_options_default(OXL_PRESET_PAPER);
-    CHECK(train_coarse_share(&o, 8000, 6000) == 0);
+    CHECK(schedule_coarse_share(&o, 8000, 6000) == 0);
 }
 
 TEST(train_refuses_shares_of_a_run_that_are_none)
@@ -539,13 +539,13 @@ static struct adam_params train_adam_params_at(int step, int iterations, float s
     oxl_train_options  o     = oxl_train_options_default(OXL_PRESET_STANDARD);
     oxl_scene         *scene = train_scene(2);
     const struct train t     = {.ctx = test_ctx, .scene = scene, .options = &o, .step = step};
-    struct adam_params pace;
+    struct adam_params adam;
     o.iterations         = iterations;
     o.short_run_exponent = short_run_exponent;
     o.cooldown           = cooldown;
-    pace                 = train_adam_params(&t);
+    adam                 = schedule_adam_params(&t);
     oxl_scene_free(test_ctx, scene);
-    return pace;
+    return adam;
 }
 
 static struct adam_params train_pace_of(int iterations, float short_run_exponent)
@@ -573,9 +573,9 @@ TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_settled_or_n
 {
     const oxl_train_options o = {.iterations = 1000, .alpha_min = 0.03f};
     struct train            t = {.options = &o, .step = 800};
-    CHECK(train_alpha_min(&t) == 0.03f);
+    CHECK(schedule_alpha_min(&t) == 0.03f);
     t.step++;
-    CHECK(train_alpha_min(&t) == 0);
+    CHECK(schedule_alpha_min(&t) == 0);
 }
 
 TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iterations_on)

@@ -27,7 +27,7 @@ static void faults_begin(struct faults_case *c, int steps)
     CHECK_OK(train_begin(&c->t));
     while (c->t.step < steps) {
         c->t.step++;
-        CHECK_OK(train_step(&c->t));
+        CHECK_OK(selection_step(&c->t));
     }
     CHECK_OK(model_copy(test_ctx, &c->model, &c->before));
 }
@@ -45,10 +45,10 @@ static void faults_free(struct faults_case *c)
 static void faults_step_with_pixel(struct faults_case *c, float value)
 {
     c->t.step++;
-    CHECK_OK(train_load_image(&c->t, 2));
+    CHECK_OK(step_load_image(&c->t, 2));
     c->t.renderer->target[100] = value;
-    CHECK_OK(train_on_view(&c->t, 2));
-    CHECK_OK(train_density(&c->t));
+    CHECK_OK(step_on_view(&c->t, 2));
+    CHECK_OK(selection_density(&c->t));
 }
 
 static int faults_model_is_finite(const oxl_model *m)
@@ -65,11 +65,11 @@ TEST(faults_a_photograph_with_a_number_that_is_none_costs_its_step_alone)
         faults_begin(&c, steps);
         faults_step_with_pixel(&c, steps ? INFINITY : NAN);
         CHECK(train_same(&c.model, &c.before));
-        CHECK(c.t.faults.steps == 1 && c.t.faults.cleared == 0 && c.t.faults.rows == 0);
+        CHECK(c.t.nonfinite.steps == 1 && c.t.nonfinite.cleared == 0 && c.t.nonfinite.rows == 0);
         CHECK_TEXT(faults_heard, steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
         c.t.step++;
-        CHECK_OK(train_step(&c.t));
-        CHECK(c.t.faults.steps == 1 && faults_model_is_finite(&c.model) && !train_same(&c.model, &c.before));
+        CHECK_OK(selection_step(&c.t));
+        CHECK(c.t.nonfinite.steps == 1 && faults_model_is_finite(&c.model) && !train_same(&c.model, &c.before));
         faults_free(&c);
     }
 }
@@ -84,15 +84,15 @@ TEST(faults_a_gaussian_that_turns_bad_is_traced_and_cleared_and_the_rest_is_trai
         c.model.plane[planes[k]][77] = k % 2 ? INFINITY : NAN;
         while (c.t.step < 25) {
             c.t.step++;
-            CHECK_OK(train_step(&c.t));
+            CHECK_OK(selection_step(&c.t));
         }
-        CHECK(c.t.faults.steps <= 1 && c.t.faults.rows <= 15);
+        CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
         if (k == 0) CHECK_TEXT(faults_heard, "Gaussian 77 met a number that is not finite: the step is skipped, 1 cleared");
         for (size_t i = 0; i < c.model.count; i++) bad += !model_row_is_finite(&c.model, i);
-        CHECK(bad == (c.t.faults.cleared == 0)); /* one that no view can see harms none, and goes at the end */
+        CHECK(bad == (c.t.nonfinite.cleared == 0)); /* one that no view can see harms none, and goes at the end */
         CHECK(c.model.plane[OXL_MEAN][5] != c.before.plane[OXL_MEAN][5]);
-        CHECK_OK(nonfinite_end(test_ctx, &c.t.faults, &c.model));
-        CHECK(faults_model_is_finite(&c.model) && c.t.faults.cleared == 1);
+        CHECK_OK(nonfinite_end(test_ctx, &c.t.nonfinite, &c.model));
+        CHECK(faults_model_is_finite(&c.model) && c.t.nonfinite.cleared == 1);
         faults_free(&c);
     }
 }
@@ -102,24 +102,24 @@ TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_ot
     struct faults_case        c;
     struct renderer_nonfinite aside;
     struct renderer_loss      loss;
-    struct adam_params        pace = {.beta = RENDERER_BETAS};
+    struct adam_params        adam = {.beta = RENDERER_BETAS};
     faults_begin(&c, 3);
-    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] = 0.01f;
-    pace.step = ++c.t.step;
-    CHECK_OK(train_load_image(&c.t, 2));
-    CHECK_OK(train_compare_view(&c.t, 2, &loss));
+    for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.01f;
+    adam.step = ++c.t.step;
+    CHECK_OK(step_load_image(&c.t, 2));
+    CHECK_OK(step_compare_view(&c.t, 2, &loss));
     CHECK_OK(renderer_backward(test_ctx, c.t.renderer, NULL, &c.t.gradient));
     c.t.gradient.plane[OXL_ROTATION + 1][40] = NAN;
     c.t.gradient.plane[OXL_SH + 2][41]       = -INFINITY;
-    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, &pace, &aside));
+    CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, &adam, &aside));
     CHECK(aside.rows == 2 && aside.first == 40 && !renderer_saw(c.t.renderer, 40) && renderer_saw(c.t.renderer, 42));
     for (int k = 0; k < oxl_model_planes(&c.model); k++)
         for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);
     CHECK(c.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] && c.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
-    nonfinite_of_rows(test_ctx, &c.t.faults, c.t.step, "v02.png", aside, &c.model, &c.t.first, &c.t.second);
+    nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.model, &c.t.first, &c.t.second);
     CHECK_TEXT(faults_heard,
                "step 4: in v02.png, Gaussian 40 and 1 more met a number that is not finite: the step is skipped, 0");
-    CHECK(c.t.faults.rows == 2 && c.t.faults.cleared == 0 && faults_model_is_finite(&c.model) &&
+    CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 && faults_model_is_finite(&c.model) &&
           faults_model_is_finite(&c.t.first));
     faults_free(&c);
 }

@@ -4,7 +4,7 @@ enum { ROBUST_TEST_SIDE = 48, ROBUST_TEST_PIXELS = ROBUST_TEST_SIDE * ROBUST_TES
 
 struct robust_case {
     oxl_scene        *scene;
-    struct transients robust;
+    struct transients transients;
     float             drawn[3 * ROBUST_TEST_PIXELS], photo[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
 };
 
@@ -12,13 +12,13 @@ static struct robust_case *robust_case(void)
 {
     struct robust_case *c = calloc(1, sizeof *c);
     c->scene              = train_scene(7);
-    CHECK_OK(transients_begin(test_ctx, &c->robust, c->scene, 1));
+    CHECK_OK(transients_begin(test_ctx, &c->transients, c->scene, 1));
     return c;
 }
 
 static void robust_case_free(struct robust_case *c)
 {
-    transients_free(test_ctx, &c->robust);
+    transients_free(test_ctx, &c->transients);
     oxl_scene_free(test_ctx, c->scene);
     free(c);
 }
@@ -33,8 +33,8 @@ static void robust_test_paint(float *rgb, int x, int y, float by)
 
 static void robust_test_look(struct robust_case *c, int view, int masked)
 {
-    CHECK_OK(transients_weigh(test_ctx, &c->robust, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->drawn, c->photo, 1,
-                              masked, c->weight));
+    CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->drawn,
+                              c->photo, 1, masked, c->weight));
 }
 
 static int robust_test_aside(const struct robust_case *c)
@@ -87,15 +87,15 @@ TEST(robust_keeps_masks_and_asks_nobody_about_what_they_hide)
     for (int i = 0; i < ROBUST_TEST_PIXELS; i++) c->weight[i] = i / ROBUST_TEST_SIDE < 24 ? 0 : 1;
     robust_test_look(c, 3, 1);
     CHECK(robust_test_aside(c) == ROBUST_TEST_PIXELS / 2);
-    while (hidden < c->robust.points && (c->robust.place[hidden] < 0 || c->robust.place[hidden] >= 60)) hidden++;
-    CHECK(hidden < c->robust.points); /* 5 of 12 rows of squares: well behind the mask */
-    before = c->robust.usual[hidden];
+    while (hidden < c->transients.points && (c->transients.place[hidden] < 0 || c->transients.place[hidden] >= 60)) hidden++;
+    CHECK(hidden < c->transients.points); /* 5 of 12 rows of squares: well behind the mask */
+    before = c->transients.usual[hidden];
     robust_test_look(c, 3, 1);
-    after = c->robust.usual[hidden];
+    after = c->transients.usual[hidden];
     CHECK(before == after && before == TRANSIENTS_MOST);
     for (int i = 0; i < ROBUST_TEST_PIXELS; i++) c->weight[i] = 0;
     robust_test_look(c, 3, 0); /* without a mask the weights are made anew */
-    CHECK(robust_test_aside(c) == 0 && c->robust.usual[hidden] < before);
+    CHECK(robust_test_aside(c) == 0 && c->transients.usual[hidden] < before);
     robust_case_free(c);
 }
 
@@ -150,7 +150,7 @@ TEST(robust_a_run_stopped_at_any_step_ends_in_the_same_bytes)
     oxl_model              model, plain;
     c.options.sh_degree = -1;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &plain));
-    c.options.robust = 1;
+    c.options.mask_transients = 1;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     CHECK(!train_same(&plain, &c.whole));
     for (size_t i = 0; i < OXL_COUNT(stops); i++) {
@@ -170,7 +170,7 @@ TEST(robust_gives_the_same_bytes_with_one_and_three_threads)
     oxl_train_options options = train_options(100);
     oxl_model         one, three;
     const int         threads = test_ctx->threads;
-    options.robust            = 1;
+    options.mask_transients   = 1;
     test_ctx->threads         = 1;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &one));
     test_ctx->threads = 3;

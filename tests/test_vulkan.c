@@ -639,12 +639,12 @@ static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_cam
 {
     oxl_render_options        options = oxl_render_options_default();
     struct renderer_nonfinite aside;
-    struct adam_params        pace = {.beta = {0.7, 0.9995}};
-    for (int k = 0; k < OXL_PLANES; k++) pace.rate[k] = 1e-3f;
-    for (pace.step = from; pace.step <= to; pace.step++) {
+    struct adam_params        adam = {.beta = {0.7, 0.9995}};
+    for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
+    for (adam.step = from; adam.step <= to; adam.step++) {
         CHECK_OK(renderer_forward(ctx, r, &run->model, camera, &options));
         CHECK_OK(renderer_backward(ctx, r, drgb, &run->gradient));
-        CHECK_OK(renderer_step(ctx, r, &run->model, &run->gradient, &run->first, &run->second, &pace, &aside));
+        CHECK_OK(renderer_step(ctx, r, &run->model, &run->gradient, &run->first, &run->second, &adam, &aside));
         CHECK(aside.rows == aside_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
@@ -772,14 +772,14 @@ static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
     float                    *drgb    = vulkan_noise((size_t)3 * 64 * 48, 52);
     struct vulkan_run         run     = vulkan_run_begin(300, 1, 0);
     oxl_render_options        options = oxl_render_options_default();
-    struct adam_params        pace    = {.beta = {0.7, 0.9995}, .step = 3};
+    struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
     struct renderer_nonfinite aside;
     struct renderer          *r;
     CHECK_OK(renderer_create(device, &r));
     vulkan_run_steps(device, r, &camera, &run, drgb, 1, 2, 0);
     CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
     CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
-    CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &pace, &aside));
+    CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &aside));
     if (times_out) device->vulkan->WaitForFences = vulkan_play_timeout;
     else device->vulkan->QueueSubmit = vulkan_play_loss;
     vulkan_check_given_up(device, r, &run, times_out ? "did not answer in time" : "the device is lost");
@@ -1157,9 +1157,9 @@ static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *met
     void (*log)(void *, oxl_log_level, const char *) = ctx->options.log;
     double    aside                                  = 0;
     oxl_model model;
-    options.robust   = robust;
-    ctx->options.log = vulkan_listen;
-    vulkan_told[0]   = 0;
+    options.mask_transients = robust;
+    ctx->options.log        = vulkan_listen;
+    vulkan_told[0]          = 0;
     CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
     if (robust) CHECK(sscanf(vulkan_told, "robust: of the photographs' pixels, %lf %%", &aside) == 1);

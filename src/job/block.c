@@ -21,7 +21,7 @@ struct block {
     struct text              log, notes;
     struct text              decisions;   /* members of a JSON object */
     double                   log_written; /* seconds */
-    oxl_nonfinite            faults;
+    oxl_nonfinite            nonfinite;
 };
 
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
@@ -81,7 +81,7 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
         out->peak              = manifest_number(map.data, "peak_rss_bytes");
         out->predicted_peak    = manifest_number(map.data, "predicted_memory_bytes");
         out->predicted_seconds = manifest_number(map.data, "predicted_seconds");
-        nonfinite_read_json(map.data, &out->faults);
+        nonfinite_read_json(map.data, &out->nonfinite);
     }
     os_release_file(ctx, &map);
     oxl_free(ctx, path);
@@ -133,7 +133,7 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     block_add(&t, "peak_rss_bytes", r->peak);
     block_add(&t, "predicted_memory_bytes", r->predicted_peak);
     block_add(&t, "predicted_seconds", r->predicted_seconds);
-    nonfinite_add_json(&t, &r->faults);
+    nonfinite_add_json(&t, &r->nonfinite);
     text_add(&t, "  " BLOCK_DECISIONS "%s},\n", b->decisions.data ? b->decisions.data : "");
     text_add(&t, "  %s,\n  " BLOCK_NOTES "%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
     t.failed |= b->notes.failed || b->decisions.failed;
@@ -201,7 +201,7 @@ static struct block_record block_record_of(const struct block *b, const oxl_mode
                                  .peak              = (double)os_peak_rss(),
                                  .predicted_peak    = b->task->predicted_peak,
                                  .predicted_seconds = block_rounded(b->task->predicted_seconds, 1e3),
-                                 .faults            = b->faults};
+                                 .nonfinite         = b->nonfinite};
 }
 
 /* Trains the block, or goes on with it. */
@@ -215,7 +215,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                         .notes     = &b->notes,
                                         .decisions = &b->decisions,
                                         .start     = task->start,
-                                        .faults    = &b->faults,
+                                        .nonfinite = &b->nonfinite,
                                         .trained   = &trained};
     oxl_result               rc, written;
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
@@ -254,14 +254,14 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
 /* At the rates that the run had before it settled, those of its haste, not of a run as short as this; with Kerbl's momentum. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
-    const double      short_run_exponent = train_short_run_factor(run);
+    const double      short_run_exponent = schedule_short_run_factor(run);
     oxl_train_options o                  = *run;
     o.iterations                         = steps;
     o.sh_degree                          = sh_degree;
     o.short_run_exponent                 = 0;
     o.rate_mean_last                     = (float)(short_run_exponent * run->rate_mean_last);
     o.rate_mean_first                    = o.rate_mean_last;
-    o.rate_log_scale                     = train_scale_rate(run);
+    o.rate_log_scale                     = schedule_scale_rate(run);
     o.rate_rotation                      = (float)(short_run_exponent * run->rate_rotation);
     o.rate_sh                            = (float)(sqrt(short_run_exponent) * run->rate_sh);
     o.densify_until                      = 0;
@@ -279,9 +279,10 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 {
     const oxl_train_options o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
     struct text             key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
-    struct train_place place = {.folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .faults = &b->faults};
-    oxl_model          plain = {0};
-    oxl_result         rc;
+    struct train_place      place = {
+             .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .nonfinite = &b->nonfinite};
+    oxl_model  plain = {0};
+    oxl_result rc;
     *done     = 0;
     b->before = b->task->train.iterations;
     model_drop_lobes(model);
@@ -319,11 +320,11 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
     int        done = 1;
     oxl_result rc   = OXL_OK;
     if (model->lobes > 0 && b->task->standard > 0) {
-        b->last   = (oxl_progress){0};
-        b->faults = (oxl_nonfinite){0};
-        rc        = block_refine(b, scene, model, &done);
+        b->last      = (oxl_progress){0};
+        b->nonfinite = (oxl_nonfinite){0};
+        rc           = block_refine(b, scene, model, &done);
         record->seconds += block_rounded(b->last.seconds, 1e3);
-        nonfinite_add(&record->faults, &b->faults);
+        nonfinite_add(&record->nonfinite, &b->nonfinite);
     }
     if (rc != OXL_OK || !done) return rc;
     record->finished = 1;

@@ -47,9 +47,10 @@ OXL_INTERNAL int budget_holds(const oxl_context *ctx, const struct survey_load *
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)
 {
     oxl_job_options fitted = *o;
-    const double    most   = (double)train_cap_of(load->points, load->train_pixels, &o->train); /* photographs allow no more */
-    const double    needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, most);
-    double          gaussians;
+    const double    most =
+        (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train); /* photographs allow no more */
+    const double needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, most);
+    double       gaussians;
     if (o->ram == 0) return 1;
     fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
     if (survey_cost(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);

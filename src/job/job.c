@@ -369,7 +369,7 @@ static void job_add_record(struct job *job, const struct block_record *r)
     t->peak              = OXL_MAX(t->peak, r->peak);
     t->predicted_peak    = OXL_MAX(t->predicted_peak, r->predicted_peak);
     t->predicted_seconds = t->predicted_seconds + r->predicted_seconds;
-    nonfinite_add(&t->faults, &r->faults);
+    nonfinite_add(&t->nonfinite, &r->nonfinite);
     job->unfinished += !r->finished;
 }
 
@@ -728,7 +728,7 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     job_add(t, "predicted_seconds", job->total.predicted_seconds);
     job_add(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
     job_add(t, "predicted_memory_bytes", job->total.predicted_peak);
-    nonfinite_add_json(t, &job->total.faults);
+    nonfinite_add_json(t, &job->total.nonfinite);
 }
 
 static oxl_result job_judge_training(struct job *job, struct text *t)

@@ -30,7 +30,7 @@ struct block_record {                                   /* block.json */
     int           there, trained, finished, iterations; /* trained: to its end, but for a standard model */
     size_t        gaussians;
     double        seconds, peak, predicted_seconds, predicted_peak; /* peaks in bytes */
-    oxl_nonfinite faults;
+    oxl_nonfinite nonfinite;
 };
 struct block_task {
     const char         *folder, *key; /* key: what the result depends on */
@@ -92,8 +92,8 @@ OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *
 struct survey_load {
     size_t points, observations; /* to start from; of a point in a view */
     int    views;
-    double pixels, train_pixels, largest; /* of all views; of the training views; of one */
-    double largest_file;                  /* pixels of a photograph as the file has it */
+    double pixels, schedule_pixels, largest; /* of all views; of the training views; of one */
+    double largest_file;                     /* pixels of a photograph as the file has it */
 };
 struct survey_cost {
     double gaussians, memory, seconds; /* at the end; peak in bytes; on ctx's threads */

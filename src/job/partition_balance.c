@@ -21,7 +21,7 @@ OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int bl
         load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
         load.observations += plan->sight->first[v + 1] - plan->sight->first[v];
     }
-    load.train_pixels = load.pixels;
+    load.schedule_pixels = load.pixels;
     return load;
 }
 

@@ -110,7 +110,7 @@ static oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, si
 
 OXL_INTERNAL double predict_time_expected(const oxl_train_options *o, size_t points, size_t cap)
 {
-    return OXL_MIN((1 + PREDICT_TIME_GROWTH * train_densifications(o)) * (double)points, (double)cap);
+    return OXL_MIN((1 + PREDICT_TIME_GROWTH * schedule_densifications(o)) * (double)points, (double)cap);
 }
 
 /* Share of the run, in steps, that its mean number of Gaussians is on the way from `points` to `count`. */
@@ -118,7 +118,7 @@ static double predict_time_grown(const oxl_train_options *o, double points, doub
 {
     double now = points, way = 0;
     for (int step = 1; step <= o->iterations; step++) {
-        if (train_densifies_at(o, step)) now = OXL_MIN(now + PREDICT_TIME_GROWTH * points, count);
+        if (schedule_densifies_at(o, step)) now = OXL_MIN(now + PREDICT_TIME_GROWTH * points, count);
         way += count > points ? (now - points) / (count - points) : 1;
     }
     return way / o->iterations;
@@ -153,12 +153,12 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
     double            step[3] = {0}, coarse, seconds;
     if (points == 0 || points > PREDICT_TIME_MOST || oxl_scene_view_count(scene) == 0) return 0;
     r.render.near_plane = (float)scene_near_plane(scene);
-    coarse              = train_coarse_share(o, oxl_scene_view(scene, 0)->camera.width, oxl_scene_view(scene, 0)->camera.height);
+    coarse = schedule_coarse_share(o, oxl_scene_view(scene, 0)->camera.width, oxl_scene_view(scene, 0)->camera.height);
     if (predict_time_all(&r, o, coarse, timed, step) != OXL_OK) return 0;
     step[2] *= (double)count / (double)timed;
     seconds = step[0] + predict_time_grown(o, (double)points, (double)count) * (step[2] - step[0]);
     seconds *= o->iterations * (step[0] > 0 && coarse > 0 ? 1 - coarse * (1 - step[1] / step[0]) : 1);
-    seconds = PREDICT_TIME_TRAINED * (seconds + step[2] * selection_steps_beside(o, train_training_views(scene)));
+    seconds = PREDICT_TIME_TRAINED * (seconds + step[2] * selection_steps_beside(o, schedule_training_views(scene)));
     oxl_log(ctx, OXL_LOG_DEBUG, "timed: %.3f ms a step at the start, %.3f ms with %zu Gaussians: %.1f s", 1e3 * step[0],
             1e3 * step[2], count, seconds);
     range[0] = seconds / PREDICT_TIME_WITHIN;

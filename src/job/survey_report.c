@@ -51,7 +51,7 @@ OXL_INTERNAL double survey_memory(const oxl_job_options *o, const struct survey_
     const int    degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
     const double photos = image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
-    const int    sets   = train_may_try(&o->train) ? 10 : 4;
+    const int    sets   = schedule_may_try(&o->train) ? 10 : 4;
     /* planes of 4 bytes: parameters, gradient and two moments; all but the gradient twice more while a trial goes on */
     return SURVEY_PROGRAM_BYTES + photos + load->largest * SURVEY_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + SURVEY_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track);
@@ -61,7 +61,7 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
 {
     const double       a_view = load->pixels / OXL_MAX(1, load->views);
     const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
-    const size_t       cap    = train_cap_of(load->points, load->train_pixels, &o->train);
+    const size_t       cap    = schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
     struct survey_cost cost   = {.gaussians = predict_time_expected(&o->train, load->points, cap)};
     const double       step   = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
                         (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
@@ -95,8 +95,10 @@ OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, con
 OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene)
 {
     const struct scene_stats *stats = scene_stats_of(scene);
-    struct survey_load        load  = {
-                .points = stats->points, .observations = stats->observations, .views = stats->views, .train_pixels = train_pixels(scene)};
+    struct survey_load        load  = {.points          = stats->points,
+                                       .observations    = stats->observations,
+                                       .views           = stats->views,
+                                       .schedule_pixels = schedule_pixels(scene)};
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         const oxl_camera *c      = &oxl_scene_view(scene, i)->camera;
         const double      pixels = (double)c->width * c->height;

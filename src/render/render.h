@@ -64,7 +64,7 @@ struct renderer_nonfinite {
 /* Adam on the rows seen by the last view, but for those of which a number or its gradient is not finite: these count as not
  * seen from then on. */
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                      oxl_model *first, oxl_model *second, const struct adam_params *pace,
+                                      oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out);
 
 /* Adds to the statistics of density control what the last view, walked back, tells of each row that it saw. */
@@ -110,7 +110,7 @@ struct renderer_device {
     oxl_result (*backward)(void *device, const float *drgb);
     oxl_result (*gradient)(void *device, oxl_model *gradient);
     oxl_result (*score)(void *device, const float *drgb, float *score);
-    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *pace,
+    oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
                        struct renderer_nonfinite *out);
     oxl_result (*observe)(void *device, const struct renderer_sums *sums);
     oxl_result (*fetch)(void *device);

@@ -549,19 +549,19 @@ static void render_count_aside(unsigned before, unsigned after, size_t pack, str
 }
 
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
-                                      oxl_model *first, oxl_model *second, const struct adam_params *pace,
+                                      oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out)
 {
     const struct render_step s     = {model,    first,      second,
-                                      gradient, pace->rate, 1 - vecmath_exp(pace->step * vecmath_log(pace->beta[0]))};
+                                      gradient, adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
     const int64_t            tasks = render_tasks(r);
     size_t                   aside = 0, first_aside = SIZE_MAX;
     struct adam_job          rows = {.visible            = r->visible,
-                                     .beta1              = (float)pace->beta[0],
-                                     .beta2              = (float)pace->beta[1],
+                                     .beta1              = (float)adam->beta[0],
+                                     .beta2              = (float)adam->beta[1],
                                      .lobe_packs         = render_packs(r->in.lobes),
-                                     .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(pace->step * vecmath_log(pace->beta[1]))))};
-    if (r->device) return r->backend->step(r->device, model, first, second, pace, out);
+                                     .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
+    if (r->device) return r->backend->step(r->device, model, first, second, adam, out);
     rows.planes      = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
     rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
     render_step_planes(&s, 0, rows.planes, 0, &rows);

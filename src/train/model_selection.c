@@ -72,7 +72,7 @@ OXL_INTERNAL int selection_holds(int index, int views)
 /* Training views in the order of their names; those that decisions are judged by stand aside. */
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
-    const int views = train_training_views(t->scene), holds = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
+    const int views = schedule_training_views(t->scene), holds = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
     int       index = 0;
     t->sh_degree    = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
     t->view         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
@@ -96,7 +96,7 @@ static void selection_release_views(struct train *t)
 /* One that cannot be read is named and cannot judge, from then on: every mean is over the same views. */
 static void selection_drop_view(struct train *t, int slot)
 {
-    nonfinite_of_photo(t->ctx, &t->faults);
+    nonfinite_of_photo(t->ctx, &t->nonfinite);
     t->held_views--;
     memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
 }
@@ -108,13 +108,13 @@ OXL_INTERNAL oxl_result selection_judge(struct train *t, double *loss, double *p
     oxl_result           rc = OXL_OK;
     *loss = *psnr = 0;
     for (int i = 0; i < t->held_views && rc == OXL_OK;) {
-        rc = train_load_image(t, t->held[i]);
+        rc = step_load_image(t, t->held[i]);
         if (rc == OXL_ERR_INPUT) {
             selection_drop_view(t, i);
             rc = OXL_OK;
             continue;
         }
-        if (rc == OXL_OK) rc = train_compare_view(t, t->held[i++], &one);
+        if (rc == OXL_OK) rc = step_compare_view(t, t->held[i++], &one);
         if (rc != OXL_OK) break;
         *loss += one.total;
         *psnr -= 4.342944819032518 * vecmath_log(one.mse + SELECTION_NOISE);
@@ -125,73 +125,6 @@ OXL_INTERNAL oxl_result selection_judge(struct train *t, double *loss, double *p
 }
 
 /* ---------------------------------------------------------------- a trial: the same steps from the same state */
-
-struct selection_branch { /* what a step changes */
-    oxl_model       model, first, second;
-    struct density *density;
-    int            *view, views, step;
-    double          loss, psnr;
-    struct exposure exposure;
-    struct water    water;
-};
-
-static void selection_branch_free(struct train *t, struct selection_branch *b)
-{
-    oxl_model_free(t->ctx, &b->model);
-    oxl_model_free(t->ctx, &b->first);
-    oxl_model_free(t->ctx, &b->second);
-    density_free(t->ctx, b->density);
-    exposure_free(t->ctx, &b->exposure);
-    oxl_free(t->ctx, b->view);
-    *b = (struct selection_branch){0};
-}
-
-static oxl_result selection_branch_copy(const struct train *t, struct selection_branch *out)
-{
-    oxl_result rc;
-    *out      = (struct selection_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
-    out->view = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
-    if (!out->view)
-        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
-    memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
-    rc = renderer_download(t->ctx, t->renderer);
-    if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
-    if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
-    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
-    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
-    out->water = t->water;
-    if (rc == OXL_OK) rc = exposure_copy(t->ctx, &t->exposure, &out->exposure);
-    return rc;
-}
-
-static oxl_result selection_branch_swap(struct train *t, struct selection_branch *b)
-{
-    const oxl_result rc = renderer_download(t->ctx, t->renderer);
-    if (rc != OXL_OK) return rc;
-    OXL_SWAP(oxl_model, *t->model, b->model);
-    OXL_SWAP(oxl_model, t->first, b->first);
-    OXL_SWAP(oxl_model, t->second, b->second);
-    OXL_SWAP(struct density *, t->density, b->density);
-    OXL_SWAP(int *, t->view, b->view);
-    OXL_SWAP(int, t->views, b->views);
-    OXL_SWAP(int, t->step, b->step);
-    OXL_SWAP(double, t->loss, b->loss);
-    OXL_SWAP(double, t->psnr, b->psnr);
-    OXL_SWAP(struct exposure, t->exposure, b->exposure);
-    OXL_SWAP(struct water, t->water, b->water);
-    return train_resize(t);
-}
-
-/* Leaves t in the state `start`, and what t was in `aside`; start stays. */
-static oxl_result selection_branch_restart(struct train *t, struct selection_branch *start, struct selection_branch *aside)
-{
-    oxl_result rc;
-    selection_branch_free(t, aside);
-    rc = selection_branch_swap(t, start);
-    if (rc != OXL_OK) return rc;
-    *aside = *start;
-    return selection_branch_copy(t, start);
-}
 
 static int selection_steps(const struct train *t, double share)
 {
@@ -206,8 +139,8 @@ static oxl_result selection_try(struct train *t, double *psnr)
     double     loss;
     while (rc == OXL_OK && t->step < end) {
         t->step++;
-        rc = train_on_next_view(t);
-        if (rc == OXL_OK && train_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
+        rc = step_on_next_view(t);
+        if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
     }
     return rc == OXL_OK ? selection_judge(t, &loss, psnr) : rc;
 }
@@ -219,7 +152,7 @@ static oxl_result selection_set_degree(struct train *t, int degree)
     oxl_model *all[3] = {t->model, &t->first, &t->second};
     oxl_result rc     = renderer_download(t->ctx, t->renderer);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
-    return rc == OXL_OK ? train_resize(t) : rc;
+    return rc == OXL_OK ? step_resize_gradient(t) : rc;
 }
 
 static void selection_note_sh_degree(struct train *t, int most, const double psnr[4])
@@ -236,16 +169,15 @@ static void selection_note_sh_degree(struct train *t, int most, const double psn
 }
 
 /* All bands first, then none, one... until that is enough: t is that branch in the end. */
-static oxl_result selection_try_sh_degree(struct train *t, struct selection_branch *start, struct selection_branch *all,
-                                          double psnr[4])
+static oxl_result selection_try_sh_degree(struct train *t, struct train_branch *start, struct train_branch *all, double psnr[4])
 {
-    struct selection_branch other = {0};
-    const int               most  = t->model->sh_degree;
-    oxl_result              rc    = selection_try(t, &psnr[most]);
-    t->sh_degree                  = most;
-    if (rc == OXL_OK) rc = selection_branch_restart(t, start, all);
+    struct train_branch other = {0};
+    const int           most  = t->model->sh_degree;
+    oxl_result          rc    = selection_try(t, &psnr[most]);
+    t->sh_degree              = most;
+    if (rc == OXL_OK) rc = branch_restart(t, start, all);
     for (int d = 0; d < most && rc == OXL_OK; d++) {
-        if (d > 0) rc = selection_branch_restart(t, start, &other);
+        if (d > 0) rc = branch_restart(t, start, &other);
         if (rc == OXL_OK) rc = selection_set_degree(t, d);
         if (rc == OXL_OK) rc = selection_try(t, &psnr[d]);
         if (rc == OXL_OK && psnr[d] >= psnr[most] - SELECTION_SH_MIN_GAIN) {
@@ -253,11 +185,11 @@ static oxl_result selection_try_sh_degree(struct train *t, struct selection_bran
             break;
         }
     }
-    selection_branch_free(t, &other);
-    return rc == OXL_OK && t->sh_degree == most ? selection_branch_swap(t, all) : rc;
+    branch_free(t, &other);
+    return rc == OXL_OK && t->sh_degree == most ? branch_swap(t, all) : rc;
 }
 
-OXL_INTERNAL void selection_sh_degree(struct train *t)
+static void selection_sh_degree(struct train *t)
 {
     if (t->step == selection_sh_degree_at(t->options) && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_SH_DEGREE;
     selection_release_views(t);
@@ -266,7 +198,7 @@ OXL_INTERNAL void selection_sh_degree(struct train *t)
 /* ---------------------------------------------------------------- gains of images (exposure.c) */
 
 /* The watched gains are applied for the second look, and then decided about. */
-OXL_INTERNAL oxl_result selection_exposure(struct train *t)
+static oxl_result selection_exposure(struct train *t)
 {
     double     loss, plain = NAN, gained = NAN;
     char       why[320];
@@ -319,14 +251,14 @@ static oxl_result selection_give_lobes(struct train *t)
     oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu of %zu Gaussians get a second lobe", t->step, given, t->model->count);
     if (given > 0)
         rc = model_activate_lobes(t->ctx, t->model, &t->first, &t->second, active, o->dog_opacity_factor, o->dog_scale_factor);
-    if (rc == OXL_OK && given > 0) rc = train_resize(t);
+    if (rc == OXL_OK && given > 0) rc = step_resize_gradient(t);
 done:
     oxl_free(t->ctx, active);
     return rc;
 }
 
 /* A trial may go past the steps at which gradients are first watched or lobes given: then the next step does it. */
-OXL_INTERNAL oxl_result selection_lobes(struct train *t)
+static oxl_result selection_lobes(struct train *t)
 {
     const int  last = selection_lobes_at(t->options), watch = selection_steps(t, SELECTION_WATCH);
     const int  densified = (int)(t->options->densify_until * t->options->iterations);
@@ -355,11 +287,11 @@ static int selection_weights_can_be_tried_at(const oxl_train_options *o, int beg
     for (int step = begin; step < end; step++)
         if (step == bands || step == lobes) return 0;
     for (int step = OXL_MAX(1, begin - SELECTION_RECOVERY); step < end; step++)
-        if (train_resets_opacity_at(o, step)) return 0;
+        if (schedule_resets_opacity_at(o, step)) return 0;
     return 1;
 }
 
-OXL_INTERNAL int selection_tries_weights(const struct train *t)
+static int selection_tries_weights(const struct train *t)
 {
     return ucd_tries(&t->ucd) && selection_weights_can_be_tried_at(t->options, t->step);
 }
@@ -372,11 +304,11 @@ static oxl_result selection_try_point(struct train *t, double *cost)
     double       sum = 0;
     oxl_result   rc;
     ucd_ask(&t->ucd, t->ucd.f);
-    rc = train_densify(t, t->ucd.f);
+    rc = step_densify(t, t->ucd.f);
     while (rc == OXL_OK && t->step < end) {
         t->step++;
-        rc = train_step(t);
-        if (rc == OXL_OK && train_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
+        rc = selection_step(t);
+        if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
         if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
     }
     memcpy(t->ucd.f, f, sizeof t->ucd.f);
@@ -385,21 +317,21 @@ static oxl_result selection_try_point(struct train *t, double *cost)
 }
 
 /* Both points of a pair: t is the better branch in the end. */
-static oxl_result selection_try_weights(struct train *t, struct selection_branch *start, struct selection_branch *other)
+static oxl_result selection_try_weights(struct train *t, struct train_branch *start, struct train_branch *other)
 {
     const struct ucd before  = t->ucd;
     double           cost[2] = {0, 0};
     oxl_result       rc;
     spsa_skip(&t->ucd.spsa); /* a pair that was broken off began from another state */
     rc = selection_try_point(t, &cost[0]);
-    if (rc == OXL_OK) rc = selection_branch_restart(t, start, other);
+    if (rc == OXL_OK) rc = branch_restart(t, start, other);
     t->ucd.densified = before.densified;
     if (rc == OXL_OK) rc = selection_try_point(t, &cost[1]);
     if (rc != OXL_OK) t->ucd = before;
     if (rc != OXL_OK) return rc;
     oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs were %.5f and %.5f", t->step, t->ucd.f[0],
             t->ucd.f[1], cost[0], cost[1]);
-    return cost[0] < cost[1] ? selection_branch_swap(t, other) : OXL_OK;
+    return cost[0] < cost[1] ? branch_swap(t, other) : OXL_OK;
 }
 
 /* ---------------------------------------------------------------- trials */
@@ -417,27 +349,26 @@ static void selection_note_lobes(struct train *t, int kept, const double psnr[2]
 }
 
 /* Without lobes first, then with them: t is the better one in the end. */
-static oxl_result selection_try_lobes(struct train *t, struct selection_branch *start, struct selection_branch *other,
-                                      double psnr[2])
+static oxl_result selection_try_lobes(struct train *t, struct train_branch *start, struct train_branch *other, double psnr[2])
 {
     double     bytes[2];
     oxl_result rc = selection_try(t, &psnr[0]);
-    if (rc == OXL_OK) rc = selection_branch_restart(t, start, other);
+    if (rc == OXL_OK) rc = branch_restart(t, start, other);
     if (rc == OXL_OK) rc = selection_give_lobes(t);
     if (rc == OXL_OK) rc = selection_try(t, &psnr[1]);
     if (rc != OXL_OK) return rc;
     bytes[0] = (double)t->model->count * prune_row_bytes(t->model->sh_degree, 0);
     bytes[1] = bytes[0] + (double)t->model->lobes * (prune_row_bytes(0, 1) - prune_row_bytes(0, 0));
     selection_note_lobes(t, psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN, psnr, bytes);
-    return psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN ? OXL_OK : selection_branch_swap(t, other);
+    return psnr[1] >= psnr[0] + SELECTION_LOBES_MIN_GAIN ? OXL_OK : branch_swap(t, other);
 }
 
 OXL_INTERNAL oxl_result selection_trial(struct train *t)
 {
-    struct selection_branch start, other = {0};
-    double                  psnr[4] = {0, 0, 0, 0};
-    const int               most    = t->model->sh_degree;
-    oxl_result              rc      = selection_branch_copy(t, &start);
+    struct train_branch start, other = {0};
+    double              psnr[4] = {0, 0, 0, 0};
+    const int           most    = t->model->sh_degree;
+    oxl_result          rc      = branch_copy(t, &start);
     if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_WEIGHTS) rc = selection_try_weights(t, &start, &other);
     else if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
     else if (rc == OXL_OK) rc = selection_try_sh_degree(t, &start, &other, psnr);
@@ -447,10 +378,10 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
         selection_release_views(t);
     } else if (start.second.memory) { /* as if it had not begun */
         t->sh_degree = start.model.sh_degree;
-        if (selection_branch_swap(t, &start) != OXL_OK) rc = OXL_ERR_MEMORY;
+        if (branch_swap(t, &start) != OXL_OK) rc = OXL_ERR_MEMORY;
     }
-    selection_branch_free(t, &start);
-    selection_branch_free(t, &other);
+    branch_free(t, &start);
+    branch_free(t, &other);
     return rc;
 }
 
@@ -460,9 +391,9 @@ static int selection_pairs_of_weights(const oxl_train_options *o)
 {
     struct ucd u    = {.learns = o->ucd.mode != OXL_UCD_OFF && o->ucd.learn};
     int        step = 1;
-    if (u.learns) ucd_begin_search(&u, train_densifications(o), 0);
+    if (u.learns) ucd_begin_search(&u, schedule_densifications(o), 0);
     while (u.learns && step <= o->densify_until * o->iterations) {
-        const int densifies = train_densifies_at(o, step);
+        const int densifies = schedule_densifies_at(o, step);
         const int tries     = densifies && ucd_tries(&u) && selection_weights_can_be_tried_at(o, step);
         u.densified += tries ? UCD_SPANS : densifies;
         u.spsa.pair += tries;
@@ -512,9 +443,53 @@ OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
     archive_expect(a, t->lobes >= LOBES_IDLE && t->lobes <= LOBES_DECIDED);
     archive_int(a, &t->held_views);
     archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_WEIGHTS);
-    archive_expect(a, t->held_views >= 0 && t->held_views <= train_training_views(t->scene));
+    archive_expect(a, t->held_views >= 0 && t->held_views <= schedule_training_views(t->scene));
     if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
     for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)
         archive_expect(a, t->held[i] >= 0 && t->held[i] < oxl_scene_view_count(t->scene));
     archive_text(a, &t->decisions);
+}
+
+/* ---------------------------------------------------------------- one step with its decisions */
+
+static oxl_result selection_density(struct train *t)
+{
+    const oxl_train_options *o  = t->options;
+    oxl_result               rc = OXL_OK;
+    if (t->step > o->densify_until * o->iterations) return OXL_OK;
+    rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
+        if (!t->trial_is_next && selection_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
+        else rc = step_densify(t, t->ucd.f);
+        t->ucd.densified++;
+    }
+    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step))
+        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+    return rc;
+}
+
+static oxl_result selection_prune(struct train *t)
+{
+    double     held = NAN, psnr;
+    oxl_result rc   = OXL_OK;
+    if (!prune_checks(&t->prune, t->step)) return OXL_OK;
+    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_judge(t, &held, &psnr);
+    return rc == OXL_OK ? step_prune(t, held) : rc;
+}
+
+OXL_INTERNAL oxl_result selection_step(struct train *t)
+{
+    oxl_result rc = step_raise_sh_degree(t);
+    if (rc == OXL_OK) rc = step_on_next_view(t);
+    if (rc == OXL_OK) rc = selection_density(t);
+    if (rc == OXL_OK) rc = selection_lobes(t); /* it reads the step's statistics, a row each: before rows go */
+    if (rc == OXL_OK) rc = selection_prune(t);
+    if (rc == OXL_OK) rc = selection_exposure(t);
+    if (rc == OXL_OK && t->step == water_starts_at(t->options) && !t->water.on && !(t->place && t->place->start)) {
+        rc = renderer_download(t->ctx, t->renderer);
+        if (rc == OXL_OK) water_start(&t->water, t->model);
+    }
+    if (rc == OXL_OK) selection_sh_degree(t);
+    return rc;
 }

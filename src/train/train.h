@@ -237,7 +237,7 @@ struct train_place {
     struct text     *notes;     /* so are these */
     const oxl_model *start;     /* what training starts from; NULL: the scene's points */
     struct text     *decisions; /* gets members of a JSON object: what was decided, and on what evidence; or NULL */
-    oxl_nonfinite   *faults;    /* out: of the whole run; or NULL */
+    oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
     int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */
 };
 /* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
@@ -245,20 +245,20 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                                   const oxl_callback *callback, const struct train_place *place, oxl_model *out);
 
 /* The most Gaussians that training may make of a scene. */
-OXL_INTERNAL size_t     train_cap(const oxl_scene *scene, const oxl_train_options *options);
+OXL_INTERNAL size_t     schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
 /* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
-OXL_INTERNAL double     train_short_run_factor(const oxl_train_options *options);
+OXL_INTERNAL double     schedule_short_run_factor(const oxl_train_options *options);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
-OXL_INTERNAL float      train_scale_rate(const oxl_train_options *options);
-OXL_INTERNAL size_t     train_cap_of(size_t points, double pixels, const oxl_train_options *options);
-OXL_INTERNAL double     train_pixels(const oxl_scene *scene); /* of all training views */
+OXL_INTERNAL float      schedule_scale_rate(const oxl_train_options *options);
+OXL_INTERNAL size_t     schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
+OXL_INTERNAL double     schedule_pixels(const oxl_scene *scene); /* of all training views */
 /* Share of the run in which a photograph of this size is halved. */
-OXL_INTERNAL double     train_coarse_share(const oxl_train_options *options, int width, int height);
-OXL_INTERNAL int        train_densifies_at(const oxl_train_options *options, int step);
-OXL_INTERNAL int        train_resets_opacity_at(const oxl_train_options *options, int step);
-OXL_INTERNAL int        train_densifications(const oxl_train_options *options); /* in a whole run */
-OXL_INTERNAL int        train_may_try(const oxl_train_options *options); /* whether trials, which copy the model, may come */
-OXL_INTERNAL int        train_training_views(const oxl_scene *scene);
+OXL_INTERNAL double     schedule_coarse_share(const oxl_train_options *options, int width, int height);
+OXL_INTERNAL int        schedule_densifies_at(const oxl_train_options *options, int step);
+OXL_INTERNAL int        schedule_resets_opacity_at(const oxl_train_options *options, int step);
+OXL_INTERNAL int        schedule_densifications(const oxl_train_options *options); /* in a whole run */
+OXL_INTERNAL int        schedule_may_try(const oxl_train_options *options); /* whether trials, which copy the model, may come */
+OXL_INTERNAL int        schedule_training_views(const oxl_scene *scene);
 /* Steps of a whole run's trials that are none of its iterations, at most; views: that train. */
 OXL_INTERNAL int        selection_steps_beside(const oxl_train_options *options, int views);
 

@@ -18,7 +18,7 @@ struct train {
     struct density           *density;
     struct ucd                ucd;
     struct prune              prune;
-    struct transients         robust;
+    struct transients         transients;
     struct exposure           exposure;
     struct water              water;
     int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
@@ -28,13 +28,13 @@ struct train {
     int                       views, step;
     int                      *held; /* (held_views) training views that stand aside, for decisions to be judged by */
     int                       held_views;
-    float                    *target, *weight; /* with robust.points: the photograph of this step: (3,H,W), (H,W) */
+    float                    *target, *weight; /* with transients.points: the photograph of this step: (3,H,W), (H,W) */
     int                       masked;          /* whether weight holds its mask */
     size_t                    target_capacity, weight_capacity;
     int                       halved;     /* whether the photograph of this step is reduced to half the sides */
     double                    loss, psnr; /* smoothed */
     double                    last_loss;  /* of the last photograph, alike from step to step; not a number: it was put aside */
-    oxl_nonfinite             faults;
+    oxl_nonfinite             nonfinite;
     int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
     double                    begun;      /* when it did */
     double                    seconds;    /* that others had spent on the run before */
@@ -45,31 +45,52 @@ struct train {
     struct text               decisions; /* members of a JSON object: what was decided, and on what evidence */
 };
 
-/* ---------------------------------------------------------------- train.c: one step */
+/* ---------------------------------------------------------------- schedule.c */
 
-/* A photograph, drawn, compared, walked back, stepped: the part of a step that a trial of bands or lobes repeats. */
-OXL_INTERNAL oxl_result train_on_next_view(struct train *t);
-OXL_INTERNAL oxl_result train_step(struct train *t);                       /* all of it */
-OXL_INTERNAL oxl_result train_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
-/* A view's photograph to the renderer. OXL_ERR_INPUT: it cannot be read. */
-OXL_INTERNAL oxl_result train_load_image(struct train *t, int view);
-/* The model drawn from a view, against its photograph. */
-OXL_INTERNAL oxl_result train_compare_view(struct train *t, int view, struct renderer_loss *loss);
-OXL_INTERNAL oxl_result train_resize(struct train *t);                  /* the gradient, to the model's shape */
-OXL_INTERNAL int        train_report(const struct train *t, int trial); /* nonzero: the caller wants to stop */
+OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
+OXL_INTERNAL float              schedule_alpha_min(const struct train *t);
+OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options *options);
+
+/* ---------------------------------------------------------------- step.c: the parts of one step */
+
+/* Forward, loss, backward, Adam on the next training view: the part of a step that a trial of SH degrees or lobes repeats. */
+OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
+OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
+OXL_INTERNAL oxl_result step_prune(struct train *t, double held);
+OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t);
+/* A view's image to the renderer. OXL_ERR_INPUT: it cannot be read. */
+OXL_INTERNAL oxl_result step_load_image(struct train *t, int view);
+/* The model rendered from a view, compared with its image. */
+OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct renderer_loss *loss);
+OXL_INTERNAL oxl_result step_resize_gradient(struct train *t);         /* to the model's shape */
+OXL_INTERNAL double     step_seconds(const struct train *t);           /* of the whole run, over all processes */
+OXL_INTERNAL int        step_report(const struct train *t, int trial); /* nonzero: the caller wants to stop */
+
+/* ---------------------------------------------------------------- branch.c: copies of the training state */
+
+struct train_branch { /* what a step changes */
+    oxl_model       model, first, second;
+    struct density *density;
+    int            *view, views, step;
+    double          loss, psnr;
+    struct exposure exposure;
+    struct water    water;
+};
+
+OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
+OXL_INTERNAL oxl_result branch_copy(const struct train *t, struct train_branch *out);
+OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b);
+/* Leaves t in the state `start`, and what t was in `other`; start stays. */
+OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start, struct train_branch *other);
 
 /* ---------------------------------------------------------------- model_selection.c: model only what the scene requires */
 
 /* Whether the index-th of so many training views stands aside: an eighth of them, 8 at most, evenly spread. */
 OXL_INTERNAL int        selection_holds(int index, int views);
 OXL_INTERNAL oxl_result selection_begin(struct train *t); /* which views train, and which stand aside */
+OXL_INTERNAL oxl_result selection_step(struct train *t);  /* one whole step, with the decisions that are due after it */
 /* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
 OXL_INTERNAL oxl_result selection_judge(struct train *t, double *loss, double *psnr);
-OXL_INTERNAL oxl_result selection_exposure(struct train *t);  /* after each step: gains of images */
-OXL_INTERNAL void       selection_sh_degree(struct train *t); /* after each step: SH bands */
-/* At a densification: whether a trial is to make it, twice. */
-OXL_INTERNAL int        selection_tries_weights(const struct train *t);
-OXL_INTERNAL oxl_result selection_lobes(struct train *t); /* after each step: second lobes */
 OXL_INTERNAL oxl_result
 selection_trial(struct train *t); /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */
 OXL_INTERNAL void selection_end(struct train *t); /* after the last step: the decisions of others */

@@ -1,0 +1,60 @@
+/* branch.c - copies of the training state: a trial trains on from one state in several ways, and one of them goes on. */
+#include "train_state.h"
+
+OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
+{
+    oxl_model_free(t->ctx, &b->model);
+    oxl_model_free(t->ctx, &b->first);
+    oxl_model_free(t->ctx, &b->second);
+    density_free(t->ctx, b->density);
+    exposure_free(t->ctx, &b->exposure);
+    oxl_free(t->ctx, b->view);
+    *b = (struct train_branch){0};
+}
+
+OXL_INTERNAL oxl_result branch_copy(const struct train *t, struct train_branch *out)
+{
+    oxl_result rc;
+    *out      = (struct train_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
+    out->view = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
+    if (!out->view)
+        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
+    memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
+    rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
+    if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
+    out->water = t->water;
+    if (rc == OXL_OK) rc = exposure_copy(t->ctx, &t->exposure, &out->exposure);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
+{
+    const oxl_result rc = renderer_download(t->ctx, t->renderer);
+    if (rc != OXL_OK) return rc;
+    OXL_SWAP(oxl_model, *t->model, b->model);
+    OXL_SWAP(oxl_model, t->first, b->first);
+    OXL_SWAP(oxl_model, t->second, b->second);
+    OXL_SWAP(struct density *, t->density, b->density);
+    OXL_SWAP(int *, t->view, b->view);
+    OXL_SWAP(int, t->views, b->views);
+    OXL_SWAP(int, t->step, b->step);
+    OXL_SWAP(double, t->loss, b->loss);
+    OXL_SWAP(double, t->psnr, b->psnr);
+    OXL_SWAP(struct exposure, t->exposure, b->exposure);
+    OXL_SWAP(struct water, t->water, b->water);
+    return step_resize_gradient(t);
+}
+
+/* Leaves t in the state `start`, and what t was in `aside`; start stays. */
+OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start, struct train_branch *aside)
+{
+    oxl_result rc;
+    branch_free(t, aside);
+    rc = branch_swap(t, start);
+    if (rc != OXL_OK) return rc;
+    *aside = *start;
+    return branch_copy(t, start);
+}

@@ -1,0 +1,145 @@
+/* schedule.c - what depends on the options and the step alone: learning rates, the steps of density control, sizes. */
+#include "train_state.h"
+#include "../core/vecmath.h"
+
+#define SCHEDULE_WARM_UP              500   /* iterations before the first densification, unless a quarter of the run is less */
+#define SCHEDULE_RESET_LEAST          3000  /* iterations between opacity resets [Kerbl 2023] */
+#define SCHEDULE_RESET_RECOVERY       1000  /* iterations that a model needs after a reset until its loss is what it was, */
+#define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
+#define SCHEDULE_PIXELS_EACH \
+    60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
+#define SCHEDULE_COARSE_SIDE 640  /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
+#define SCHEDULE_COARSE_AUTO 0.25 /* of the run, for larger ones */
+#define SCHEDULE_MOMENTUM_ITERATIONS \
+    7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
+#define SCHEDULE_BETA_LEAST           0.5     /* of the mean gradient */
+#define SCHEDULE_BETA_MOST            0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
+#define SCHEDULE_REFERENCE_ITERATIONS 30000   /* iterations that the rates were chosen for [Kerbl 2023] */
+#define SCHEDULE_ALPHA_MIN_UNTIL      0.8     /* of the run: until then alpha_min holds */
+#define SCHEDULE_COOLDOWN_END         0.1     /* times the usual steps at the end of a run */
+
+OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
+{
+    return o->iterations < SCHEDULE_REFERENCE_ITERATIONS
+               ? vecmath_exp(o->short_run_exponent * vecmath_log((double)SCHEDULE_REFERENCE_ITERATIONS / o->iterations))
+               : 1;
+}
+
+/* The same for what helps runs below SCHEDULE_MOMENTUM_ITERATIONS alone: Adam's means, and scales once more (docs/TRADEOFF.md). */
+static double schedule_momentum_factor(const oxl_train_options *o)
+{
+    return o->iterations < SCHEDULE_MOMENTUM_ITERATIONS
+               ? vecmath_exp(o->short_run_exponent * vecmath_log((double)SCHEDULE_MOMENTUM_ITERATIONS / o->iterations))
+               : 1;
+}
+
+OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *o)
+{
+    return (float)(schedule_short_run_factor(o) * sqrt(schedule_momentum_factor(o)) * o->rate_log_scale);
+}
+
+/* 0 until the run settles, 1 at its end. */
+static double schedule_cooldown(const struct train *t)
+{
+    const double left = 1 - (double)(t->step - 1) / OXL_MAX(1, t->options->iterations - 1);
+    return left < t->options->cooldown ? 1 - left / t->options->cooldown : 0;
+}
+
+/* What viewers leave out in the run's last part, whether it settles or not. */
+OXL_INTERNAL float schedule_alpha_min(const struct train *t)
+{
+    return t->step <= SCHEDULE_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;
+}
+
+OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
+{
+    const oxl_train_options *o                  = t->options;
+    const double             short_run_exponent = schedule_short_run_factor(o), rush = schedule_momentum_factor(o);
+    const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
+    const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
+    const float mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step};
+    adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_LEAST, 1 - (1 - adam.beta[0]) * rush * rush);
+    adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MOST, 1 - (1 - adam.beta[1]) / (rush * sqrt(rush)));
+    for (int k = 0; k < OXL_PLANES; k++)
+        adam.rate[k] = k < OXL_LOG_SCALE  ? mean
+                       : k < OXL_ROTATION ? schedule_scale_rate(o)
+                       : k < OXL_OPACITY  ? (float)(short_run_exponent * o->rate_rotation)
+                       : k < OXL_SH       ? o->rate_opacity
+                       : k < OXL_SH + 3   ? o->rate_sh0
+                       : k < OXL_LOBE     ? (float)(sqrt(short_run_exponent) * o->rate_sh)
+                       : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
+                                          : MODEL_LOBE_RATE_SCALE;
+    for (int k = 0; k < OXL_PLANES; k++)
+        adam.rate[k] *= (float)vecmath_exp(schedule_cooldown(t) * vecmath_log(SCHEDULE_COOLDOWN_END));
+    return adam;
+}
+
+/* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
+ * photographs must be learned before gradients say where detail is missing, and a reset must be made up for. */
+OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
+{
+    const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(SCHEDULE_WARM_UP, 0.25 * o->iterations));
+    return step >= from && step <= o->densify_until * o->iterations && step % o->densify_every == 0;
+}
+
+OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
+{
+    return (int)OXL_MAX(SCHEDULE_RESET_LEAST, o->reset_opacity_every * o->iterations);
+}
+
+/* None so late that density control ends, and pruning takes its scores, before opacities have recovered. */
+OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step)
+{
+    const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY, SCHEDULE_RESET_RECOVERY_SHARE * o->iterations);
+    return o->reset_opacity_every > 0 && step + recovery <= o->densify_until * o->iterations &&
+           step % schedule_reset_interval(o) == 0;
+}
+
+OXL_INTERNAL int schedule_densifications(const oxl_train_options *options)
+{
+    int count = 0;
+    for (int step = 1; step <= options->iterations; step++) count += schedule_densifies_at(options, step);
+    return count;
+}
+
+OXL_INTERNAL int schedule_may_try(const oxl_train_options *o)
+{
+    return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO ||
+           (o->ucd.mode != OXL_UCD_OFF && o->ucd.learn && schedule_densifications(o) >= UCD_DENSIFICATIONS);
+}
+
+OXL_INTERNAL double schedule_coarse_share(const oxl_train_options *o, int width, int height)
+{
+    if (o->coarse >= 0) return o->coarse;
+    return OXL_MAX(width, height) >= SCHEDULE_COARSE_SIDE ? SCHEDULE_COARSE_AUTO : 0;
+}
+
+OXL_INTERNAL int schedule_training_views(const oxl_scene *scene)
+{
+    int views = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) views += !oxl_scene_view(scene, i)->is_test;
+    return views;
+}
+
+OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
+{
+    double pixels = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const oxl_view *view = oxl_scene_view(scene, i);
+        if (!view->is_test) pixels += (double)view->camera.width * view->camera.height;
+    }
+    return pixels;
+}
+
+/* More Gaussians than the photographs can determine learn the photographs by heart. Never below the number of points. */
+OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options)
+{
+    if (options->max_gaussians > 0) return (size_t)options->max_gaussians;
+    return OXL_MAX(points, (size_t)(pixels / SCHEDULE_PIXELS_EACH));
+}
+
+OXL_INTERNAL size_t schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options)
+{
+    return schedule_gaussian_cap_of(oxl_scene_point_count(scene), schedule_pixels(scene), options);
+}

@@ -1,0 +1,290 @@
+/* step.c - the parts of one training step: forward, loss, backward, Adam; then density control and pruning. */
+#include "train_state.h"
+#include "../core/vecmath.h"
+
+#define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* a random stream apart from density control's */
+#define STEP_READ_AHEAD 64   /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
+#define STEP_SMOOTHING  0.02 /* of loss and PSNR in progress reports: about the last 50 views */
+
+/* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
+static void step_shuffle(struct train *t, int epoch)
+{
+    for (int i = t->views - 1; i > 0; i--) {
+        const int j = (int)(random_bits(t->ctx->options.seed ^ STEP_ORDER, (uint64_t)epoch, (uint64_t)i) % (uint64_t)(i + 1));
+        OXL_SWAP(int, t->view[i], t->view[j]);
+    }
+}
+
+/* Whether the step is one of the run's first share, at half the sides. */
+static int step_is_coarse(const struct train *t, const oxl_camera *camera)
+{
+    const double share = schedule_coarse_share(t->options, camera->width, camera->height);
+    return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
+}
+
+/* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
+static oxl_result step_load_image_on_host(struct train *t, int view)
+{
+    const struct training_image *photo = image_cache_get(t->ctx, t->scene, view);
+    oxl_result                   rc;
+    size_t                       pixels;
+    if (!photo) return t->ctx->failed;
+    pixels    = (size_t)photo->width * (size_t)photo->height;
+    rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
+    t->masked = photo->mask != NULL;
+    if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    if (rc != OXL_OK) return rc;
+    image_from_training(t->ctx, photo, t->target, t->masked ? t->weight : NULL);
+    if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
+    return OXL_OK;
+}
+
+/* The target lies with the host: for what is put aside, and for gains. */
+static int step_compares_on_host(const struct train *t)
+{
+    return t->transients.points > 0 || t->exposure.of.on || exposure_watches(&t->exposure);
+}
+
+OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
+{
+    const struct training_image *photo = NULL;
+    t->halved                          = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
+    if (step_compares_on_host(t)) return step_load_image_on_host(t, view);
+    if (!renderer_has_image(t->renderer, view) && !(photo = image_cache_get(t->ctx, t->scene, view))) return t->ctx->failed;
+    return renderer_take_image(t->ctx, t->renderer, view, photo, t->halved);
+}
+
+/* From a place in the epoch on, those that a device does not hold. */
+static void step_read_ahead(struct train *t, int slot)
+{
+    int view[STEP_READ_AHEAD], count = 0;
+    for (int i = slot; i < t->views && count < STEP_READ_AHEAD; i++)
+        if (!renderer_has_image(t->renderer, t->view[i])) view[count++] = t->view[i];
+    if (count > 0 && view[0] == t->view[slot]) image_cache_ahead(t->ctx, t->scene, view, count);
+}
+
+/* The next view whose photograph can be read; one that cannot is named and left out from then on. */
+static oxl_result step_next_image(struct train *t, int *view)
+{
+    while (t->views > 0) {
+        const int  slot = (t->step - 1) % t->views;
+        oxl_result rc;
+        if (slot == 0) step_shuffle(t, (t->step - 1) / t->views);
+        *view = t->view[slot];
+        step_read_ahead(t, slot);
+        rc = step_load_image(t, *view);
+        if (rc != OXL_ERR_INPUT) return rc;
+        nonfinite_of_photo(t->ctx, &t->nonfinite);
+        t->view[slot] = t->view[--t->views];
+    }
+    return oxl_fail(t->ctx, OXL_ERR_INPUT,
+                    "none of the training photographs can be read\nfix: oceanxl check looks at each and says what is wrong");
+}
+
+/* What the photograph has and the scene has not. */
+static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera)
+{
+    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    const float *drawn  = NULL;
+    oxl_result   rc     = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    const int    masked = t->masked;
+    t->masked           = 1;
+    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &drawn);
+    if (rc != OXL_OK) return rc;
+    return transients_weigh(t->ctx, &t->transients, t->scene, camera, t->render.near_plane, drawn, t->target, !t->trial_is_next,
+                            masked, t->weight);
+}
+
+static void step_set_gain(struct train *t, int view)
+{
+    float gain[3];
+    if (t->exposure.of.on) imaging_gain(&t->exposure.of, view, gain);
+    renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
+}
+
+/* Gains that are not decided about yet: what this image would need. */
+static oxl_result step_watch_exposure(struct train *t, int view, const oxl_camera *camera)
+{
+    const float     *drawn = NULL;
+    const oxl_result rc    = renderer_image(t->ctx, t->renderer, &drawn);
+    if (rc == OXL_OK)
+        exposure_watch(&t->exposure, view, drawn, t->target, t->masked ? t->weight : NULL,
+                       (size_t)camera->width * (size_t)camera->height);
+    return rc;
+}
+
+/* The model drawn from a view, against its photograph as step_load_image has left it. */
+static oxl_result step_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
+{
+    const oxl_camera   *whole  = &oxl_scene_view(t->scene, view)->camera;
+    const oxl_camera    camera = t->halved ? camera_halve(whole) : *whole;
+    const struct medium medium = water_medium(&t->water);
+    oxl_result          rc;
+    renderer_set_medium(t->renderer, &medium);
+    rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
+    step_set_gain(t, view);
+    if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
+    if (rc == OXL_OK && learns && exposure_watches(&t->exposure)) rc = step_watch_exposure(t, view, &camera);
+    if (rc != OXL_OK) return rc;
+    if (step_compares_on_host(t))
+        return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
+    return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
+}
+
+/* With the whole loss, for judgement. */
+OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct renderer_loss *loss)
+{
+    return step_compare(t, view, 0, t->options->ssim_weight, loss);
+}
+
+/* Forward, loss, backward, step. */
+static oxl_result step_on_view(struct train *t, int view)
+{
+    const char               *name = oxl_scene_view(t->scene, view)->name;
+    struct adam_params        adam;
+    struct renderer_loss      loss;
+    struct renderer_nonfinite aside;
+    oxl_result                rc;
+    t->last_loss        = NAN;
+    t->render.alpha_min = schedule_alpha_min(t);
+    rc                  = step_compare(t, view, 1, t->options->ssim_weight, &loss);
+    if (rc != OXL_OK) return rc;
+    if (!(loss.total <= DBL_MAX)) {
+        rc = renderer_download(t->ctx, t->renderer);
+        if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
+        if (rc != OXL_OK) return rc;
+        nonfinite_of_view(t->ctx, &t->nonfinite, t->step, name, t->renderer, t->model, &t->first, &t->second);
+        return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
+    }
+    if (t->exposure.of.on)
+        exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));
+    rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
+    if (rc != OXL_OK) return rc;
+    if (t->water.on) water_step(&t->water, (double)t->step / t->options->iterations, renderer_medium_gradient(t->renderer));
+    adam = schedule_adam_params(t);
+    rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &aside);
+    if (rc == OXL_OK && aside.rows > 0) rc = renderer_download(t->ctx, t->renderer);
+    if (rc != OXL_OK) return rc;
+    nonfinite_of_rows(t->ctx, &t->nonfinite, t->step, name, aside, t->model, &t->first, &t->second);
+    {
+        const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
+        const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / t->step);
+        t->last_loss      = loss.total;
+        if (!t->trial_is_next) prune_observe(&t->prune, t->step, loss.l1);
+        t->loss += k * (loss.total - t->loss);
+        t->psnr += k * (psnr - t->psnr);
+    }
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
+{
+    int        view = -1;
+    oxl_result rc   = step_next_image(t, &view);
+    return rc == OXL_OK ? step_on_view(t, view) : rc;
+}
+
+OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
+{
+    oxl_result rc;
+    oxl_model_free(t->ctx, &t->gradient);
+    rc = oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, &t->gradient);
+    return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
+}
+
+OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
+{
+    const oxl_train_options *o     = t->options;
+    struct density_rules     rules = {.gradient    = o->densify_gradient,
+                                      .f_mid       = f[0],
+                                      .f_far       = f[1],
+                                      .extent      = oxl_scene_extent(t->scene),
+                                      .split_large = o->reset_opacity_every > 0 && t->step > schedule_reset_interval(o),
+                                      .cap         = schedule_gaussian_cap(t->scene, o),
+                                      .seed        = t->ctx->options.seed,
+                                      .step        = t->step};
+    struct density_change    change;
+    oxl_result               rc;
+    rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    if (rc == OXL_OK) rc = step_resize_gradient(t);
+    if (rc == OXL_OK && t->model->count == 0) {
+        rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
+                      t->step);
+    }
+    if (rc != OXL_OK) return rc;
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu cloned, %zu split, %zu removed, %zu left", t->step, change.cloned, change.split,
+            change.removed, t->model->count);
+    return OXL_OK;
+}
+
+/* Gaussians, with their moments and statistics. */
+static oxl_result step_remove_rows(struct train *t, size_t drop)
+{
+    const size_t count = t->model->count;
+    uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
+    oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
+    if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
+    if (rc == OXL_OK) rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) {
+        model_keep_rows(t->model, keep);
+        model_keep_rows(&t->first, keep);
+        model_keep_rows(&t->second, keep);
+        density_keep_rows(t->density, keep, count);
+        rc = step_resize_gradient(t);
+    }
+    oxl_free(t->ctx, keep);
+    return rc;
+}
+
+/* Pruning, when it is due. held: mean loss of the validation views; only --keep auto reads it. */
+OXL_INTERNAL oxl_result step_prune(struct train *t, double held)
+{
+    size_t     drop;
+    oxl_result rc;
+    t->prune.row_bytes = prune_row_bytes(t->model->sh_degree, t->options->dog != OXL_DOG_OFF);
+    drop               = prune_due(&t->prune, t->step, t->model->count, held);
+    if (drop == 0) return OXL_OK;
+    rc = step_remove_rows(t, drop);
+    if (rc == OXL_OK)
+        oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %zu Gaussians of the lowest score removed, %zu left", t->step, drop,
+                t->model->count);
+    return rc;
+}
+
+/* One more SH band each such share of the run, up to the degree that it is to have. */
+OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
+{
+    const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
+    oxl_result rc     = OXL_OK;
+    if (wanted <= t->model->sh_degree) return OXL_OK;
+    rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
+    if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);
+    return rc == OXL_OK ? step_resize_gradient(t) : rc;
+}
+
+OXL_INTERNAL double step_seconds(const struct train *t)
+{
+    return t->seconds + os_seconds() - t->begun;
+}
+
+OXL_INTERNAL int step_report(const struct train *t, int trial)
+{
+    const oxl_callback *callback = t->callback;
+    const double        seconds = step_seconds(t), here = os_seconds() - t->begun;
+    oxl_progress        progress = {.iteration    = t->step,
+                                    .iterations   = t->options->iterations,
+                                    .gaussians    = t->model->count,
+                                    .loss         = t->loss,
+                                    .psnr         = t->psnr,
+                                    .f_mid        = t->ucd.on ? t->ucd.f[0] : 1,
+                                    .f_far        = t->ucd.on ? t->ucd.f[1] : 1,
+                                    .seconds      = seconds,
+                                    .seconds_left = here / OXL_MAX(1, t->step - t->first_step) * (t->options->iterations - t->step),
+                                    .model        = t->model,
+                                    .nonfinite    = t->nonfinite,
+                                    .trial        = trial};
+    return callback && callback->progress && callback->progress(callback->user, &progress);
+}
