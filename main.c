@@ -309,8 +309,7 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
                m->by_depth[2], m->depth[0], m->depth[1]);
     printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n", m->plain_psnr,
            m->half_psnr);
-    puts(
-        "cc-PSNR: after one factor for each channel of each view: without what photographs differ in exposure and white balance.");
+    puts("cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
          "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }

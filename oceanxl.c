@@ -23,11 +23,11 @@
 #include "src/survey/nerfstudio.c"    /* transforms.json */
 #include "src/survey/opensfm.c"       /* reconstruction.json */
 #include "src/survey/camera.c"        /* camera models, undistortion */
-#include "src/survey/image.c"         /* photographs: decode, reduce, undistort, mask */
+#include "src/survey/image.c"         /* images: decode, reduce, undistort, mask */
 #include "src/survey/survey_files.c"  /* where a survey's files are */
 #include "src/survey/robust_stats.c"  /* robust measures: bounds, the cameras' radius, depths */
-#include "src/survey/image_cache.c"   /* which photographs are in memory */
-#include "src/survey/scene.c"         /* from the files to views, points and photographs */
+#include "src/survey/image_cache.c"   /* which images are in memory */
+#include "src/survey/scene.c"         /* from the files to views, points and images */
 #include "src/survey/imaging.c"       /* a gain per view between the scene's colours and an image */
 #include "src/survey/depth_bands.c"   /* near, mid or far: what each pixel shows, as the points tell */
 
@@ -47,7 +47,7 @@
 #include "src/model/gltf.c"       /* models as binary glTF */
 #include "src/model/model_file.c" /* models as PLY and .splat */
 
-/* one photograph's error walks back into the Gaussians */
+/* one image's error walks back into the Gaussians */
 #include "src/render/kernels.h"  /* the types that the kernels speak in */
 #include "src/render/project.c"  /* Gaussians onto the image plane, and back */
 #include "src/render/bin.c"      /* which tile sees which splat, in depth order */
@@ -73,7 +73,7 @@
 #include "src/survey/contrast.c"       /* how fast contrast fades with depth: the water, measured */
 #include "src/train/ucd.c"             /* weights by depth for density control, and their search */
 #include "src/train/prune.c"           /* fewer Gaussians: when, and which matter least */
-#include "src/train/transients.c"      /* what swims through one photograph is not learned */
+#include "src/train/transients.c"      /* what swims through one image is not learned */
 #include "src/train/water.c"           /* the nine parameters of the medium */
 #include "src/train/exposure.c"        /* log gains per training image */
 #include "src/train/nonfinite.c"       /* numbers that are not finite: put aside, counted, told */
@@ -87,7 +87,7 @@
 
 /* the whole job */
 #include "src/job/predict_time.c"      /* some steps before the run, to see how long its steps will take */
-#include "src/survey/lint.c"           /* poses that are not those of the points, photographs that cannot be used */
+#include "src/survey/lint.c"           /* poses that are not those of the points, images that cannot be used */
 #include "src/job/survey_report.c"     /* what a survey holds, and what training it would take */
 #include "src/job/partition_balance.c" /* how even the blocks are, and what each will take */
 #include "src/job/budget.c"            /* --ram: what fits into how much memory */

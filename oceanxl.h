@@ -164,13 +164,13 @@ typedef struct oxl_scene oxl_scene;
 
 /* Defaults and ranges of options: src/job/options.c, docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
-    const char *images;            /* folder of the photographs; NULL: SCENE/images */
+    const char *images;            /* folder of the images; NULL: SCENE/images */
     const char *sparse;            /* folder of COLMAP's files; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */
     const char *masks;             /* folder of masks; NULL: SCENE/masks when it is there */
-    int         max_side;          /* photographs are reduced until their longer side is at most this, px */
+    int         max_side;          /* images are reduced until their longer side is at most this, px */
     int         test_every;        /* every n-th view by name is held out; 0: none */
-    size_t      image_cache_bytes; /* decoded photographs kept in memory; the others are decoded again */
-    double      missing_share;     /* fail when more than this share of the photographs is not on disk */
+    size_t      image_cache_bytes; /* decoded images kept in memory; the others are decoded again */
+    double      missing_share;     /* fail when more than this share of the images is not on disk */
     int         read_images;       /* 0: COLMAP's files alone, for check and partition */
     int         allow_cut; /* 1: a text file of fewer rows than its header announces is read with a warning; 0: an error */
 } oxl_scene_options;
@@ -193,8 +193,8 @@ OXL_API const oxl_point *oxl_scene_points(const oxl_scene *scene);
 OXL_API const double    *oxl_scene_origin(const oxl_scene *scene); /* (3) world = local + origin */
 OXL_API double           oxl_scene_extent(const oxl_scene *scene); /* 1.1 x robust radius of the training cameras [3DGS] */
 
-/* The ray along which a pixel of the photograph, of the size in cameras.txt, was seen, distortion undone: where it starts and a unit vector, local
- * coordinates. OXL_ERR_INPUT: a pixel outside of the photograph, or one that the lens model does not reach. */
+/* The ray along which a pixel of the image, of the size in cameras.txt, was seen, distortion undone: where it starts and a unit vector, local
+ * coordinates. OXL_ERR_INPUT: a pixel outside of the image, or one that the lens model does not reach. */
 OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3],
                                  double way[3]);
 
@@ -202,7 +202,7 @@ OXL_API oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int v
  * them then. No such file: nothing happens. */
 OXL_API oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path);
 
-/* The photograph of a view as training sees it: undistorted, reduced, masked. Free it with oxl_image_free. */
+/* The image of a view as training sees it: undistorted, reduced, masked. Free it with oxl_image_free. */
 OXL_API oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out);
 
 /* ---------------------------------------------------------------- models */
@@ -278,7 +278,7 @@ OXL_API oxl_result oxl_render_backward(oxl_context *ctx, const oxl_model *model,
 
 /* All over the pixels that count (weight of b) after clamping to 0..1. PSNR in dB, peak 1; identical images give 100.
  * cc_psnr (colour-corrected): PSNR after each channel of a was multiplied by the one factor that brings it nearest to b: what is left when
- * the photograph's own exposure and white balance count as no error.
+ * the image's own exposure and white balance count as no error.
  * SSIM: 11 x 11 Gaussian window of sigma 1.5, zero padding, C1 = 0.01^2, C2 = 0.03^2, mean over the channels (Wang 2004).
  * MS-SSIM: a perceptual measure that needs no trained weights; 5 scales with the exponents of Wang 2003, whole windows alone, channel
  * by channel. Images too small for 5 (176 px on the shorter side) have as many scales as hold a window, and the exponents of those,
@@ -346,7 +346,7 @@ OXL_API oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *
 typedef enum oxl_ucd_mode {
     OXL_UCD_OFF = 0,
     OXL_UCD_ON,
-    OXL_UCD_AUTO /* on when the photographs show contrast fade with depth */
+    OXL_UCD_AUTO /* on when the images show contrast fade with depth */
 } oxl_ucd_mode;
 typedef enum oxl_ucd_bands {
     OXL_UCD_THIRDS = 0, /* of the largest depth, as the paper has it */
@@ -366,34 +366,34 @@ OXL_API oxl_ucd    oxl_ucd_default(void);
 OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out);
 
 typedef struct oxl_train_options {
-    int iterations;    /* one photograph each */
-    int sh_degree;     /* 0..3: bands at the end of the run; -1 (auto): as many as training views held out for it ask for */
-    int max_gaussians; /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
-    double       max_seconds; /* stop in good order after this long; 0: no limit */
-    float        background[3];
-    float        ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
+    int      iterations;    /* one image each */
+    int      sh_degree;     /* 0..3: bands at the end of the run; -1 (auto): as many as training views held out for it ask for */
+    int      max_gaussians; /* a cap on their number; 0: what the images can determine, one for 60 training pixels (PAPER.md) */
+    double   max_seconds;   /* stop in good order after this long; 0: no limit */
+    float    background[3];
+    float    ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
-    float        coarse;             /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
-    float        alpha_min;          /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
-    float        sh_degree_interval; /* share of the run after which there is one more band of spherical harmonics */
+    float    coarse;             /* first share of the run, at half the sides; -1: 0.25 for images of 640 px and more */
+    float    alpha_min;          /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
+    float    sh_degree_interval; /* share of the run after which there is one more band of spherical harmonics */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
-    float        rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
+    float    rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
     /* Those are of 30 000 iterations. With h = (30 000 / n)^haste, in a run of n < 30 000, they are h times as large for means, scales
      * and rotations, sqrt(h) times for bands above 0; and the first Gaussians are narrower and more opaque than Kerbl's. In a run
      * of n < 7000, with r = (7000 / n)^haste, scales take sqrt(r) times that again, the mean gradient forgets r^2 times as much in a
      * step (up to a half), and the mean of its square r^-1.5 times as much (docs/TRADEOFF.md). */
-    float        short_run_exponent;
-    float        cooldown; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
+    float    short_run_exponent;
+    float    cooldown; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
     /* density control, as fractions of the run and steps */
-    float        densify_from, densify_until; /* shares of the run */
-    int          densify_every;               /* steps */
-    float        densify_gradient;            /* of dL/d(mean) in units of half an image */
-    float        reset_opacity_every;         /* share of the run */
-    oxl_ucd      ucd;
-    oxl_keep     keep;
+    float    densify_from, densify_until; /* shares of the run */
+    int      densify_every;               /* steps */
+    float    densify_gradient;            /* of dL/d(mean) in units of half an image */
+    float    reset_opacity_every;         /* share of the run */
+    oxl_ucd  ucd;
+    oxl_keep keep;
     oxl_exposure exposure;
     int          medium; /* 1: water between camera and Gaussians is modelled, nine parameters, on the CPU (docs/WATER.md) */
-    int          mask_transients; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
+    int          mask_transients; /* 1: what one image has and the others of the place have not, as fish, is not learned */
     /* difference-of-Gaussians lobes */
     oxl_dog      dog;
     float        dog_from;      /* share of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] */
@@ -405,18 +405,18 @@ OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);
 
 /* Numbers that were not finite, or as good as not, and what was done about them: all 0 in a run that went well. */
 typedef struct oxl_nonfinite {
-    size_t photographs; /* that could not be read: left out */
-    size_t steps;       /* whose loss was not finite: skipped */
-    size_t rows;        /* steps of single Gaussians whose gradient was not finite: skipped */
-    size_t cleared;     /* Gaussians that held such a number: made invisible, or removed at the end */
-    size_t degenerate;  /* of the result: without a rotation, or of a scale past e^+-87; drawn all the same */
+    size_t images;     /* that could not be read: left out */
+    size_t steps;      /* whose loss was not finite: skipped */
+    size_t rows;       /* steps of single Gaussians whose gradient was not finite: skipped */
+    size_t cleared;    /* Gaussians that held such a number: made invisible, or removed at the end */
+    size_t degenerate; /* of the result: without a rotation, or of a scale past e^+-87; drawn all the same */
 } oxl_nonfinite;
 
 typedef struct oxl_progress {
     int              iteration, iterations;
     int              block, blocks; /* of a job that trains several, from 0; else 0, 0 */
     size_t           gaussians;
-    double           loss, psnr;   /* smoothed over the last views, on training photographs */
+    double           loss, psnr;   /* smoothed over the last views, on training images */
     double           f_mid, f_far; /* weights of the depth bands in density control; 1, 1 without */
     double           seconds;      /* since the start */
     double           seconds_left; /* predicted */
@@ -550,9 +550,9 @@ typedef struct oxl_survey {
     double mean_track, mean_error;       /* images a point, reprojection error in px */
     double bounds_min[3], bounds_max[3]; /* 1st to 99th percentile of the points, world coordinates */
     double extent;                       /* see oxl_scene_extent */
-    double missed;           /* of a point in a track: the share not in their photographs, those with a wrong pose left out */
+    double missed;           /* of a point in a track: the share not in their images, those with a wrong pose left out */
     double masked;           /* share of the masks that is black; oxl_check alone fills this and the next */
-    int    unusable;         /* photographs that cannot be read, are of another shape or masked all over */
+    int    unusable;         /* images that cannot be read, are of another shape or masked all over */
     double gaussians;        /* predicted at the end of the run */
     double memory, seconds;  /* predicted: peak in bytes, duration on ctx's threads */
     double seconds_range[2]; /* the least and the most that the duration may be */
@@ -567,7 +567,7 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
  * standard's 62 columns, metrics.json, run.json and renders/; and for each block
  * blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most block_points points is one block, 000, trained as it is;
  * a larger one is cut first (partition.txt, partition.svg, and a COLMAP text export in each blocks/KKK/), merged, and refined on all
- * photographs in blocks/together/ (see `refine`).
+ * images in blocks/together/ (see `refine`).
  *
  * While a block is trained, its folder holds checkpoints. A run that was stopped, by whatever, goes on from there when it is
  * called again, to the same bytes as if nothing had been; a finished one is left as it is. When the callback stops the run, or
@@ -602,8 +602,8 @@ typedef struct oxl_partition_report {
 } oxl_partition_report;
 
 /* Cuts the survey in folder `scene` into blocks and leaves in folder `out`: blocks/000/... as COLMAP text exports, partition.txt and
- * partition.svg. report may be NULL; options may be NULL: the draft preset. Photographs need not be there, but when their folder is,
- * views whose photograph is missing are left out as in training. */
+ * partition.svg. report may be NULL; options may be NULL: the draft preset. Images need not be there, but when their folder is,
+ * views whose image is missing are left out as in training. */
 OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,
                                  oxl_partition_report *report);
 OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
@@ -619,12 +619,12 @@ OXL_API oxl_result          oxl_job_resume(oxl_context *ctx, const char *scene, 
                                            oxl_manifest **run);
 OXL_API void                oxl_manifest_free(oxl_context *ctx, oxl_manifest **run);
 
-/* Pictures of a split into a folder: NAME.png for each view; with photographs NAME.photo.png; with depth NAME.depth.png
+/* Pictures of a split into a folder: NAME.png for each view; with images NAME.photo.png; with depth NAME.depth.png
  * (near is bright), NAME.depth.pfm (float camera z, 0: nothing there) and NAME.depth16.png (16-bit grey: camera z in thousandths of
  * a unit, of a metre with `unit`; 0: nothing there, 65535: that or more). */
 typedef struct oxl_pictures {
     oxl_split split;
-    int       photographs, depth;
+    int       images, depth;
     double    unit;  /* depths are multiplied by it: metres a unit of the scene (0: they stay) */
     int       clear; /* 1: the scene itself, without what imaging.txt says of the image (0) */
 } oxl_pictures;
