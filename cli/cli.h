@@ -4,7 +4,7 @@
 #ifndef TOOLS_H
 #define TOOLS_H
 
-#include "../oceanxl.h"
+#include "../oceanxl_job.h"
 #include "../src/core/json.h"
 
 #include <stdio.h>
