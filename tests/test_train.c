@@ -606,6 +606,19 @@ TEST(train_settles_to_a_tenth_of_all_steps_in_the_last_share_of_the_run)
     CHECK(end.beta[0] == usual.beta[0] && end.beta[1] == usual.beta[1]);
 }
 
+/* But for those of positions; h = (30 000 / 10 001)^0.4. */
+TEST(train_rates_of_a_short_run_begin_larger_by_the_root_of_its_factor_and_not_from_its_middle_on)
+{
+    const double             h       = pow(30000.0 / 10001, 0.4);
+    const struct adam_params start   = train_adam_params_at(1, 10001, 0.4f, 0),
+                             quarter = train_adam_params_at(2501, 10001, 0.4f, 0),
+                             middle = train_adam_params_at(5001, 10001, 0.4f, 0), paper = train_adam_params_at(1, 10001, 0, 0);
+    CHECK_CLOSE(start.rate[OXL_OPACITY] / middle.rate[OXL_OPACITY], sqrt(h), 1e-5);
+    CHECK_CLOSE(quarter.rate[OXL_OPACITY] / middle.rate[OXL_OPACITY], sqrt(sqrt(h)), 1e-5);
+    CHECK(middle.rate[OXL_OPACITY] == paper.rate[OXL_OPACITY]);
+    CHECK_CLOSE(start.rate[OXL_MEAN] / paper.rate[OXL_MEAN], h, 1e-5);
+}
+
 TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_settled_or_not)
 {
     const oxl_train_options o = {.iterations = 1000, .alpha_min = 0.03f};
@@ -623,6 +636,6 @@ TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iteratio
     CHECK(usual.beta[0] == 0.9 && usual.beta[1] == 0.999 && usual.rate[OXL_LOG_SCALE] == 0.005f);
     CHECK_CLOSE(hurried.beta[0], 0.5, 0.002); /* 1 - 0.1 x 10^0.7 */
     CHECK_CLOSE(hurried.beta[1], 1 - 0.001 * pow(10, -0.525), 1e-6);
-    CHECK_CLOSE(hurried.rate[OXL_LOG_SCALE], 0.005 * pow(300.0 / 7, 0.35) * pow(10, 0.175), 1e-5);
+    CHECK_CLOSE(hurried.rate[OXL_LOG_SCALE], 0.005 * pow(300.0 / 7, 0.35 + 0.175) * pow(10, 0.175), 1e-4);
     CHECK(least.beta[0] == 0.5 && least.beta[1] > hurried.beta[1] && least.beta[1] < 1);
 }

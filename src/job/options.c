@@ -69,7 +69,7 @@ static const oxl_option OPTIONS[] = {
 {"dog-scale-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_scale_factor), 1e-3, 1000, EACH("1.6"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "scale of a new lobe, relative to its Gaussian", NULL},
 {"coarse", "auto|SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.coarse), 0, 1, PRESETS("auto", "0", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "first share of the run, at half resolution; auto: 0.25 for images of 640 px and more", NULL},
 {"cooldown", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.cooldown), 0, 1, EACH("0.2"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "last share of the run, over which all learning rates fall to a tenth; 0: none", "settle"},
-{"short-run-exponent", "E", OXL_OPTION_FLOAT, OPTION_AT(train.short_run_exponent), 0, 1, PRESETS("0.35", "0.35", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "runs of fewer than 30000 iterations multiply the learning rates of geometry by (30000 / iterations)^E; 0: off", "haste"},
+{"short-run-exponent", "E", OXL_OPTION_FLOAT, OPTION_AT(train.short_run_exponent), 0, 1, PRESETS("0.45", "0.45", "0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "runs of fewer than 30000 iterations multiply the learning rates of geometry by (30000 / iterations)^E; 0: off", "haste"},
 {"alpha-min", "ALPHA", OXL_OPTION_FLOAT, OPTION_AT(train.alpha_min), 0, 0.05, EACH("1/255"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Schedule", "contributions to a pixel below this are left out in the first 0.8 of the run (CPU)", NULL},
 {"sh-degree-interval", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.sh_degree_interval), 1e-6, 1000, EACH("1/30"), OXL_TIER_EXPERT, TRAINING | RESULT, "Schedule", "share of the run after which the SH degree rises by one", NULL},
 {"lr-position", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_mean_first), 0, 1, EACH("0.00016"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of positions at the start, relative to the scene's extent", NULL},
@@ -82,7 +82,7 @@ static const oxl_option OPTIONS[] = {
 {"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.0004", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "split above this mean position gradient, in half images", NULL},
 {"densify-from", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_from), 0, 1, EACH("0.025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run at which densification begins", NULL},
 {"densify-until", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_until), 0, 1, EACH("0.5"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run at which densification ends", NULL},
-{"densify-every", "N", OXL_OPTION_INT, OPTION_AT(train.densify_every), 1, INT_MAX, EACH("100"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "iterations between densifications", NULL},
+{"densify-every", "N", OXL_OPTION_INT, OPTION_AT(train.densify_every), 1, INT_MAX, PRESETS("50", "100", "100"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "iterations between densifications", NULL},
 {"opacity-reset-interval", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.reset_opacity_every), 0, 1000, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run between opacity resets", NULL},
 };
 /* clang-format on */

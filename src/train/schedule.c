@@ -15,21 +15,26 @@
 #define SCHEDULE_BETA_LEAST           0.5     /* of the mean gradient */
 #define SCHEDULE_BETA_MOST            0.99999 /* of the mean of its square: 1 less it, as floats, keeps three digits */
 #define SCHEDULE_REFERENCE_ITERATIONS 30000   /* iterations that the rates were chosen for [Kerbl 2023] */
-#define SCHEDULE_ALPHA_MIN_UNTIL      0.8     /* of the run: until then alpha_min holds */
-#define SCHEDULE_COOLDOWN_END         0.1     /* times the usual steps at the end of a run */
+#define SCHEDULE_SHORTEST_RUN         500     /* iterations: shorter runs have the rates of this one; larger ones diverge */
+#define SCHEDULE_EARLY_EXPONENT       0.5 /* of a short run's factor: by this power of it, rates other than of positions begin larger */
+#define SCHEDULE_EARLY_UNTIL          0.5 /* of the run: from then on they are not */
+#define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: until then alpha_min holds */
+#define SCHEDULE_COOLDOWN_END         0.1 /* times the usual steps at the end of a run */
 
 OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
 {
-    return o->iterations < SCHEDULE_REFERENCE_ITERATIONS
-               ? vecmath_exp(o->short_run_exponent * vecmath_log((double)SCHEDULE_REFERENCE_ITERATIONS / o->iterations))
+    const double iterations = OXL_MAX(o->iterations, SCHEDULE_SHORTEST_RUN);
+    return iterations < SCHEDULE_REFERENCE_ITERATIONS
+               ? vecmath_exp(o->short_run_exponent * vecmath_log(SCHEDULE_REFERENCE_ITERATIONS / iterations))
                : 1;
 }
 
 /* The same for what helps runs below SCHEDULE_MOMENTUM_ITERATIONS alone: Adam's means, and scales once more (docs/TRADEOFF.md). */
 static double schedule_momentum_factor(const oxl_train_options *o)
 {
-    return o->iterations < SCHEDULE_MOMENTUM_ITERATIONS
-               ? vecmath_exp(o->short_run_exponent * vecmath_log((double)SCHEDULE_MOMENTUM_ITERATIONS / o->iterations))
+    const double iterations = OXL_MAX(o->iterations, SCHEDULE_SHORTEST_RUN);
+    return iterations < SCHEDULE_MOMENTUM_ITERATIONS
+               ? vecmath_exp(o->short_run_exponent * vecmath_log(SCHEDULE_MOMENTUM_ITERATIONS / iterations))
                : 1;
 }
 
@@ -57,7 +62,9 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     const double             short_run_exponent = schedule_short_run_factor(o), rush = schedule_momentum_factor(o);
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
-    const float mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    const float  mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
+    const double early =
+        SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_exponent);
     struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step};
     adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_LEAST, 1 - (1 - adam.beta[0]) * rush * rush);
     adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MOST, 1 - (1 - adam.beta[1]) / (rush * sqrt(rush)));
@@ -71,7 +78,8 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
                        : k == OXL_LOBE    ? MODEL_LOBE_RATE_OPACITY
                                           : MODEL_LOBE_RATE_SCALE;
     for (int k = 0; k < OXL_PLANES; k++)
-        adam.rate[k] *= (float)vecmath_exp(schedule_cooldown(t) * vecmath_log(SCHEDULE_COOLDOWN_END));
+        adam.rate[k] *=
+            (float)vecmath_exp((k < OXL_LOG_SCALE ? 0 : early) + schedule_cooldown(t) * vecmath_log(SCHEDULE_COOLDOWN_END));
     return adam;
 }
 
