@@ -25,3 +25,15 @@ course-check: $(BUILD)/course/numbers $(BUILD)/course/numbers_libm ## the commit
 $(BUILD)/course/numbers $(BUILD)/course/numbers_libm: $(COURSE)/numbers.c $(COURSE)/course.c $(COURSE)/math/math.h reference/splat.c src/core/vecmath.h
 	@mkdir -p $(@D)
 	$(CC) -std=c99 -O2 $(FLOATS) $(WARN) $(if $(findstring libm,$@),-DCOURSE_LIBM,-isystem $(COURSE)/math) $< -o $@ -lm
+
+# exercise-N compiles the student's copy of splat.c with its check.
+EXERCISES_AT ?= $(BUILD)/exercises
+EXERCISE := $(addprefix exercise-,1 2 3 4 5 6 7 8 9 10)
+.PHONY: $(EXERCISE)
+exercises: ## the checks of the course's ten exercises (make exercise-1 .. exercise-10): each refuses splat.c and accepts its solution
+	$(COURSE)/exercises.sh $(BUILD)/course/exercises
+$(EXERCISE): exercise-%:
+	@mkdir -p $(EXERCISES_AT)
+	@[ -e $(EXERCISES_AT)/$*.c ] || cp reference/splat.c $(EXERCISES_AT)/$*.c
+	@$(CC) -std=c99 -O1 -DEXERCISE=$* -DSTUDENT='"$(EXERCISES_AT)/$*.c"' -I. $(COURSE)/exercises.c -o $(EXERCISES_AT)/$* -lm
+	@$(EXERCISES_AT)/$* $(COURSE)/exercises.txt
