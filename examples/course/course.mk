@@ -37,3 +37,6 @@ $(EXERCISE): exercise-%:
 	@[ -e $(EXERCISES_AT)/$*.c ] || cp reference/splat.c $(EXERCISES_AT)/$*.c
 	@$(CC) -std=c99 -O1 -DEXERCISE=$* -DSTUDENT='"$(EXERCISES_AT)/$*.c"' -I. $(COURSE)/exercises.c -o $(EXERCISES_AT)/$* -lm
 	@$(EXERCISES_AT)/$* $(COURSE)/exercises.txt
+
+ladder: $(BUILD)/liboceanxl.a ## seven renderers of one scene, from plain loops to the library: times and differences (half a minute)
+	@$(COURSE)/ladder.sh $(BUILD)/ladder $(CC) -std=c99 -O3 $(FLOATS) $(THREADS)
