@@ -189,7 +189,7 @@ const one = chapters.one = {
     const a = pen('one-image'), g = a.g, zoom = a.w / 120, row = this.inputs()[9], paper = parse(ink.field), paint = parse(ink.accent);
     pixels(g, 120, 90, [0, 0, a.w, a.h], (i) => paper.map((p, k) => p + (paint[k] - p) * FIELD[i]));
     line(g, [[0, row * zoom], [a.w, row * zoom]], ink.c1, 1.5, [5, 4]);
-    label(g, 'alpha is read along this line', 8, row * zoom + (row > 80 ? -10 : 10), ink.c1, 'left', true);
+    if (a.w > 480) label(g, 'alpha is read along this line', 8, row * zoom + (row > 80 ? -10 : 10), ink.c1, 'left', true);
     if (OUT[11]) {
       const x = this.x * zoom, y = this.y * zoom;
       g.strokeStyle = ink.soft, g.lineWidth = 1, g.setLineDash([2, 3]);
@@ -262,13 +262,12 @@ const layers = chapters.layers = {
     const p = pen('layers-bar'), g = p.g, w = p.w - 2;
     let x = 1;
     const part = (share, colour, name) => {
-      g.fillStyle = colour, g.fillRect(x, 22, share * w, 30), g.strokeStyle = ink.field, g.lineWidth = 1, g.strokeRect(x, 22, share * w, 30);
-      if (share * w > 16) label(g, name, x + share * w / 2, 64, ink.soft, 'center');
+      g.fillStyle = colour, g.fillRect(x, 2, share * w, 30), g.strokeStyle = ink.field, g.lineWidth = 1, g.strokeRect(x, 2, share * w, 30);
+      if (share * w > 16) label(g, name, x + share * w / 2, 43, ink.soft, 'center');
       x += share * w;
     };
     for (let i = 0; i < 8; i++) part(OUT[5 + 10 * i + 4], css3(OUT.subarray(5 + 10 * i + 5)), String(i + 1));
     part(OUT[3], 'rgb(13,64,89)', 'b');
-    label(g, 'shares of the pixel: α T of each splat, and what is left for the background (b)', 1, 9, ink.soft);
   },
   start() {
     let rows = '';
