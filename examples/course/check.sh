@@ -34,7 +34,7 @@ fi
 
 browser=$(command -v chromium || command -v chromium-browser || command -v google-chrome)
 if [ -n "$browser" ]; then
-    "$browser" --headless --no-sandbox --disable-gpu --enable-logging=stderr --virtual-time-budget=60000 --user-data-dir="$folder/profile" \
+    timeout 300 "$browser" --headless --no-sandbox --disable-gpu --enable-logging=stderr --virtual-time-budget=60000 --user-data-dir="$folder/profile" \
         --dump-dom "file://$PWD/$page#numbers" >"$folder/dom.html" 2>"$folder/browser.log"
     if grep CONSOLE "$folder/browser.log"; then echo 'FAIL the console has messages'; failed=1; fi
     sed -n '/<pre id="numbers">/,/<\/pre>/p' "$folder/dom.html" >"$folder/numbers.txt"
