@@ -124,8 +124,8 @@ EXPORT int compositing(void) {
 
 /* ---------------------------------------------------------------- 3: gradients */
 
-enum { PULLED = 3, NUMBERS = 14 };
-static const double PULL_LAYER[PULLED][10] = {{36, 34, 2.5, 12, 6, 25, 0.70, 0.93, 0.52, 0.20},
+enum { THREE = 3, NUMBERS = 14 };
+static const double THREE_LAYER[THREE][10] = {{36, 34, 2.5, 12, 6, 25, 0.70, 0.93, 0.52, 0.20},
                                               {56, 30, 3.5, 14, 8, -35, 0.75, 0.25, 0.60, 0.70},
                                               {50, 46, 4.5, 18, 9, 5, 0.85, 0.60, 0.70, 0.30}};
 /* Where mean, log_scale, rotation, logit and the three coefficients of degree 0 are in struct gaussian. */
@@ -135,7 +135,7 @@ static const int NUMBER[NUMBERS] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13
 static double pixel_loss(struct gaussian *row, int count, double x, double y, const double wanted[3], struct splat *ds,
                          struct gaussian *dg) {
     const struct camera cam = course_camera(96, 72, 96);
-    struct splat s[PULLED];
+    struct splat s[THREE];
     double rgb[3], drgb[3], L = 0;
     int seen = 0;
     for (int i = 0, at; i < count; i++) { /* in depth order, as render_forward */
@@ -160,27 +160,27 @@ static double pixel_loss(struct gaussian *row, int count, double x, double y, co
 EXPORT int gradients(void) {
     const struct camera cam = course_camera(96, 72, 96);
     const double h = 1e-5, *wanted = in + 2;
-    struct gaussian row[PULLED], dg[PULLED];
-    struct splat s[PULLED], ds[PULLED];
-    struct model m = {PULLED, 0, {BACKDROP[0], BACKDROP[1], BACKDROP[2]}, row};
+    struct gaussian row[THREE], dg[THREE];
+    struct splat s[THREE], ds[THREE];
+    struct model m = {THREE, 0, {BACKDROP[0], BACKDROP[1], BACKDROP[2]}, row};
     const int chosen = (int)in[5];
-    for (int i = 0; i < PULLED; i++) {
+    for (int i = 0; i < THREE; i++) {
         double layer[10];
-        memcpy(layer, PULL_LAYER[i], sizeof layer);
+        memcpy(layer, THREE_LAYER[i], sizeof layer);
         if (i == chosen)
             layer[0] = in[6], layer[1] = in[7], layer[5] = in[8], layer[3] = in[9], layer[4] = in[10], layer[6] = in[11];
         row[i] = course_flat(layer, 96, 48, 36, 0);
     }
     render_forward(&m, &cam, s, field);
     memset(dg, 0, sizeof dg), memset(ds, 0, sizeof ds);
-    out[3] = pixel_loss(row, PULLED, in[0] + 0.5, in[1] + 0.5, wanted, ds, dg);
+    out[3] = pixel_loss(row, THREE, in[0] + 0.5, in[1] + 0.5, wanted, ds, dg);
     for (int k = 0; k < NUMBERS; k++) {
         double *x = (double *)&row[chosen] + NUMBER[k], at = *x, above, below;
-        *x = at + h, above = pixel_loss(row, PULLED, in[0] + 0.5, in[1] + 0.5, wanted, NULL, NULL);
-        *x = at - h, below = pixel_loss(row, PULLED, in[0] + 0.5, in[1] + 0.5, wanted, NULL, NULL);
+        *x = at + h, above = pixel_loss(row, THREE, in[0] + 0.5, in[1] + 0.5, wanted, NULL, NULL);
+        *x = at - h, below = pixel_loss(row, THREE, in[0] + 0.5, in[1] + 0.5, wanted, NULL, NULL);
         *x = at, out[4 + k] = ((double *)&dg[chosen])[NUMBER[k]], out[4 + NUMBERS + k] = (above - below) / (2 * h);
     }
-    for (int i = 0; i < PULLED; i++) { /* dq/dangle: half of (0, 0, 0, 1) q, the turn about the line of sight */
+    for (int i = 0; i < THREE; i++) { /* dq/dangle: half of (0, 0, 0, 1) q, the turn about the line of sight */
         const double *q = row[i].rotation, turn[4] = {-q[3] / 2, -q[2] / 2, q[1] / 2, q[0] / 2};
         double *o = out + 4 + 2 * NUMBERS + 11 * i;
         for (int a = 0; a < 2; a++) {
@@ -190,7 +190,7 @@ EXPORT int gradients(void) {
         o[6] = dot(dg[i].rotation, turn, 4), o[7] = dg[i].logit;
         for (int c = 0; c < 3; c++) o[8 + c] = dg[i].sh[c];
     }
-    return 4 + 2 * NUMBERS + 11 * PULLED;
+    return 4 + 2 * NUMBERS + 11 * THREE;
 }
 
 /* ---------------------------------------------------------------- 4, 5: fitting, density control */

@@ -289,7 +289,7 @@ function cross(g, x, y, zoom) {
 // ------------------------------------------------------------------ 3: gradients
 
 const WANTED = [[1, 1, 1], [0.02, 0.02, 0.02], [0.95, 0.45, 0.1], [0.1, 0.35, 0.8]];
-const pull = chapters.pull = {
+const gradients = chapters.gradients = {
   x: 46, y: 37, chosen: 0, layer: [[36, 34, 25, 12, 6, 0.7], [56, 30, -35, 14, 8, 0.75], [50, 46, 5, 18, 9, 0.85]],
   inputs() { return [this.x, this.y, ...WANTED[picked(this.section, 'wanted')], this.chosen, ...this.layer[this.chosen]]; },
   update() {
@@ -302,8 +302,8 @@ const pull = chapters.pull = {
     ['gx', 'gy', 'angle', 's1', 's2', 'opacity'].forEach((n, k) => { this.layer[this.chosen][k] = slider(this.section, n); });
     call('gradients', this.inputs());
     show(this.section);
-    $('pull-colour').style.background = css3(OUT), $('pull-wanted').style.background = css3(WANTED[picked(this.section, 'wanted')]);
-    const a = pen('pull-image'), g = a.g, zoom = a.w / 96, colours = [ink.c1, ink.c2, ink.c3];
+    $('gradients-colour').style.background = css3(OUT), $('gradients-wanted').style.background = css3(WANTED[picked(this.section, 'wanted')]);
+    const a = pen('gradients-image'), g = a.g, zoom = a.w / 96, colours = [ink.c1, ink.c2, ink.c3];
     pixels(g, 96, 72, [0, 0, a.w, a.h], fieldRgb(0));
     const at = (i, k) => OUT[32 + 11 * i + k];
     let far = 1e-12, grow = 1e-12, turn = 1e-12, tint = 1e-12;
@@ -333,7 +333,7 @@ const pull = chapters.pull = {
       g.beginPath(), g.arc(x, y, 9, 0, 7), g.fillStyle = '#fffd', g.fill(), label(g, 'ABC'[i], x, y, '#10181c', 'center');
     }
     cross(g, (this.x + 0.5) * zoom, (this.y + 0.5) * zoom, zoom);
-    const p = pen('pull-bars'), names = ['opacity', 'red', 'green', 'blue'], wide = p.w / 3;
+    const p = pen('gradients-bars'), names = ['opacity', 'red', 'green', 'blue'], wide = p.w / 3;
     for (let i = 0; i < 3; i++) {
       const left = i * wide + 6, zero = left + 48 + (wide - 66) / 2, half = (wide - 66) / 2;
       label(p.g, 'Gaussian ' + 'ABC'[i], left, 10, ink.ink);
@@ -350,9 +350,9 @@ const pull = chapters.pull = {
     const names = ['mean x', 'mean y', 'mean z', 'log scale 1', 'log scale 2', 'log scale 3', 'rotation w', 'rotation x', 'rotation y', 'rotation z', 'opacity logit',
       'red', 'green', 'blue'];
     const groups = [0, 3, 6, 10, 11];
-    $('pull-table').innerHTML = names.map((n, i) => `<tr${groups.includes(i) ? ' class=group' : ''}><td>${n}</td><td>${output(4 + i, 'e4')}</td><td>${output(18 + i, 'e4')}</td></tr>`).join('');
-    const go = (x, y) => { this.x = clamp(x, 0, 95), this.y = clamp(y, 0, 71), update('pull'); };
-    touch('pull-image', (u, v) => go(Math.floor(u * 96), Math.floor(v * 72)), (dx, dy) => go(this.x + dx, this.y + dy));
+    $('gradients-table').innerHTML = names.map((n, i) => `<tr${groups.includes(i) ? ' class=group' : ''}><td>${n}</td><td>${output(4 + i, 'e4')}</td><td>${output(18 + i, 'e4')}</td></tr>`).join('');
+    const go = (x, y) => { this.x = clamp(x, 0, 95), this.y = clamp(y, 0, 71), update('gradients'); };
+    touch('gradients-image', (u, v) => go(Math.floor(u * 96), Math.floor(v * 72)), (dx, dy) => go(this.x + dx, this.y + dy));
   },
 };
 
@@ -655,7 +655,7 @@ function examine() {
         const radios = c.section.querySelectorAll('input[type=radio]');
         if (radios.length) radios[Math.floor(random() * radios.length)].checked = true;
         if (name === 'one') c.x = 120 * random(), c.y = 90 * random();
-        if (name === 'layers' || name === 'pull') c.x = 20 + Math.floor(56 * random()), c.y = 20 + Math.floor(32 * random());
+        if (name === 'layers' || name === 'gradients') c.x = 20 + Math.floor(56 * random()), c.y = 20 + Math.floor(32 * random());
         if (name === 'blocks') c.cuts.push([60 * random(), 40 * random(), Math.floor(3 * random()) - 1]);
         if (name === 'fit') c.reset(), c.step(2);
         if (name === 'density') call('fit_select', [1]), call('fit_run', [4, 2]), call('fit_densify');

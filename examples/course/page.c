@@ -105,7 +105,7 @@ static void put_link(const char *file, const char *name) {
 
 /* ---------------------------------------------------------------- exercises */
 
-/* Blocks of lines "key: text"; "exercise: N" opens one. The keys old, new and at are for exercise.c. */
+/* Blocks of lines "key: text"; "exercise: N" opens one. The keys at, from and to are for exercises.c and exercises.sh. */
 static void put_exercises(const char *file) {
     char *text = read_file(file, NULL);
     int open = 0;
@@ -125,8 +125,11 @@ static void put_exercises(const char *file) {
         }
         for (size_t k = 0; k < sizeof keys / sizeof *keys; k++)
             if (!strcmp(line, keys[k][0])) {
+                int in_code = 0;
                 fputs(keys[k][1], stdout);
-                for (const char *c = value; *c; c++) put_escaped(*c);
+                for (const char *c = value; *c; c++)
+                    if (*c == '`') fputs((in_code = !in_code) ? "<code>" : "</code>", stdout);
+                    else put_escaped(*c);
                 fputs(keys[k][2], stdout);
             }
     }
