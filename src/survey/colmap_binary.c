@@ -8,8 +8,8 @@
  *
  * rigs.bin and frames.bin of COLMAP 3.12 and later are not read: images.bin has each image's own pose.
  *
- * Invariant: what is read is what the text export of the same model reads as, but for the order of rows (colmap_order), and messages
- * name the record where those name the line. A count is compared with what the file can hold before memory is taken for it.
+ * Invariant: the result equals that of the text export of the same model, except for the order of rows (colmap_order); messages name
+ * the record instead of the line. A count is compared with the size of the file before memory is allocated for it.
  */
 #include "colmap.h"
 
@@ -49,7 +49,7 @@ static double binary_f64(const char *p)
     return value;
 }
 
-/* Of the first byte that was not taken, in the file. */
+/* Offset in the file of the first unread byte. */
 static uint64_t binary_place(const struct colmap_reader *r)
 {
     return r->offset + (uint64_t)(r->next - r->window);
@@ -72,7 +72,7 @@ static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char 
                     r->line, seen, what);
 }
 
-/* The next `size` bytes, which stay until the next call. */
+/* The next `size` bytes, valid until the next call. */
 static oxl_result binary_take(struct colmap_reader *r, size_t size, const char *what, const char **out)
 {
     while ((size_t)(r->limit - r->next) < size && !r->at_end)
@@ -130,7 +130,7 @@ static oxl_result binary_open(struct colmap_reader *r, const char *folder, const
     return colmap_fill(r);
 }
 
-/* What follows the last record belongs to nothing. */
+/* Bytes after the last record are an error. */
 static void binary_end(struct colmap_reader *r)
 {
     if (binary_left(r) == 0) return;
@@ -201,7 +201,7 @@ static oxl_result binary_cameras(struct colmap_reader *r)
 
 /* ---------------------------------------------------------------- images.bin */
 
-/* Through colmap_read_name, with blanks at its ends left out as a line of text has it; a line end in it would be none in text. */
+/* Read by colmap_read_name, without blanks at the ends, as in text; a newline in it is an error. */
 static oxl_result binary_name(struct colmap_reader *r, size_t *name)
 {
     const char *zero, *p = NULL;
@@ -240,7 +240,7 @@ static oxl_result binary_pose(struct colmap_reader *r, struct colmap_image *imag
     return rc;
 }
 
-/* An id past 2^63 is that of no point; 2^64 - 1 says so. */
+/* Ids from 2^63 on mean no point; COLMAP writes 2^64 - 1. */
 static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_t *out)
 {
     const uint64_t id = binary_u64(p);
@@ -258,7 +258,7 @@ static oxl_result binary_observation(struct colmap_reader *r, struct colmap_obse
     o->x = binary_f64(p);
     o->y = binary_f64(p + 8);
     if (fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX) return OXL_OK;
-    *o = (struct colmap_observation){.point = -1}; /* keeps its place: tracks count on it */
+    *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
     colmap_warn(r, ODD_OBSERVATION);
     return OXL_OK;
 }
@@ -322,7 +322,7 @@ static oxl_result binary_track(struct colmap_reader *r, uint64_t length, struct 
     return OXL_OK;
 }
 
-/* more: points that follow this one. A track that leaves them no room would overrun what was taken for all tracks. */
+/* more: number of points after this one. A track that leaves no bytes for them would overrun the array of tracks. */
 static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct colmap_point *point, uint64_t *length)
 {
     const char *p  = NULL;
@@ -363,7 +363,7 @@ static oxl_result binary_add_point(struct colmap_reader *r, uint64_t more)
     return OXL_OK;
 }
 
-/* What is left beside the points are tracks: so memory for both is taken once. */
+/* The bytes beside the points are tracks, so memory for both is allocated once. */
 static oxl_result binary_points(struct colmap_reader *r)
 {
     struct colmap *out   = r->out;

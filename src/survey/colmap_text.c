@@ -1,9 +1,8 @@
-/* colmap_text.c - how COLMAP's text files are read: a window that moves over the file, its lines, their fields, and what is said
- * of those that are wrong.
+/* colmap_text.c - COLMAP's text files: a window that moves over the file, its lines, their fields, and error messages.
  *
- * Only the window is in memory, so that a file of gigabytes costs no more than what is kept of it.
+ * Only the window is in memory, so a file of several gigabytes needs no more than its parsed rows.
  *
- * Invariant: a message names file:line, what was seen, what was wanted, and one fix. A quiet reader says and allocates nothing.
+ * Invariant: a message names file:line, the value found, the value expected, and a fix. A quiet reader does not log or allocate.
  */
 #include "colmap.h"
 
@@ -120,7 +119,7 @@ OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder,
     r->rc = os_reader_open(r->ctx, r->path, &r->file);
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->window;
-    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* the end is met, and a zero byte follows it */
+    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* one byte to detect the end, and the zero byte */
     if (r->room < wanted && colmap_widen(r, wanted) != OXL_OK) return r->rc;
     if (colmap_begin(r) == OXL_OK) r->announced = colmap_announcement(r);
     return r->rc;

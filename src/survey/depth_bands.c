@@ -1,14 +1,14 @@
-/* depth_bands.c - near, mid or far: the depth of what each pixel of a view shows, as the survey's points tell.
+/* depth_bands.c - assigns pixels of a view to the depth bands near, mid and far, from the survey's points.
  *
- * A pixel is as far as the nearest point (in steps to the four neighbours) that the view saw by its track; farther than BANDS_REACH
- * from all of them it counts for no band. Without tracks (scenes from arrays) a point is seen by every view that has it in its picture.
+ * A pixel has the depth of the nearest point in the image (4-neighbour distance) that the view observes by its track; beyond BANDS_REACH it
+ * has no band. Without tracks (scenes from arrays), a view observes all points that project into its image.
  *
- * Invariant: a function of the scene alone. A model's own depth would make each model choose the pixels that it is judged by.
+ * Invariant: a function of the scene alone, so that metrics by depth use the same pixels for every model.
  */
 #include "survey.h"
 
 #define BANDS_REACH (1.0 / 16) /* of the longer side */
-enum { BANDS_MOST = 1 << 22 }; /* points in views; where there are more, every k-th */
+enum { BANDS_MOST = 1 << 22 }; /* limit of observations; every k-th if there are more */
 
 static void depth_bands_see(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
 {
@@ -27,7 +27,7 @@ static void depth_bands_see(struct depth_bands *b, const oxl_scene *scene, int v
     b->sight[b->count++] = (struct depth_sample){view, (int)v * c->width + (int)u, (float)x[2]};
 }
 
-/* view: of an image of the survey; -1: not asked for, or none. */
+/* view: index by survey image; -1: none. */
 static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c, const int *view)
 {
     const size_t step = c->track_count / BANDS_MOST + 1;
@@ -86,7 +86,7 @@ OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b)
     *b = (struct depth_bands){0};
 }
 
-/* The first of the view's; of nearest points in one pixel, the nearer shows. */
+/* Points in the same pixel: the one nearest to the camera is used. */
 static size_t depth_bands_first(const struct depth_bands *b, int view)
 {
     size_t low = 0, high = b->count;

@@ -1,7 +1,7 @@
 /* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, as the struct that COLMAP's files give.
  *
- * Invariant: what colmap.c promises of its files holds here: finite numbers, rotations, names inside the image folder, each image's
- * camera is there. There are no 2D points and no tracks: such a survey is one block.
+ * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera exists. There are no
+ * 2D points and no tracks, so such a survey is one block.
  */
 #include "json_survey.h"
 
