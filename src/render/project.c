@@ -1,13 +1,13 @@
-/* project.c - Gaussians onto the image plane, and their gradients back.
+/* project.c - projects Gaussians onto the image plane, and their gradients back.
  *
  * Zwicker et al. 2001 (EWA splatting) as used by Kerbl et al. 2023: with p = R mu + t in the camera, J the Jacobian of the
  * perspective map at p, and Sigma = M M^T, M = rot(q) diag(exp s), the splat's covariance is (J R) Sigma (J R)^T + 0.3 I.
  *
- * Rows go through in packs of PACK, a lane each; a lane's arithmetic is plain scalar code that the compiler turns into vectors,
- * so it has no branches, only selections. Forward and backward share project_geometry: nothing is stored between them.
+ * Rows are processed in packs of PACK lanes; the code of a lane is scalar C without branches, which the compiler vectorises. Forward
+ * and backward both compute project_geometry: nothing is stored between them.
  *
- * Rows 0..lobes-1 have a second lobe [OceanXL eq. 3-4] of opacity o' = o sigmoid(a) and scales s' = s exp(b); packs with such rows go
- * through a second loop of lanes, the others do not know of it.
+ * Rows 0..lobes-1 have a second lobe [OceanXL eq. 3-4] of opacity o' = o sigmoid(a) and scales s' = s exp(b); packs with such rows run a
+ * second loop over lanes.
  *
  * Invariant: the backward pass is the exact gradient of the forward pass, clamps included: where a clamp holds, its gradient is 0.
  */
@@ -35,15 +35,15 @@ struct project_geometry {
     int         free_x, free_y;     /* 1 where that clamp does not hold */
     struct vec3 t0, t1;             /* rows of J R */
     struct vec3 b0, b1;             /* rows of J R M: the covariance's square root */
-    struct vec3 c0;                 /* b0 + k b1, the part of b0 that y does not explain: see project_lane_backward */
-    real        shrink2;            /* the covariance below is scaled by this, lest float overflow for Gaussians in one's face */
+    struct vec3 c0;                 /* b0 + k b1, the component of b0 orthogonal to b1: see project_lane_backward */
+    real        shrink2;            /* scale of the covariance below, against float overflow close to the camera */
     real        xx, xy, yy;         /* covariance x shrink2, low pass included */
     real        det;                /* its determinant */
 };
 
 #define QUATERNION_MIN ((real)1.2e-38) /* shorter ones count as the identity: the inverse would overflow in float */
 
-/* Quaternions need not be normalised. Dividing by the largest component first keeps huge and tiny ones from overflowing when squared. */
+/* Quaternions need not be normalised. Dividing by the largest component first avoids overflow and underflow of squares. */
 SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project_geometry *g)
 {
     const real mw = real_abs(w), mx = real_abs(x), my = real_abs(y), mz = real_abs(z);
@@ -73,7 +73,7 @@ SIMD_INLINE void project_jacobian(const struct kernel_camera *lens, real z, stru
     g->t1     = add3(scale3(lens->fy * inverse, lens->rotation.y), scale3(-lens->fy * cy * inverse, lens->rotation.z));
 }
 
-/* MATH 3. Determinant by Cauchy-Binet: a sum of squares, where xx yy - xy^2 would lose every digit for a needle. */
+/* MATH 3. Determinant by Cauchy-Binet, a sum of squares: xx yy - xy^2 cancels for a needle. */
 SIMD_INLINE void project_covariance(struct project_geometry *g)
 {
     const struct vec3 r0 = mat3_transposed_times(g->rotation, g->t0), r1 = mat3_transposed_times(g->rotation, g->t1);
@@ -112,7 +112,7 @@ SIMD_INLINE struct project_geometry project_place(const int fused, const struct 
     real                    z;
     g.p       = add3(mat3_times(lens->rotation, mean), lens->translation);
     *in_front = g.p.z > lens->near_plane;
-    z         = *in_front ? g.p.z : 1; /* keep the other lanes finite */
+    z         = *in_front ? g.p.z : 1; /* keeps other lanes finite */
     g.p.z     = z;
     g.scale.x = real_exp(fused, in->plane[OXL_LOG_SCALE][i]);
     g.scale.y = real_exp(fused, in->plane[OXL_LOG_SCALE + 1][i]);
@@ -131,7 +131,7 @@ SIMD_INLINE struct project_geometry project_geometry(const int fused, const stru
     return g;
 }
 
-/* The second lobe's: all alike but the scale. */
+/* The second lobe's: differs only in scale. */
 SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const struct gaussians *in,
                                                           const struct kernel_camera *lens, size_t i, int *in_front)
 {
@@ -196,7 +196,7 @@ SIMD_INLINE void project_basis(int degree, struct project_colour *c)
     }
 }
 
-/* d(sum of basis_k v_k)/d(direction), the direction taken as free: v (16, PACK) -> dx, dy, dz (PACK). */
+/* d(sum of basis_k v_k)/d(direction), without the normalisation: v (16, PACK) -> dx, dy, dz (PACK). */
 SIMD_INLINE void project_basis_backward(int degree, const struct project_colour *c, real v[16][PACK], real *dx, real *dy,
                                         real *dz)
 {
@@ -235,7 +235,7 @@ SIMD_INLINE void project_basis_backward(int degree, const struct project_colour 
     }
 }
 
-/* From the eye to each row, and the basis there. */
+/* Direction from the camera to each row, and the SH basis. */
 SIMD_INLINE void project_sight(const struct gaussians *in, const struct kernel_camera *lens, size_t first,
                                struct project_colour *c)
 {
@@ -259,7 +259,7 @@ SIMD_INLINE void project_colour(const struct gaussians *in, const struct kernel_
     for (int l = 0; l < PACK; l++) red[l] = green[l] = blue[l] = (real)0.5;
     for (int k = 0; k < 16; k++) {
         const real *r, *g, *b, *basis = c->basis[k];
-        if (k == bands) break; /* a second way out of the loop keeps gcc from jamming two rounds into one, with gathers */
+        if (k == bands) break; /* a second loop exit prevents gcc's unroll-and-jam, which uses gathers */
         r = in->plane[OXL_SH + 3 * k] + first, g = in->plane[OXL_SH + 3 * k + 1] + first,
         b = in->plane[OXL_SH + 3 * k + 2] + first;
 #pragma omp simd
@@ -295,7 +295,7 @@ SIMD_INLINE void project_colour_backward(const struct project_job *job, size_t f
     if (degree == 0) return;
     project_basis_backward(degree, c, v, dx, dy, dz);
 #pragma omp simd
-    for (int l = 0; l < PACK; l++) { /* through direction = offset / |offset|: the part along it is lost */
+    for (int l = 0; l < PACK; l++) { /* through direction = offset / |offset|: the component along it is 0 */
         const real along = dx[l] * c->x[l] + dy[l] * c->y[l] + dz[l] * c->z[l];
         dmean[0][l] += (dx[l] - along * c->x[l]) * c->inverse[l];
         dmean[1][l] += (dy[l] - along * c->y[l]) * c->inverse[l];
@@ -310,7 +310,7 @@ struct project_lanes {
     int32_t seen[PACK];
 };
 
-/* sigmoid: both branches of the usual form are one, since e^-|x| never overflows. */
+/* sigmoid without branches: e^-|x| does not overflow. */
 SIMD_INLINE real project_sigmoid(const int fused, real x)
 {
     const real e = real_exp(fused, -real_abs(x)), s = 1 / (1 + e);
@@ -318,11 +318,11 @@ SIMD_INLINE real project_sigmoid(const int fused, real x)
 }
 
 struct project_shape {
-    real a, k, e, reach; /* reach: squared Mahalanobis radius of the contour, below 0 when there is none */
+    real a, k, e, reach; /* reach: squared Mahalanobis radius of the contour, < 0: none */
     real half_x, half_y;
 };
 
-/* MATH 4, 5. Half the contour's box is widened a little: the alpha test at each pixel decides, this only must not lose any. */
+/* MATH 4, 5. The half box is slightly enlarged: conservative, the alpha test at each pixel is exact. */
 SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak, real cut)
 {
     struct project_shape s;
@@ -363,7 +363,7 @@ struct project_lobe_lanes {
     real a[PACK], k[PACK], e[PACK], peak[PACK], half_x[PACK], half_y[PACK], main_x[PACK], main_y[PACK];
 };
 
-/* Adds the second lobe to a lane: its own shape, and for lanes below `lobes` the box and the sight of both. */
+/* Adds the second lobe to a lane: its shape, and for lanes below `lobes` the box and visibility of both lobes. */
 SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *job, size_t i, int l, int lobes,
                                    struct project_lanes *lanes, struct project_lobe_lanes *out)
 {
@@ -411,7 +411,7 @@ static void project_store_lobe(struct lobe *out, int l, const struct project_lob
     out->main_x = p->main_x[l], out->main_y = p->main_y[l];
 }
 
-/* Harmonics of the pack that comes next, each plane's in a page of its own: colour has 3 of them at degree 0, 48 at degree 3. */
+/* Prefetches the SH coefficients of the next pack, which lie in one page per plane: 3 at degree 0, 48 at degree 3. */
 SIMD_INLINE void project_prefetch(real *const plane[OXL_PLANES], int sh_degree, size_t at)
 {
     const int end = OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1);
@@ -449,12 +449,12 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
 /* ---------------------------------------------------------------- one pack: backward */
 
 struct project_gradients {
-    real sums[SPLAT_SUMS][PACK]; /* reduced over the splat's pairs; 0 where it is not visible */
+    real sums[SPLAT_SUMS][PACK]; /* summed over the splat's pairs; 0 if invisible */
     real mean[3][PACK];
     real u[PACK], v[PACK]; /* the centre's */
 };
 
-/* Adds a splat's pairs in the order of their slots: the order of a sum is part of the result. */
+/* Sums a splat's pairs in slot order, which fixes the rounding. */
 static void project_gather(const struct project_job *job, size_t first, unsigned seen, struct project_gradients *d)
 {
     memset(d->sums, 0, sizeof d->sums);
@@ -465,12 +465,12 @@ static void project_gather(const struct project_job *job, size_t first, unsigned
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
             for (int k = 0; k < SPLAT_SUMS; k++) sum[k] += job->sums[slot][k];
         for (int k = 0; k < SPLAT_SUMS; k++) d->sums[k][l] = sum[k];
-        for (int ch = 0; ch < 3; ch++) /* the colour's clamp at 0 stops its gradient */
+        for (int ch = 0; ch < 3; ch++) /* gradient 0 where the clamp of the colour holds */
             if (!(s->colour[ch] > 0)) d->sums[SUM_RED + ch][l] = 0;
     }
 }
 
-/* The same of the second lobes: they lie behind the splat's own. */
+/* The same for the second lobes, whose sums follow the splat's. */
 static void project_gather_lobes(const struct project_job *job, size_t first, unsigned seen, int lobes,
                                  real sums[SPLAT_SUMS][PACK])
 {
@@ -514,7 +514,7 @@ SIMD_INLINE struct vec3 project_jacobian_backward(const struct kernel_camera *le
     return dp;
 }
 
-/* What a Gaussian on the image plane pulls at. */
+/* Gradients of a splat's geometry. */
 struct project_pull {
     struct vec3 mean, log_scale;
     real        q[4], u, v;
@@ -530,8 +530,8 @@ SIMD_INLINE struct project_pull project_pull(const struct kernel_camera *lens, c
     const real                    A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
     const real                    du = A * sums[SUM_W][l], dv = k * du + E * sums[SUM_Y][l];
     const real                    dA = -sums[SUM_WW][l] / 2, dk = -A * sums[SUM_WY][l], dE = -sums[SUM_YY][l] / 2;
-    /* through (A, k, E) to the covariance and on to its root B; written with c0 = b0 + k b1, for in a needle b0 and -k b1 are huge
-     * and equal but for the digits that matter */
+    /* through (A, k, E) to the covariance and its root B; with c0 = b0 + k b1, since for a needle b0 and -k b1 are large and
+     * nearly equal */
     const real                    dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
     const struct vec3             db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
     const struct vec3             db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
@@ -560,7 +560,7 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     const struct kernel_camera   *lens = job->lens;
     int                           in_front;
     const struct project_geometry g    = project_geometry(fused, &job->in, lens, i, &in_front);
-    const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, digits kept */
+    const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, without cancellation */
     const struct project_pull     p    = project_pull(lens, &g, d->sums, l);
     const int                     ok   = seen >> l & 1;
     d->mean[0][l] += p.mean.x, d->mean[1][l] += p.mean.y, d->mean[2][l] += p.mean.z;
@@ -577,7 +577,7 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
 }
 
 /* The second lobe's part, added to what project_lane_backward wrote (MATH 16). Product rule: log o' = log o + log sigmoid(a), log s' = log s + b,
- * so what pulls at o' and s' pulls at o and s alike. */
+ * so gradients of o' and s' are also added to those of o and s. */
 SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                             real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
 {

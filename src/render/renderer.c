@@ -1,17 +1,16 @@
-/* renderer.c - the kernels behind one door: draw a view, compare it, walk the error back, step.
+/* renderer.c - chains the kernels: forward pass of a view, loss, backward pass, optimizer step.
  *
- * The doors are the CPU's, unless the context has a device: then each hands over to its own (backends/vulkan/renderer.c).
+ * The functions run on the CPU, or call those of a device (backends/vulkan/renderer.c).
  *
- * Invariant: everything here runs in parallel over packs, strips or tiles that are independent of each other, so the result does
- * not depend on the number of threads.
+ * Invariant: parallel loops are over independent packs, strips or tiles, so the result does not depend on the number of threads.
  */
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-#define RENDER_TASK      64 /* packs of rows a task: 1024 Gaussians, so that a plane's part is a page */
-#define RENDER_TILE_COST 16 /* pairs: what an empty tile takes */
+#define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */
+#define RENDER_TILE_COST 16 /* cost of an empty tile, in pairs */
 
-/* Tiles, one after the other, that a thread begins with. */
+/* Consecutive tiles that a thread starts with. */
 struct render_share {
     int  next, end;
     char apart[64 - 2 * sizeof(int)]; /* on a cache line of its own */
@@ -19,7 +18,7 @@ struct render_share {
 
 struct renderer {
     const struct renderer_device *backend; /* of `device` */
-    void                         *device;  /* NULL: the CPU draws, with what follows */
+    void                         *device;  /* NULL: the CPU renders, with the members below */
 
     struct kernel_camera lens;
     float                background[3];
@@ -39,7 +38,7 @@ struct renderer {
     float *exposed; /* (3,H,W) rgb times gain */
     double dlog_gain[3];
     size_t exposed_capacity;
-    float *target, *weight; /* the image that was taken last: (3,H,W), and (H,W) when it is masked */
+    float *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
     int    masked;
     float (*sums)[SPLAT_SUMS];
     float               *score; /* (slots) */
@@ -159,7 +158,7 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t co
 
 /* ---------------------------------------------------------------- from a device to the CPU */
 
-/* The image taken last comes along: the loss is still to be computed. */
+/* Copies the image of renderer_take_image, since the loss is not computed yet. */
 static oxl_result render_take_target_home(oxl_context *ctx, struct renderer *r)
 {
     const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
@@ -169,8 +168,7 @@ static oxl_result render_take_target_home(oxl_context *ctx, struct renderer *r)
     return rc;
 }
 
-/* With --backend auto a device without enough memory is no reason to stop: from here on the CPU does it. Returns rc where that is not
- * the case. */
+/* With --backend auto, a device without enough memory is replaced by the CPU. Returns rc in all other cases. */
 static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_result rc)
 {
     char why[160];
@@ -290,8 +288,8 @@ static struct raster_job render_raster_job(struct renderer *r, int tile, const f
                                .score         = r->score};
 }
 
-/* Shares of about equal work. A thread has the same part of the image from stage to stage, in its own cache, and no two threads
- * write to one cache line but where shares meet. */
+/* Shares of about equal work. A thread keeps the same part of the image in all stages, for its cache, and threads share cache lines
+ * only at the borders of shares. */
 static void render_share_tiles(const oxl_context *ctx, struct renderer *r)
 {
     const int      tiles = r->bins.tiles_x * r->bins.tiles_y;
@@ -318,7 +316,7 @@ static void render_work_off(struct renderer *r, struct render_share *share, int 
     }
 }
 
-/* Each thread takes its own share, then helps the others with theirs. */
+/* Each thread processes its own share, then tiles of other shares. */
 static void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work)
 {
     render_share_tiles(ctx, r);
@@ -327,7 +325,7 @@ static void render_each_tile(oxl_context *ctx, struct renderer *r, const float *
         for (int k = 0; k < ctx->threads; k++) render_work_off(r, &r->share[(own + k) % ctx->threads], ctx->isa, drgb, work);
 }
 
-/* Everything that forward needs before its first parallel region. */
+/* Allocates and prepares for the parallel regions of forward. */
 static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                const oxl_render_options *options)
 {
@@ -422,7 +420,7 @@ OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r)
     return r->dlog_gain;
 }
 
-/* The loss of the exposed image, by the CPU: a device gives its image and takes the gradient of it. */
+/* The loss with exposure gains, on the CPU: a device's image is downloaded and the gradient uploaded. */
 static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct loss_value *out)
 {
@@ -508,7 +506,7 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* slots in their order: part of the result */
+    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* in slot order, which fixes the rounding */
         const struct splat *s   = &r->splat[r->bins.order[i]];
         float               sum = 0;
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++) sum += r->score[slot];
@@ -526,7 +524,7 @@ struct render_step {
     double           correction; /* of the first moment's bias */
 };
 
-/* Planes of the model from first_plane on become those of the job from `at` on. */
+/* Assigns the model's planes from first_plane on to those of the job from `at` on. */
 static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at, struct adam_job *out)
 {
     for (int k = first_plane; k < first_plane + planes; k++, at++) {
@@ -538,7 +536,7 @@ static void render_step_planes(const struct render_step *s, int first_plane, int
     }
 }
 
-/* Rows of a pack that were seen before the step and are no longer: those that it put aside. */
+/* Rows of a pack whose visibility bit the step cleared: values that were not finite. */
 static void render_count_aside(unsigned before, unsigned after, size_t pack, struct renderer_nonfinite *out)
 {
     for (unsigned l = 0; before != after && l < PACK; l++)
@@ -583,7 +581,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
     return OXL_OK;
 }
 
-/* Where a gradient seen from this depth is added. */
+/* Statistics for gradients at this depth. */
 static float *render_band(const struct renderer_sums *s, float depth)
 {
     return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->mid : s->far_;
@@ -667,7 +665,7 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
 
 /* ---------------------------------------------------------------- the public doors */
 
-/* The same splats again with (depth, 1, 0) for a colour: the sums of alpha T z and of alpha T fall out of the same kernel. */
+/* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha T. */
 static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
 {
     for (size_t i = 0; i < r->bins.visible_count; i++) {

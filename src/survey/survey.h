@@ -148,7 +148,7 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
                                           const struct colmap_camera *from);
 OXL_INTERNAL void       image_pixels_free(oxl_context *ctx, struct pixels *p);
 
-/* A training image: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 counts, 0 masked). */
+/* A training image: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 used, 0 masked). */
 struct training_image {
     int      width, height;
     uint8_t *rgb;
