@@ -94,7 +94,7 @@ static void *context_reallocate_in_turn(void *user, void *old, size_t size)
     return memory;
 }
 
-OXL_INTERNAL oxl_context context_apart(oxl_context *ctx)
+OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx)
 {
     return (oxl_context){
         .options = {.reallocate = context_reallocate_in_turn, .user = &ctx->options}, .threads = 1, .isa = ctx->isa};

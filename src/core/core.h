@@ -74,7 +74,7 @@ OXL_INTERNAL void       context_close(oxl_context *ctx);
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
 /* A context for one of several threads, with memory from ctx. It does not log and keeps its own errors. */
-OXL_INTERNAL oxl_context context_apart(oxl_context *ctx);
+OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
 
 /* All memory comes from these, aligned to 64 bytes; NULL if the allocator fails or count x size overflows. */
 OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);

@@ -31,7 +31,7 @@ static const char *json_past(const char *at)
     return at;
 }
 
-const char *oxl_json_fault(const char *text)
+const char *oxl_json_error(const char *text)
 {
     const char *at    = json_blank(text);
     int         depth = 0;

@@ -10,7 +10,7 @@
 #include <stddef.h>
 
 /* NULL if brackets and strings are balanced and nothing follows; otherwise the position of the error. */
-const char *oxl_json_fault(const char *text);
+const char *oxl_json_error(const char *text);
 
 /* The first element of an array or first key of an object; the element after one, or the key after a value; the value of a key. */
 const char *oxl_json_first(const char *value);

@@ -141,7 +141,7 @@ static double number_scale(uint64_t w, const char *digits, const char *end, int 
 /* ---------------------------------------------------------------- the text of a double */
 
 /* The position after `word`, ignoring case; NULL: no match. */
-static const char *number_past_word(const char *p, const char *end, const char *word)
+static const char *number_skip_word(const char *p, const char *end, const char *word)
 {
     for (; *word; word++, p++)
         if (p == end || (*p | 0x20) != *word) return NULL;
@@ -151,7 +151,7 @@ static const char *number_past_word(const char *p, const char *end, const char *
 /* nan, nan(...), inf, infinity. */
 static const char *number_parse_name(const char *p, const char *end, double *out)
 {
-    const char *past = number_past_word(p, end, "nan");
+    const char *past = number_skip_word(p, end, "nan");
     *out             = NAN;
     if (past) {
         p = past;
@@ -162,14 +162,14 @@ static const char *number_parse_name(const char *p, const char *end, double *out
         return past;
     }
     *out = INFINITY;
-    past = number_past_word(p, end, "infinity");
-    return past ? past : number_past_word(p, end, "inf");
+    past = number_skip_word(p, end, "infinity");
+    return past ? past : number_skip_word(p, end, "inf");
 }
 
 /* Visual C++ before 2015 printed 1.#INF, 1.#IND00, 1.#QNAN; p is at the '#'. */
 static const char *number_parse_sharp(const char *p, const char *end, double *out)
 {
-    *out = number_past_word(p + 1, end, "inf") ? INFINITY : NAN;
+    *out = number_skip_word(p + 1, end, "inf") ? INFINITY : NAN;
     for (p++; p < end && (number_is_digit(*p) || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')); p++) {}
     return p;
 }

@@ -266,7 +266,7 @@ static void ply_store(const struct ply_target *target, size_t row, double value)
 }
 
 /* State of the three readers: bytes of an element from `cursor`; targets (properties), or NULL to skip the element. */
-struct ply_walk {
+struct ply_rows {
     oxl_context              *ctx;
     const struct ply         *ply;
     const struct ply_element *element;
@@ -274,7 +274,7 @@ struct ply_walk {
     const char               *cursor, *end;
 };
 
-static oxl_result ply_cut_short(const struct ply_walk *w, uint64_t row)
+static oxl_result ply_cut_short(const struct ply_rows *w, uint64_t row)
 {
     return oxl_fail(w->ctx, OXL_ERR_INPUT,
                     "%s: byte %zu: the file ends in row %llu of %llu of element %s\nfix: copy or export it again", w->ply->path,
@@ -283,7 +283,7 @@ static oxl_result ply_cut_short(const struct ply_walk *w, uint64_t row)
 }
 
 /* Rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
-static oxl_result ply_walk_fixed(struct ply_walk *w)
+static oxl_result ply_read_fixed(struct ply_rows *w)
 {
     enum { TILE = 64 };
     const struct ply_element *element    = w->element;
@@ -313,7 +313,7 @@ static oxl_result ply_walk_fixed(struct ply_walk *w)
 }
 
 /* Binary rows with lists, of variable size. */
-static oxl_result ply_walk_lists(struct ply_walk *w)
+static oxl_result ply_read_lists(struct ply_rows *w)
 {
     const int big_endian = w->ply->format == PLY_BIG;
     for (uint64_t row = 0; row < w->element->rows; row++) {
@@ -336,7 +336,7 @@ static oxl_result ply_walk_lists(struct ply_walk *w)
     return OXL_OK;
 }
 
-static oxl_result ply_ascii_fail(const struct ply_walk *w, uint64_t row, const char *wanted)
+static oxl_result ply_ascii_fail(const struct ply_rows *w, uint64_t row, const char *wanted)
 {
     char seen[48];
     int  line = w->ply->data_line;
@@ -346,14 +346,14 @@ static oxl_result ply_ascii_fail(const struct ply_walk *w, uint64_t row, const c
                     w->ply->path, line, (unsigned long long)row, w->element->name, ply_show(w->cursor, w->end, seen), wanted);
 }
 
-static int ply_ascii_number(struct ply_walk *w, double *out)
+static int ply_ascii_number(struct ply_rows *w, double *out)
 {
     while (w->cursor < w->end && ply_blank(*w->cursor)) w->cursor++;
     return parse_double(&w->cursor, w->end, out) && (w->cursor == w->end || ply_blank(*w->cursor) || *w->cursor == '\n');
 }
 
 /* One row per line, as the format requires, so an error names the row with a missing value. */
-static oxl_result ply_walk_ascii(struct ply_walk *w)
+static oxl_result ply_read_ascii(struct ply_rows *w)
 {
     for (uint64_t row = 0; row < w->element->rows; row++) {
         double value;
@@ -375,12 +375,12 @@ static oxl_result ply_walk_ascii(struct ply_walk *w)
     return OXL_OK;
 }
 
-static oxl_result ply_walk(struct ply_walk *w)
+static oxl_result ply_rows(struct ply_rows *w)
 {
     if (w->element->properties == 0) return OXL_OK; /* rows without bytes */
-    if (w->ply->format == PLY_ASCII) return ply_walk_ascii(w);
-    if (w->element->has_list) return ply_walk_lists(w);
-    return ply_walk_fixed(w);
+    if (w->ply->format == PLY_ASCII) return ply_read_ascii(w);
+    if (w->element->has_list) return ply_read_lists(w);
+    return ply_read_fixed(w);
 }
 
 /* ---------------------------------------------------------------- the door */
@@ -404,12 +404,12 @@ done:
 
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target)
 {
-    struct ply_walk w = {.ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};
+    struct ply_rows w = {.ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};
     for (int e = 0; e <= element; e++) {
         oxl_result rc;
         w.element = &ply->element[e];
         w.target  = e == element ? target : NULL;
-        rc        = ply_walk(&w);
+        rc        = ply_rows(&w);
         if (rc != OXL_OK) return rc;
     }
     return OXL_OK;

@@ -339,19 +339,19 @@ static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply,
 
 static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element, oxl_model *model)
 {
-    const uint64_t announced =
+    const uint64_t declared =
         ply->element[element].rows; /* rows without properties need no bytes, so the header can state any number */
-    const size_t vertices = model->count, rows = (size_t)OXL_MIN(announced, vertices);
+    const size_t vertices = model->count, rows = (size_t)OXL_MIN(declared, vertices);
     double      *index  = oxl_alloc(ctx, rows + 1, sizeof *index);
     float       *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
     uint8_t     *active = oxl_calloc(ctx, vertices + 1, 1);
     size_t      *row    = oxl_alloc(ctx, vertices + 1, sizeof *row); /* (vertices) row in dog, for vertices with a lobe */
     oxl_result   rc     = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
-    if (rc == OXL_OK && announced > vertices)
+    if (rc == OXL_OK && declared > vertices)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: element dog announces %llu rows for %zu vertices, wanted at most one each\n"
                       "fix: write the file again with oceanxl, or leave element dog out",
-                      ply->path, (unsigned long long)announced, vertices);
+                      ply->path, (unsigned long long)declared, vertices);
     if (rc == OXL_OK) rc = model_file_read_factors(ctx, ply, element, index, factor);
     if (rc == OXL_OK) rc = model_file_mark_lobes(ctx, ply, index, rows, vertices, active);
     if (rc == OXL_OK) rc = model_activate_lobes(ctx, model, NULL, NULL, active, 0.5f, 1);

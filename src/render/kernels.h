@@ -25,15 +25,14 @@
 #define TRANSMITTANCE_MIN ((real)1e-4)        /* a splat that reduces T below it is skipped and ends the pixel [Kerbl 2023] */
 #define ALPHA_MIN         ((real)(1.0 / 255)) /* the same skip for a difference of Gaussians: of |alpha| */
 #define TRANSMITTANCE_MAX ((real)16)          /* negative alpha increases T; skipped from here on, so T < 32 [not in OceanXL] */
-((real)16)                        /* negative alpha increases T; from this value on it is skipped, so T < 32 [not in OceanXL] */
-#define LOW_PASS      ((real)0.3) /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
-#define FRUSTUM_CLAMP 1.3         /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
-#define LOG2_E        ((real)1.4426950408889634)
-#define LN_2          ((real)0.6931471805599453)
+#define LOW_PASS          ((real)0.3) /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
+#define FRUSTUM_CLAMP     1.3         /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
+#define LOG2_E            ((real)1.4426950408889634)
+#define LN_2              ((real)0.6931471805599453)
 
-    /* ---------------------------------------------------------------- arithmetic that vectorises, without libm */
+/* ---------------------------------------------------------------- arithmetic that vectorises, without libm */
 
-    SIMD_INLINE real real_sqrt(real x)
+SIMD_INLINE real real_sqrt(real x)
 {
 #ifdef OXL_REFERENCE
     return sqrt(x);
@@ -262,7 +261,7 @@ struct lobe {
 
 struct project_job {
     struct gaussians            in;
-    const struct kernel_camera *lens;
+    const struct kernel_camera *kernel_camera;
     size_t                      first_pack, end_pack; /* packs of PACK rows */
     struct splat               *splat;                /* (count) written for visible rows */
     struct lobe                *lobe;                 /* (lobes) written for visible rows */
@@ -322,8 +321,8 @@ OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 
 #ifndef OXL_REFERENCE
-OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane);  /* renderer.c */
-OXL_INTERNAL void                 render_set_alpha_min(struct kernel_camera *lens, float alpha_min); /* at least ALPHA_MIN */
+OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane); /* renderer.c */
+OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);       /* at least ALPHA_MIN */
 #endif
 
 /* ---------------------------------------------------------------- medium.c: water between the camera and the Gaussians */
@@ -332,7 +331,7 @@ OXL_INTERNAL void                 render_set_alpha_min(struct kernel_camera *len
 struct medium_job {
     const struct medium        *medium;
     struct gaussians            in;
-    const struct kernel_camera *lens;
+    const struct kernel_camera *kernel_camera;
     size_t                      first_pack, end_pack;
     const uint16_t             *visible; /* (packs) */
     struct splat               *splat;   /* (count) colours: with the medium after forward, without it after backward */

@@ -325,7 +325,7 @@ SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *
 }
 
 /* Stage 5: the gradient of a row of the band, with the part of L1. */
-SIMD_INLINE void loss_give_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
+SIMD_INLINE void loss_emit_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
 {
     const real *restrict x = loss_ring(r, r->x, row), *restrict y = loss_ring(r, r->y, row);
     const real *restrict dx = r->down + (size_t)(row - band) * r->stride;
@@ -369,7 +369,7 @@ SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
         }
         if (given + LOSS_BAND > s->first) loss_blur_derivatives(fused, &r, given);
         for (int row = OXL_MAX(given, s->first); row < OXL_MIN(given + LOSS_BAND, s->end); row++)
-            loss_give_row(fused, s, &r, given, row);
+            loss_emit_row(fused, s, &r, given, row);
     }
 }
 

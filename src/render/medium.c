@@ -14,8 +14,9 @@
 
 static float medium_range(const struct medium_job *job, size_t i)
 {
-    const float x = job->in.plane[OXL_MEAN][i] - job->lens->eye.x, y = job->in.plane[OXL_MEAN + 1][i] - job->lens->eye.y;
-    const float z = job->in.plane[OXL_MEAN + 2][i] - job->lens->eye.z;
+    const float x = job->in.plane[OXL_MEAN][i] - job->kernel_camera->eye.x,
+                y = job->in.plane[OXL_MEAN + 1][i] - job->kernel_camera->eye.y;
+    const float z = job->in.plane[OXL_MEAN + 2][i] - job->kernel_camera->eye.z;
     return real_sqrt(x * x + y * y + z * z);
 }
 
@@ -78,7 +79,7 @@ OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[9])
 /* After project_backward: adds the gradient of the range to that of the centre. */
 OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out)
 {
-    const float eye[3] = {job->lens->eye.x, job->lens->eye.y, job->lens->eye.z};
+    const float eye[3] = {job->kernel_camera->eye.x, job->kernel_camera->eye.y, job->kernel_camera->eye.z};
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (unsigned l = 0; l < PACK; l++) {
             const size_t i = pack * PACK + l;

@@ -208,9 +208,9 @@ SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, rea
 struct raster_share {
     real value, lobe; /* of the two lobes, see raster_value */
     real alpha;
-    real t;      /* T afterwards */
-    int  drawn;  /* 0: the pixel had ended, or ends here */
-    real weight; /* alpha T, 0 unless drawn */
+    real t;           /* T afterwards */
+    int  contributes; /* 0: the pixel had ended, or ends here */
+    real weight;      /* alpha T, 0 unless contributes */
 };
 
 /* lobed: the splat has a second lobe. mixed: a splat of the tile may have one. Both 0 or 1, constants. */
@@ -226,34 +226,34 @@ SIMD_INLINE struct raster_share raster_share(const int fused, const int mixed, c
         const real alpha = p.value - p.lobe, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
         p.alpha = room >= batch->alpha_min ? alpha : 0;
     }
-    next     = muladd(fused, p.alpha, -t, t);
-    p.drawn  = next >= TRANSMITTANCE_MIN;
-    p.weight = p.drawn ? t - next : 0;
-    p.t      = mixed && !p.drawn ? 0 : next;
+    next          = muladd(fused, p.alpha, -t, t);
+    p.contributes = next >= TRANSMITTANCE_MIN;
+    p.weight      = p.contributes ? t - next : 0;
+    p.t           = mixed && !p.contributes ? 0 : next;
     return p;
 }
 
 /* Keeps the T of ended pixels normal: a batch reduces it by a factor of at most 100^RASTER_BATCH. */
-SIMD_INLINE real raster_go_on(real t)
+SIMD_INLINE real raster_keep_normal(real t)
 {
     return t >= TRANSMITTANCE_MIN ? t : 0;
 }
 
 /* ---------------------------------------------------------------- forward */
 
-struct raster_lit { /* a block's pixels */
+struct raster_block_state { /* a block's pixels */
     real t[PACK], left[PACK], r[PACK], g[PACK], b[PACK];
 };
 
 SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed, const struct raster_batch *batch, int n,
-                                  const real *restrict x, const real *restrict y, struct raster_lit *out)
+                                  const real *restrict x, const real *restrict y, struct raster_block_state *out)
 {
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const struct raster_share p = raster_share(fused, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
-        out->left[l]                = p.drawn ? p.t : out->left[l];
+        out->left[l]                = p.contributes ? p.t : out->left[l];
         out->r[l]                   = muladd(fused, p.weight, red, out->r[l]);
         out->g[l]                   = muladd(fused, p.weight, green, out->g[l]);
         out->b[l]                   = muladd(fused, p.weight, blue, out->b[l]);
@@ -264,29 +264,29 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
 SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const struct raster_batch *batch, int block,
                                         struct raster_pixels *pixels)
 {
-    const int         at = block * PACK;
-    const real       *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
-    struct raster_lit lit;
+    const int                 at = block * PACK;
+    const real               *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
+    struct raster_block_state state;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        lit.t[l]    = raster_go_on(pixels->t[at + l]);
-        lit.left[l] = pixels->left[at + l];
-        lit.r[l]    = pixels->rgb[0][at + l];
-        lit.g[l]    = pixels->rgb[1][at + l];
-        lit.b[l]    = pixels->rgb[2][at + l];
+        state.t[l]    = raster_keep_normal(pixels->t[at + l]);
+        state.left[l] = pixels->left[at + l];
+        state.r[l]    = pixels->rgb[0][at + l];
+        state.g[l]    = pixels->rgb[1][at + l];
+        state.b[l]    = pixels->rgb[2][at + l];
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, x, y, &lit);
-        else raster_composite(fused, lobed, 0, batch, n, x, y, &lit);
+        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, x, y, &state);
+        else raster_composite(fused, lobed, 0, batch, n, x, y, &state);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        pixels->t[at + l]      = lit.t[l];
-        pixels->left[at + l]   = lit.left[l];
-        pixels->rgb[0][at + l] = lit.r[l];
-        pixels->rgb[1][at + l] = lit.g[l];
-        pixels->rgb[2][at + l] = lit.b[l];
+        pixels->t[at + l]      = state.t[l];
+        pixels->left[at + l]   = state.left[l];
+        pixels->rgb[0][at + l] = state.r[l];
+        pixels->rgb[1][at + l] = state.g[l];
+        pixels->rgb[2][at + l] = state.b[l];
     }
 }
 
@@ -323,7 +323,7 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const str
  * score: 0 or 1, a constant.
  */
 
-struct raster_slopes { /* a block's pixels */
+struct raster_block_grad { /* a block's pixels */
     real t[PACK], r[PACK], g[PACK], b[PACK], behind[PACK];
 };
 
@@ -331,7 +331,7 @@ struct raster_slopes { /* a block's pixels */
  * o dL/do and o' dL/do'. Each is 0 where its clamp at ALPHA_MAX holds, all are 0 without a contribution. */
 SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
                                       struct raster_batch *batch, int n, int block, const real *restrict x,
-                                      const real *restrict y, struct raster_slopes *d)
+                                      const real *restrict y, struct raster_block_grad *d)
 {
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
@@ -343,15 +343,15 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
         const real                light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
         const real                rest  = muladd(fused, -p.weight, light, d->behind[l]);
         if (lobed || score) {
-            const real odds = 1 / (1 - p.alpha), drawn = real_abs(p.weight) > 0 ? odds : 0;
-            const real slope = drawn * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
-            const real plus = score ? slope : slope * p.value, minus = -slope * p.lobe;
+            const real odds = 1 / (1 - p.alpha), contributes = real_abs(p.weight) > 0 ? odds : 0;
+            const real grad = contributes * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
+            const real plus = score ? grad : grad * p.value, minus = -grad * p.lobe;
             value[l] = p.value < ALPHA_MAX ? plus : 0;
             if (lobed) lobe[l] = p.lobe < ALPHA_MAX ? minus : 0;
         } else {
             const real whole = muladd(fused, p.weight, light, -(p.alpha / (1 - p.alpha) * rest));
             const real free  = p.value < ALPHA_MAX ? whole : 0;
-            value[l]         = p.drawn ? free : 0;
+            value[l]         = p.contributes ? free : 0;
         }
         if (!score) weight[l] = p.weight;
         d->behind[l] = rest;
@@ -362,12 +362,12 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
 SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, const int score, struct raster_batch *batch,
                                             int block, struct raster_gradients *tile)
 {
-    const int            at = block * PACK;
-    const real          *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
-    struct raster_slopes d;
+    const int                at = block * PACK;
+    const real              *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
+    struct raster_block_grad d;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        d.t[l]      = raster_go_on(tile->t[at + l]);
+        d.t[l]      = raster_keep_normal(tile->t[at + l]);
         d.r[l]      = tile->g[0][at + l];
         d.g[l]      = tile->g[1][at + l];
         d.b[l]      = tile->g[2][at + l];
@@ -448,9 +448,9 @@ SIMD_INLINE real raster_square(const int fused, const struct raster_batch *batch
     const real o            = real_exp2(fused, batch->splat[n].peak);
     real       sum[1][PACK] = {{0}}, whole;
     for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1) {
-        const real *restrict slope = batch->value[n][simd_lowest_bit(blocks)];
+        const real *restrict grad = batch->value[n][simd_lowest_bit(blocks)];
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) sum[0][l] = muladd(fused, slope[l], slope[l], sum[0][l]);
+        for (int l = 0; l < PACK; l++) sum[0][l] = muladd(fused, grad[l], grad[l], sum[0][l]);
     }
     raster_add_lanes(1, (const real(*)[PACK])sum, &whole);
     return o * o * whole;

@@ -84,8 +84,8 @@ OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r);
 OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r); /* marks all rows invisible in the last view */
 /* Results of the last view for row i; on a device, as of renderer_download_rows. */
 OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer *r);
-OXL_INTERNAL int        renderer_drew_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
-OXL_INTERNAL int        renderer_saw(const struct renderer *r, size_t row);
+OXL_INTERNAL int        renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
+OXL_INTERNAL int        renderer_row_visible(const struct renderer *r, size_t row);
 OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
 OXL_INTERNAL float      renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
 
@@ -119,7 +119,7 @@ struct renderer_device {
     oxl_result (*rows)(void *device, struct splat *splat, uint16_t *visible, float *dmean2d);
 };
 #ifdef OXL_VULKAN
-OXL_INTERNAL const struct renderer_device *vulkan_doors(void);
+OXL_INTERNAL const struct renderer_device *vulkan_functions(void);
 #endif
 
 struct archive; /* checkpoint.c */

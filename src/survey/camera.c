@@ -206,7 +206,7 @@ enum {
 enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
 
 /* 1: the direction is inside the field of view: within the centres of the outermost pixels, and where the polynomial is monotonic. */
-static int camera_saw(const struct colmap_camera *camera, const double direction[2], double pixel[2])
+static int camera_covers(const struct colmap_camera *camera, const double direction[2], double pixel[2])
 {
     const double farther[2] = {direction[0] * 1.001, direction[1] * 1.001};
     double       k[4], beyond[2], r2, beyond2;
@@ -220,18 +220,18 @@ static int camera_saw(const struct colmap_camera *camera, const double direction
 }
 
 /* Steps from the axis towards `target`; `end` receives the limit of the field of view. Returns the kind of limit, or -1: none. */
-static int camera_walk(const struct colmap_camera *camera, const double target[2], double end[2])
+static int camera_trace(const struct colmap_camera *camera, const double target[2], double end[2])
 {
     double pixel[2], good = 0, bad = 0;
     for (int i = 1; i <= CAMERA_STEPS && bad == 0; i++) {
         const double t = i * (1.0 / CAMERA_STEPS), direction[2] = {t * target[0], t * target[1]};
-        if (camera_saw(camera, direction, pixel)) good = t;
+        if (camera_covers(camera, direction, pixel)) good = t;
         else bad = t;
     }
     if (bad == 0) return -1;
     for (int i = 0; i < 40; i++) {
         const double t = 0.5 * (good + bad), direction[2] = {t * target[0], t * target[1]};
-        if (camera_saw(camera, direction, pixel)) good = t;
+        if (camera_covers(camera, direction, pixel)) good = t;
         else bad = t;
     }
     end[0] = bad * target[0];
@@ -261,7 +261,7 @@ static void camera_rectangle(const struct colmap_camera *camera, double side[4])
         const double x     = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the image's border */
         const double y     = (i % 4 < 2 ? i % 4 : along) * h - k[3];
         double       end[2], target[2] = {CAMERA_GROWTH * x / k[0], CAMERA_GROWTH * y / k[1]};
-        switch (camera_walk(camera, target, end)) {
+        switch (camera_trace(camera, target, end)) {
         case CAMERA_LEFT: side[CAMERA_LEFT] = OXL_MIN(side[CAMERA_LEFT], -k[0] * end[0]); break;
         case CAMERA_RIGHT: side[CAMERA_RIGHT] = OXL_MIN(side[CAMERA_RIGHT], k[0] * end[0]); break;
         case CAMERA_TOP: side[CAMERA_TOP] = OXL_MIN(side[CAMERA_TOP], -k[1] * end[1]); break;
@@ -290,11 +290,11 @@ static void camera_round(const double side[4], oxl_camera *c)
     c->cy     = side[CAMERA_TOP] - 0.5 * (side[CAMERA_TOP] + side[CAMERA_BOTTOM] - c->height);
 }
 
-static int camera_saw_pixel(const struct colmap_camera *camera, const oxl_camera *c, int x, int y)
+static int camera_covers_pixel(const struct colmap_camera *camera, const oxl_camera *c, int x, int y)
 {
     const double direction[2] = {(x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy};
     double       pixel[2];
-    return camera_saw(camera, direction, pixel);
+    return camera_covers(camera, direction, pixel);
 }
 
 /* Checks all border pixels and removes a pixel row or column from each side that has one outside the field of view.
@@ -303,12 +303,12 @@ static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c
 {
     int bad[4] = {0, 0, 0, 0};
     for (int y = 0; y < c->height; y++) {
-        bad[CAMERA_LEFT] |= !camera_saw_pixel(camera, c, 0, y);
-        bad[CAMERA_RIGHT] |= !camera_saw_pixel(camera, c, c->width - 1, y);
+        bad[CAMERA_LEFT] |= !camera_covers_pixel(camera, c, 0, y);
+        bad[CAMERA_RIGHT] |= !camera_covers_pixel(camera, c, c->width - 1, y);
     }
     for (int x = 0; x < c->width; x++) {
-        bad[CAMERA_TOP] |= !camera_saw_pixel(camera, c, x, 0);
-        bad[CAMERA_BOTTOM] |= !camera_saw_pixel(camera, c, x, c->height - 1);
+        bad[CAMERA_TOP] |= !camera_covers_pixel(camera, c, x, 0);
+        bad[CAMERA_BOTTOM] |= !camera_covers_pixel(camera, c, x, c->height - 1);
     }
     for (int i = 0; i < 4; i++) side[i] -= bad[i];
     return !(bad[0] || bad[1] || bad[2] || bad[3]);

@@ -26,7 +26,7 @@ static oxl_result colmap_read_model(struct colmap_reader *r, struct colmap_camer
             r->ctx, OXL_ERR_INPUT,
             "%s:%d: seen %s for the camera model, wanted one of %s\n"
             "fix: let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path OUT",
-            r->path, r->line, colmap_seen(token, r->end, buffer), camera_model_list());
+            r->path, r->line, colmap_printable(token, r->end, buffer), camera_model_list());
     c->parameter_count = camera_model_at(c->model)->parameter_count;
     return OXL_OK;
 }

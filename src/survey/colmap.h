@@ -38,9 +38,9 @@ struct colmap_reader {
     const char         *next;         /* first byte after this line */
     const char         *cursor, *end; /* rest of this line, without blanks at its ends */
     int                 line;         /* from 1; in a binary file, the record */
-    uint64_t            announced;    /* rows stated by COLMAP's comment at the start of the file; 0: not stated */
-    int                 is_quiet;     /* 1: no messages; `heard` is set instead */
-    int                 heard;
+    uint64_t            declared;     /* rows stated by COLMAP's comment at the start of the file; 0: not stated */
+    int                 is_quiet;     /* 1: no messages; `suppressed` is set instead */
+    int                 suppressed;
     size_t              odd[ODD_COUNT];
     struct colmap_index cameras, images;
     size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
@@ -63,7 +63,7 @@ OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next
 /* The error of the field at `token`: "seen ..., wanted WHAT, KIND". */
 OXL_INTERNAL oxl_result  colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind);
 OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_oddity kind);
-OXL_INTERNAL const char *colmap_seen(const char *p, const char *end, char out[64]); /* a field, printable in a message */
+OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64]); /* a field, printable in a message */
 
 /* Fields. Each function moves the cursor past its field. */
 OXL_INTERNAL int        colmap_is_blank(char c);

@@ -42,7 +42,7 @@ static inline int points_plain(const char **cursor, const char *end, uint32_t *o
     return 1;
 }
 
-static oxl_result points_read_sighting(struct colmap_reader *r, int64_t *image, uint32_t *observation)
+static oxl_result points_read_track_entry(struct colmap_reader *r, int64_t *image, uint32_t *observation)
 {
     const char *p = r->cursor;
     uint32_t    plain;
@@ -65,7 +65,7 @@ static oxl_result points_read_track(struct colmap_reader *r, struct points_piece
     while (rc == OXL_OK && r->cursor < r->end) {
         int64_t  image = 0;
         uint32_t observation, slot;
-        rc = points_read_sighting(r, &image, &observation);
+        rc = points_read_track_entry(r, &image, &observation);
         if (rc != OXL_OK) break;
         slot = *colmap_index_slot(&r->images, r->out->image, sizeof *r->out->image, image);
         if (slot == 0) {
@@ -120,13 +120,13 @@ static oxl_result points_read_record(struct colmap_reader *r, struct points_piec
 /* `lines`: number of lines before the piece, for messages. */
 static void points_read_piece(struct points_piece *p, const char *begin, int is_quiet, int lines)
 {
-    p->reader.next     = begin;
-    p->reader.line     = lines;
-    p->reader.is_quiet = is_quiet;
-    p->reader.heard    = 0;
-    p->rc              = OXL_OK;
+    p->reader.next       = begin;
+    p->reader.line       = lines;
+    p->reader.is_quiet   = is_quiet;
+    p->reader.suppressed = 0;
+    p->rc                = OXL_OK;
     p->points = p->tracks = 0;
-    while (p->rc == OXL_OK && !(is_quiet && p->reader.heard) && colmap_next_record(&p->reader))
+    while (p->rc == OXL_OK && !(is_quiet && p->reader.suppressed) && colmap_next_record(&p->reader))
         p->rc = points_read_record(&p->reader, p);
 }
 
@@ -174,12 +174,12 @@ static void points_read_pieces(struct colmap_reader *r, const struct points_rows
 }
 
 /* Parses stopped pieces again with messages, and assigns the destination of each piece's rows. */
-static oxl_result points_hear(struct colmap_reader *r, const char *const *begin, struct points_piece *piece)
+static oxl_result points_report(struct colmap_reader *r, const char *const *begin, struct points_piece *piece)
 {
     struct colmap *out = r->out;
     for (int i = 0; i < POINTS_PIECES; i++) {
         struct points_piece *p = &piece[i];
-        if (p->reader.heard) {
+        if (p->reader.suppressed) {
             memcpy(p->reader.odd, r->odd, sizeof r->odd);
             points_read_piece(p, begin[i], 0, r->line);
             memcpy(r->odd, p->reader.odd, sizeof r->odd);
@@ -231,7 +231,7 @@ static oxl_result points_read_window(struct colmap_reader *r, struct points_rows
     if (rc != OXL_OK) return rc;
     points_cut(r, begin);
     points_read_pieces(r, rows, begin, piece);
-    rc      = points_hear(r, begin, piece);
+    rc      = points_report(r, begin, piece);
     r->next = begin[POINTS_PIECES];
     return rc == OXL_OK ? points_join(r, piece) : rc;
 }

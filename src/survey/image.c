@@ -71,7 +71,7 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
 /* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), accepts a second
  * frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the markers; a
  * preview inside a segment is skipped with it. */
-static const char *image_jpeg_fault(const struct os_file_map *file)
+static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
     int                  frames = 0;
@@ -103,7 +103,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
                         "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
                         "under the same name in images.txt",
                         path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
-    fault = image_is_jpeg(file) ? image_jpeg_fault(file) : NULL; /* before stb sees a byte */
+    fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL; /* before stb sees a byte */
     if (fault)
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
                         path, file->size, fault);

@@ -89,7 +89,7 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const in
     struct training_image read[IMAGE_CACHE_AHEAD] = {{0}};
     int                   chosen[IMAGE_CACHE_AHEAD], n;
     size_t                bytes;
-    oxl_context           own = context_apart(ctx); /* errors are dropped here and reported when the image is requested */
+    oxl_context           own = context_for_thread(ctx); /* errors are dropped here and reported when the image is requested */
     if (!scene_colmap(scene) || count < 1 || p->image[view[0]].rgb) return;
     n = image_cache_choose_ahead(ctx, scene, view, count, chosen, &bytes);
     if (n < 2) return;

@@ -18,7 +18,7 @@ OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *pa
     if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", path);
     r->rc = os_read_file(r->ctx, path, map);
     if (r->rc != OXL_OK) return r->rc;
-    fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_fault(map->data);
+    fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_error(map->data);
     if (!fault) return OXL_OK;
     return r->rc =
                oxl_fail(r->ctx, OXL_ERR_INPUT,

@@ -70,7 +70,7 @@ static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct l
     for (int i = 0; i < count; i++)
         if (2 * odd > count || !lint_is_odd(&views[i])) seen += views[i].seen, missed += views[i].missed;
     s->missed = seen ? (double)missed / (double)seen : 0;
-    for (int i = 0; i < count && s->missed <= LINT_DOUBT; i++)
+    for (int i = 0; i < count && s->missed <= LINT_MISSED_SURVEY; i++)
         if (lint_is_odd(&views[i]) && named++ < LINT_NAMED)
             oxl_log(ctx, OXL_LOG_WARNING,
                     "%s: %.0f %% of the points in its tracks project outside this image, so its pose is wrong\n"

@@ -262,7 +262,7 @@ struct depth_sample { /* an observation */
 };
 struct depth_bands {
     double               depth[2]; /* terciles of the depths of all training observations */
-    struct depth_sample *sight;    /* (count) by view and pixel, the nearer first */
+    struct depth_sample *sample;   /* (count) by view and pixel, the nearer first */
     size_t               count;
 };
 /* Of `count` given views. */
@@ -284,7 +284,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 
 /* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
 
-#define LINT_DOUBT 0.1 /* share of observations outside their image from which the whole survey is reported */
+#define LINT_MISSED_SURVEY 0.1 /* share of observations outside their image from which the whole survey is reported */
 /* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
