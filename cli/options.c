@@ -91,7 +91,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, MOST, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of the sensor, in 8-bit levels", NULL},
 {"fish", "N", OXL_OPTION_INT, FIELD(synth.fish), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "per image; truth/still/ and truth/masks/ are without them", NULL},
 {"points", "N", OXL_OPTION_LONG, FIELD(synth.points), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sparse points; 0: 400 a view", NULL},
-{"origin", "X,Y,Z", OXL_OPTION_PLACE, FIELD(synth.origin), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "world coordinates of the middle, metres", NULL},
+{"origin", "X,Y,Z", OXL_OPTION_POINT, FIELD(synth.origin), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "world coordinates of the middle, metres", NULL},
 {"seed", "S", OXL_OPTION_SEED, FIELD(synth.seed), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of all random choices", NULL},
 {"no-images", NULL, OXL_OPTION_FLAG, FIELD(no_images), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "the three text files alone, for load tests", NULL},
 {"scale-bar", "ENDS", OXL_OPTION_TEXT, FIELD(bar), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(MEASURE), "Measurement", "IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, both ends in two images or more; or X,Y,Z:X,Y,Z in the survey's units", NULL},
