@@ -40,7 +40,7 @@ VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
 SOURCES := $(wildcard oceanxl.[ch] oceanxl_job.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c reference/*.[ch])
+OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
 .PHONY: all help shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
@@ -50,7 +50,7 @@ all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
 
 help: ## this list
 	@echo 'make TARGET [CC=clang] [CFLAGS="-O3 -g"] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
-	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile examples/course/course.mk | expand -t 16
 
 # ------------------------------------------------------------------------------------------------ program, library
 
@@ -235,5 +235,7 @@ install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## program, manual page, 
 
 clean: ## removes build/ and dist/
 	rm -rf $(BUILD) dist
+
+include examples/course/course.mk
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)
