@@ -16,8 +16,8 @@ function call(name, inputs = []) {
   if (record) {
     record.push(`call ${name} ${inputs.join(' ')}`, `out ${[...OUT.subarray(0, n)].join(' ')}`);
     const picks = [];
-    for (let i = 0; i < 3456; i += 54) picks.push(FIELD[i]);
-    record.push(`field 54 ${picks.join(' ')}`);
+    for (let i = 0; i < FIELD.length; i += 149) picks.push(FIELD[i]);
+    record.push(`field 149 ${picks.join(' ')}`);
   }
   return n;
 }
@@ -34,6 +34,7 @@ function text(value, digits) {
 function show(root) {
   for (const o of root.querySelectorAll('output[data-at]')) {
     const value = OUT[o.dataset.at], t = text(value, o.dataset.digits || '3');
+    o.ariaLive = 'off'; // a screen reader would read every change of every number
     o.textContent = t + (o.dataset.unit ? '\u202f' + o.dataset.unit : '');
     if (record) record.push(`shown ${o.dataset.at} ${o.dataset.digits || '3'} ${t}`);
   }
