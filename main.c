@@ -411,7 +411,7 @@ static oxl_result run_devices(oxl_context *ctx)
     return rc;
 }
 
-static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
+static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     switch (a->command) {
     case COMMAND_TRAIN: return run_train(ctx, a, console);
@@ -429,6 +429,18 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_TRADEOFF: return run_study(a, console);
     default: return OXL_ERR_USAGE;
     }
+}
+
+/* Commands of the library lock OUT themselves. */
+static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    const int here = a->command == COMMAND_RENDER || a->command == COMMAND_SYNTH || a->command == COMMAND_ABLATE ||
+                     a->command == COMMAND_TRADEOFF;
+    oxl_lock  *lock = NULL;
+    oxl_result rc   = here ? oxl_lock_folder(ctx, a->out, &lock) : OXL_OK;
+    if (rc == OXL_OK) rc = run_command(ctx, a, console);
+    oxl_unlock_folder(ctx, &lock);
+    return rc;
 }
 
 /* ---------------------------------------------------------------- in and out */

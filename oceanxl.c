@@ -6,6 +6,7 @@
 #include "src/core/simd.h" /* run-time choice of the instruction set */
 
 #include "src/core/os.c"      /* what C99 lacks: files that appear whole or not at all, clock, memory use */
+#include "src/core/lock.c"    /* a folder that one process writes to at a time */
 #include "src/core/context.c" /* context, errors, memory, text, random numbers */
 #include "src/core/number.c"  /* fast, exact, locale-independent number parsing */
 

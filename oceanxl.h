@@ -138,6 +138,12 @@ OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, i
 OXL_API oxl_result oxl_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
 OXL_API int        oxl_is_folder(const char *path);
 
+/* Keeps other processes from writing to a folder, which is made if missing, until it is unlocked or this process ends. OXL_ERR_FAILED:
+ * another process has it, and the text names it. oxl_job_run, oxl_merge and oxl_partition do so with OUT themselves. */
+typedef struct oxl_lock oxl_lock;
+OXL_API oxl_result      oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
+OXL_API void            oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
+
 /* ---------------------------------------------------------------- cameras and scenes */
 
 /* An undistorted pinhole camera and where it stood: x_c = R x + t in the scene's local coordinates. */

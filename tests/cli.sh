@@ -34,6 +34,15 @@ ctrl_c() { # COMMAND...: stopped by the signal once it trains
     kill -INT $!
     wait $!
 }
+beside() { # COMMAND...: while another process trains into busy/, which is then killed
+    "$program" train survey -o busy --iterations 1000000 --quiet >/dev/null 2>&1 &
+    while kill -0 $! 2>/dev/null && ! grep -q process busy/.lock 2>/dev/null; do sleep 0.05; done
+    "$@"
+    code=$?
+    kill -9 $!
+    wait $! 2>/dev/null
+    return $code
+}
 doubled() { # MODEL MODEL: places and sizes of the second are twice those of the first
     "$program" info "$1" --json >one.txt && "$program" info "$2" --json >two.txt &&
         awk -F '[][, ]+' '/"x"|"scale_0"/ { if (NR == FNR) was[$2] = $3; else n += ($3 / was[$2] - 2) ^ 2 < 1e-6 } END { exit n != 2 }' one.txt two.txt
@@ -105,6 +114,13 @@ promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
 promise another_seed_gives_other_bytes 1 "differ" sh -c "'$program' train survey -o other --iterations 60 --seed 2 --quiet >/dev/null; cmp same1/scene.ply other/scene.ply"
 promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o short --iterations 1000000 --max-time 1s
 promise ctrl_c_leaves_a_model 130 "holds the model so far" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
+promise a_second_run_in_a_folder_is_refused 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60
+promise a_second_run_that_starts_anew_is_refused_too 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60 --restart
+for command in "merge busy" "partition survey -o busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
+    promise "while_another_trains_is_refused_$(echo $command | cut -d' ' -f 1)" 1 "busy is in use by process" beside "$program" $command
+done
+promise the_lock_of_a_killed_run_is_taken_over 0 "its lock is taken over" "$program" train survey -o busy --iterations 20 --restart
+promise a_finished_run_leaves_no_lock 0 "" sh -c '! find . -name .lock | grep .'
 promise a_refused_resume_names_the_options 2 "  --cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
 promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 there, 0.1 here" sh -c \
     "'$program' train survey -o stopped --preset draft --cooldown 0.1 2>said.txt; code=\$?; cat said.txt; grep -q iterations: said.txt && exit 9; exit \$code"
