@@ -232,9 +232,10 @@ enum {
 
 typedef struct oxl_model {
     size_t count, capacity;
-    size_t lobes;             /* rows 0..lobes-1 carry a second lobe; 0: none does, and the planes from OXL_LOBE on are NULL */
-    int    sh_degree;         /* 0..3: bands carried; planes past them are NULL */
-    double origin[3];         /* world = local + origin */
+    size_t lobes;     /* rows 0..lobes-1 carry a second lobe; 0: none does, and the planes from OXL_LOBE on are NULL */
+    int    sh_degree; /* 0..3: bands carried; planes past them are NULL */
+    double origin[3]; /* world = local + origin */
+    double scale;     /* that places, sizes and origin were multiplied by, metres a unit of the survey; 0: they were not */
     float *plane[OXL_PLANES]; /* (count) each, (lobes) from OXL_LOBE on; 64-byte aligned */
     void  *memory;            /* what the planes lie in */
 } oxl_model;
@@ -245,6 +246,8 @@ OXL_API void       oxl_model_free(oxl_context *ctx, oxl_model *model);
 OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: those that every row has */
 /* The same model relative to another origin: what draws it with a scene's cameras expects the scene's. */
 OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3]);
+/* Places, sizes and origin times a factor above 0; model->scale keeps what all factors come to. */
+OXL_API void       oxl_model_rescale(oxl_model *model, double factor);
 
 /* One isotropic Gaussian a point, as wide as the mean distance to its 3 nearest neighbours [Kerbl 2023]. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);
@@ -254,7 +257,8 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  * rows with a lobe to the front; both parts keep their order. A file NAME_standard.ply is written without lobes, for any viewer.
  * By its file extension: .splat (32 bytes a Gaussian), both ways, without SH bands past 0; .spz (nianticlabs/spz: versions 2 and 3 are
  * read, 3 is written), about 20 bytes and 1 to 45 for bands, rounded; .glb (glTF with KHR_gaussian_splatting), written alone, with the
- * origin as the node's translation. Those three have no lobes, and all but .glb no origin. */
+ * origin as the node's translation. Those three have no lobes. Origin and scale are comments of a .ply ("origin X Y Z", "scale S"), the
+ * comment of an .spz's gzip header and the node of a .glb; a .splat has no place for them. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 

@@ -149,6 +149,15 @@ promise backend_auto_makes_do_with_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=
 promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
 promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.ply metric.ply --scale 2
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
+promise convert_keeps_the_scale_for_info 0 '"scale": 2' on_stdout "$program" info metric.ply --json
+promise a_scaled_model_is_compared_in_the_survey_s_unit 0 "" sh -c \
+    "for m in out/scene metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
+     '$program' convert metric.ply metric.spz && '$program' convert metric.spz again.ply && LC_ALL=C grep -a -c '^comment scale 2' again.ply &&
+     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' scene.txt metric.txt"
+promise a_model_of_another_scale_is_warned_of 0 "does not seem to cover the survey" on_stderr sh -c \
+    "LC_ALL=C sed '1,/^end_header/{/^comment scale/d;}' metric.ply >unmarked.ply && ! cmp -s metric.ply unmarked.ply && '$program' eval unmarked.ply survey"
+promise a_model_that_lies_elsewhere_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved
+promise convert_to_splat_warns_of_the_origin 0 "has no place for the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250

@@ -6,7 +6,7 @@
  *
  * All attributes are float: places, unit quaternions x y z w, scales and opacities as they are drawn (not raw), harmonics by degree
  * and order, whose signs are those of the standard PLY. The frame is turned (frame_flip.h), and the origin is the node's
- * translation, in 17 digits. There is no place for second lobes.
+ * translation, in 17 digits; the model's scale, where it has one, is extras.scale beside it. There is no place for second lobes.
  *
  * Invariant: what leaves is valid: unit rotations, opacities in 0..1, finite scales, the bounds of the places.
  */
@@ -125,6 +125,11 @@ static void gltf_add_origin(struct text *t, const oxl_model *model)
         text_add(t, "%s%s", i ? "," : "", text);
     }
     text_add(t, "]");
+    if (model->scale > 0) {
+        text_add(t, ",\"extras\":{\"scale\":");
+        text_add_number(t, model->scale);
+        text_add(t, "}");
+    }
 }
 
 static oxl_result gltf_text(oxl_context *ctx, const oxl_model *model, uint64_t bytes, struct text *t)
