@@ -33,7 +33,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
     if (goes_on) mode = scene_imaging(scene)->on ? OXL_EXPOSURE_ON : OXL_EXPOSURE_OFF;
     *e = (struct exposure){.mode = mode};
     if (mode == OXL_EXPOSURE_OFF) return OXL_OK;
-    rc        = imaging_create(ctx, views, &e->of);
+    rc = imaging_create(ctx, views, &e->of);
     if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, &e->of);
     e->first  = oxl_calloc(ctx, n + 1, sizeof *e->first);
     e->second = oxl_calloc(ctx, n + 1, sizeof *e->second);
