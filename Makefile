@@ -14,7 +14,7 @@ ifneq ($(findstring clang,$(shell $(CC) --version 2>/dev/null)),)
 WARN   += -Wno-error=pass-failed # a loop that this optimizer left scalar: worth a line, not a stop
 endif
 SYSTEM := libstb-dev gcc make libc6-dev
-# As the program asks for itself (oxl_wait_asleep).
+# As the program sets it for itself (wait_passively in main.c).
 export OMP_WAIT_POLICY ?= passive
 export GOMP_SPINCOUNT ?= 500
 
@@ -38,7 +38,7 @@ LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
 TOOLS   := $(wildcard cli/*.c lab/*.c)
 VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
-SOURCES := $(wildcard oceanxl.[ch] src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
+SOURCES := $(wildcard oceanxl.[ch] oceanxl_job.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
 OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
@@ -176,7 +176,7 @@ $(BUILD)/modules/%.o: %.c $(BUILD)/flags
 	@mkdir -p $(@D)
 	$(CC) $(FLAGS) -Werror -DOXL_MODULES -MMD -MP -c $< -o $@
 
-dist: $(BUILD)/dist/pair $(BUILD)/dist/single ## dist/oceanxl.[hc], the library in two files, and dist/single/oceanxl.h, in one; both are tried
+dist: $(BUILD)/dist/pair $(BUILD)/dist/single ## dist/oceanxl.c with its two headers, and dist/single/oceanxl.h, all in one file; both are compiled and run
 	$(BUILD)/dist/pair
 	$(BUILD)/dist/single
 $(BUILD)/dist/pair: examples/one_gaussian.c dist/oceanxl.c
@@ -212,11 +212,11 @@ man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of 
 	$(BUILD)/oceanxl --options-page > $(BUILD)/OPTIONS.md
 	mv $(BUILD)/OPTIONS.md docs/OPTIONS.md
 
-install: all $(BUILD)/liboceanxl.a ## program, manual page, header and static library under DESTDIR/PREFIX
+install: all $(BUILD)/liboceanxl.a ## program, manual page, headers and static library under DESTDIR/PREFIX
 	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib $(DESTDIR)$(PREFIX)/share/man/man1
 	install -m 644 docs/oceanxl.1 $(DESTDIR)$(PREFIX)/share/man/man1/
 	install -m 755 $(BUILD)/oceanxl $(DESTDIR)$(PREFIX)/bin/
-	install -m 644 oceanxl.h $(DESTDIR)$(PREFIX)/include/
+	install -m 644 oceanxl.h oceanxl_job.h $(DESTDIR)$(PREFIX)/include/
 	install -m 644 $(BUILD)/liboceanxl.a $(DESTDIR)$(PREFIX)/lib/
 
 clean: ## removes build/ and dist/

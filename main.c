@@ -11,6 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#if defined(_OPENMP) && !defined(_WIN32)
+#include <unistd.h>
+#endif
 
 /* ---------------------------------------------------------------- standard error: log lines and the progress */
 
@@ -309,8 +312,7 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
                m->by_depth[2], m->depth[0], m->depth[1]);
     printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n", m->plain_psnr,
            m->half_psnr);
-    puts(
-        "cc-PSNR: after one factor for each channel of each view: without what photographs differ in exposure and white balance.");
+    puts("cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
          "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
@@ -445,6 +447,26 @@ static int exit_code_of(oxl_result rc)
     }
 }
 
+#define SPIN_COUNT "500" /* polls of a waiting thread before it sleeps (docs/log/SPEED.md) */
+
+/* Makes OpenMP threads that wait for others sleep: on a busy machine, polling makes a run three times as long. The OpenMP runtime reads its
+ * settings before main(), so the program executes itself again with OMP_WAIT_POLICY=passive and GOMP_SPINCOUNT. Returns at once where
+ * OMP_WAIT_POLICY is set, without OpenMP, or without /proc. */
+static void wait_passively(char **argv)
+{
+#if defined(_OPENMP) && !defined(_WIN32)
+    char          self[4096];
+    const char   *wanted = getenv("OMP_WAIT_POLICY"); /* empty counts as not set */
+    const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
+    if (length <= 0 || (wanted && *wanted)) return;
+    self[length] = 0;
+    if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", SPIN_COUNT, 0) != 0) return;
+    execv(self, argv); /* returns only on failure */
+#else
+    (void)argv;
+#endif
+}
+
 int main(int argc, char **argv)
 {
     struct arguments    a;
@@ -462,7 +484,7 @@ int main(int argc, char **argv)
     if (a.manual) help_manual(stdout);
     if (a.page) help_page(stdout);
     if (a.help || a.version || a.manual || a.page) return EXIT_DONE;
-    oxl_wait_asleep(argv);
+    wait_passively(argv);
     console.quiet = a.quiet;
     console.live  = oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);

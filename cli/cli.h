@@ -4,7 +4,7 @@
 #ifndef TOOLS_H
 #define TOOLS_H
 
-#include "../oceanxl.h"
+#include "../oceanxl_job.h"
 #include "../src/core/json.h"
 
 #include <stdio.h>
@@ -79,7 +79,7 @@ oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t e
 
 typedef struct synth_options {
     const char *out;             /* folder */
-    int         views;           /* photographs (40) */
+    int         views;           /* images (40) */
     int         width, height;   /* px (400 x 260) */
     double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
     const char *water;           /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
@@ -89,7 +89,7 @@ typedef struct synth_options {
     const char *scene;           /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
     long        points;          /* sparse points; 0: 400 a view (0) */
     double      noise;           /* sigma of the sensor's noise in 8-bit levels (1.5) */
-    int         fish;            /* that swim into each photograph (0) */
+    int         fish;            /* that swim into each image (0) */
     double      origin[3];       /* where the survey's middle lies in the export's world, metres (0 0 0) */
     uint64_t    seed;            /* (1) */
     int         write_images;    /* 0: the three text files alone, for load tests (1) */

@@ -1,7 +1,7 @@
 /* synth_points.c - a sparse cloud with tracks, as structure from motion would leave it.
  *
- * Each point starts as a random pixel of a photograph; the ray through it meets the surface there. Every other view that has
- * the point in its frame, looks from a similar side and is not blocked (a ray again; in load tests, without photographs, the
+ * Each point starts as a random pixel of an image; the ray through it meets the surface there. Every other view that has
+ * the point in its frame, looks from a similar side and is not blocked (a ray again; in load tests, without images, the
  * surface's normal alone) finds it with a certain chance, 0.3 px off. One point in a hundred is an outlier: a mismatch that
  * was triangulated off the surface.
  *
@@ -338,12 +338,11 @@ static unsigned points_sample(const oxl_image *image, int channel, double x, dou
     return (unsigned)(255 * synth_lerp(synth_lerp(at[0], at[1], fx), synth_lerp(at[width], at[width + 1], fx), fy) + 0.5);
 }
 
-void synth_points_collect(struct synth_points *p, int view, const oxl_image *photograph)
+void synth_points_collect(struct synth_points *p, int view, const oxl_image *image)
 {
     for (size_t i = p->view_first[view]; i < p->view_first[view + 1]; i++) {
         const struct synth_observation *o = synth_observation_in(p, p->by_view[i], view);
         for (int c = 0; c < 3; c++)
-            p->point[p->by_view[i]].sum[c] =
-                (uint16_t)(p->point[p->by_view[i]].sum[c] + points_sample(photograph, c, o->x, o->y));
+            p->point[p->by_view[i]].sum[c] = (uint16_t)(p->point[p->by_view[i]].sum[c] + points_sample(image, c, o->x, o->y));
     }
 }

@@ -504,7 +504,7 @@ TEST(train_in_haste_starts_from_gaussians_that_are_narrower_and_more_opaque)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(train_halves_large_photographs_alone_when_it_is_to_choose)
+TEST(train_halves_large_images_alone_when_it_is_to_choose)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     CHECK(schedule_coarse_share(&o, 320, 640) == 0.25 && schedule_coarse_share(&o, 639, 400) == 0);

@@ -41,7 +41,7 @@ static void faults_free(struct faults_case *c)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* One step on view 2, whose photograph gets this value in one pixel. */
+/* One step on view 2, whose image gets this value in one pixel. */
 static void faults_step_with_pixel(struct faults_case *c, float value)
 {
     c->t.step++;
@@ -58,7 +58,7 @@ static int faults_model_is_finite(const oxl_model *m)
     return finite;
 }
 
-TEST(faults_a_photograph_with_a_number_that_is_none_costs_its_step_alone)
+TEST(faults_an_image_with_a_number_that_is_none_costs_its_step_alone)
 {
     struct faults_case c;
     for (int steps = 0; steps < 2; steps++) { /* the first step has nothing of an earlier one to fall back on */
@@ -139,7 +139,7 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
     nonfinite_read_json(t.data, &back);
     CHECK(memcmp(&back, &f, sizeof f) == 0);
     nonfinite_add(&back, &f);
-    CHECK(back.photographs == 2 && back.degenerate == 10);
+    CHECK(back.images == 2 && back.degenerate == 10);
     CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
     m.plane[OXL_ROTATION][0]      = 0;
     m.plane[OXL_LOG_SCALE + 1][1] = -90;

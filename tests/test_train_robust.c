@@ -1,11 +1,11 @@
-/* test_train_robust.c - what is in one photograph alone is put aside; what all show, or nobody has explained yet, is not. */
+/* test_train_robust.c - what is in one image alone is put aside; what all show, or nobody has explained yet, is not. */
 
 enum { ROBUST_TEST_SIDE = 48, ROBUST_TEST_PIXELS = ROBUST_TEST_SIDE * ROBUST_TEST_SIDE, ROBUST_TEST_BLOT = 12 };
 
 struct robust_case {
     oxl_scene        *scene;
     struct transients transients;
-    float             drawn[3 * ROBUST_TEST_PIXELS], photo[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
+    float             drawn[3 * ROBUST_TEST_PIXELS], image[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
 };
 
 static struct robust_case *robust_case(void)
@@ -23,7 +23,7 @@ static void robust_case_free(struct robust_case *c)
     free(c);
 }
 
-/* The photograph is what is drawn, but for a blot with its corner at (x, y). */
+/* The image is what is drawn, but for a blot with its corner at (x, y). */
 static void robust_test_paint(float *rgb, int x, int y, float by)
 {
     for (int c = 0; c < 3; c++)
@@ -34,7 +34,7 @@ static void robust_test_paint(float *rgb, int x, int y, float by)
 static void robust_test_look(struct robust_case *c, int view, int masked)
 {
     CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->drawn,
-                              c->photo, 1, masked, c->weight));
+                              c->image, 1, masked, c->weight));
 }
 
 static int robust_test_aside(const struct robust_case *c)
@@ -44,19 +44,19 @@ static int robust_test_aside(const struct robust_case *c)
     return count;
 }
 
-TEST(robust_puts_aside_a_blot_in_one_photograph_and_nothing_else)
+TEST(robust_puts_aside_a_blot_in_one_image_and_nothing_else)
 {
     struct robust_case *c = robust_case();
     for (int i = 0; i < 3 * ROBUST_TEST_PIXELS; i++) /* texture that is not learned yet: large, but none in the mean */
-        c->photo[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->drawn[i] = 0.5f;
+        c->image[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->drawn[i] = 0.5f;
     for (int k = 0; k < 30; k++) robust_test_look(c, k % 7, 0);
     CHECK(robust_test_aside(c) == 0);
-    robust_test_paint(c->photo, 16, 20, 0.3f);
+    robust_test_paint(c->image, 16, 20, 0.3f);
     robust_test_look(c, 3, 0);
     CHECK(robust_test_aside(c) == ROBUST_TEST_BLOT * ROBUST_TEST_BLOT);
     CHECK(c->weight[20 * ROBUST_TEST_SIDE + 16] == 0 && c->weight[31 * ROBUST_TEST_SIDE + 27] == 0);
     CHECK(c->weight[19 * ROBUST_TEST_SIDE + 16] == 1 && c->weight[31 * ROBUST_TEST_SIDE + 28] == 1);
-    robust_test_paint(c->photo, 28, 20, 0.04f); /* faint beside it: one square of that, 4 px wide, goes with it */
+    robust_test_paint(c->image, 28, 20, 0.04f); /* faint beside it: one square of that, 4 px wide, goes with it */
     robust_test_look(c, 3, 0);
     CHECK(robust_test_aside(c) == (ROBUST_TEST_BLOT + 4) * ROBUST_TEST_BLOT);
     CHECK(c->weight[20 * ROBUST_TEST_SIDE + 31] == 0 && c->weight[20 * ROBUST_TEST_SIDE + 32] == 1);
@@ -66,14 +66,14 @@ TEST(robust_puts_aside_a_blot_in_one_photograph_and_nothing_else)
 TEST(robust_puts_aside_nothing_that_the_other_views_do_not_explain_either)
 {
     struct robust_case *c = robust_case();
-    robust_test_paint(c->photo, 16, 20, 0.15f); /* hard to model: there in all views, from the first look on */
+    robust_test_paint(c->image, 16, 20, 0.15f); /* hard to model: there in all views, from the first look on */
     for (int k = 0; k < 200; k++) {
         robust_test_look(c, 3, 0);
         CHECK(robust_test_aside(c) == 0);
     }
-    memset(c->photo, 0, sizeof c->photo); /* learned at last: a fish before it is seen then */
+    memset(c->image, 0, sizeof c->image); /* learned at last: a fish before it is seen then */
     for (int k = 0; k < 30; k++) robust_test_look(c, 3, 0);
-    robust_test_paint(c->photo, 16, 20, 0.15f);
+    robust_test_paint(c->image, 16, 20, 0.15f);
     robust_test_look(c, 3, 0);
     CHECK(robust_test_aside(c) == ROBUST_TEST_BLOT * ROBUST_TEST_BLOT);
     robust_case_free(c);
@@ -117,7 +117,7 @@ TEST(robust_without_points_is_off_and_says_so)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* The scene of train_scene in twilight, a tenth as bright, so that soon all is explained but one thing: a blot in the photograph of view 5, less
+/* The scene of train_scene in twilight, a tenth as bright, so that soon all is explained but one thing: a blot in the image of view 5, less
  * than what counts before anything is known. */
 static oxl_scene *robust_test_scene(int views)
 {

@@ -73,14 +73,14 @@ static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn, int den
     return u;
 }
 
-/* To ask again for every point took minutes where 15 photographs of 1000 points each were turned. */
-TEST(contrast_asks_for_a_photograph_once_even_when_it_cannot_be_read)
+/* To ask again for every point took minutes where 15 images of 1000 points each were turned. */
+TEST(contrast_asks_for_an_image_once_even_when_it_cannot_be_read)
 {
     oxl_scene      *scene = wall_scene(0.1);
     struct contrast c;
-    test_write("survey/images/v03.png", "no photograph");
+    test_write("survey/images/v03.png", "no image");
     CHECK_OK(contrast_measure(test_ctx, scene, &c));
-    CHECK(c.measured && scene->photos.clock == WALL_VIEWS - 2); /* two are held out */
+    CHECK(c.measured && scene->cache.clock == WALL_VIEWS - 2); /* two are held out */
     oxl_scene_free(test_ctx, scene);
 }
 

@@ -505,39 +505,39 @@ static void vulkan_check_loss(oxl_context *device)
     vulkan_check_loss_of(device, 7, 5, 1, 0); /* smaller than a window */
 }
 
-/* Photographs are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
-static void vulkan_check_photo_of(oxl_context *device, int width, int height, int masked, int halved)
+/* Images are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
+static void vulkan_check_image_of(oxl_context *device, int width, int height, int masked, int halved)
 {
     struct vulkan_twins   t      = vulkan_twins(device, width >> halved, height >> halved);
     const size_t          pixels = (size_t)width * (size_t)height;
     uint8_t              *bytes  = oxl_alloc(test_ctx, 4 * pixels, 1);
-    struct training_image photo  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
+    struct training_image image  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
     struct renderer_loss  loss[2];
     oxl_model             m;
     vulkan_scene(200, 0, 0, &m);
     for (size_t i = 0; i < 4 * pixels; i++) bytes[i] = (uint8_t)(random_bits(9, i, 0) & (i < 3 * pixels || i % 97 ? 255 : 0));
     for (int round = 0; round < 2; round++) {
-        const struct training_image *given = renderer_has_image(t.r[1], 3) ? NULL : &photo;
+        const struct training_image *given = renderer_has_image(t.r[1], 3) ? NULL : &image;
         vulkan_forward_both(&t, &m);
         for (int k = 0; k < 2; k++) {
-            CHECK_OK(renderer_take_image(t.ctx[k], t.r[k], 3, k ? given : &photo, halved));
+            CHECK_OK(renderer_take_image(t.ctx[k], t.r[k], 3, k ? given : &image, halved));
             CHECK_OK(renderer_loss(t.ctx[k], t.r[k], NULL, NULL, 0.2f, &loss[k]));
         }
         CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
         CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     }
-    CHECK(renderer_has_image(t.r[1], 3) == (device->vulkan->photos > 0) && !renderer_has_image(t.r[1], 2));
+    CHECK(renderer_has_image(t.r[1], 3) == (device->vulkan->image_bytes_max > 0) && !renderer_has_image(t.r[1], 2));
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, bytes);
     vulkan_twins_free(&t);
 }
 
-static void vulkan_check_photos(oxl_context *device)
+static void vulkan_check_images(oxl_context *device)
 {
-    vulkan_check_photo_of(device, 41, 33, 1, 0);
-    vulkan_check_photo_of(device, 81, 65, 1, 1);
-    device->vulkan->photos = 0;
-    vulkan_check_photo_of(device, 40, 31, 0, 0);
+    vulkan_check_image_of(device, 41, 33, 1, 0);
+    vulkan_check_image_of(device, 81, 65, 1, 1);
+    device->vulkan->image_bytes_max = 0;
+    vulkan_check_image_of(device, 40, 31, 0, 0);
 }
 
 /* ---------------------------------------------------------------- backward, score, step */
@@ -866,10 +866,10 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
     oxl_render_options    options = oxl_render_options_default();
     const size_t          bytes   = 4 * t->pixels;
     uint8_t              *rgb     = oxl_alloc(test_ctx, bytes, 1);
-    struct training_image photo   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
+    struct training_image image   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
     oxl_result            rc;
     for (size_t i = 0; i < bytes; i++) rgb[i] = (uint8_t)random_bits(9, i, (uint64_t)view);
-    rc = renderer_take_image(t->ctx[k], t->r[k], view, &photo, 0);
+    rc = renderer_take_image(t->ctx[k], t->r[k], view, &image, 0);
     if (rc == OXL_OK) rc = renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options);
     if (rc == OXL_OK) rc = renderer_loss(t->ctx[k], t->r[k], NULL, NULL, 0.2f, loss);
     oxl_free(test_ctx, rgb);
@@ -1149,7 +1149,7 @@ static void vulkan_listen(void *user, oxl_log_level level, const char *text)
     vulkan_test_log(user, level, text);
 }
 
-/* A blot in one of nine photographs. Returns how many of the photographs' pixels were put aside of late, per cent. */
+/* A blot in one of nine images. Returns how many of the images' pixels were put aside of late, per cent. */
 static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *metrics)
 {
     oxl_scene        *scene                          = robust_test_scene(9);
@@ -1162,7 +1162,7 @@ static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *met
     vulkan_told[0]          = 0;
     CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
-    if (robust) CHECK(sscanf(vulkan_told, "robust: of the photographs' pixels, %lf %%", &aside) == 1);
+    if (robust) CHECK(sscanf(vulkan_told, "robust: of the images' pixels, %lf %%", &aside) == 1);
     ctx->options.log = log;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
@@ -1284,9 +1284,9 @@ TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus)
     ON_DEVICE(vulkan_check_loss);
 }
 
-TEST(vulkan_compares_with_photographs_as_the_cpu_does)
+TEST(vulkan_compares_with_images_as_the_cpu_does)
 {
-    ON_DEVICE(vulkan_check_photos);
+    ON_DEVICE(vulkan_check_images);
 }
 
 TEST(vulkan_gradients_agree_with_the_cpus)
@@ -1334,7 +1334,7 @@ TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
     ON_DEVICE(vulkan_check_training);
 }
 
-TEST(vulkan_leaves_out_what_swims_through_one_photograph_as_the_cpu_does)
+TEST(vulkan_leaves_out_what_swims_through_one_image_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_robust);
 }

@@ -1,15 +1,20 @@
 /* partition.c - split the survey into blocks (OceanXL sec. 3.1, Alg. 1).
  *
- *     while a box holds more than N_p points, cut it across its longest axis at the ratio r of 0.30, 0.32 ... 0.70
- *     that divides its points most equally;  a view belongs to a block that holds more than 0.3 of what it sees (base),
- *     or of whose points it sees more than 0.1 (border) [BlockGaussian];  a block starts from the points in its box,
- *     made 5 % wider on each side, and from all that its views see.
+ *     a box of k blocks is split across its longest axis at the ratio r of 0.30, 0.32 ... 0.70 whose sides come nearest to
+ *     k1/k and k2/k of its load, k1 + k2 = k; the survey has k = ceil(N / N_p) blocks, or the fewest above that of at most
+ *     N_p points each. A view belongs to a block that holds more than 0.3 of the points it sees (base), or of whose points
+ *     it sees more than 0.1 (border) [BlockGaussian]. A block starts from the points in its box, made 5 % wider on each side,
+ *     and from all points that its views see.
  *
- * The paper discards blocks of too few points or views, and leaves holes. Here a cut that would make a block of too few points is not
- * made: the box that is searched shrinks to its fuller half instead. And where a block turns out to have too few views, the cut that
- * made it is taken back, so that its sibling's blocks grow into its place: they stay boxes, however often they were cut themselves.
+ * Deviations from Alg. 1, which halves by points while a box holds more than N_p: halving ends at a power of two of blocks, up to
+ * twice as many as N_p requires; and points alone balance memory, not work. The load is half points, half training pixels: each view
+ * distributes its pixels evenly over the points it sees. There are never more blocks than splits at the midpoint would give.
  *
- * Invariant: every place, and so every point and every Gaussian, is at home in exactly one block.
+ * The paper discards blocks of too few points or views, and leaves holes. Here a split that would make a block of too few points is
+ * not made: the box that is searched shrinks to its fuller half instead. Where a block has too few views, the split that made it is
+ * undone, and its sibling's blocks extend into its box: they remain boxes, however often they were split themselves.
+ *
+ * Invariant: every place, and so every point and every Gaussian, belongs to exactly one block.
  */
 #include "partition.h"
 
@@ -18,6 +23,7 @@ enum {
     PARTITION_BATCH        = 4096, /* boxes whose cuts are searched in one pass over the points */
     PARTITION_SHRINKS      = 48,   /* of a box, at most: all points in one place would never end */
     PARTITION_DEPTH        = 96,   /* of the tree at most: 32 + 4 levels, see partition_depth */
+    PARTITION_LOAD         = 256,  /* mean load of a point */
     PARTITION_LEAST_POINTS = 100,
     PARTITION_LEAST_VIEWS  = 20,
     PARTITION_ENOUGH_VIEWS = 50 /* fewer are learned by heart: a block of so few takes more of its border (docs/SCALE.md) */
@@ -56,6 +62,7 @@ struct partition_node {
     int                  slot;   /* in the batch; -1 */
     int                  block;  /* of a leaf */
     size_t               points; /* of a leaf, at home */
+    int                  parts;  /* blocks to be made of it; 0: while it holds more than N_p points, two */
 };
 
 struct partition_build {
@@ -66,6 +73,7 @@ struct partition_build {
     int                    dimensions;
     struct partition_box   finite;   /* trimmed extents of the survey */
     double                *position; /* (count,3) in the frame */
+    uint32_t              *load;     /* (count) share of the work, PARTITION_LOAD on average */
     uint32_t              *home;     /* (count) node; at the end block */
     size_t                 count;    /* points of the COLMAP model */
     size_t                 placed;   /* of them in the scene */
@@ -83,6 +91,7 @@ struct partition_build {
     size_t                      *inside; /* (blocks) points in the expanded box */
     uint8_t                     *role;   /* (blocks, views) */
     uint8_t                     *poor;   /* (blocks) has few views; NULL: not yet known */
+    int                          undone; /* splits */
 };
 
 static size_t partition_task_begin(size_t count, int task)
@@ -118,8 +127,9 @@ static int partition_longest_axis(const struct partition_build *b, const struct 
 static int partition_is_open(const struct partition_build *b, const struct partition_node *n)
 {
     const int axis = partition_longest_axis(b, &n->finite);
-    return !n->child[0] && !n->dead && n->points > (size_t)b->options.block_points && n->depth < b->depth &&
-           n->shrinks < PARTITION_SHRINKS && n->finite.low[axis] < n->finite.high[axis];
+    const int open = n->parts > 0 ? n->parts > 1 : n->points > (size_t)b->options.block_points;
+    return open && !n->child[0] && !n->dead && n->depth < b->depth && n->shrinks < PARTITION_SHRINKS &&
+           n->finite.low[axis] < n->finite.high[axis];
 }
 
 /* Fills the batch with boxes that are to be cut; returns how many. */
@@ -141,8 +151,14 @@ static int partition_gather(struct partition_build *b, struct partition_search *
     return count;
 }
 
-/* below (slots, PARTITION_RATIOS + 1): points that lie at or above so many cuts of their box. */
-static void partition_count(const struct partition_build *b, const struct partition_search *search, int task, uint32_t *below)
+/* Points and their load between two candidate splits of a box: those at or above k of them are counted at k. */
+struct partition_bin {
+    uint64_t points, load;
+};
+
+/* bins (slots, PARTITION_RATIOS + 1) */
+static void partition_count(const struct partition_build *b, const struct partition_search *search, int task,
+                            struct partition_bin *bins)
 {
     const int    ratios = partition_ratios(b);
     const size_t end    = partition_task_begin(b->count, task + 1);
@@ -153,39 +169,74 @@ static void partition_count(const struct partition_build *b, const struct partit
             const double                   v     = b->position[3 * i + (size_t)s->axis];
             int                            above = 0;
             for (int k = 0; k < ratios; k++) above += v >= s->cut[k];
-            below[(size_t)slot * (PARTITION_RATIOS + 1) + (size_t)above]++;
+            bins[(size_t)slot * (PARTITION_RATIOS + 1) + (size_t)above].points++;
+            bins[(size_t)slot * (PARTITION_RATIOS + 1) + (size_t)above].load += b->load[i];
         }
     }
 }
 
-/* The ratio whose smaller side is largest, which is that of the least |N1 - N2| / max(N1, N2); of equal ones the nearest to 0.5.
- * -1 when the smaller side would be too small for a block. at (ratios + 1) as partition_count leaves it. */
-static int partition_choose(const struct partition_build *b, const uint32_t *at, size_t points, size_t *low_points)
+struct partition_split {
+    int    ratio;     /* -1: none leaves both sides enough points for a block */
+    size_t points[2]; /* of the sides */
+    int    parts[2];
+    int    fits; /* both sides can be split further into blocks of at most N_p points */
+    double off;  /* by how much the load of a side misses its share */
+};
+
+/* One ratio with so many parts on its low side. */
+static struct partition_split partition_judge_split(const struct partition_build *b, const struct partition_node *n, int ratio,
+                                                    const struct partition_bin *low, uint64_t load, int low_parts)
 {
-    const int ratios = partition_ratios(b);
-    size_t    below = 0, best = 0;
-    int       chosen = -1;
-    for (int k = 0; k < ratios; k++) {
-        size_t smaller;
-        below += at[k];
-        smaller = OXL_MIN(below, points - below);
-        if (smaller < b->least_points || smaller < best) continue;
-        if (smaller == best && abs(2 * k - ratios + 1) >= abs(2 * chosen - ratios + 1)) continue;
-        best        = smaller;
-        chosen      = k;
-        *low_points = below;
-    }
-    return chosen;
+    const size_t           limit = (size_t)b->options.block_points;
+    const int              parts = OXL_MAX(2, n->parts);
+    struct partition_split s     = {ratio, {low->points, n->points - low->points}, {low_parts, parts - low_parts}, 0, 0};
+    s.fits                       = s.points[0] <= (size_t)s.parts[0] * limit && s.points[1] <= (size_t)s.parts[1] * limit;
+    s.off                        = fabs((double)low->load / (double)OXL_MAX(load, (uint64_t)1) - (double)low_parts / parts);
+    if (OXL_MIN(s.points[0], s.points[1]) < b->least_points) s.ratio = -1;
+    return s;
 }
 
-static oxl_result partition_add_children(struct partition_build *b, int parent, int axis, double cut, const size_t points[2])
+/* Whether a is the better split: it fits, then its load is nearer to the wanted shares, then its ratio nearer to 0.5. */
+static int partition_is_better(const struct partition_build *b, const struct partition_split *a,
+                               const struct partition_split *than)
+{
+    const int ratios = partition_ratios(b);
+    if (a->ratio < 0 || than->ratio < 0) return a->ratio >= 0;
+    if (a->fits != than->fits) return a->fits;
+    if (a->off != than->off) return a->off < than->off;
+    return abs(2 * a->ratio - ratios + 1) < abs(2 * than->ratio - ratios + 1);
+}
+
+/* bins (ratios + 1) as partition_count leaves them. */
+static struct partition_split partition_choose(const struct partition_build *b, const struct partition_node *n,
+                                               const struct partition_bin *bins)
+{
+    const int              ratios = partition_ratios(b), parts = OXL_MAX(2, n->parts);
+    struct partition_bin   low  = {0, 0};
+    struct partition_split best = {.ratio = -1};
+    uint64_t               load = 0;
+    for (int k = 0; k <= ratios; k++) load += bins[k].load;
+    for (int k = 0; k < ratios; k++) {
+        low.points += bins[k].points;
+        low.load += bins[k].load;
+        for (int low_parts = parts / 2; low_parts <= parts - parts / 2; low_parts++) {
+            const struct partition_split s = partition_judge_split(b, n, k, &low, load, low_parts);
+            if (partition_is_better(b, &s, &best)) best = s;
+        }
+    }
+    return best;
+}
+
+static oxl_result partition_add_children(struct partition_build *b, int parent, int axis, double cut,
+                                         const struct partition_split *split)
 {
     oxl_result rc = oxl_reserve(b->ctx, (void **)&b->node, &b->node_capacity, (size_t)b->node_count + 2, sizeof *b->node);
     if (rc != OXL_OK) return rc;
     for (int side = 0; side < 2; side++) {
         const struct partition_node *from  = &b->node[parent];
         struct partition_node        child = {.finite = from->finite, .parent = parent, .depth = from->depth + 1, .slot = -1};
-        child.points                       = points[side];
+        child.points                       = split->points[side];
+        child.parts                        = from->parts > 0 ? split->parts[side] : 0;
         (side ? child.finite.low : child.finite.high)[axis] = cut;
         b->node[parent].child[side]                         = b->node_count;
         b->node[b->node_count++]                            = child;
@@ -196,36 +247,35 @@ static oxl_result partition_add_children(struct partition_build *b, int parent, 
 }
 
 /* No cut of this box leaves enough on both sides: most points lie near one end, and the search goes on in that half. */
-static void partition_shrink(const struct partition_build *b, const struct partition_search *s, const uint32_t *at)
+static void partition_shrink(const struct partition_build *b, const struct partition_search *s, const struct partition_bin *bins)
 {
     struct partition_node *n     = &b->node[s->node];
     const int              half  = partition_ratios(b) / 2;
     size_t                 below = 0;
-    for (int k = 0; k <= half; k++) below += at[k];
+    for (int k = 0; k <= half; k++) below += bins[k].points;
     (2 * below >= n->points ? n->finite.high : n->finite.low)[s->axis] = s->cut[half];
     n->shrinks++;
 }
 
-static oxl_result partition_cut_batch(struct partition_build *b, const struct partition_search *search, int count, uint32_t *at)
+/* bins (PARTITION_TASKS, count, PARTITION_RATIOS + 1): scratch. */
+static oxl_result partition_cut_batch(struct partition_build *b, const struct partition_search *search, int count,
+                                      struct partition_bin *bins)
 {
     const size_t stride = PARTITION_RATIOS + 1, part = (size_t)count * stride;
     oxl_result   rc = OXL_OK;
-    memset(at, 0, PARTITION_TASKS * part * sizeof *at);
+    memset(bins, 0, PARTITION_TASKS * part * sizeof *bins);
 #pragma omp parallel for schedule(dynamic) num_threads(b->ctx->threads)
-    for (int task = 0; task < PARTITION_TASKS; task++) partition_count(b, search, task, at + (size_t)task * part);
+    for (int task = 0; task < PARTITION_TASKS; task++) partition_count(b, search, task, bins + (size_t)task * part);
     for (int task = 1; task < PARTITION_TASKS; task++)
-        for (size_t k = 0; k < part; k++) at[k] += at[(size_t)task * part + k];
-    for (int i = 0; i < count && rc == OXL_OK; i++) {
-        const uint32_t *mine = at + (size_t)i * stride;
-        const size_t    all  = b->node[search[i].node].points;
-        size_t          side[2];
-        const int       k = partition_choose(b, mine, all, &side[0]);
-        if (k < 0) {
-            partition_shrink(b, &search[i], mine);
-            continue;
+        for (size_t k = 0; k < part; k++) {
+            bins[k].points += bins[(size_t)task * part + k].points;
+            bins[k].load += bins[(size_t)task * part + k].load;
         }
-        side[1] = all - side[0];
-        rc      = partition_add_children(b, search[i].node, search[i].axis, search[i].cut[k], side);
+    for (int i = 0; i < count && rc == OXL_OK; i++) {
+        const struct partition_bin  *mine  = bins + (size_t)i * stride;
+        const struct partition_split split = partition_choose(b, &b->node[search[i].node], mine);
+        if (split.ratio < 0) partition_shrink(b, &search[i], mine);
+        else rc = partition_add_children(b, search[i].node, search[i].axis, search[i].cut[split.ratio], &split);
     }
     return rc;
 }
@@ -259,16 +309,51 @@ static int partition_depth(size_t count, size_t block_points)
 static oxl_result partition_grow(struct partition_build *b)
 {
     struct partition_search *search = oxl_alloc(b->ctx, PARTITION_BATCH, sizeof *search);
-    uint32_t  *at = oxl_alloc(b->ctx, (size_t)PARTITION_BATCH * (PARTITION_RATIOS + 1) * PARTITION_TASKS, sizeof *at);
-    oxl_result rc = search && at ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to search for cuts");
-    int        count;
+    struct partition_bin    *bins   = oxl_alloc(b->ctx, PARTITION_BATCH * (PARTITION_RATIOS + 1) * PARTITION_TASKS, sizeof *bins);
+    oxl_result               rc = search && bins ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to search for splits");
+    int                      count;
     while (rc == OXL_OK && (count = partition_gather(b, search)) > 0) {
-        rc = partition_cut_batch(b, search, count, at);
+        rc = partition_cut_batch(b, search, count, bins);
         partition_settle(b);
     }
     oxl_free(b->ctx, search);
-    oxl_free(b->ctx, at);
+    oxl_free(b->ctx, bins);
     return rc;
+}
+
+/* A tree of so many leaves from the root on; parts 0: as many as leave none with more than N_p points. */
+static oxl_result partition_grow_to(struct partition_build *b, int parts)
+{
+    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->placed, .parts = parts, .slot = -1};
+    b->node_count = 1;
+    for (size_t i = 0; i < b->count; i++)
+        if (b->home[i] != PARTITION_NOWHERE) b->home[i] = 0;
+    return partition_grow(b);
+}
+
+/* by_pixels: share of the load that is pixels, which each view distributes evenly over the points it sees; the rest is the point itself. */
+static oxl_result partition_set_loads(struct partition_build *b, double by_pixels)
+{
+    const struct partition_visibility *s     = b->sight;
+    double                            *pixel = oxl_calloc(b->ctx, b->count + 1, sizeof *pixel), sum = 0;
+    if (!b->load) b->load = oxl_alloc(b->ctx, b->count + 1, sizeof *b->load);
+    if (!pixel || !b->load) {
+        oxl_free(b->ctx, pixel);
+        return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to partition %zu points", b->count);
+    }
+    for (size_t v = 0; v < s->views; v++) {
+        const oxl_camera *c    = &oxl_scene_view(b->scene, (int)v)->camera;
+        const size_t      seen = s->first[v + 1] - s->first[v];
+        for (size_t k = s->first[v]; k < s->first[v + 1]; k++)
+            if (b->home[s->point[k]] != PARTITION_NOWHERE) pixel[s->point[k]] += (double)c->width * c->height / (double)seen;
+    }
+    for (size_t i = 0; i < b->count; i++) sum += pixel[i];
+    for (size_t i = 0; i < b->count; i++) {
+        const double share = sum > 0 ? pixel[i] * (double)b->placed / sum : 1;
+        b->load[i]         = (uint32_t)OXL_MIN(PARTITION_LOAD * (1 - by_pixels + by_pixels * share), 1e9);
+    }
+    oxl_free(b->ctx, pixel);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- boxes */
@@ -513,10 +598,15 @@ static int partition_guard(struct partition_build *b)
     return taken;
 }
 
-static oxl_result partition_assign(struct partition_build *b)
+/* Points and views to the leaves; those too poor are undone. largest: points of the largest block. */
+static oxl_result partition_assign(struct partition_build *b, size_t *largest)
 {
     oxl_result rc    = OXL_OK;
-    int        taken = 1, all = 0;
+    int        taken = 1;
+    b->undone        = 0;
+    *largest         = 0;
+    oxl_free(b->ctx, b->poor);
+    b->poor = NULL;
     while (rc == OXL_OK && taken > 0) {
         partition_settle(b);
         rc = partition_set_boxes(b);
@@ -524,13 +614,39 @@ static oxl_result partition_assign(struct partition_build *b)
         if (rc == OXL_OK) rc = partition_count_points(b);
         if (rc == OXL_OK) rc = partition_judge_views(b);
         taken = rc == OXL_OK ? partition_guard(b) : 0;
-        all += taken;
+        b->undone += taken;
     }
     if (rc == OXL_OK) rc = partition_call_for_views(b);
-    if (all > 0)
-        oxl_log(b->ctx, b->level, "%d block%s with less than %zu points or %d views joined %s neighbours", all,
-                all == 1 ? "" : "s", b->least_points, b->least_views, all == 1 ? "its" : "their");
+    for (int i = 0; i < b->leaf_count && rc == OXL_OK; i++) *largest = OXL_MAX(*largest, b->node[b->leaf[i]].points);
     return rc;
+}
+
+/* So many blocks, before those too poor are undone; parts 0: as many as leave none with more than N_p points. */
+static oxl_result partition_try(struct partition_build *b, oxl_cut cut, int parts, size_t *largest)
+{
+    oxl_result rc;
+    b->options.cut = cut;
+    rc             = partition_grow_to(b, parts);
+    return rc == OXL_OK ? partition_assign(b, largest) : rc;
+}
+
+/* The fewest blocks of at most N_p points, but never more than splits at the midpoint give. Where guards undo what balances the load,
+ * points alone are balanced, as in the paper. */
+static oxl_result partition_balance(struct partition_build *b)
+{
+    const size_t limit  = (size_t)b->options.block_points;
+    const int    fewest = (int)OXL_MIN((b->placed + limit - 1) / limit, (size_t)INT_MAX / 2);
+    size_t       largest;
+    oxl_result   rc   = partition_try(b, OXL_CUT_MIDPOINT, 0, &largest);
+    const int    most = b->leaf_count;
+    for (int parts = fewest; rc == OXL_OK && parts <= most; parts += OXL_MAX(1, parts / 16))
+        for (int by_load = 1; by_load >= 0 && rc == OXL_OK; by_load--) {
+            rc = partition_set_loads(b, 0.5 * by_load);
+            if (rc == OXL_OK) rc = partition_try(b, OXL_CUT_BALANCED, parts, &largest);
+            if (rc == OXL_OK && largest <= limit) return rc;
+        }
+    if (rc == OXL_OK) rc = partition_try(b, OXL_CUT_BALANCED, 0, &largest);
+    return rc == OXL_OK && b->leaf_count > most ? partition_try(b, OXL_CUT_MIDPOINT, 0, &largest) : rc;
 }
 
 /* ---------------------------------------------------------------- the plan */
@@ -625,8 +741,8 @@ static int partition_train_views(const oxl_scene *scene)
     return scene_stats_of(scene)->views - scene_stats_of(scene)->test_views;
 }
 
-/* Less is asked of a small survey: a quarter of a small block's points; one photograph in ten, and no more than the block's share of all
- * photographs, or small blocks, asked for on purpose, would all be joined. */
+/* Less is asked of a small survey: a quarter of a small block's points; one image in ten, and no more than the block's share of all
+ * images, or small blocks, asked for on purpose, would all be joined. */
 static void partition_set_guards(struct partition_build *b)
 {
     const size_t n     = (size_t)b->options.block_points;
@@ -720,6 +836,9 @@ static void partition_log_blocks(const struct partition_build *b, const struct p
         for (int i = 0; i < p->block_count && !used; i++) used = p->plan->role[(size_t)i * views + v] != PARTITION_OUT;
         idle += !used;
     }
+    if (b->undone > 0)
+        oxl_log(b->ctx, b->level, "%d split%s undone: less than %zu points or %d views on a side", b->undone,
+                b->undone == 1 ? "" : "s", b->least_points, b->least_views);
     oxl_log(b->ctx, b->level, "%d block%s of %zu to %zu points", p->block_count, p->block_count == 1 ? "" : "s", least, most);
     if (p->block_count > 1 && most > (size_t)b->options.block_points)
         oxl_log(
@@ -732,6 +851,7 @@ static void partition_log_blocks(const struct partition_build *b, const struct p
 static oxl_result partition_build(struct partition_build *b, struct partition *p)
 {
     const char *reason;
+    size_t      largest;
     oxl_result  rc = partition_place_points(b, p);
     if (rc == OXL_OK) rc = oxl_reserve(b->ctx, (void **)&b->node, &b->node_capacity, 1, sizeof *b->node);
     if (rc != OXL_OK) goto done;
@@ -742,14 +862,16 @@ static oxl_result partition_build(struct partition_build *b, struct partition *p
     b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->placed, .slot = -1};
     b->node_count = 1;
     reason        = partition_reason_for_one(b);
+    rc            = partition_set_loads(b, 0);
+    if (rc != OXL_OK) goto done;
     if (reason) rc = partition_make_one(b, reason);
-    else rc = partition_grow(b);
-    if (rc == OXL_OK && !reason) rc = partition_assign(b);
+    else rc = b->options.cut == OXL_CUT_MIDPOINT ? partition_try(b, OXL_CUT_MIDPOINT, 0, &largest) : partition_balance(b);
     if (rc == OXL_OK) rc = partition_finish(b, p);
     if (rc == OXL_OK && !reason) partition_log_blocks(b, p);
 done:
     oxl_free(b->ctx, b->position);
     oxl_free(b->ctx, b->home);
+    oxl_free(b->ctx, b->load);
     oxl_free(b->ctx, b->node);
     oxl_free(b->ctx, b->leaf);
     oxl_free(b->ctx, b->first);

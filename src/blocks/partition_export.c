@@ -1,7 +1,7 @@
 /* partition_export.c - each block as a COLMAP text export of its own, which COLMAP and other trainers open.
  *
  *     OUT/blocks/KKK/sparse/0/   cameras.txt, images.txt, points3D.txt
- *     OUT/blocks/KKK/images      a link to the survey's photographs, and masks likewise, where the system has links
+ *     OUT/blocks/KKK/images      a link to the survey's images, and masks likewise, where the system has links
  *     OUT/partition.svg, and last of all OUT/partition.txt: where it stands, the rest does too
  *
  * A block holds its training views and the points that it starts from, in the world coordinates, camera models, names and ids of the
@@ -305,7 +305,7 @@ static void exporter_link(const struct exporter *e, int block, const char *name,
 {
     char *path = folder && os_is_folder(folder) ? exporter_path(e, block, name) : NULL;
     if (path && !os_link(e->ctx, folder, path))
-        oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the photographs by --images", path);
+        oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the images by --images", path);
     oxl_free(e->ctx, path);
 }
 

@@ -22,7 +22,7 @@
 #define _DARWIN_C_SOURCE /* ru_maxrss */
 #endif
 
-#include "../../oceanxl.h"
+#include "../../oceanxl_job.h"
 
 #include <float.h>
 #include <limits.h>

@@ -117,23 +117,6 @@ int oxl_is_terminal(int stream)
     return isatty(stream) != 0;
 }
 
-#define OS_SPINS "500" /* looks before a thread sleeps (docs/log/SPEED.md) */
-
-void oxl_wait_asleep(char **argv)
-{
-#ifdef _OPENMP
-    char          self[4096];
-    const char   *wanted = getenv("OMP_WAIT_POLICY"); /* empty: as if it were not there */
-    const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
-    if (length <= 0 || (wanted && *wanted)) return;
-    self[length] = 0;
-    if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", OS_SPINS, 0) != 0) return;
-    execv(self, argv); /* returns only where it could not */
-#else
-    (void)argv;
-#endif
-}
-
 OXL_INTERNAL double os_seconds(void)
 {
     struct timespec t;
@@ -317,11 +300,6 @@ static long os_process(void)
 int oxl_is_terminal(int stream)
 {
     return _isatty(stream) != 0;
-}
-
-void oxl_wait_asleep(char **argv)
-{
-    (void)argv;
 }
 
 OXL_INTERNAL double os_seconds(void)

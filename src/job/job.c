@@ -317,7 +317,7 @@ static oxl_result job_cut(struct job *job)
     return rc;
 }
 
-/* A block's own text files, the survey's photographs and masks. Views held out are not in it. */
+/* A block's own text files, the survey's images and masks. Views held out are not in it. */
 static oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out)
 {
     oxl_context      *ctx = job->ctx;
@@ -553,7 +553,7 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 /* ---------------------------------------------------------------- all blocks together
  *
  * Each has learned beside its own copies of what lies around it, and merging takes those away: what one block put in front of its
- * neighbour's ground was never seen together with that ground. So what is merged is refined, all of it on all photographs, in a
+ * neighbour's ground was never seen together with that ground. So what is merged is refined, all of it on all images, in a
  * folder beside the blocks' (docs/SCALE.md has what that mends).
  */
 
@@ -564,7 +564,7 @@ static double job_start_bytes(const oxl_model *merged)
     return merged->lobes > 0 ? 2 * rows + 6 * 4.0 * (OXL_PLANES - OXL_LOBE) * (double)merged->lobes : rows;
 }
 
-/* Whether the whole fits into the memory allowed; if so, the cache of photographs is as large as it may be. */
+/* Whether the whole fits into the memory allowed; if so, the cache of images is as large as it may be. */
 static int job_fits_together(struct job *job, const oxl_model *merged, struct block_task *task)
 {
     struct survey_load load = survey_load(job->scene);

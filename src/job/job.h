@@ -58,8 +58,8 @@ struct metrics_sum {
     double error, weight; /* sum of squared differences, and of what they are divided by */
     size_t pixels;        /* that count */
 };
-/* The i-th pixel of both, three channels, by the photograph's weight. */
-OXL_INTERNAL void       metrics_add_pixel(const oxl_image *drawn, const oxl_image *photograph, size_t i, struct metrics_sum *sum);
+/* The i-th pixel of both, three channels, by the image's weight. */
+OXL_INTERNAL void       metrics_add_pixel(const oxl_image *drawn, const oxl_image *image, size_t i, struct metrics_sum *sum);
 /* Adds the members "psnr", "cc_psnr", "ssim", "ms_ssim", "count" and "views" (name and the four each) of a JSON object, without its braces. */
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
@@ -93,7 +93,7 @@ struct survey_load {
     size_t points, observations; /* to start from; of a point in a view */
     int    views;
     double pixels, schedule_pixels, largest; /* of all views; of the training views; of one */
-    double largest_file;                     /* pixels of a photograph as the file has it */
+    double largest_file;                     /* pixels of an image as the file has it */
 };
 struct survey_cost {
     double gaussians, memory, seconds; /* at the end; peak in bytes; on ctx's threads */
@@ -105,7 +105,7 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
                                             const struct survey_load *load);
 /* Peak in bytes, of a run that ends with so many Gaussians. */
 OXL_INTERNAL double             survey_memory(const oxl_job_options *options, const struct survey_load *load, double gaussians);
-/* closely: each photograph and mask is looked at, too, as far as that goes without decoding it. */
+/* closely: each image and mask is looked at, too, as far as that goes without decoding it. */
 OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
                                         oxl_survey *out);
 /* An object without a newline at its end; its lines after the first start with `indent`. */

@@ -122,7 +122,7 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
 
 /* ---------------------------------------------------------------- the command */
 
-/* Text files alone are enough when the photographs are elsewhere. */
+/* Text files alone are enough when the images are elsewhere. */
 static oxl_result balance_look_for_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
 {
     char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");

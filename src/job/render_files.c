@@ -1,6 +1,6 @@
-/* render_files.c - what the model draws where the photographs were taken, as files to look at and to measure with.
+/* render_files.c - what the model draws where the images were taken, as files to look at and to measure with.
  *
- * Invariant: no name of a photograph leads out of the folder.
+ * Invariant: no name of an image leads out of the folder.
  */
 #include "job.h"
 
@@ -105,15 +105,15 @@ enum {
 struct picture {
     const char *name;
     int         width, height;
-    oxl_image   drawn, photograph; /* photograph: empty when not asked for, or not to be had */
-    float      *depth;             /* (H,W) or NULL */
-    oxl_context own;               /* of the thread that writes it */
+    oxl_image   drawn, image; /* image: empty when not asked for, or not to be had */
+    float      *depth;        /* (H,W) or NULL */
+    oxl_context own;          /* of the thread that writes it */
 };
 
 static void picture_free(oxl_context *ctx, struct picture *p)
 {
     oxl_image_free(ctx, &p->drawn);
-    oxl_image_free(ctx, &p->photograph);
+    oxl_image_free(ctx, &p->image);
     oxl_free(ctx, p->depth);
 }
 
@@ -124,9 +124,9 @@ static oxl_result picture_reserve_depth(oxl_context *ctx, struct picture *p)
 }
 
 /* One that cannot be read is not drawn: the evaluation has said so. */
-static oxl_result picture_take_photograph(oxl_context *ctx, oxl_scene *scene, int view, struct picture *p)
+static oxl_result picture_take_image(oxl_context *ctx, oxl_scene *scene, int view, struct picture *p)
 {
-    const oxl_result rc = oxl_scene_image(ctx, scene, view, &p->photograph);
+    const oxl_result rc = oxl_scene_image(ctx, scene, view, &p->image);
     return rc == OXL_ERR_INPUT ? OXL_OK : rc;
 }
 
@@ -144,7 +144,7 @@ static oxl_result picture_draw(oxl_context *ctx, struct renderer *r, const oxl_m
     if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->drawn);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;
-    if (rc == OXL_OK && what->photographs) rc = picture_take_photograph(ctx, scene, view, out);
+    if (rc == OXL_OK && what->images) rc = picture_take_image(ctx, scene, view, out);
     if (rc != OXL_OK) picture_free(ctx, out);
     return rc;
 }
@@ -153,7 +153,7 @@ static oxl_result picture_write(struct picture *p, const char *folder)
 {
     oxl_result rc = pictures_write_image(&p->own, folder, p->name, ".png", &p->drawn);
     if (rc == OXL_OK && p->depth) rc = pictures_write_depth(&p->own, folder, p->name, p->depth, p->width, p->height);
-    if (rc == OXL_OK && p->photograph.rgb) rc = pictures_write_image(&p->own, folder, p->name, ".photo.png", &p->photograph);
+    if (rc == OXL_OK && p->image.rgb) rc = pictures_write_image(&p->own, folder, p->name, ".photo.png", &p->image);
     return rc;
 }
 
@@ -165,7 +165,7 @@ static oxl_result pictures_draw(oxl_context *ctx, struct renderer *r, const oxl_
     size_t     bytes = 0;
     oxl_result rc    = OXL_OK;
     *drawn           = 0;
-    if (what->photographs) image_cache_ahead(ctx, scene, view, count);
+    if (what->images) image_cache_ahead(ctx, scene, view, count);
     while (*drawn < OXL_MIN(count, OXL_MIN(ctx->threads, PICTURES_AT_ONCE))) {
         const oxl_camera *camera = &oxl_scene_view(scene, view[*drawn])->camera;
         bytes += (size_t)PICTURES_BYTES * (size_t)camera->width * (size_t)camera->height;

@@ -42,7 +42,7 @@ struct seam_view {
     const struct partition *partition;
     const oxl_camera       *camera;
     const double           *origin; /* (3) of the scene */
-    const oxl_image        *drawn, *photograph;
+    const oxl_image        *drawn, *image;
     const float            *depth; /* (H,W) camera z; 0: nothing there, and so not near a border */
 };
 
@@ -61,19 +61,19 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
                 home   = seam_home(v->partition, frame, OXL_MAX(home, 0));
                 beside = home >= 0 && seam_is_near(&v->partition->block[home], frame);
             }
-            metrics_add_pixel(v->drawn, v->photograph, i, &sum[beside]);
+            metrics_add_pixel(v->drawn, v->image, i, &sum[beside]);
         }
 }
 
-/* A photograph that cannot be read is left out, as in the evaluation, which has said so. */
+/* An image that cannot be read is left out, as in the evaluation, which has said so. */
 static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p, const oxl_model *model,
                                  oxl_scene *scene, int view, struct metrics_sum sum[2])
 {
     const oxl_camera  *camera  = &oxl_scene_view(scene, view)->camera;
     oxl_render_options options = oxl_render_options_default();
-    oxl_image          drawn = {0}, photograph = {0};
+    oxl_image          drawn = {0}, image = {0};
     float             *depth = NULL;
-    oxl_result         rc    = oxl_scene_image(ctx, scene, view, &photograph);
+    oxl_result         rc    = oxl_scene_image(ctx, scene, view, &image);
     if (rc == OXL_ERR_INPUT) return OXL_OK;
     if (rc != OXL_OK) return rc;
     depth = oxl_alloc(ctx, (size_t)camera->width * camera->height, sizeof *depth);
@@ -86,11 +86,11 @@ static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const str
     rc = renderer_draw(ctx, r, model, camera, &options, &drawn, depth);
     if (rc == OXL_OK) imaging_apply(scene_imaging(scene), view, &drawn);
     if (rc != OXL_OK) goto done;
-    seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &drawn, &photograph, depth}, sum);
+    seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &drawn, &image, depth}, sum);
 done:
     oxl_free(ctx, depth);
     oxl_image_free(ctx, &drawn);
-    oxl_image_free(ctx, &photograph);
+    oxl_image_free(ctx, &image);
     return rc;
 }
 

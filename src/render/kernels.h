@@ -350,7 +350,7 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
 struct loss_job {
     int         width, height;
     real        ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM); 0: SSIM is not computed */
-    const real *x, *y;       /* (3,H,W) drawn, photographed */
+    const real *x, *y;       /* (3,H,W) drawn, imageed */
     const real *weight;      /* (H,W) 1 or 0, or NULL */
     real       *dx;          /* (3,H,W) dL/dx, overwritten */
 };

@@ -1,4 +1,4 @@
-/* loss.c - (1 - w) L1 + w (1 - SSIM) between a drawn image and a photograph, and its gradient in the drawn image.
+/* loss.c - (1 - w) L1 + w (1 - SSIM) between a drawn image and an image, and its gradient in the drawn image.
  *
  * SSIM is Wang et al. 2004: with mu, sigma the moments under an 11 x 11 Gaussian window of sigma 1.5, zero padding,
  *     S = (2 mx my + C1)(2 sxy + C2) / ((mx^2 + my^2 + C1)(sxx + syy + C2)).

@@ -26,13 +26,13 @@ OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, con
 OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                       const oxl_render_options *options, oxl_image *out, float *depth);
 
-/* The photograph of a view, at half its sides if `halved`: what renderer_loss compares with where it is given none. A device keeps
- * photographs, as far as a share of its memory goes: `photo` may be NULL where renderer_has_image says so. */
+/* The image of a view, at half its sides if `halved`: what renderer_loss compares with where it is given none. A device keeps
+ * images, as far as a share of its memory goes: `image` may be NULL where renderer_has_image says so. */
 OXL_INTERNAL int        renderer_has_image(const struct renderer *r, int view);
-OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *photo,
+OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
                                             int halved);
 
-/* Loss of the drawn image against rgb (3,H,W) with weight (H,W) or NULL, or against the photograph that was taken last where rgb is
+/* Loss of the drawn image against rgb (3,H,W) with weight (H,W) or NULL, or against the image that was taken last where rgb is
  * NULL; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
@@ -103,7 +103,7 @@ struct renderer_device {
     /* (3,H,W) drawn; depths: the sums of alpha T z and of alpha T in its place. */
     oxl_result (*image)(void *device, int depths, float *rgb);
     int (*has_image)(const void *device, int view);
-    oxl_result (*take_image)(void *device, int view, const struct training_image *photo, int halved);
+    oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
     /* The image taken last, as (3,H,W) and (H,W); returns its pixels, 0 on failure. rgb NULL: its pixels alone. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
     oxl_result (*loss)(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out);

@@ -39,7 +39,7 @@ struct renderer {
     float *exposed; /* (3,H,W) rgb times gain */
     double dlog_gain[3];
     size_t exposed_capacity;
-    float *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
+    float *target, *weight; /* the image that was taken last: (3,H,W), and (H,W) when it is masked */
     int    masked;
     float (*sums)[SPLAT_SUMS];
     float               *score; /* (slots) */
@@ -391,23 +391,23 @@ OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view)
     return r->device && r->backend->has_image(r->device, view);
 }
 
-OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *photo,
+OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
                                             int halved)
 {
     size_t     pixels;
     oxl_result rc;
     if (r->device) {
-        rc = r->backend->take_image(r->device, view, photo, halved);
-        if (photo) rc = render_leave_device(ctx, r, rc);
+        rc = r->backend->take_image(r->device, view, image, halved);
+        if (image) rc = render_leave_device(ctx, r, rc);
         if (rc != OXL_OK || r->device) return rc;
     }
-    pixels    = (size_t)photo->width * (size_t)photo->height;
+    pixels    = (size_t)image->width * (size_t)image->height;
     rc        = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
-    r->masked = photo->mask != NULL;
+    r->masked = image->mask != NULL;
     if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc != OXL_OK) return rc;
-    image_from_training(ctx, photo, r->target, r->masked ? r->weight : NULL);
-    if (halved) image_halve(photo->width, photo->height, r->target, r->masked ? r->weight : NULL);
+    image_from_training(ctx, image, r->target, r->masked ? r->weight : NULL);
+    if (halved) image_halve(image->width, image->height, r->target, r->masked ? r->weight : NULL);
     return OXL_OK;
 }
 

@@ -194,14 +194,14 @@ OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
 /* ---------------------------------------------------------------- the ideal camera */
 
 enum {
-    CAMERA_SIDE_MAX = 32768, /* px; the same limit as for photographs */
+    CAMERA_SIDE_MAX = 32768, /* px; the same limit as for images */
     CAMERA_SIDE_MIN = 16,
     CAMERA_RAYS     = 128, /* towards each side of the picture */
     CAMERA_STEPS    = 32,  /* along a ray, to find the first direction that was not seen */
     CAMERA_SHRINK   = 64   /* px by which a side may be corrected in the end */
 };
 #define CAMERA_FOCAL_MIN 0.002 /* x the longer side: 179.5 degrees */
-#define CAMERA_GROWTH    2.0   /* a side is at most so many times farther out than the photograph's: COLMAP's limit too */
+#define CAMERA_GROWTH    2.0   /* a side is at most so many times farther out than the image's: COLMAP's limit too */
 
 enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
 
@@ -245,7 +245,7 @@ static int camera_walk(const struct colmap_camera *camera, const double target[2
 }
 
 /* Distance in px from the principal point to each side of a rectangle that holds no direction where sight ends.
- * Where a border of the photograph ended it, the side of that name must stay nearer; where the fold did, which is a curve
+ * Where a border of the image ended it, the side of that name must stay nearer; where the fold did, which is a curve
  * around the axis, all four are drawn in alike until the rectangle is inside of it. */
 static void camera_rectangle(const struct colmap_camera *camera, double side[4])
 {
@@ -259,7 +259,7 @@ static void camera_rectangle(const struct colmap_camera *camera, double side[4])
     side[CAMERA_BOTTOM] = CAMERA_GROWTH * (h - k[3]);
     for (int i = 0; i < 4 * CAMERA_RAYS; i++) {
         const double along = (i / 4 + 0.5) / CAMERA_RAYS;
-        const double x     = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the photograph's border */
+        const double x     = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the image's border */
         const double y     = (i % 4 < 2 ? i % 4 : along) * h - k[3];
         double       end[2], target[2] = {CAMERA_GROWTH * x / k[0], CAMERA_GROWTH * y / k[1]};
         switch (camera_walk(camera, target, end)) {

@@ -143,7 +143,7 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
     size_t         size;
     oxl_result     rc;
     colmap_skip_blanks(r);
-    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same photograph */
+    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same image */
         for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
     size = (size_t)(r->end - r->cursor);
     if (size == 0) return colmap_wrong(r, r->cursor, "NAME", "a file in the image folder");

@@ -1,4 +1,4 @@
-/* contrast.c - how fast contrast fades with depth: the water's attenuation, measured where photographs show SfM points.
+/* contrast.c - how fast contrast fades with depth: the water's attenuation, measured where images show SfM points.
  *
  * Water takes contrast as exp(-beta z) (Akkaynak & Treibitz 2018; the light it adds in return is even). A gradient of the loss is
  * proportional to the picture's contrast and fades alike; so beta says, before the first iteration, whether densification needs
@@ -15,7 +15,7 @@
 #include "../core/vecmath.h"
 
 enum {
-    CONTRAST_VIEWS  = 128,     /* photographs that are looked at, at most */
+    CONTRAST_VIEWS  = 128,     /* images that are looked at, at most */
     CONTRAST_SAMPLE = 1 << 18, /* observations, at most */
     CONTRAST_CELLS  = 7,       /* a patch is 7 x 7 of them */
     CONTRAST_LEAST  = 100      /* observations that a measure takes */
@@ -24,7 +24,7 @@ enum {
 #define CONTRAST_CELL_MOST 8.0 /* px: nearer views than that are left out */
 #define CONTRAST_FLOOR     1.0 /* 8-bit levels^2 added to a patch's variance: rounding and the sensor's noise are no contrast */
 
-struct contrast_sample { /* one point in one photograph */
+struct contrast_sample { /* one point in one image */
     size_t point;
     int    view, valid;
     double z, value;   /* camera z; log contrast */
@@ -36,12 +36,12 @@ struct contrast_work {
     int                     chosen_count;
     struct contrast_sample *sample;
     double                 *by_view;  /* (views of the scene) */
-    uint32_t               *integral; /* (H+1, W+1) of a photograph: the sum of all that lies above and left; may wrap */
+    uint32_t               *integral; /* (H+1, W+1) of an image: the sum of all that lies above and left; may wrap */
     size_t                  integral_capacity;
     size_t                  samples;
 };
 
-/* ---------------------------------------------------------------- which points in which photographs */
+/* ---------------------------------------------------------------- which points in which images */
 
 static void contrast_choose_views(const oxl_scene *scene, const struct colmap *c, struct contrast_work *w)
 {
@@ -146,8 +146,8 @@ static void contrast_look(const struct training_image *p, const uint32_t *integr
     s->value = 0.5 * vecmath_log(OXL_MAX((squares - sum * sum / n) / n, 0) + CONTRAST_FLOOR);
 }
 
-/* All that is seen in one photograph. */
-static void contrast_look_at(const oxl_context *ctx, const struct training_image *photo, int view, struct contrast_work *w)
+/* All that is seen in one image. */
+static void contrast_look_at(const oxl_context *ctx, const struct training_image *image, int view, struct contrast_work *w)
 {
     const int64_t samples = (int64_t)w->samples;
     (void)ctx; /* without OpenMP */
@@ -155,22 +155,22 @@ static void contrast_look_at(const oxl_context *ctx, const struct training_image
     for (int64_t i = 0; i < samples; i++) {
         struct contrast_sample *s = &w->sample[i];
         if (s->view != view || !s->valid) continue;
-        if (photo) contrast_look(photo, w->integral, s);
+        if (image) contrast_look(image, w->integral, s);
         else s->valid = 0;
     }
 }
 
-/* View by view, so that each photograph is asked for once; one that cannot be read is left out, as training will say. */
+/* View by view, so that each image is asked for once; one that cannot be read is left out, as training will say. */
 static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
 {
     oxl_result rc = OXL_OK;
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
-        const struct training_image *photo;
+        const struct training_image *image;
         image_cache_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
-        photo = image_cache_get(ctx, scene, w->chosen[k]);
-        if (!photo && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
-        if (photo) rc = contrast_integrate(ctx, photo, w);
-        if (rc == OXL_OK) contrast_look_at(ctx, photo, w->chosen[k], w);
+        image = image_cache_get(ctx, scene, w->chosen[k]);
+        if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+        if (image) rc = contrast_integrate(ctx, image, w);
+        if (rc == OXL_OK) contrast_look_at(ctx, image, w->chosen[k], w);
     }
     return rc;
 }
@@ -194,11 +194,11 @@ static void contrast_centre(struct contrast_work *w, struct contrast *out)
     }
 }
 
-/* Neither the errors of one point nor those of one photograph are independent: the larger of the two clustered errors
+/* Neither the errors of one point nor those of one image are independent: the larger of the two clustered errors
  * (Liang & Zeger 1986). by_view: zeros, one for each view. */
 static double contrast_error(const struct contrast_work *w, int views, double beta, double zz)
 {
-    double points = 0, photographs = 0;
+    double points = 0, images = 0;
     for (size_t first = 0, end; first < w->samples; first = end) {
         double sum = 0;
         for (end = first; end < w->samples && w->sample[end].point == w->sample[first].point; end++) {
@@ -209,8 +209,8 @@ static double contrast_error(const struct contrast_work *w, int views, double be
         }
         points += sum * sum;
     }
-    for (int i = 0; i < views; i++) photographs += w->by_view[i] * w->by_view[i];
-    return sqrt(OXL_MAX(points, photographs)) / zz;
+    for (int i = 0; i < views; i++) images += w->by_view[i] * w->by_view[i];
+    return sqrt(OXL_MAX(points, images)) / zz;
 }
 
 static void contrast_fit(struct contrast_work *w, int views, struct contrast *out)
@@ -241,7 +241,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     w.sample  = oxl_alloc(ctx, OXL_MIN(c->track_count, (size_t)CONTRAST_SAMPLE) + 1, sizeof *w.sample);
     w.by_view = oxl_calloc(ctx, (size_t)views + 1, sizeof *w.by_view);
     if (!w.view || !w.chosen || !w.sample || !w.by_view) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d photographs", views);
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d images", views);
         goto done;
     }
     contrast_choose_views(scene, c, &w);

@@ -1,11 +1,11 @@
-/* image.c - photographs in (decode, undistort, reduce, mask), pictures out.
+/* image.c - images in (decode, undistort, reduce, mask), pictures out.
  *
  * JPEG and PNG are decoded by stb_image. Its SSE2 and NEON paths are written to give the very bytes of its plain C path
  * (integer IDCT, fixed-point colour), so they stay on; a test holds them to it. stb takes its working memory from malloc,
  * since its hooks know no context; all of it is given back before a function here returns, but for struct pixels, which lives
  * until image_pixels_free.
  *
- * Invariant: a photograph's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
+ * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
  */
 #include "survey.h"
 
@@ -41,7 +41,7 @@
 
 enum {
     IMAGE_SIDE_MAX    = 32768, /* px; a header that claims more is taken for damage */
-    IMAGE_SAMPLES_MAX = 16,    /* a side, for each pixel of an undistorted photograph; 16^2 x 255 x 2^16 fits 32 bits */
+    IMAGE_SAMPLES_MAX = 16,    /* a side, for each pixel of an undistorted image; 16^2 x 255 x 2^16 fits 32 bits */
     IMAGE_FRACTION    = 256    /* bilinear weights are whole numbers of 1/256 */
 };
 
@@ -113,8 +113,8 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
                         stbi_failure_reason());
     if (*width < 1 || *height < 1 || *width > IMAGE_SIDE_MAX || *height > IMAGE_SIDE_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: %d x %d px, wanted 1 to %d a side\nfix: reduce the photograph, or copy it again if it is damaged",
-                        path, *width, *height, IMAGE_SIDE_MAX);
+                        "%s: %d x %d px, wanted 1 to %d a side\nfix: reduce the image, or copy it again if it is damaged", path,
+                        *width, *height, IMAGE_SIDE_MAX);
     return OXL_OK;
 }
 
@@ -236,7 +236,7 @@ static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
     return i == s->first ? s->weight_first : i == s->last ? s->weight_last : (unsigned)n_out;
 }
 
-/* What the rows of a photograph's output have in common: where its columns lie, and a line for each thread to add rows in. */
+/* What the rows of an image's output have in common: where its columns lie, and a line for each thread to add rows in. */
 struct image_reduction {
     const struct pixels         *in;
     const struct training_image *out;
@@ -256,7 +256,7 @@ static void image_add_rows(const struct image_reduction *r, const struct image_s
     }
 }
 
-/* The mean of the photograph over each output pixel's area, exact before it is rounded. */
+/* The mean of the image over each output pixel's area, exact before it is rounded. */
 static void image_reduce_row(const struct image_reduction *r, int y)
 {
     const struct image_span rows  = image_span_of(y, r->in->height, r->out->height);
@@ -281,7 +281,7 @@ static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const 
     r.column                  = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
     r.line                    = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
     if (!r.column || !r.line) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce a photograph of %d x %d px", in->width, in->height);
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce an image of %d x %d px", in->width, in->height);
         goto done;
     }
     for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
@@ -309,10 +309,10 @@ static void image_reduce_mask_row(const struct pixels *mask, const struct traini
 /* ---------------------------------------------------------------- undistort */
 
 struct image_warp {
-    const struct pixels        *photo, *mask; /* mask->data may be NULL */
+    const struct pixels        *source, *mask; /* mask->data may be NULL */
     const struct colmap_camera *from;
     const oxl_camera           *to;
-    double                      zoom[2]; /* photograph's px per px of `from`: 1 unless the file was resized */
+    double                      zoom[2]; /* image's px per px of `from`: 1 unless the file was resized */
     int                         samples; /* a side of an output pixel */
 };
 
@@ -330,19 +330,19 @@ static void image_add_bilinear(const struct pixels *in, const double p[2], uint3
                   wy * ((IMAGE_FRACTION - wx) * a[down] + wx * a[down + right]);
 }
 
-/* Does the real camera's pixel at p (px of the photograph) lie in the photograph, and is it not masked? */
+/* Does the real camera's pixel at p (px of the image) lie in the image, and is it not masked? */
 static int image_counts(const struct image_warp *w, const double p[2])
 {
-    if (!(p[0] >= 0 && p[0] <= w->photo->width && p[1] >= 0 && p[1] <= w->photo->height)) return 0;
+    if (!(p[0] >= 0 && p[0] <= w->source->width && p[1] >= 0 && p[1] <= w->source->height)) return 0;
     if (w->mask->data) {
-        const int x = OXL_MIN((int)(p[0] / w->photo->width * w->mask->width), w->mask->width - 1);
-        const int y = OXL_MIN((int)(p[1] / w->photo->height * w->mask->height), w->mask->height - 1);
+        const int x = OXL_MIN((int)(p[0] / w->source->width * w->mask->width), w->mask->width - 1);
+        const int y = OXL_MIN((int)(p[1] / w->source->height * w->mask->height), w->mask->height - 1);
         return w->mask->data[(size_t)y * w->mask->width + x] != 0;
     }
     return 1;
 }
 
-/* Each pixel is the mean of samples x samples bilinear samples of the photograph, spread evenly over it. */
+/* Each pixel is the mean of samples x samples bilinear samples of the image, spread evenly over it. */
 static void image_warp_row(const struct image_warp *w, const struct training_image *out, int y)
 {
     const size_t   plane = (size_t)out->width * out->height;
@@ -358,7 +358,7 @@ static void image_warp_row(const struct image_warp *w, const struct training_ima
             p[0] *= w->zoom[0];
             p[1] *= w->zoom[1];
             counts &= image_counts(w, p);
-            if (counts) image_add_bilinear(w->photo, p, sum);
+            if (counts) image_add_bilinear(w->source, p, sum);
         }
         for (int c = 0; c < 3; c++)
             out->rgb[c * plane + (size_t)y * out->width + x] = counts ? (uint8_t)(((uint64_t)sum[c] + total / 2) / total) : 0;
@@ -366,22 +366,22 @@ static void image_warp_row(const struct image_warp *w, const struct training_ima
     }
 }
 
-static struct image_warp image_warp_of(const struct pixels *photo, const struct pixels *mask, const struct colmap_camera *from,
+static struct image_warp image_warp_of(const struct pixels *image, const struct pixels *mask, const struct colmap_camera *from,
                                        const oxl_camera *to)
 {
-    struct image_warp w = {.photo = photo, .mask = mask, .from = from, .to = to};
+    struct image_warp w = {.source = image, .mask = mask, .from = from, .to = to};
     double            k[4], reduction;
     camera_intrinsics(from, k);
-    w.zoom[0] = (double)photo->width / from->width;
-    w.zoom[1] = (double)photo->height / from->height;
-    reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy); /* photograph's px per output px at the axis */
+    w.zoom[0] = (double)image->width / from->width;
+    w.zoom[1] = (double)image->height / from->height;
+    reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy); /* image's px per output px at the axis */
     w.samples = (int)ceil(OXL_CLAMP(reduction - 0.01, 1, IMAGE_SAMPLES_MAX));
     return w;
 }
 
-/* ---------------------------------------------------------------- a training photograph */
+/* ---------------------------------------------------------------- a training image */
 
-/* The photograph may have been resized after COLMAP saw it, not cropped or turned. */
+/* The image may have been resized after COLMAP saw it, not cropped or turned. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from)
 {
@@ -390,18 +390,18 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
                     width, height, (long long)from->id, from->file, from->line, from->width, from->height,
-                    turned ? "turn the photograph back: COLMAP saw it as it lies in the file"
-                           : "use the photographs that COLMAP was given");
+                    turned ? "turn the image back: COLMAP saw it as it lies in the file"
+                           : "use the images that COLMAP was given");
 }
 
-static oxl_result image_photo_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask, struct training_image *out)
+static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask, struct training_image *out)
 {
     const size_t count = (size_t)to->width * to->height;
     *out               = (struct training_image){.width = to->width, .height = to->height};
     out->rgb           = oxl_alloc(ctx, count, 3);
     if (with_mask) out->mask = oxl_alloc(ctx, count, 1);
     if (out->rgb && (out->mask || !with_mask)) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a photograph of %d x %d px", to->width, to->height);
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", to->width, to->height);
 }
 
 /* A mask that masks nothing is not kept. */
@@ -417,7 +417,7 @@ static oxl_result image_check_mask(oxl_context *ctx, const char *path, const str
 {
     if (!p->mask || memchr(p->mask, 255, (size_t)p->width * p->height)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: all of it is black at %d x %d px, so nothing of the photograph counts\n"
+                    "%s: all of it is black at %d x %d px, so nothing of the image counts\n"
                     "fix: white (255) in a mask means that the pixel counts",
                     path, p->width, p->height);
 }
@@ -426,18 +426,18 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
                                             const struct colmap_camera *from, const oxl_camera *to, struct training_image *out)
 {
     const int         distorted = camera_is_distorted(from);
-    struct pixels     photo = {0}, mask = {0};
+    struct pixels     image = {0}, mask = {0};
     struct image_warp warp;
     oxl_result        rc;
     *out = (struct training_image){0};
-    rc   = image_decode(ctx, path, 3, &photo);
-    if (rc == OXL_OK) rc = image_check_shape(ctx, path, photo.width, photo.height, from);
+    rc   = image_decode(ctx, path, 3, &image);
+    if (rc == OXL_OK) rc = image_check_shape(ctx, path, image.width, image.height, from);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
-    if (rc == OXL_OK) rc = image_photo_alloc(ctx, to, distorted || mask.data, out);
+    if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask.data, out);
     if (rc != OXL_OK) goto done;
-    if (!distorted) rc = image_reduce(ctx, &photo, out);
+    if (!distorted) rc = image_reduce(ctx, &image, out);
     if (rc != OXL_OK) goto done;
-    warp = image_warp_of(&photo, &mask, from, to);
+    warp = image_warp_of(&image, &mask, from, to);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < to->height; y++) {
         if (distorted) image_warp_row(&warp, out, y);
@@ -446,25 +446,25 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
     image_drop_empty_mask(ctx, out);
     if (mask_path) rc = image_check_mask(ctx, mask_path, out);
 done:
-    image_pixels_free(ctx, &photo);
+    image_pixels_free(ctx, &image);
     image_pixels_free(ctx, &mask);
     if (rc != OXL_OK) image_training_free(ctx, out);
     return rc;
 }
 
-OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *photo)
+OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *image)
 {
-    oxl_free(ctx, photo->rgb);
-    oxl_free(ctx, photo->mask);
-    *photo = (struct training_image){0};
+    oxl_free(ctx, image->rgb);
+    oxl_free(ctx, image->mask);
+    *image = (struct training_image){0};
 }
 
-OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *photo, float *rgb, float *weight)
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb, float *weight)
 {
-    const int64_t count = (int64_t)photo->width * photo->height;
+    const int64_t count = (int64_t)image->width * image->height;
 #pragma omp parallel for simd schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < 3 * count; i++) rgb[i] = (float)photo->rgb[i] / 255.0f;
-    for (int64_t i = 0; weight && i < count; i++) weight[i] = !photo->mask || photo->mask[i] ? 1.0f : 0.0f;
+    for (int64_t i = 0; i < 3 * count; i++) rgb[i] = (float)image->rgb[i] / 255.0f;
+    for (int64_t i = 0; weight && i < count; i++) weight[i] = !image->mask || image->mask[i] ? 1.0f : 0.0f;
 }
 
 /* In place, towards the front: a pixel is written when the four that it is the mean of have been read. */
@@ -491,11 +491,11 @@ static uint8_t image_to_byte(float v)
     return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
 }
 
-OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *photo)
+OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to)
 {
     const size_t count = (size_t)image->width * image->height;
-    for (size_t i = 0; i < 3 * count; i++) photo->rgb[i] = image_to_byte(image->rgb[i]);
-    for (size_t i = 0; photo->mask && i < count; i++) photo->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
+    for (size_t i = 0; i < 3 * count; i++) to->rgb[i] = image_to_byte(image->rgb[i]);
+    for (size_t i = 0; to->mask && i < count; i++) to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
 }
 
 /* One filter for all rows and a short search: to try all five and search longer takes 1.6 times as long and saves nothing (docs/log/SPEED.md).

@@ -108,7 +108,7 @@ done:
 /* ---------------------------------------------------------------- images and masks */
 
 /* The header and the segments of an image, all of a mask: damage in the pixels themselves is found when they are decoded. */
-static oxl_result lint_photograph(oxl_context *ctx, const oxl_scene *scene, int view)
+static oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
 {
     const char *name  = oxl_scene_view(scene, view)->name;
     char       *path  = oxl_path_join(ctx, scene_images_folder(scene), name);
@@ -154,7 +154,7 @@ OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, ox
     int    usable = 0, stretched = 0;
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         double     counts = 1;
-        oxl_result rc     = lint_photograph(ctx, scene, i);
+        oxl_result rc     = lint_image(ctx, scene, i);
         if (rc == OXL_OK) rc = lint_mask(ctx, scene, i, &stretched, &counts);
         masked += 1 - counts;
         usable += rc == OXL_OK && !oxl_scene_view(scene, i)->is_test;

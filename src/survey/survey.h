@@ -149,7 +149,7 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
                                           const struct colmap_camera *from);
 OXL_INTERNAL void       image_pixels_free(oxl_context *ctx, struct pixels *p);
 
-/* A training photograph: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 counts, 0 masked). */
+/* A training image: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 counts, 0 masked). */
 struct training_image {
     int      width, height;
     uint8_t *rgb;
@@ -158,14 +158,14 @@ struct training_image {
 /* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike. mask_path may be NULL. */
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct colmap_camera *from, const oxl_camera *to, struct training_image *out);
-OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *photo);
-OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *photo, float *rgb,
+OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *image);
+OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb,
                                             float *weight); /* weight may be NULL */
 /* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, that count when all four do; an odd last row or column
  * is dropped. */
 OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
-/* The other way, into memory that photo has already; weight of 0.5 and less is masked. */
-OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *photo);
+/* The other way, into memory that `to` has already; weight of 0.5 and less is masked. */
+OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *to);
 
 OXL_INTERNAL void       image_begin(void); /* with each context: how stb writes PNGs */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
@@ -204,7 +204,7 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
                                      const struct colmap *c, const double origin[3], double **out, size_t *out_count);
 
-/* ---------------------------------------------------------------- scene.c: from the files to views, points and photographs */
+/* ---------------------------------------------------------------- scene.c: from the files to views, points and images */
 
 struct scene_stats { /* what check and the first message say */
     int    images_listed, images_missing, views, test_views, distorted_cameras, masks;
@@ -223,8 +223,8 @@ OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene
 OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
 OXL_INTERNAL int        scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* (all views at most) -> how many */
 OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene);
-OXL_INTERNAL void   scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs; from arrays: nothing is dropped */
-OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first photograph; 0: from arrays */
+OXL_INTERNAL void       scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded images; from arrays: nothing is dropped */
+OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */
 /* From the files, undistorted, reduced and masked as the view is; free it with image_training_free. */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
@@ -234,23 +234,23 @@ OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
 /* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
-/* ---------------------------------------------------------------- image_cache.c: which photographs are in memory */
+/* ---------------------------------------------------------------- image_cache.c: which images are in memory */
 
 struct image_cache {
-    struct training_image *photo; /* (count) rgb NULL: not in memory */
+    struct training_image *image; /* (count) rgb NULL: not in memory */
     uint64_t              *used;  /* (count) when it was last asked for */
     uint64_t               clock;
     int                    count;
     size_t                 held, limit; /* bytes in memory; of the cache */
 };
 OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out); /* none in memory, no limit */
-OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *photos);
-/* Borrowed until the next call for another view or for photographs ahead; NULL: with the error set. */
+OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *cache);
+/* Borrowed until the next call for another view or for images ahead; NULL: with the error set. */
 OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view);
-/* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
+/* Reads images that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
  * quarter of the cache may be on its way, and is made free before. Nothing is said of one that cannot be read, until it is asked for. */
 OXL_INTERNAL void                         image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
-/* Photographs of so many pixels in all, without masks, take at most so much, with what decoding files of file_pixels takes, on however many threads. */
+/* Images of so many pixels in all, without masks, take at most so much, with what decoding files of file_pixels takes, on however many threads. */
 OXL_INTERNAL double                       image_cache_bytes(double cache, double pixels, double file_pixels);
 
 /* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */
@@ -284,7 +284,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 /* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
 
 #define LINT_DOUBT 0.1 /* share of sightings that are none, from which on the survey as a whole is doubted */
-/* Fills s->missed; s->unusable and s->masked. What is wrong is logged. OXL_ERR_INPUT: no photograph can be trained with. */
+/* Fills s->missed; s->unusable and s->masked. What is wrong is logged. OXL_ERR_INPUT: no image can be trained with. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 

@@ -1,6 +1,6 @@
-/* survey_files.c - where a survey's files are: which of COLMAP's sub-models to take, and where a photograph that is missed may be.
+/* survey_files.c - where a survey's files are: which of COLMAP's sub-models to take, and where an image that is missed may be.
  *
- * COLMAP's mapper writes sparse/0, sparse/1, ... when photographs fall apart into groups; the one with most images is the survey.
+ * COLMAP's mapper writes sparse/0, sparse/1, ... when images fall apart into groups; the one with most images is the survey.
  *
  * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
  */
@@ -129,7 +129,7 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     return rc;
 }
 
-/* ---------------------------------------------------------------- photographs that are not there */
+/* ---------------------------------------------------------------- images that are not there */
 
 struct survey_find_hunt {
     oxl_context *ctx;

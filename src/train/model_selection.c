@@ -1,4 +1,4 @@
-/* model_selection.c - model only what the scene requires: SH bands and second lobes are kept where photographs that were not trained on say
+/* model_selection.c - model only what the scene requires: SH bands and second lobes are kept where images that were not trained on say
  * that they pay.
  *
  * Some training views stand aside until the last decision is made, and train from then on like all others. A decision is a trial: a
@@ -6,7 +6,7 @@
  * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
  * decision is noted with its evidence (run.json).
  *
- * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the photographs
+ * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the images
  * that they are trained on.
  *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial makes it again.
@@ -96,7 +96,7 @@ static void selection_release_views(struct train *t)
 /* One that cannot be read is named and cannot judge, from then on: every mean is over the same views. */
 static void selection_drop_view(struct train *t, int slot)
 {
-    nonfinite_of_photo(t->ctx, &t->nonfinite);
+    nonfinite_of_image(t->ctx, &t->nonfinite);
     t->held_views--;
     memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
 }
@@ -403,7 +403,7 @@ static int selection_pairs_of_weights(const oxl_train_options *o)
 }
 
 /* In a trial of bands all but one of four ways are trained beside the run, in one of lobes one of two, and one of each pair of weights
- * by depth; half of these count where the photographs have yet to tell whether there are weights at all. */
+ * by depth; half of these count where the images have yet to tell whether there are weights at all. */
 OXL_INTERNAL int selection_steps_beside(const oxl_train_options *o, int views)
 {
     const int each  = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));

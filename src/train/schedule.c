@@ -8,7 +8,7 @@
 #define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
 #define SCHEDULE_PIXELS_EACH \
     60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
-#define SCHEDULE_COARSE_SIDE 640  /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
+#define SCHEDULE_COARSE_SIDE 640  /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
 #define SCHEDULE_COARSE_AUTO 0.25 /* of the run, for larger ones */
 #define SCHEDULE_MOMENTUM_ITERATIONS \
     7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
@@ -76,7 +76,7 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 }
 
 /* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
- * photographs must be learned before gradients say where detail is missing, and a reset must be made up for. */
+ * images must be learned before gradients say where detail is missing, and a reset must be made up for. */
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
     const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(SCHEDULE_WARM_UP, 0.25 * o->iterations));
@@ -132,7 +132,7 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
     return pixels;
 }
 
-/* More Gaussians than the photographs can determine learn the photographs by heart. Never below the number of points. */
+/* More Gaussians than the images can determine learn the images by heart. Never below the number of points. */
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options)
 {
     if (options->max_gaussians > 0) return (size_t)options->max_gaussians;

@@ -6,7 +6,7 @@
 
 /* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
-OXL_INTERNAL void nonfinite_of_photo(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
+OXL_INTERNAL void nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
 /* The loss of a view that the renderer drew last is not finite. */
 OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view, const struct renderer *r,
                                     oxl_model *model, oxl_model *first, oxl_model *second);
@@ -138,7 +138,7 @@ OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 struct prune {
     oxl_keep keep;
     double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
-    float    detail;              /* what fine detail adds to a pixel's weight; 0: photographs are not looked at */
+    float    detail;              /* what fine detail adds to a pixel's weight; 0: images are not looked at */
     int      views;               /* a score is taken of at most so many, spread evenly */
     int      start, end;          /* the window: steps */
     int      every, patience;     /* steps between checks; without a drop */
@@ -167,7 +167,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
 OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_image *p, float *out); /* (H,W) 0..3 */
 
-/* ---------------------------------------------------------------- transients.c: what swims through one photograph */
+/* ---------------------------------------------------------------- transients.c: what swims through one image */
 
 struct transients_square { /* of pixels, in the present view */
     float    error;        /* how far off its mean colour is, of white; -1: none of its pixels counts */
@@ -180,14 +180,14 @@ struct transients {
     int32_t                  *place;  /* (points) its square in the present view, or -1 */
     struct transients_square *square;
     size_t                    square_capacity;
-    double                    aside; /* share of the pixels put aside, smoothed over the last photographs */
+    double                    aside; /* share of the pixels put aside, smoothed over the last images */
 };
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on);
 OXL_INTERNAL void       transients_free(oxl_context *ctx, struct transients *r);
-/* weight (H,W): its pixels that are put aside become 0. masked: it holds a mask; else all of it is set. drawn, photo (3,H,W).
+/* weight (H,W): its pixels that are put aside become 0. masked: it holds a mask; else all of it is set. drawn, image (3,H,W).
  * remember 0: what is usual stays as it is, as in the steps of a trial. */
 OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
-                                         double near_plane, const float *drawn, const float *photo, int remember, int masked,
+                                         double near_plane, const float *drawn, const float *image, int remember, int masked,
                                          float *weight);
 OXL_INTERNAL void transients_describe(const struct transients *r, char *out, size_t size); /* what was put aside, in words */
 OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r);
@@ -252,7 +252,7 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
 OXL_INTERNAL float      schedule_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t     schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double     schedule_pixels(const oxl_scene *scene); /* of all training views */
-/* Share of the run in which a photograph of this size is halved. */
+/* Share of the run in which an image of this size is halved. */
 OXL_INTERNAL double     schedule_coarse_share(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int        schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int        schedule_resets_opacity_at(const oxl_train_options *options, int step);

@@ -28,12 +28,12 @@ struct train {
     int                       views, step;
     int                      *held; /* (held_views) training views that stand aside, for decisions to be judged by */
     int                       held_views;
-    float                    *target, *weight; /* with transients.points: the photograph of this step: (3,H,W), (H,W) */
+    float                    *target, *weight; /* with transients.points: the image of this step: (3,H,W), (H,W) */
     int                       masked;          /* whether weight holds its mask */
     size_t                    target_capacity, weight_capacity;
-    int                       halved;     /* whether the photograph of this step is reduced to half the sides */
+    int                       halved;     /* whether the image of this step is reduced to half the sides */
     double                    loss, psnr; /* smoothed */
-    double                    last_loss;  /* of the last photograph, alike from step to step; not a number: it was put aside */
+    double                    last_loss;  /* of the last image, alike from step to step; not a number: it was put aside */
     oxl_nonfinite             nonfinite;
     int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
     double                    begun;      /* when it did */

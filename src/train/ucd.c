@@ -2,13 +2,13 @@
  *
  * Water takes contrast with distance, and the gradients that ask for more Gaussians with it. So a gradient seen from between z_near and
  * z_far counts f_mid times, from beyond z_far f_far times: there alone, never in the optimiser. Both are learned during the run by
- * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same photographs (model_selection.c): training goes on with it
+ * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same images (model_selection.c): training goes on with it
  * for UCD_SPANS densifications and up to the next one, and the cost of the point is
  *     mean log loss over the last half of a span  +  UCD_GROWTH x dN / N,
  * dN the Gaussians that came. Without the second term more would always look better. The point of less cost goes on. What is cloned
  * and split hurts at first: judged after one span, growth seems to do harm, and all weights fall to 1 (docs/ABLATION.md).
  *
- * Two trials one after the other, as Spall has it, differ in the photographs, the learning rate and the last opacity reset as well:
+ * Two trials one after the other, as Spall has it, differ in the images, the learning rate and the last opacity reset as well:
  * from two starts the weights stayed far apart so. As far as the costs are flat, the weights are drawn to those of a run without a search.
  *
  * Model only what a scene requires: `auto` turns this on where contrast is seen to fade with depth (contrast.c), and says what it saw.
@@ -87,10 +87,9 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
     u->on = c->measured && fade >= UCD_FADE_MIN && fade >= UCD_ERRORS * error;
     if (!c->measured) snprintf(u->reason, sizeof u->reason, "off: there are no points that were seen from several depths");
     else
-        snprintf(
-            u->reason, sizeof u->reason,
-            "%s: from depth %.3g to %.3g the photographs' contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from %.2f)",
-            u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
+        snprintf(u->reason, sizeof u->reason,
+                 "%s: from depth %.3g to %.3g the images' contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from %.2f)",
+                 u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
 }
 
 OXL_INTERNAL void ucd_begin_search(struct ucd *u, int densifications, uint64_t seed)
