@@ -56,6 +56,10 @@ promise former_names_are_read_with_a_word 3 "--haste is the former name of --sho
 promise removed_options_are_said_to_be 2 "option '--ssim-every' was removed" on_stderr "$program" train survey -o out --ssim-every=2
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
+promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"
+promise bash_completion_offers_the_options_of_the_command 0 "--path" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl render --pat); COMP_CWORD=2; _oceanxl; echo \${COMPREPLY[*]}"
+promise zsh_completion_is_valid 0 "" sh -c "'$program' --completion zsh >_oceanxl && grep -q '#compdef oceanxl' _oceanxl && { ! command -v zsh || zsh -n _oceanxl; }"
+promise completion_of_another_shell_is_refused 2 "wanted a shell, bash or zsh" on_stderr "$program" --completion fish
 promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
@@ -131,6 +135,10 @@ promise no_vulkan_is_told 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval 
 promise no_vulkan_to_list_is_told 1 "Vulkan" env OXL_VULKAN_LIBRARY=none "$program" info --devices
 promise backend_auto_makes_do_with_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend auto
 promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
+promise a_dry_run_predicts_and_writes_nothing 0 "prediction" sh -c "'$program' train survey -o dry --iterations 30 --dry-run && test ! -e dry"
+promise a_dry_run_refuses_what_the_run_would 3 "fix: " "$program" train nowhere -o dry --dry-run
+promise progress_json_is_lines_of_json 0 "" sh -c "'$program' train survey -o lines --iterations 30 --progress json 2>lines.txt >/dev/null && grep -q '^{\"event\": \"progress\", .*\"iteration\": 30, ' lines.txt && ! grep -qv '^{.*}\$' lines.txt"
+promise progress_json_holds_errors_too 3 '{"event": "log", "level": "error"' on_stderr "$program" train nowhere -o lines2 --progress json
 promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.ply metric.ply --scale 2
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat

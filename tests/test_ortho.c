@@ -1,4 +1,4 @@
-/* test_ortho.c - what is drawn from above, along a path or measured in images lies where it says. */
+/* test_ortho.c - what is rendered from above, along a path or measured in images lies where it says. */
 #include "../cli/flight.c"
 #include "../cli/frame.c"
 #include "../cli/ortho.c"

@@ -5,7 +5,7 @@ enum { ROBUST_TEST_SIDE = 48, ROBUST_TEST_PIXELS = ROBUST_TEST_SIDE * ROBUST_TES
 struct robust_case {
     oxl_scene        *scene;
     struct transients transients;
-    float             drawn[3 * ROBUST_TEST_PIXELS], image[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
+    float             rendered[3 * ROBUST_TEST_PIXELS], image[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
 };
 
 static struct robust_case *robust_case(void)
@@ -23,7 +23,7 @@ static void robust_case_free(struct robust_case *c)
     free(c);
 }
 
-/* The image is what is drawn, but for a blot with its corner at (x, y). */
+/* The image is what is rendered, but for a blot with its corner at (x, y). */
 static void robust_test_paint(float *rgb, int x, int y, float by)
 {
     for (int c = 0; c < 3; c++)
@@ -33,7 +33,7 @@ static void robust_test_paint(float *rgb, int x, int y, float by)
 
 static void robust_test_look(struct robust_case *c, int view, int masked)
 {
-    CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->drawn,
+    CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->rendered,
                               c->image, 1, masked, c->weight));
 }
 
@@ -48,7 +48,7 @@ TEST(robust_puts_aside_a_blot_in_one_image_and_nothing_else)
 {
     struct robust_case *c = robust_case();
     for (int i = 0; i < 3 * ROBUST_TEST_PIXELS; i++) /* texture that is not learned yet: large, but none in the mean */
-        c->image[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->drawn[i] = 0.5f;
+        c->image[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->rendered[i] = 0.5f;
     for (int k = 0; k < 30; k++) robust_test_look(c, k % 7, 0);
     CHECK(robust_test_aside(c) == 0);
     robust_test_paint(c->image, 16, 20, 0.3f);

@@ -98,7 +98,7 @@ TEST(model_colours_scale_by_a_factor_for_each_channel)
 
 /* ---------------------------------------------------------------- the gradient */
 
-/* L1 + SSIM of a drawn view times its gains, against its image. */
+/* L1 + SSIM of a rendered view times its gains, against its image. */
 static double exposure_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model, const double log_gain[3])
 {
     oxl_render_options   o = oxl_render_options_default();
@@ -310,7 +310,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
 
 static const struct medium water_murky = {1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}};
 
-/* S = the sum of drgb x the image, drawn through the water. */
+/* S = the sum of drgb x the image, rendered through the water. */
 static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model, const struct medium *medium,
                            const float *drgb)
 {

@@ -340,7 +340,7 @@ static double job_refinement(const struct job *job)
     return job->partition.block_count > 1 ? job->options.refine : 0;
 }
 
-static int job_steps_together(const struct job *job)
+static int job_merged_steps(const struct job *job)
 {
     return (int)OXL_CLAMP(job_refinement(job) * job->partition.block_count * job->options.train.iterations, 1, INT_MAX);
 }
@@ -565,7 +565,7 @@ static double job_start_bytes(const oxl_model *merged)
 }
 
 /* Whether the whole fits into the memory allowed; if so, the cache of images is as large as it may be. */
-static int job_fits_together(struct job *job, const oxl_model *merged, struct block_task *task)
+static int job_fits_merged(struct job *job, const oxl_model *merged, struct block_task *task)
 {
     struct survey_load load = survey_load(job->scene);
     oxl_job_options    o    = job->options;
@@ -584,16 +584,16 @@ static int job_fits_together(struct job *job, const oxl_model *merged, struct bl
 }
 
 /* *fits: 0 when nothing was done for want of memory. */
-static oxl_result job_train_together(struct job *job, struct block_task *task, int *fits)
+static oxl_result job_train_merged(struct job *job, struct block_task *task, int *fits)
 {
     oxl_model  merged = {0};
     oxl_result rc     = job->scene ? OXL_OK : job_load(job);
     if (rc == OXL_OK) rc = job_merge(job, 0, &merged);
     if (rc != OXL_OK) goto done;
     task->start = &merged;
-    task->train = block_refinement(&job->options.train, merged.sh_degree, job_steps_together(job));
+    task->train = block_refinement(&job->options.train, merged.sh_degree, job_merged_steps(job));
     job_limit_time(job, &task->train);
-    *fits = job_fits_together(job, &merged, task);
+    *fits = job_fits_merged(job, &merged, task);
     if (!*fits) goto done;
     oxl_log(job->ctx, OXL_LOG_INFO, "all blocks together: %d steps", task->train.iterations);
     rc = block_train(job->ctx, job->scene, task);
@@ -613,7 +613,7 @@ static oxl_result job_refine(struct job *job, struct block_task *task)
     int                 fits    = 1;
     oxl_result          trained = OXL_OK, rc = block_read(job->ctx, task->folder, task->key, &record);
     if (rc == OXL_OK && !record.finished) {
-        trained = job_train_together(job, task, &fits);
+        trained = job_train_merged(job, task, &fits);
         rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
         if (rc == OXL_OK) rc = block_read(job->ctx, task->folder, task->key, &record);
     }
@@ -623,7 +623,7 @@ static oxl_result job_refine(struct job *job, struct block_task *task)
 }
 
 /* When all blocks are finished. */
-static oxl_result job_together(struct job *job)
+static oxl_result job_merged(struct job *job)
 {
     const int          number   = job->partition.block_count;
     const oxl_callback callback = {job_progress, job};
@@ -632,7 +632,7 @@ static oxl_result job_together(struct job *job)
     char              *folder;
     oxl_result         rc;
     if (!(job_refinement(job) > 0) || job->options.block >= 0 || job->unfinished) return OXL_OK;
-    text_add(&key, "\"together\": %d, %s", job_steps_together(job), job->key.data);
+    text_add(&key, "\"together\": %d, %s", job_merged_steps(job), job->key.data);
     folder      = job_block_path(job, number, NULL);
     job->block  = number;
     task.folder = folder;
@@ -732,10 +732,10 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     nonfinite_add_json(t, &job->total.nonfinite);
 }
 
-static oxl_result job_judge_training(struct job *job, struct text *t)
+static oxl_result job_check_training_views(struct job *job, struct text *t)
 {
     char            *folder = oxl_path_join(job->ctx, job->out, "training_views");
-    const oxl_result rc     = folder ? training_views_judge(job->ctx, &job->model, job->scene, job->total.iterations, t,
+    const oxl_result rc     = folder ? training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, t,
                                                         job->options.renders ? folder : NULL)
                                      : job_no_memory(job);
     oxl_free(job->ctx, folder);
@@ -764,7 +764,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
         rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
     if (rc != OXL_OK) goto done;
     if (job->partition.block_count > 1) seam_add_json(&t, &seam);
-    rc = job_judge_training(job, &t);
+    rc = job_check_training_views(job, &t);
     if (rc != OXL_OK) goto done;
     rc = metrics_write_json(job->ctx, &t, job->scene, &m);
     text_add(&t, "}\n");
@@ -777,11 +777,11 @@ done:
 
 static oxl_result job_draw(struct job *job)
 {
-    const oxl_pictures what   = {job_split(job), 1, 0, 0, 0};
-    char              *folder = oxl_path_join(job->ctx, job->out, "renders");
-    int                drawn;
-    const oxl_result   rc =
-        folder ? oxl_render_views(job->ctx, &job->model, job->scene, &what, folder, &drawn) : job_no_memory(job);
+    const oxl_render_output what   = {job_split(job), 1, 0, 0, 0};
+    char                   *folder = oxl_path_join(job->ctx, job->out, "renders");
+    int                     rendered;
+    const oxl_result        rc =
+        folder ? oxl_render_views(job->ctx, &job->model, job->scene, &what, folder, &rendered) : job_no_memory(job);
     oxl_free(job->ctx, folder);
     return rc;
 }
@@ -920,7 +920,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
         rc = job_blocks(&job);
-        if (rc == OXL_OK) rc = job_together(&job);
+        if (rc == OXL_OK) rc = job_merged(&job);
         rc = job_conclude(&job, rc);
     }
     job_end(&job);
@@ -965,7 +965,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
     rc = job_check(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_collect(&job);
-    if (rc == OXL_OK && !done) rc = job_together(&job);
+    if (rc == OXL_OK && !done) rc = job_merged(&job);
     if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
     job_end(&job);
     manifest_free(ctx, &run);

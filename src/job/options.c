@@ -211,7 +211,7 @@ static int option_read_rgb(const oxl_option *o, const char *text, float *out)
     return 1;
 }
 
-static int option_read_place(const char *text, double *out)
+static int option_read_point(const char *text, double *out)
 {
     double v[3];
     if (!option_three(text, v)) return 0;
@@ -326,7 +326,7 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_SEED: return option_read_seed(text, field);
     case OXL_OPTION_CHOICE: return option_read_choice(o, text, field);
     case OXL_OPTION_RGB: return option_read_rgb(o, text, field);
-    case OXL_OPTION_PLACE: return option_read_place(text, field);
+    case OXL_OPTION_POINT: return option_read_point(text, field);
     case OXL_OPTION_SIZE: return option_read_size(o, text, field);
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
     case OXL_OPTION_UCD: return option_read_ucd(text, field);
@@ -486,7 +486,7 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
     case OXL_OPTION_CHOICE: option_get_choice(o->value, *(const int *)field, out, size); break;
     case OXL_OPTION_BYTES: option_get_bytes(*(const size_t *)field, out, size); break;
     case OXL_OPTION_RGB: option_get_three((const double[3]){f[0], f[1], f[2]}, 1, out, size); break;
-    case OXL_OPTION_PLACE: option_get_three(field, 0, out, size); break;
+    case OXL_OPTION_POINT: option_get_three(field, 0, out, size); break;
     case OXL_OPTION_SIZE: snprintf(out, size, "%dx%d", ((const int *)field)[0], ((const int *)field)[1]); break;
     case OXL_OPTION_UCD: option_get_ucd(field, out, size); break;
     case OXL_OPTION_KEEP: option_get_keep(field, out, size); break;

@@ -172,7 +172,7 @@ static void survey_write_warnings(oxl_survey *s)
     if (s->images_missing > 0)
         survey_say(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing, s->images);
     if (s->unusable > 0) survey_say(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
-    if (s->missed > LINT_DOUBT)
+    if (s->missed > LINT_MISSED_SURVEY)
         survey_say(s,
                    "warning: %.0f %% of the track entries project outside their images; check that cameras.txt, images.txt and "
                    "points3D.txt are of one model and that poses are world to camera\n",

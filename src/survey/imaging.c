@@ -1,13 +1,13 @@
-/* imaging.c - what lies between the scene's colours and an image: a gain per channel for each view.
+/* imaging.c - exposure gains per view and channel, and the water medium, between the model's colours and an image.
  *
- * Cameras adapt exposure and white balance as they pass from sand to rock. A view that was not trained on has the gain of its neighbours in
- * file order, which is the order of time in most surveys: a straight line in the logarithm between the training views before and after.
- * Neighbours are of the same camera: the two cameras of a stereo pair, interleaved by name, have gains of their own.
+ * Cameras adapt exposure and white balance. A view that was not trained has a gain interpolated between the training views of the same
+ * camera before and after it in file order, which is the order of time in most surveys: linear in the logarithm. The two cameras of a
+ * stereo pair, interleaved by name, have gains of their own.
  *
  *     # comment
  *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
  *
- * Invariant: an `imaging` that is off changes nothing. Logarithms are natural, of gains that the rendered image is multiplied by.
+ * Invariant: an `imaging` that is off changes nothing. Logarithms are natural; gains multiply the rendered image.
  */
 #include "survey.h"
 #include "../core/vecmath.h"
@@ -93,7 +93,7 @@ OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *s
 
 /* ---------------------------------------------------------------- gains */
 
-/* The nearest view of known gain from `view` on, itself left out, in steps of `way`, of the same camera or of any; -1: there is none. */
+/* The nearest view of known gain after `view`, in steps of `way`, of the same camera or of any; -1: none. */
 static int imaging_neighbour(const struct imaging *m, int view, int way, int any)
 {
     for (int i = view + way; i >= 0 && i < m->views; i += way)
@@ -164,7 +164,7 @@ static void imaging_write_medium(struct text *t, const struct medium *m)
     }
 }
 
-/* 1: the line was of the medium and held three numbers. */
+/* 1: a line of the medium with three numbers. */
 static int imaging_read_medium(const char *at, const char *end, struct medium *m)
 {
     float *const values[3] = {m->direct, m->scatter, m->veil};
@@ -205,7 +205,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
     return rc;
 }
 
-/* Views are ordered by name. -1: there is none of that name. */
+/* Views are ordered by name. -1: none of that name. */
 static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
 {
     for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
@@ -293,8 +293,8 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
  * they differ: the later block's gains are raised, and its colours lowered, by that.
  */
 
-/* The gains of a block join those of the blocks before it. shift (3): what was added to its log gains. `count` (views): blocks that had
- * the view so far. */
+/* Averages the gains of a block with those of earlier blocks. shift (3): added to its log gains. count (views): blocks that
+ * contained the view so far. */
 OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3])
 {
     int shared = 0;

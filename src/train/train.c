@@ -283,7 +283,7 @@ static void train_return_decisions(struct train *t)
 }
 
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_place *place, oxl_model *out)
+                                  const oxl_callback *callback, const struct train_output *place, oxl_model *out)
 {
     struct train t  = {.ctx       = ctx,
                        .scene     = scene,
