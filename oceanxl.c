@@ -77,6 +77,7 @@
 #include "src/train/transients.c"      /* masks pixels that disagree with all other images */
 #include "src/train/water.c"           /* the nine parameters of the medium */
 #include "src/train/exposure.c"        /* log gains per training image */
+#include "src/train/free_space.c"      /* finds Gaussians between a camera and the points that it saw */
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
 #include "src/train/schedule.c"        /* values that depend on options and step only */
 #include "src/train/step.c"            /* the parts of one step: forward, loss, backward, Adam, density, pruning */

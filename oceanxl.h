@@ -393,6 +393,7 @@ typedef struct oxl_train_options {
     oxl_keep     keep;
     oxl_exposure exposure;
     int          medium; /* 1: a water medium of nine parameters between camera and Gaussians, CPU only (docs/WATER.md) */
+    int          carve;  /* 1: Gaussians between a camera and the points of the tracks that it saw are removed */
     int          mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */
     oxl_dog      dog;

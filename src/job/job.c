@@ -507,6 +507,7 @@ static oxl_result job_join_gains(struct job *job, double (*shift)[3], struct ima
     const double none[] = {0, 0, 0};
     oxl_result   rc     = imaging_create(job->ctx, views, out);
     double       mean[3];
+    if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
     if (rc == OXL_OK && !count) rc = job_no_memory(job);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         char          *path = job_block_path(job, k, "imaging.txt");
