@@ -51,14 +51,14 @@ EXPORT int one_gaussian(void) {
     g.mean[0] = (in[0] - 60) / 120 * in[2], g.mean[1] = (in[1] - 45) / 120 * in[2], g.mean[2] = in[2];
     for (int a = 0; a < 3; a++) g.log_scale[a] = log(in[5 + a]);
     course_rotation(in[3], in[4], g.rotation);
-    out[11] = project_forward(&g, 0, &cam, &s);
+    out[12] = project_forward(&g, 0, &cam, &s);
     xx = dot(s.B[0][0], s.B[0][0], 3) + LOW_PASS, xy = dot(s.B[0][0], s.B[0][1], 3), yy = dot(s.B[0][1], s.B[0][1], 3) + LOW_PASS;
     root = sqrt((xx - yy) * (xx - yy) / 4 + xy * xy);
     out[0] = xx, out[1] = xy, out[2] = yy, out[3] = 1 / (s.conic[0][0] * s.conic[0][2] - s.conic[0][1] * s.conic[0][1]);
     for (int k = 0; k < 3; k++) out[4 + k] = s.conic[0][k];
     out[7] = sqrt((xx + yy) / 2 + root), out[8] = sqrt(fmax(0, (xx + yy) / 2 - root));
     out[9] = root > 1e-12 ? atan2(2 * xy, xx - yy) * 90 / PI : 0;
-    out[10] = s.half[0], out[12] = s.half[1];
+    out[10] = s.half[0], out[11] = s.half[1];
     out[13] = alpha_forward(&s, in[0], in[1], 1, G);
     for (int x = 0; x < 120; x++) out[14 + x] = alpha_forward(&s, x + 0.5, in[9], 1, G);
     for (int i = 0; i < 120 * 90; i++) field[i] = alpha_forward(&s, i % 120 + 0.5, i / 120 + 0.5, 1, G);
