@@ -288,12 +288,17 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
-static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene)
+/* The model in the survey's own frame and unit. */
+static oxl_result load(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_model *model, oxl_scene **scene)
 {
-    oxl_result rc = oxl_model_read(ctx, a->path[0], model);
+    char       warning[1024] = "";
+    oxl_result rc            = oxl_model_read(ctx, a->path[0], model);
+    if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale); /* convert --scale wrote it in metres */
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &a->job.scene, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, a->path[0]);
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene)); /* a block's or another program's has its own */
+    if (rc == OXL_OK) rc = overlap_check(ctx, model, *scene, a->path[0], warning, sizeof warning);
+    if (warning[0]) on_log(console, OXL_LOG_WARNING, warning);
     return rc;
 }
 
@@ -319,7 +324,7 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     oxl_model               model  = {0};
     oxl_scene              *scene  = NULL;
     int                     count  = a->frames;
-    oxl_result              rc     = load(ctx, a, &model, &scene);
+    oxl_result              rc     = load(ctx, a, console, &model, &scene);
     catch_signals();
     if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, &ortho, stdout, console->error, sizeof console->error);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, &flight, console->error, sizeof console->error);
@@ -348,13 +353,13 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
          "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
 
-static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
+static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     oxl_model   model   = {0};
     oxl_scene  *scene   = NULL;
     oxl_metrics metrics = {0};
     char       *json    = NULL;
-    oxl_result  rc      = load(ctx, a, &model, &scene);
+    oxl_result  rc      = load(ctx, a, console, &model, &scene);
     if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);
@@ -386,7 +391,7 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model  model = {0};
     oxl_result rc    = oxl_model_read(ctx, a->path[0], &model);
-    if (rc == OXL_OK && a->scale > 0) scale_model(&model, a->scale);
+    if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
     oxl_model_free(ctx, &model);
@@ -444,13 +449,13 @@ static oxl_result run_devices(oxl_context *ctx)
     return rc;
 }
 
-static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
+static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     switch (a->command) {
     case COMMAND_TRAIN: return run_train(ctx, a, console);
     case COMMAND_CHECK: return run_check(ctx, a);
     case COMMAND_RENDER: return run_render(ctx, a, console);
-    case COMMAND_EVAL: return run_eval(ctx, a);
+    case COMMAND_EVAL: return run_eval(ctx, a, console);
     case COMMAND_MEASURE: return run_measure(ctx, a, console);
     case COMMAND_INFO: return a->devices ? run_devices(ctx) : info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
@@ -462,6 +467,18 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_TRADEOFF: return run_study(a, console);
     default: return OXL_ERR_USAGE;
     }
+}
+
+/* Commands of the library lock OUT themselves. */
+static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    const int here = a->command == COMMAND_RENDER || a->command == COMMAND_SYNTH || a->command == COMMAND_ABLATE ||
+                     a->command == COMMAND_TRADEOFF;
+    oxl_lock  *lock = NULL;
+    oxl_result rc   = here ? oxl_lock_folder(ctx, a->out, &lock) : OXL_OK;
+    if (rc == OXL_OK) rc = run_command(ctx, a, console);
+    oxl_unlock_folder(ctx, &lock);
+    return rc;
 }
 
 /* ---------------------------------------------------------------- in and out */

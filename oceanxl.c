@@ -6,6 +6,7 @@
 #include "src/core/simd.h" /* run-time selection of the instruction set */
 
 #include "src/core/os.c"      /* operating system: atomic file writes, folders, clock, memory use */
+#include "src/core/lock.c"    /* one process at a time writes to a folder */
 #include "src/core/context.c" /* context, errors, memory, text, random numbers */
 #include "src/core/number.c"  /* fast, exact, locale-independent number parsing */
 

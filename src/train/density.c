@@ -237,6 +237,7 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
     if (rc != OXL_OK) oxl_model_free(ctx, &next);
     if (rc != OXL_OK) return rc;
     memcpy(next.origin, model->origin, sizeof next.origin);
+    next.scale = model->scale;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int k = 0; k < oxl_model_planes(model); k++) density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
