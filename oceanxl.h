@@ -85,9 +85,10 @@ typedef struct oxl_context_options {
      * thread at a time, not always by the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
     void (*log)(void *user, oxl_log_level level, const char *text); /* one line without the newline; NULL: silent */
-    void       *user;                                               /* handed to both */
-    oxl_backend backend;                                            /* (CPU) */
-    int         device; /* of the list that oxl_devices makes; -1: a discrete one before others (-1) */
+    int (*stopped)(void *user); /* nonzero: what reads or writes much ends with OXL_ERR_INTERRUPTED soon; may be NULL */
+    void       *user;           /* handed to all three */
+    oxl_backend backend;        /* (CPU) */
+    int         device;         /* of the list that oxl_devices makes; -1: a discrete one before others (-1) */
 } oxl_context_options;
 
 OXL_API oxl_context_options oxl_context_options_default(void);
@@ -249,7 +250,8 @@ OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3
 /* Places, sizes and origin times a factor above 0; model->scale keeps what all factors come to. */
 OXL_API void       oxl_model_rescale(oxl_model *model, double factor);
 
-/* One isotropic Gaussian a point, as wide as the mean distance to its 3 nearest neighbours [Kerbl 2023]. */
+/* One isotropic Gaussian a place, as wide as the mean distance to its 3 nearest neighbours [Kerbl 2023]: of points at the same place the
+ * first counts, so out->count may be less than `count`. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);
 
 /* PLY: any property order and type, ascii and both endians in; the standard 62 float columns, little endian, out. Second lobes

@@ -73,6 +73,10 @@ OXL_INTERNAL void       context_close(oxl_context *ctx);
 
 OXL_INTERNAL int context_thread(void); /* which of a parallel region's threads this is, from 0 */
 
+/* OXL_ERR_INTERRUPTED when the caller wants to stop. For loops over files, images and blocks, where no progress is reported; not while
+ * the state is being saved, and on one thread. */
+OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
+
 /* For a thread beside others: a context of its own, with memory from ctx. It logs nothing, and its errors stay with it. */
 OXL_INTERNAL oxl_context context_apart(oxl_context *ctx);
 
@@ -214,6 +218,7 @@ OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
 OXL_INTERNAL int64_t    os_modified(const char *path); /* when, in a unit of the system; 0: unknown */
+OXL_INTERNAL int        os_processor_quota(void); /* processors that the process may use at a time (Linux cgroups); 0: no limit known */
 OXL_INTERNAL double     os_seconds(void);              /* monotonic clock */
 OXL_INTERNAL size_t     os_peak_rss(void);             /* bytes; 0 when unknown */
 OXL_INTERNAL size_t     os_memory_free(void);          /* bytes that can be taken without swapping; 0 when unknown */
