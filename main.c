@@ -11,6 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#if defined(_OPENMP) && !defined(_WIN32)
+#include <unistd.h>
+#endif
 
 /* ---------------------------------------------------------------- standard error: log lines and the progress */
 
@@ -18,6 +21,7 @@
 #define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
 
 struct console {
+    int    json;        /* standard error is JSON lines */
     int    quiet, live; /* live: standard error is a terminal, one line is rewritten */
     int    shown;       /* the live line stands there and has no newline yet */
     int    twentieth;   /* of the run, last shown */
@@ -78,8 +82,17 @@ static void on_log(void *user, oxl_log_level level, const char *text)
 {
     struct console *c = user;
     if (level == OXL_LOG_DEBUG || (c->quiet && level == OXL_LOG_INFO)) return;
+    if (c->json) {
+        fprintf(stderr, "{\"event\": \"log\", \"level\": \"%s\", \"text\": ",
+                level == OXL_LOG_INFO      ? "info"
+                : level == OXL_LOG_WARNING ? "warning"
+                                           : "error");
+        json_print(stderr, text);
+        fputs("}\n", stderr);
+        return;
+    }
     console_clear(c);
-    fprintf(stderr, "oxl: %s", level == OXL_LOG_INFO ? "" : level == OXL_LOG_WARNING ? "warning: " : "error: ");
+    fprintf(stderr, "oxl: %s", level == OXL_LOG_WARNING ? "warning: " : "");
     print_indented(text);
 }
 
@@ -96,6 +109,16 @@ static void print_progress(struct console *c, const oxl_progress *p)
     if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate; /* a trial goes back */
     c->iteration = p->iteration;
     c->seconds   = p->seconds;
+    if (c->json) {
+        fprintf(
+            stderr,
+            "{\"event\": \"progress\", \"block\": %d, \"blocks\": %d, \"trial\": %s, \"iteration\": %d, \"iterations\": %d, "
+            "\"loss\": %.6g, \"psnr\": %.4g, \"gaussians\": %zu, \"seconds\": %.1f, \"seconds_left\": %.1f, \"memory\": %.0f}\n",
+            p->block, p->blocks, p->trial ? "true" : "false", p->iteration, p->iterations, p->loss, p->psnr, p->gaussians,
+            p->seconds, p->seconds_left, (double)p->memory);
+        fflush(stderr);
+        return;
+    }
     console_clear(c);
     if (p->blocks > 1 && p->block < p->blocks) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
     if (p->blocks > 1 && p->block == p->blocks) fprintf(stderr, "together ");
@@ -120,8 +143,8 @@ static int on_progress(void *user, const oxl_progress *p)
         c->rate      = 0;
     }
     since = p->seconds - c->seconds;
-    due   = c->live ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
-    if (!c->quiet && (due || p->iteration == p->iterations)) {
+    due   = c->live || c->json ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
+    if ((!c->quiet || c->json) && (due || p->iteration == p->iterations)) {
         c->twentieth = twentieth;
         print_progress(c, p);
     }
@@ -196,19 +219,36 @@ static void print_results(const struct arguments *a)
     }
 }
 
+static oxl_result run_check_with(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
+{
+    oxl_survey survey;
+    char      *json = NULL;
+    oxl_result rc   = oxl_check(ctx, a->path[0], options, &survey);
+    if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
+    if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
+    oxl_text_free(ctx, json);
+    return rc;
+}
+
 static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_callback callback = {on_progress, console};
     oxl_job_options    options;
     oxl_manifest      *run;
     oxl_result         rc = resumed_options(ctx, a, &options, &run);
+    if (a->dry_run) {
+        if (rc == OXL_OK) rc = run_check_with(ctx, a, &options);
+        oxl_manifest_free(ctx, &run);
+        return rc;
+    }
     if (rc == OXL_OK) {
         catch_signals();
         rc = oxl_job_run(ctx, a->path[0], a->out, &options, &callback);
         console_clear(console);
     }
     oxl_manifest_free(ctx, &run);
-    if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
+    if (rc == OXL_ERR_INTERRUPTED && console->json) on_log(console, OXL_LOG_WARNING, oxl_error_text(ctx));
+    else if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, console->error, sizeof console->error);
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->job.block);
@@ -240,13 +280,7 @@ static oxl_result run_report(oxl_context *ctx, const struct arguments *a, struct
 
 static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_survey survey;
-    char      *json = NULL;
-    oxl_result rc   = oxl_check(ctx, a->path[0], &a->job, &survey);
-    if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
-    if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
-    oxl_text_free(ctx, json);
-    return rc;
+    return run_check_with(ctx, a, &a->job);
 }
 
 static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
@@ -295,13 +329,13 @@ static int on_synth(void *user, const char *what, long done, long total)
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const oxl_pictures   what   = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear};
-    const ortho_options  ortho  = {a->out, a->pixel, a->scale, a->depth};
-    const flight_options flight = {a->out, a->flight, a->frames, on_synth, console};
-    oxl_model            model  = {0};
-    oxl_scene           *scene  = NULL;
-    int                  count  = a->frames;
-    oxl_result           rc     = load(ctx, a, console, &model, &scene);
+    const oxl_render_output what   = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear};
+    const ortho_options     ortho  = {a->out, a->pixel, a->scale, a->depth};
+    const flight_options    flight = {a->out, a->flight, a->frames, on_synth, console};
+    oxl_model               model  = {0};
+    oxl_scene              *scene  = NULL;
+    int                     count  = a->frames;
+    oxl_result              rc     = load(ctx, a, console, &model, &scene);
     catch_signals();
     if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, &ortho, stdout, console->error, sizeof console->error);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, &flight, console->error, sizeof console->error);
@@ -325,8 +359,7 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
                m->by_depth[2], m->depth[0], m->depth[1]);
     printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n", m->plain_psnr,
            m->half_psnr);
-    puts(
-        "cc-PSNR: after one factor for each channel of each view: without what photographs differ in exposure and white balance.");
+    puts("cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
          "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
@@ -474,6 +507,26 @@ static int exit_code_of(oxl_result rc)
     }
 }
 
+#define SPIN_COUNT "500" /* polls of a waiting thread before it sleeps (docs/log/SPEED.md) */
+
+/* Makes OpenMP threads that wait for others sleep: on a busy machine, polling makes a run three times as long. The OpenMP runtime reads its
+ * settings before main(), so the program executes itself again with OMP_WAIT_POLICY=passive and GOMP_SPINCOUNT. Returns at once where
+ * OMP_WAIT_POLICY is set, without OpenMP, or without /proc. */
+static void wait_passively(char **argv)
+{
+#if defined(_OPENMP) && !defined(_WIN32)
+    char          self[4096];
+    const char   *wanted = getenv("OMP_WAIT_POLICY"); /* empty counts as not set */
+    const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
+    if (length <= 0 || (wanted && *wanted)) return;
+    self[length] = 0;
+    if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", SPIN_COUNT, 0) != 0) return;
+    execv(self, argv); /* returns only on failure */
+#else
+    (void)argv;
+#endif
+}
+
 int main(int argc, char **argv)
 {
     struct arguments    a;
@@ -490,13 +543,15 @@ int main(int argc, char **argv)
     if (a.version) puts("oceanxl " OXL_VERSION);
     if (a.manual) help_manual(stdout);
     if (a.page) help_page(stdout);
-    if (a.help || a.version || a.manual || a.page) return EXIT_DONE;
-    oxl_wait_asleep(argv);
+    if (a.completion) complete_print(stdout, a.completion);
+    if (a.help || a.version || a.manual || a.page || a.completion) return EXIT_DONE;
+    wait_passively(argv);
 #ifdef SIGXFSZ
     signal(SIGXFSZ, SIG_IGN); /* past ulimit -f a write fails, as on a full disk */
 #endif
     console.quiet = a.quiet;
-    console.live  = oxl_is_terminal(2);
+    console.json  = a.progress_json;
+    console.live  = !console.json && oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
     options.log     = on_log;
     options.stopped = is_stopped;
@@ -511,11 +566,11 @@ int main(int argc, char **argv)
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
         const char *text = console.error[0] ? console.error : oxl_error_text(ctx);
-        print_error(text[0] ? text : "no memory");
+        on_log(&console, OXL_LOG_ERROR, text[0] ? text : "no memory");
     }
     oxl_context_free(ctx);
     if ((fflush(stdout) != 0 || ferror(stdout)) && rc == OXL_OK) {
-        print_error("standard output could not be written");
+        on_log(&console, OXL_LOG_ERROR, "standard output could not be written");
         rc = OXL_ERR_IO;
     }
     return exit_code_of(rc);

@@ -98,6 +98,10 @@ promise former_names_are_read_with_a_word 3 "--haste is the former name of --sho
 promise removed_options_are_said_to_be 2 "option '--ssim-every' was removed" on_stderr "$program" train survey -o out --ssim-every=2
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
+promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"
+promise bash_completion_offers_the_options_of_the_command 0 "--path" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl render --pat); COMP_CWORD=2; _oceanxl; echo \${COMPREPLY[*]}"
+promise zsh_completion_is_valid 0 "" sh -c "'$program' --completion zsh >_oceanxl && grep -q '#compdef oceanxl' _oceanxl && { ! command -v zsh || zsh -n _oceanxl; }"
+promise completion_of_another_shell_is_refused 2 "wanted a shell, bash or zsh" on_stderr "$program" --completion fish
 promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
@@ -192,7 +196,7 @@ promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_*.png"
 promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
 promise a_listener_that_goes_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
 promise render_draws_one_kind_of_pictures 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho
-promise measure_wants_pixels_of_the_photograph 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
+promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
 promise measure_refuses_rays_that_miss 3 "miss each other by" on_stderr "$program" measure survey --scale-bar $first,10,50,$last,90,5:0,0,0 --length 1
 promise measure_refuses_a_bar_without_length 3 "both ends are at the same place" on_stderr "$program" measure survey --scale-bar 1,2,3:1,2,3 --length 1
 promise measure_knows_a_distance 0 "scale     0.5 metres a unit" "$program" measure survey --scale-bar 0,0,0:2,0,0 --length 1
@@ -201,6 +205,10 @@ promise no_vulkan_is_told 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval 
 promise no_vulkan_to_list_is_told 1 "Vulkan" env OXL_VULKAN_LIBRARY=none "$program" info --devices
 promise backend_auto_makes_do_with_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend auto
 promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
+promise a_dry_run_predicts_and_writes_nothing 0 "prediction" sh -c "'$program' train survey -o dry --iterations 30 --dry-run && test ! -e dry"
+promise a_dry_run_refuses_what_the_run_would 3 "fix: " "$program" train nowhere -o dry --dry-run
+promise progress_json_is_lines_of_json 0 "" sh -c "'$program' train survey -o lines --iterations 30 --progress json 2>lines.txt >/dev/null && grep -q '^{\"event\": \"progress\", .*\"iteration\": 30, ' lines.txt && ! grep -qv '^{.*}\$' lines.txt"
+promise progress_json_holds_errors_too 3 '{"event": "log", "level": "error"' on_stderr "$program" train nowhere -o lines2 --progress json
 promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.ply metric.ply --scale 2
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
 promise convert_keeps_the_scale_for_info 0 '"scale": 2' on_stdout "$program" info metric.ply --json
@@ -211,7 +219,7 @@ promise a_scaled_model_is_compared_in_the_survey_s_unit 0 "" sh -c \
 promise a_model_of_another_scale_is_warned_of 0 "does not seem to cover the survey" on_stderr sh -c \
     "LC_ALL=C sed '1,/^end_header/{/^comment scale/d;}' metric.ply >unmarked.ply && ! cmp -s metric.ply unmarked.ply && '$program' eval unmarked.ply survey"
 promise a_model_that_lies_elsewhere_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved
-promise convert_to_splat_warns_of_the_origin 0 "has no place for the origin" on_stderr "$program" convert out/scene.ply scene.splat
+promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250

@@ -19,7 +19,7 @@ static oxl_model formats_test_model(size_t count, int degree)
     return m;
 }
 
-/* The largest difference of the drawn values: places, log scales, opacities, colours, harmonics; 1 - |q.q'| of rotations. */
+/* The largest difference of the rendered values: places, log scales, opacities, colours, harmonics; 1 - |q.q'| of rotations. */
 static void formats_test_compare(const oxl_model *a, const oxl_model *b, double worst[6])
 {
     memset(worst, 0, 6 * sizeof *worst);

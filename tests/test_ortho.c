@@ -1,4 +1,4 @@
-/* test_ortho.c - what is drawn from above, along a path or measured in photographs lies where it says. */
+/* test_ortho.c - what is rendered from above, along a path or measured in images lies where it says. */
 #include "../cli/flight.c"
 #include "../cli/frame.c"
 #include "../cli/ortho.c"
@@ -198,9 +198,9 @@ TEST(scale_bar_is_as_long_as_it_is)
     CHECK_TEXT(text ? text : "", "scale     3 metres");
     free(text);
     CHECK(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "seen in two photographs");
+    CHECK_TEXT(error, "seen in two images");
     CHECK(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "no photograph is called 'c.png'");
+    CHECK_TEXT(error, "no image is called 'c.png'");
     oxl_scene_free(test_ctx, scene);
 }
 

@@ -8,26 +8,25 @@
  *     rotations (N) u32: the index of the largest of x y z w, then the others as sign and 9 bits of 511 q sqrt(2); version 2: x y z, u8
  *     harmonics past degree 0 (N, coefficients, 3) u8 = 128 c + 128, written in buckets of 2 (degree 1) and 4
  *
- * The frame is turned (frame_flip.h). Origin and scale stand in the gzip header's comment (RFC 1952, 2.3.1), "origin X Y Z" and "scale S"
- * with a newline between, which other readers skip. There is no place for second lobes.
+ * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952, 2.3.1), "origin X Y Z" and
+ * "scale S" separated by a newline, which other readers skip. The format has no second lobes.
  *
- * Invariant: no length is believed before the bytes for it are there; deflate gives at most 1032 bytes for one.
+ * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most 1032 bytes.
  */
 #include "model.h"
 
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
-#define SPZ_COLOUR       0.15 /* so that colours a little past black and white have a place */
-#define SPZ_DEFLATE_MOST 1032 /* bytes that one byte of deflate can become (258 in 2 bits) */
+#define SPZ_COLOUR       0.15 /* range for colours slightly below 0 and above 1 */
+#define SPZ_DEFLATE_MOST 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
 
 enum {
     SPZ_HEADER    = 16,
     SPZ_BITS_MOST = 20, /* fractional; the reference writes 12 */
-    SPZ_BUCKET_1 =
-        2, /* of 1/128; the reference has 8 and 16, which a reader need not know: they cost 0.7 dB of a model of degree 3 */
-    SPZ_BUCKET  = 4, /* these cost 0.07 dB, at 1.6 times the size */
-    SPZ_DEGREES = 4  /* the reference knows degree 4; its coefficients are left out */
+    SPZ_BUCKET_1  = 2,  /* of 1/128; the reference has 8 and 16, which lose 0.7 dB for a model of degree 3 */
+    SPZ_BUCKET    = 4,  /* these lose 0.07 dB, at 1.6 times the size */
+    SPZ_DEGREES   = 4   /* the reference has degree 4, whose coefficients are skipped */
 };
 
 /* ---------------------------------------------------------------- gzip (RFC 1952) */
@@ -59,7 +58,7 @@ static oxl_result spz_wrong(oxl_context *ctx, const char *path, const char *seen
                     seen, wanted);
 }
 
-/* Where the deflate data begin; 0: the header runs past the end. *comment: where the comment begins; 0: there is none. */
+/* Offset of the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */
 static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comment)
 {
     const int flags = p[3];
@@ -76,7 +75,7 @@ static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comme
     return at + 8 < size ? at : 0;
 }
 
-/* *out is oxl_alloc's. */
+/* *out by oxl_alloc. */
 static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os_file_map *file, unsigned char **out,
                              size_t *size)
 {
@@ -283,7 +282,7 @@ static unsigned char spz_byte(double x)
     return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
 }
 
-/* In buckets, so that gzip has less to keep; 0 is in the middle of one. */
+/* Quantised, for better compression; 0 is the centre of a bucket. */
 static unsigned char spz_coefficient(double value, int bucket)
 {
     const int q = (int)(OXL_CLAMP(value, -2, 2) * 128 + 128.5 + 1024) - 1024; /* rounded, below 0 too */
@@ -314,7 +313,7 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
                 frame_flip_sh[k] * (double)model->plane[OXL_SH + 3 * (k + 1) + c][row], k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
 }
 
-/* As many fractional bits as the farthest Gaussian leaves room for; -1: it lies too far. */
+/* The largest number of fractional bits for the farthest Gaussian; -1: out of range. */
 static int spz_bits(const oxl_model *model)
 {
     float farthest = 0;
