@@ -68,7 +68,7 @@ typedef enum oxl_option_kind {                     /* what the field holds, and 
                                OXL_OPTION_SECONDS, /* double: 90s, 20m, 8h, 1d */
                                OXL_OPTION_TEXT,    /* const char *, borrowed; NULL: not set */
                                OXL_OPTION_RGB,     /* float[3]: 0,0.1,0.2 */
-                               OXL_OPTION_PLACE,   /* double[3]: X,Y,Z */
+                               OXL_OPTION_POINT,   /* double[3]: X,Y,Z */
                                OXL_OPTION_SIZE,    /* int[2]: 400x260 */
                                OXL_OPTION_PRESET,  /* const char *; sets all options of the job to the preset's defaults */
                                OXL_OPTION_UCD,     /* oxl_ucd without its bands: text of oxl_ucd_parse */
@@ -194,13 +194,13 @@ OXL_API void                oxl_manifest_free(oxl_context *ctx, oxl_manifest **r
 /* Writes renders of a split to a folder: NAME.png per view; with `images` also NAME.photo.png, the image; with `depth` also
  * NAME.depth.png (near is bright), NAME.depth.pfm (float camera z, 0: no Gaussian) and NAME.depth16.png (16-bit grey, camera z in
  * thousandths of a unit, or of a metre with `unit`; 0: no Gaussian, 65535: that or more). */
-typedef struct oxl_pictures {
+typedef struct oxl_render_output {
     oxl_split split;
     int       images, depth;
     double    unit;  /* factor of depths: metres per unit of the scene; 0: none (0) */
     int       clear; /* 1: without the exposure and medium of imaging.txt (0) */
-} oxl_pictures;
-OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+} oxl_render_output;
+OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                     const char *folder, int *count);
 
 /* As JSON, in the form of metrics.json; free with oxl_text_free. */

@@ -214,14 +214,14 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
            1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
 }
 
-/* What --mask-transients adds in each step: the drawn image comes home, the image and its weights go there. */
+/* What --mask-transients adds in each step: the rendered image comes home, the image and its weights go there. */
 static double device_robust(oxl_context *ctx, const struct device_run *r)
 {
     const size_t         pixels = (size_t)r->camera.width * (size_t)r->camera.height;
     float               *image  = oxl_calloc(ctx, 4 * pixels, sizeof *image);
     double               more[DEVICE_ROUNDS];
     struct renderer_loss loss;
-    const float         *drawn;
+    const float         *rendered;
     if (!image) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
     for (size_t i = 3 * pixels; i < 4 * pixels; i++) image[i] = 1;
     for (int k = 0; k < DEVICE_ROUNDS; k++) {
@@ -229,7 +229,7 @@ static double device_robust(oxl_context *ctx, const struct device_run *r)
         double       plain;
         device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
         plain = os_seconds();
-        device_check(ctx, renderer_image(ctx, r->renderer, &drawn));
+        device_check(ctx, renderer_image(ctx, r->renderer, &rendered));
         device_check(ctx, renderer_loss(ctx, r->renderer, image, image + 3 * pixels, 0.2f, &loss));
         more[k] = os_seconds() - plain - (plain - begun);
     }

@@ -136,7 +136,8 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a, cha
     o = cli_option_at(index);
     if (!value && o->kind != OXL_OPTION_FLAG && *at + 1 < argc) value = argv[++*at];
     if (o->kind == OXL_OPTION_FLAG ? value != NULL : value == NULL) {
-        snprintf(error, size, "option %s takes %s%s", word, o->value ? "a value: " : "no value", o->value ? o->value : "");
+        snprintf(error, size, "option %s takes %s%s\nfix: oceanxl %s --help all shows it", word,
+                 o->value ? "a value: " : "no value", o->value ? o->value : "", command_of(a->command)->name);
         return 1;
     }
     if (cli_option_of_job(index) < 0) return oxl_option_set(o, a, value, error, size) != OXL_OK;
@@ -177,6 +178,7 @@ static void parse_first(int argc, char **argv, struct arguments *a)
     a->version = strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0;
     a->manual  = strcmp(argv[1], "--man") == 0;
     a->page    = strcmp(argv[1], "--options-page") == 0;
+    if (strcmp(argv[1], "--completion") == 0) a->completion = argc > 2 ? argv[2] : "";
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0)
         parse_help(argc, argv, &at, a);
 }
@@ -185,7 +187,11 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
 {
     *a = arguments_default();
     parse_first(argc, argv, a);
-    if (a->version || a->help || a->manual || a->page) return 0;
+    if (a->completion && strcmp(a->completion, "bash") != 0 && strcmp(a->completion, "zsh") != 0) {
+        snprintf(error, size, "--completion %s: wanted a shell, bash or zsh\nfix: oceanxl --completion bash", a->completion);
+        return 1;
+    }
+    if (a->version || a->help || a->manual || a->page || a->completion) return 0;
     if (argc < 2) {
         size_t used = (size_t)snprintf(error, size, "a command is wanted:");
         for (int i = 0; cli_command_at(i) && used < size; i++)
@@ -199,7 +205,8 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
             if (parse_option(argc, argv, &i, a, error, size)) return 1;
         } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];
         else {
-            snprintf(error, size, "'%s' is one word too many", argv[i]);
+            snprintf(error, size, "'%s' is one word too many\nfix: oceanxl %s --help shows an example", argv[i],
+                     command_of(a->command)->name);
             return 1;
         }
     }

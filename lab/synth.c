@@ -21,7 +21,7 @@
 #include <omp.h>
 #endif
 
-#define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are drawn from four rays */
+#define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are rendered from four rays */
 #define EDGE_DEPTH  0.02 /* share of the depth */
 
 struct synth_run {

@@ -82,7 +82,7 @@ static void path_orbit(const synth_options *o, struct synth_path *path)
 }
 
 #define ROV_STEP  0.4  /* metres from image to image */
-#define ROV_SIGHT 16.0 /* metres: what stands farther off is lost in coastal water */
+#define ROV_RANGE 16.0 /* metres: what stands farther off is lost in coastal water */
 #define CLEARANCE 0.5  /* metres over the ground around, at least */
 
 static const struct path_leg {
@@ -162,7 +162,7 @@ int synth_path_create(const synth_options *o, struct synth_path *path)
     else if (strcmp(o->path, "rov") == 0) path_rov(o, path);
     else if (strcmp(o->path, "forward") == 0) path_forward(o, path);
     else path_lawnmower(o, path);
-    path_measure(path, strcmp(o->path, "rov") == 0 ? ROV_SIGHT : SYNTH_FAR);
+    path_measure(path, strcmp(o->path, "rov") == 0 ? ROV_RANGE : SYNTH_FAR);
     return 1;
 }
 

@@ -34,6 +34,48 @@ ctrl_c() { # COMMAND...: stopped by the signal once it trains
     kill -INT $!
     wait $!
 }
+beside() { # COMMAND...: while another process trains into busy/, which is then killed
+    rm -f busy/.lock
+    "$program" train survey -o busy --iterations 1000000 --quiet >/dev/null 2>&1 &
+    while kill -0 $! 2>/dev/null && ! grep -q process busy/.lock 2>/dev/null; do sleep 0.05; done
+    "$@"
+    code=$?
+    kill -9 $!
+    wait $! 2>/dev/null
+    return $code
+}
+with_signal() { # "SIGNAL COMMAND": once the run trains, the command is run, then the signal sent
+    signal=${1%% *} before=${1#"$signal"}
+    shift
+    "$@" 2>signalled.txt &
+    while kill -0 $! 2>/dev/null && ! grep -q ETA signalled.txt; do sleep 0.05; done
+    $before
+    kill -"$signal" $!
+    wait $!
+    code=$?
+    cat signalled.txt >&2
+    return $code
+}
+stopped_early() { # COMMAND...: the signal comes while the points of long/ are read
+    mkdir -p long/sparse/0 && cp survey/sparse/0/cameras.txt survey/sparse/0/images.txt long/sparse/0 && ln -sfn ../survey/images long/images
+    awk '/^#/ { next } { row[n++] = $0 } END { for (k = 0; k < 400; k++) for (i = 0; i < n; i++) { $0 = row[i]; $1 = 100000 * k + $1; print } }' \
+        survey/sparse/0/points3D.txt >long/sparse/0/points3D.txt
+    "$@" --quiet &
+    while kill -0 $! 2>/dev/null && ! test -s early/.lock; do sleep 0.01; done
+    kill -TERM $!
+    wait $!
+}
+single_image() {
+    mkdir -p single/sparse/0 && cp survey/sparse/0/cameras.txt single/sparse/0 && ln -sfn ../survey/images single/images
+    { sed -n '/^[0-9]/{p;n;p;q;}' survey/sparse/0/images.txt; } >single/sparse/0/images.txt
+    printf '1 0 0 0 9 9 9 1 1 0\n' >single/sparse/0/points3D.txt
+    "$program" train single -o single/out --iterations 10
+}
+one_place() { # the positions of all cameras become 0
+    mkdir -p place && cp -r survey/. place
+    awk '/^#/ { print; next } NF == 10 && $10 ~ /IMG/ { $6 = $7 = $8 = 0 } { print }' survey/sparse/0/images.txt >place/sparse/0/images.txt
+    "$program" check place
+}
 doubled() { # MODEL MODEL: places and sizes of the second are twice those of the first
     "$program" info "$1" --json >one.txt && "$program" info "$2" --json >two.txt &&
         awk -F '[][, ]+' '/"x"|"scale_0"/ { if (NR == FNR) was[$2] = $3; else n += ($3 / was[$2] - 2) ^ 2 < 1e-6 } END { exit n != 2 }' one.txt two.txt
@@ -56,6 +98,10 @@ promise former_names_are_read_with_a_word 3 "--haste is the former name of --sho
 promise removed_options_are_said_to_be 2 "option '--ssim-every' was removed" on_stderr "$program" train survey -o out --ssim-every=2
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
+promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"
+promise bash_completion_offers_the_options_of_the_command 0 "--path" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl render --pat); COMP_CWORD=2; _oceanxl; echo \${COMPREPLY[*]}"
+promise zsh_completion_is_valid 0 "" sh -c "'$program' --completion zsh >_oceanxl && grep -q '#compdef oceanxl' _oceanxl && { ! command -v zsh || zsh -n _oceanxl; }"
+promise completion_of_another_shell_is_refused 2 "wanted a shell, bash or zsh" on_stderr "$program" --completion fish
 promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
@@ -78,6 +124,7 @@ promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
 
 # A survey of our own; small, so that a step takes a millisecond.
 promise synth_writes_a_survey 0 "" "$program" synth -o survey --views 16 --size 96x64 --points 800 --quiet
+first=$(ls survey/images | head -n 1) last=$(ls survey/images | tail -n 1)
 promise check_accepts_it 0 "16 listed, 0 missing" "$program" check survey
 promise check_prints_json 0 '"images": 16' on_stdout "$program" check survey --json
 promise train_does_the_whole_job 0 "out/scene.ply" on_stdout "$program" train survey -o out --iterations 60
@@ -105,6 +152,30 @@ promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
 promise another_seed_gives_other_bytes 1 "differ" sh -c "'$program' train survey -o other --iterations 60 --seed 2 --quiet >/dev/null; cmp same1/scene.ply other/scene.ply"
 promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o short --iterations 1000000 --max-time 1s
 promise ctrl_c_leaves_a_model 130 "holds the model so far" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
+promise a_second_run_in_a_folder_is_refused 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60
+promise a_second_run_that_starts_anew_is_refused_too 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60 --restart
+for command in "merge busy" "partition survey -o busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
+    promise "while_another_trains_is_refused_$(echo $command | cut -d' ' -f 1)" 1 "busy is in use by process" beside "$program" $command
+done
+promise the_lock_of_a_killed_run_is_taken_over 0 "its lock is taken over" "$program" train survey -o busy --iterations 20 --restart
+promise a_finished_run_leaves_no_lock 0 "" sh -c '! find . -name .lock | grep .'
+promise more_threads_than_processors_are_not_used 0 "processor" on_stderr "$program" check survey --threads 1000
+promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads are asked for" on_stderr env OMP_NUM_THREADS=1000 "$program" check survey
+promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_stderr "$program" train survey -o points --block-points 1
+promise a_signal_before_training_stops_the_run 130 "interrupted" on_stderr stopped_early "$program" train long -o early
+promise nothing_was_trained_then 1 "" test -e early/blocks
+promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP "$program" train survey -o hung --iterations 1000000
+promise nohup_goes_on 0 "hup/scene.ply" sh -c "nohup '$program' train survey -o hup --iterations 400 --quiet & sleep 0.3; kill -HUP \$!; wait \$!"
+promise a_limit_on_files_is_told_as_a_full_disk_is 1 "room on the disk" on_stderr sh -c "ulimit -f 8; '$program' train survey -o limited --iterations 20 --quiet"
+promise a_folder_of_blocks_that_is_deleted_is_made_again 130 "the state is saved" on_stderr with_signal "INT rm -rf gone/blocks" "$program" train survey -o gone --iterations 1000000
+promise the_state_is_there_again 0 "" files 1 gone/blocks/000 checkpoint.oxl
+promise a_mask_of_another_shape_is_told_by_train 0 "the mask is stretched" on_stderr sh -c \
+    "mkdir -p masked && cp -r survey/. masked && '$program' synth -o square --views 2 --size 50x50 --points 50 --quiet && mkdir masked/masks && cp square/images/IMG_00000.png masked/masks/\$(ls survey/images | head -n 1).png && '$program' train masked -o masked/out --iterations 20"
+promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/out/report.html
+promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
+promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
+promise little_memory_is_told_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
+promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"
 promise a_refused_resume_names_the_options 2 "  --cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
 promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 there, 0.1 here" sh -c \
     "'$program' train survey -o stopped --preset draft --cooldown 0.1 2>said.txt; code=\$?; cat said.txt; grep -q iterations: said.txt && exit 9; exit \$code"
@@ -120,19 +191,35 @@ promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
 promise render_writes_an_orthomosaic 0 "ortho.pgw places it in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --depth
 promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
 promise render_flies_a_path 0 "3 pictures in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
-promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_0000[012].png"
+promise a_shorter_flight_leaves_no_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --path survey --frames 5 && '$program' render out/scene.ply survey -o flight --path survey --frames 3"
+promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_*.png"
 promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
 promise a_listener_that_goes_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
 promise render_draws_one_kind_of_pictures 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho
 promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
+promise measure_refuses_rays_that_miss 3 "miss each other by" on_stderr "$program" measure survey --scale-bar $first,10,50,$last,90,5:0,0,0 --length 1
+promise measure_refuses_a_bar_without_length 3 "both ends are at the same place" on_stderr "$program" measure survey --scale-bar 1,2,3:1,2,3 --length 1
 promise measure_knows_a_distance 0 "scale     0.5 metres a unit" "$program" measure survey --scale-bar 0,0,0:2,0,0 --length 1
 promise measure_wants_a_bar 2 "--scale-bar" "$program" measure survey
 promise no_vulkan_is_told 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend vulkan
 promise no_vulkan_to_list_is_told 1 "Vulkan" env OXL_VULKAN_LIBRARY=none "$program" info --devices
 promise backend_auto_makes_do_with_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend auto
 promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
+promise a_dry_run_predicts_and_writes_nothing 0 "prediction" sh -c "'$program' train survey -o dry --iterations 30 --dry-run && test ! -e dry"
+promise a_dry_run_refuses_what_the_run_would 3 "fix: " "$program" train nowhere -o dry --dry-run
+promise progress_json_is_lines_of_json 0 "" sh -c "'$program' train survey -o lines --iterations 30 --progress json 2>lines.txt >/dev/null && grep -q '^{\"event\": \"progress\", .*\"iteration\": 30, ' lines.txt && ! grep -qv '^{.*}\$' lines.txt"
+promise progress_json_holds_errors_too 3 '{"event": "log", "level": "error"' on_stderr "$program" train nowhere -o lines2 --progress json
 promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.ply metric.ply --scale 2
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
+promise convert_keeps_the_scale_for_info 0 '"scale": 2' on_stdout "$program" info metric.ply --json
+promise a_scaled_model_is_compared_in_the_survey_s_unit 0 "" sh -c \
+    "for m in out/scene metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
+     '$program' convert metric.ply metric.spz && '$program' convert metric.spz again.ply && LC_ALL=C grep -a -c '^comment scale 2' again.ply &&
+     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' scene.txt metric.txt"
+promise a_model_of_another_scale_is_warned_of 0 "does not seem to cover the survey" on_stderr sh -c \
+    "LC_ALL=C sed '1,/^end_header/{/^comment scale/d;}' metric.ply >unmarked.ply && ! cmp -s metric.ply unmarked.ply && '$program' eval unmarked.ply survey"
+promise a_model_that_lies_elsewhere_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved
+promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250

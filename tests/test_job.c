@@ -479,10 +479,10 @@ TEST(job_of_a_missing_survey_is_bad_input)
 
 TEST(job_pictures_stay_inside_their_folder)
 {
-    char *path = pictures_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
+    char *path = render_file_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
     CHECK(path && strcmp(path, test_path("pictures/.._dive_a.jpg.png")) == 0);
     oxl_free(test_ctx, path);
-    path = pictures_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
+    path = render_file_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
     CHECK(path && strcmp(path, test_path("pictures/dive/a.jpg.png")) == 0);
     CHECK(os_is_folder(test_path("pictures/dive")));
     oxl_free(test_ctx, path);
@@ -491,12 +491,12 @@ TEST(job_pictures_stay_inside_their_folder)
 /* With four threads, which write four views' pictures side by side: a folder stands where one of the second view's is to be. */
 TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
 {
-    const oxl_pictures what    = {.split = OXL_SPLIT_ALL, .images = 1};
-    const oxl_point    point   = {.position = {0, 0, 4}};
-    const int          threads = test_ctx->threads;
-    oxl_scene         *scene   = NULL;
-    oxl_model          model;
-    int                count = -1;
+    const oxl_render_output what    = {.split = OXL_SPLIT_ALL, .images = 1};
+    const oxl_point         point   = {.position = {0, 0, 4}};
+    const int               threads = test_ctx->threads;
+    oxl_scene              *scene   = NULL;
+    oxl_model               model;
+    int                     count = -1;
     CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
@@ -520,7 +520,7 @@ TEST(pictures_of_depth_hold_thousandths_and_floats)
     struct os_file_map    png = {0}, pfm = {0};
     int                   w = 0, h = 0, channels = 0;
     uint16_t             *back;
-    CHECK_OK(pictures_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
+    CHECK_OK(render_file_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth16.png"), &png));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth.pfm"), &pfm));
     back = stbi_load_16_from_memory((const stbi_uc *)png.data, (int)png.size, &w, &h, &channels, 0);

@@ -100,7 +100,7 @@ static int partition_test_homes(const struct partition *p, const double frame[3]
     return count;
 }
 
-/* Points, and places on every face, edge and corner, far away too, have one home each. */
+/* Points, and places on every face, edge and corner, far away too, have one owner each. */
 static void partition_test_check_homes(const struct partition *p, const oxl_scene *scene)
 {
     const struct colmap *c   = scene_colmap(scene);
@@ -109,7 +109,7 @@ static void partition_test_check_homes(const struct partition *p, const oxl_scen
         double at[3];
         partition_to_frame(p, c->point[i].position, at);
         CHECK(partition_test_homes(p, at) == 1);
-        CHECK(partition_contains(&p->block[p->plan->home[i]].box, at));
+        CHECK(partition_contains(&p->block[p->plan->owner[i]].box, at));
     }
     for (int i = 0; i < p->block_count; i++) sum += p->block[i].points;
     CHECK(sum == c->point_count);
@@ -270,7 +270,7 @@ TEST(partition_makes_the_fewest_blocks_and_never_more_than_midpoints_do)
 /* A point's share of the work by definition: half of it its own, half the pixels of the views that see it. */
 static double partition_test_load_of(const struct partition *p, size_t point, double pixels, size_t points)
 {
-    const struct partition_visibility *s   = p->plan->sight;
+    const struct partition_visibility *s   = p->plan->visibility;
     double                             sum = 0;
     for (size_t v = 0; v < s->views; v++) {
         const oxl_camera *c = &oxl_scene_view(p->plan->scene, (int)v)->camera;
@@ -289,9 +289,9 @@ TEST(partition_splits_at_the_ratio_that_divides_the_load_most_evenly)
     double                      best = 2, cut = 0, pixels = 0;
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
     CHECK(p.block_count == 2);
-    for (size_t v = 0; v < p.plan->sight->views; v++) {
+    for (size_t v = 0; v < p.plan->visibility->views; v++) {
         const oxl_camera *camera = &oxl_scene_view(scene, (int)v)->camera;
-        if (p.plan->sight->first[v] < p.plan->sight->first[v + 1]) pixels += (double)camera->width * camera->height;
+        if (p.plan->visibility->first[v] < p.plan->visibility->first[v + 1]) pixels += (double)camera->width * camera->height;
     }
     for (int k = 0; k <= 20; k++) {
         const double low = p.plan->finite.low[0], r = (30 + 2 * k) / 100.0, at = low + r * (p.plan->finite.high[0] - low);

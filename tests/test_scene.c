@@ -207,7 +207,7 @@ TEST(scene_without_points_is_told_and_gets_random_ones_in_sight)
     CHECK(memcmp(points, again, 500 * sizeof *points) == 0);
     for (int i = 0; i < 500; i++)
         for (int v = 0, any = 0; v < 9 && !any; v++)
-            seen += any = stats_is_in_sight(&oxl_scene_view(scene, v)->camera, points[i].position);
+            seen += any = stats_is_in_image(&oxl_scene_view(scene, v)->camera, points[i].position);
     CHECK(seen == 500);
     oxl_free(test_ctx, points);
     oxl_free(test_ctx, again);

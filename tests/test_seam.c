@@ -39,7 +39,7 @@ static void seam_test_create(struct seam_test *t)
     t->partition.block                                 = t->block;
 }
 
-/* Images that differ from what is drawn by `error` in columns first to end; the second view, of no split but "all", by nothing. */
+/* Images that differ from what is rendered by `error` in columns first to end; the second view, of no split but "all", by nothing. */
 static oxl_scene *seam_test_scene(const struct seam_test *t, float error, int first, int end, float *weight)
 {
     oxl_view   view[2] = {{"a", t->camera, 1}, {"b", t->camera, 0}};

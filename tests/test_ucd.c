@@ -177,7 +177,7 @@ static void search_run(struct ucd *u, int densifications, double noise, uint64_t
         if (!ucd_tries(u)) continue;
         for (int i = 0; i < 2; i++) {
             ucd_ask(u, f);
-            ucd_tell(u, -4 + 2e-3 * spsa_bowl(f, noise, draw + 2 * (uint64_t)n + (uint64_t)i), 0);
+            ucd_update(u, -4 + 2e-3 * spsa_bowl(f, noise, draw + 2 * (uint64_t)n + (uint64_t)i), 0);
         }
     }
 }
@@ -211,8 +211,8 @@ TEST(ucd_spreads_its_pairs_over_the_densifications)
 TEST(ucd_growth_has_a_price)
 {
     struct ucd u = search_begin(1.5, 2, 33, 1);
-    CHECK_CLOSE(ucd_tell(&u, -3, 0), -3, 1e-12);
-    CHECK_CLOSE(ucd_tell(&u, -3, 0.5), -3 + 0.5 * UCD_GROWTH, 1e-12);
+    CHECK_CLOSE(ucd_update(&u, -3, 0), -3, 1e-12);
+    CHECK_CLOSE(ucd_update(&u, -3, 0.5), -3 + 0.5 * UCD_GROWTH, 1e-12);
     CHECK(u.spsa.pair == 1 && memcmp(u.f, u.spsa.f, sizeof u.f) == 0 && u.f[0] != 1.5);
 }
 

@@ -223,8 +223,8 @@ static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
         const struct splat *a = &t->r[0]->splat[i], *b = &t->r[1]->splat[i];
         const float         x[10] = {a->u, a->v, a->a, a->k, a->e, a->peak, a->colour[0], a->depth, a->half_x, a->half_y};
         const float         y[10] = {b->u, b->v, b->a, b->k, b->e, b->peak, b->colour[0], b->depth, b->half_x, b->half_y};
-        other += renderer_saw(t->r[0], i) != renderer_saw(t->r[1], i);
-        if (!renderer_saw(t->r[0], i) || !renderer_saw(t->r[1], i)) continue;
+        other += renderer_row_visible(t->r[0], i) != renderer_row_visible(t->r[1], i);
+        if (!renderer_row_visible(t->r[0], i) || !renderer_row_visible(t->r[1], i)) continue;
         seen++;
         for (int k = 0; k < 10; k++) {
             const double off = fabs((double)x[k] - y[k]) / (1 + fabs(x[k]));
@@ -561,7 +561,7 @@ static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lob
         CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], lobes).relative, 0, 2e-3);
     CHECK_OK(renderer_download_rows(device, t.r[1]));
     for (size_t i = 0; i < m.count; i++)
-        if (renderer_saw(t.r[0], i) && renderer_saw(t.r[1], i))
+        if (renderer_row_visible(t.r[0], i) && renderer_row_visible(t.r[1], i))
             CHECK_CLOSE(t.r[1]->dmean2d[i], t.r[0]->dmean2d[i], 1e-2 * t.r[0]->dmean2d[i] + 1e-2);
     for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &gradient[k]);
     oxl_model_free(test_ctx, &m);
@@ -1028,13 +1028,13 @@ static size_t vulkan_bytes_of(const oxl_model *m)
 /* In evaluations and pictures nothing but the model is sent, so every byte tells. */
 static void vulkan_check_one_upload(oxl_context *device)
 {
-    oxl_scene         *scene = vulkan_survey(device);
-    const oxl_pictures what  = {.split = OXL_SPLIT_ALL, .depth = 1};
-    struct vulkan     *v     = device->vulkan;
-    oxl_metrics        metrics;
-    oxl_model          m;
-    size_t             before = v->sent;
-    int                count;
+    oxl_scene              *scene = vulkan_survey(device);
+    const oxl_render_output what  = {.split = OXL_SPLIT_ALL, .depth = 1};
+    struct vulkan          *v     = device->vulkan;
+    oxl_metrics             metrics;
+    oxl_model               m;
+    size_t                  before = v->sent;
+    int                     count;
     vulkan_scene(600, 1, 100, &m);
     v->slab_rows = 256; /* several slabs */
     CHECK_OK(oxl_evaluate(device, &m, scene, OXL_SPLIT_ALL, &metrics));

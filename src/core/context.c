@@ -1,7 +1,6 @@
 /* context.c - context, errors, memory, growing text, random numbers.
  *
- * Invariant: every byte that the library holds was given by ctx->options.reallocate, so that a caller can count it, limit it
- * or make it fail.
+ * Invariant: all memory of the library comes from ctx->options.reallocate, so that a caller can count it, limit it or make it fail.
  */
 #include "core.h"
 #include "simd.h"
@@ -23,16 +22,18 @@ oxl_context_options oxl_context_options_default(void)
     return (oxl_context_options){.seed = 1, .reallocate = context_reallocate, .device = -1};
 }
 
-/* The result does not depend on their number, and with a hundred thousand the OpenMP runtime crashes. */
+/* The result does not depend on the number of threads; the OpenMP runtime crashes with 100 000. */
 enum { BASE_THREADS_MAX = 1024 };
 
-static int context_threads(int wanted)
+static int context_threads(int wanted, int *available)
 {
 #ifdef _OPENMP
-    return OXL_MIN(wanted > 0 ? wanted : omp_get_max_threads(), BASE_THREADS_MAX);
+    const int asked = wanted > 0 ? wanted : omp_get_max_threads(), quota = os_processor_quota(), there = omp_get_num_procs();
+    *available = OXL_MIN(quota > 0 ? OXL_MIN(quota, there) : there, BASE_THREADS_MAX);
+    return asked;
 #else
     (void)wanted;
-    return 1;
+    return *available = 1;
 #endif
 }
 
@@ -49,11 +50,15 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
 {
     oxl_context_options o   = options ? *options : oxl_context_options_default();
     oxl_context        *ctx = NULL;
-    *out                    = NULL;
+    int                 available, asked = context_threads(o.threads, &available);
+    *out = NULL;
     if (!o.reallocate) o.reallocate = context_reallocate;
     ctx = o.reallocate(o.user, NULL, sizeof *ctx);
     if (!ctx) return OXL_ERR_MEMORY;
-    *ctx = (oxl_context){.options = o, .threads = context_threads(o.threads), .isa = simd_detect()};
+    *ctx = (oxl_context){.options = o, .threads = OXL_MIN(asked, available), .isa = simd_detect()};
+    if (asked > available)
+        oxl_log(ctx, OXL_LOG_INFO, "%d threads are asked for and %d processor%s available: as many threads are used", asked,
+                available, available == 1 ? " is" : "s are");
     *out = ctx;
     return OXL_OK;
 }
@@ -61,6 +66,12 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
 OXL_INTERNAL void context_close(oxl_context *ctx)
 {
     ctx->options.reallocate(ctx->options.user, ctx, 0);
+}
+
+OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx)
+{
+    if (!ctx->options.stopped || !ctx->options.stopped(ctx->options.user)) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_INTERRUPTED, "interrupted");
 }
 
 const char *oxl_error_text(const oxl_context *ctx)
@@ -95,7 +106,7 @@ static void *context_reallocate_in_turn(void *user, void *old, size_t size)
     return memory;
 }
 
-OXL_INTERNAL oxl_context context_apart(oxl_context *ctx)
+OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx)
 {
     return (oxl_context){
         .options = {.reallocate = context_reallocate_in_turn, .user = &ctx->options}, .threads = 1, .isa = ctx->isa};
@@ -106,7 +117,7 @@ OXL_INTERNAL oxl_context context_apart(oxl_context *ctx)
 OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 {
     va_list args;
-    if (!ctx) return rc; /* whoever has no context wants no text */
+    if (!ctx) return rc; /* no context, no text */
     va_start(args, format);
     vsnprintf(ctx->error, sizeof ctx->error, format, args);
     va_end(args);
@@ -133,7 +144,7 @@ OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *for
 
 /* ---------------------------------------------------------------- memory */
 
-/* Blocks are aligned to a cache line by hand: the pointer that the allocator gave stands right before the block. */
+/* Blocks are aligned to a cache line; the allocator's pointer is stored directly before the block. */
 enum { BASE_ALIGN = 64 };
 
 OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size)

@@ -59,7 +59,7 @@ struct metrics_sum {
     size_t pixels;        /* that count */
 };
 /* The i-th pixel of both, three channels, by the image's weight. */
-OXL_INTERNAL void       metrics_add_pixel(const oxl_image *drawn, const oxl_image *image, size_t i, struct metrics_sum *sum);
+OXL_INTERNAL void       metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum);
 /* Adds the members "psnr", "cc_psnr", "ssim", "ms_ssim", "count" and "views" (name and the four each) of a JSON object, without its braces. */
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
@@ -78,12 +78,12 @@ OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a m
 /* ---------------------------------------------------------------- render_files.c, training_views.c */
 
 /* oxl_render_views of these views. */
-OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                         const char *folder, const int *view, int asked, int *count);
 /* Adds a member of metrics.json, "training", and its comma; logs the views that fit far worse than their neighbours, after
- * enough iterations. The worst are drawn
+ * enough iterations. The worst are rendered
  * beside their images into `folder`; NULL: none. */
-OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
                                              struct text *json, const char *folder);
 
 /* ---------------------------------------------------------------- survey_report.c: what a survey holds, what training it would take */

@@ -28,12 +28,12 @@ OXL_INTERNAL double metrics_decibel(double error, double weight)
     return error > 0 ? OXL_MIN(METRICS_BEST_PSNR, -10 / 2.302585092994045684 * vecmath_log(error / weight)) : METRICS_BEST_PSNR;
 }
 
-OXL_INTERNAL void metrics_add_pixel(const oxl_image *drawn, const oxl_image *image, size_t i, struct metrics_sum *sum)
+OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum)
 {
-    const size_t plane  = (size_t)drawn->width * drawn->height;
+    const size_t plane  = (size_t)rendered->width * rendered->height;
     const double weight = image->weight ? image->weight[i] : 1;
     for (int c = 0; c < 3; c++) {
-        const double d = metrics_shown(drawn->rgb[c * plane + i]) - metrics_shown(image->rgb[c * plane + i]);
+        const double d = metrics_shown(rendered->rgb[c * plane + i]) - metrics_shown(image->rgb[c * plane + i]);
         sum->error += weight * d * d;
     }
     sum->weight += 3 * weight;
@@ -418,15 +418,15 @@ struct metrics_bands { /* what is summed over all views */
     struct metrics_sum sum[3];
 };
 
-static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_image *drawn,
+static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_image *rendered,
                                     const oxl_image *image, struct metrics_bands *b)
 {
-    const size_t pixels = (size_t)drawn->width * (size_t)drawn->height;
+    const size_t pixels = (size_t)rendered->width * (size_t)rendered->height;
     uint8_t     *band   = oxl_alloc(ctx, pixels, 1);
     oxl_result   rc     = band ? depth_bands_of_view(ctx, &b->of, scene, view, band)
                                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
     for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
-        if (band[i]) metrics_add_pixel(drawn, image, i, &b->sum[band[i] - 1]);
+        if (band[i]) metrics_add_pixel(rendered, image, i, &b->sum[band[i] - 1]);
     oxl_free(ctx, band);
     return rc;
 }
@@ -434,22 +434,22 @@ static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, in
 static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene,
                                   const oxl_image *image, oxl_view_metrics *row, struct metrics_bands *bands)
 {
-    const oxl_camera  *camera  = &oxl_scene_view(scene, row->view)->camera;
-    oxl_render_options options = oxl_render_options_default();
-    oxl_image          drawn   = {0};
+    const oxl_camera  *camera   = &oxl_scene_view(scene, row->view)->camera;
+    oxl_render_options options  = oxl_render_options_default();
+    oxl_image          rendered = {0};
     oxl_result         rc;
     options.near_plane = (float)scene_near_plane(scene);
     renderer_set_medium(r, &scene_imaging(scene)->medium);
-    rc = renderer_draw(ctx, r, model, camera, &options, &drawn, NULL);
-    if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, image, &row->plain_psnr);
-    if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &drawn, image, &row->half_psnr);
-    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &drawn);
-    if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, image, &row->psnr);
-    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, &drawn, image, &row->cc_psnr);
-    if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, image, &row->ssim);
-    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &drawn, image, &row->ms_ssim);
-    if (rc == OXL_OK) rc = metrics_add_bands(ctx, scene, row->view, &drawn, image, bands);
-    oxl_image_free(ctx, &drawn);
+    rc = renderer_draw(ctx, r, model, camera, &options, &rendered, NULL);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->plain_psnr);
+    if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &rendered, image, &row->half_psnr);
+    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &rendered);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->psnr);
+    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, &rendered, image, &row->cc_psnr);
+    if (rc == OXL_OK) rc = oxl_ssim(ctx, &rendered, image, &row->ssim);
+    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &rendered, image, &row->ms_ssim);
+    if (rc == OXL_OK) rc = metrics_add_bands(ctx, scene, row->view, &rendered, image, bands);
+    oxl_image_free(ctx, &rendered);
     return rc;
 }
 
@@ -496,8 +496,9 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
     if (rc == OXL_OK) rc = depth_bands_begin(ctx, scene, view, count, &bands.of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
+        rc = context_stopped(ctx);
         image_cache_ahead(ctx, scene, view + i, count - i);
-        rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);
+        if (rc == OXL_OK) rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);
     }
     metrics_sum_up(out, &bands);
     renderer_free(ctx, r);

@@ -61,6 +61,7 @@ static const oxl_option OPTIONS[] = {
 {"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss", NULL},
 {"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "brightness and white balance that differ from image to image; auto: on, if validation views gain", NULL},
 {"medium", NULL, OXL_OPTION_FLAG, OPTION_AT(train.medium), 0, 1, EACH("false"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "model the water's attenuation and backscatter by nine parameters (CPU, one block)", NULL},
+{"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it saw", NULL},
 {"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "do not learn what only one image of a place shows: fish, divers", "robust"},
 {"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "difference-of-Gaussians lobes; auto: selective, if validation views gain", NULL},
 {"dog-threshold", "T|SHARE%", OXL_OPTION_LIMIT, OPTION_AT(train.dog_threshold), 1e-9, 1e15, EACH("0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "selective: a lobe above this mean gradient, in half images; or the share that stays without, as 90%", NULL},
@@ -210,7 +211,7 @@ static int option_read_rgb(const oxl_option *o, const char *text, float *out)
     return 1;
 }
 
-static int option_read_place(const char *text, double *out)
+static int option_read_point(const char *text, double *out)
 {
     double v[3];
     if (!option_three(text, v)) return 0;
@@ -325,7 +326,7 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_SEED: return option_read_seed(text, field);
     case OXL_OPTION_CHOICE: return option_read_choice(o, text, field);
     case OXL_OPTION_RGB: return option_read_rgb(o, text, field);
-    case OXL_OPTION_PLACE: return option_read_place(text, field);
+    case OXL_OPTION_POINT: return option_read_point(text, field);
     case OXL_OPTION_SIZE: return option_read_size(o, text, field);
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
     case OXL_OPTION_UCD: return option_read_ucd(text, field);
@@ -485,7 +486,7 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
     case OXL_OPTION_CHOICE: option_get_choice(o->value, *(const int *)field, out, size); break;
     case OXL_OPTION_BYTES: option_get_bytes(*(const size_t *)field, out, size); break;
     case OXL_OPTION_RGB: option_get_three((const double[3]){f[0], f[1], f[2]}, 1, out, size); break;
-    case OXL_OPTION_PLACE: option_get_three(field, 0, out, size); break;
+    case OXL_OPTION_POINT: option_get_three(field, 0, out, size); break;
     case OXL_OPTION_SIZE: snprintf(out, size, "%dx%d", ((const int *)field)[0], ((const int *)field)[1]); break;
     case OXL_OPTION_UCD: option_get_ucd(field, out, size); break;
     case OXL_OPTION_KEEP: option_get_keep(field, out, size); break;

@@ -7,8 +7,8 @@
  */
 #include "job.h"
 
-/* The block at home at a place of the frame; `guess`, the neighbouring pixel's, is nearly always right. */
-static int seam_home(const struct partition *p, const double frame[3], int guess)
+/* The block at owner at a place of the frame; `guess`, the neighbouring pixel's, is nearly always right. */
+static int seam_block(const struct partition *p, const double frame[3], int guess)
 {
     if (partition_contains(&p->block[guess].box, frame)) return guess;
     for (int b = 0; b < p->block_count; b++)
@@ -16,7 +16,7 @@ static int seam_home(const struct partition *p, const double frame[3], int guess
     return -1; /* not a number */
 }
 
-/* Within SEAM_WIDTH of a face that the home shares with another block: outer faces are infinite. */
+/* Within SEAM_WIDTH of a face that the owner shares with another block: outer faces are infinite. */
 static int seam_is_near(const struct partition_block *block, const double frame[3])
 {
     int beside = 0;
@@ -42,26 +42,26 @@ struct seam_view {
     const struct partition *partition;
     const oxl_camera       *camera;
     const double           *origin; /* (3) of the scene */
-    const oxl_image        *drawn, *image;
+    const oxl_image        *rendered, *image;
     const float            *depth; /* (H,W) camera z; 0: nothing there, and so not near a border */
 };
 
 /* sum[1] is of the pixels near a border, sum[0] of the others. Serial: it takes a tenth of the drawing. */
 static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 {
-    int home = 0;
-    for (int y = 0; y < v->drawn->height; y++)
-        for (int x = 0; x < v->drawn->width; x++) {
-            const size_t i      = (size_t)y * v->drawn->width + x;
+    int owner = 0;
+    for (int y = 0; y < v->rendered->height; y++)
+        for (int x = 0; x < v->rendered->width; x++) {
+            const size_t i      = (size_t)y * v->rendered->width + x;
             int          beside = 0;
             if (v->depth[i] > 0) {
                 double world[3], frame[3];
                 seam_unproject(v->camera, v->origin, x, y, v->depth[i], world);
                 partition_to_frame(v->partition, world, frame);
-                home   = seam_home(v->partition, frame, OXL_MAX(home, 0));
-                beside = home >= 0 && seam_is_near(&v->partition->block[home], frame);
+                owner  = seam_block(v->partition, frame, OXL_MAX(owner, 0));
+                beside = owner >= 0 && seam_is_near(&v->partition->block[owner], frame);
             }
-            metrics_add_pixel(v->drawn, v->image, i, &sum[beside]);
+            metrics_add_pixel(v->rendered, v->image, i, &sum[beside]);
         }
 }
 
@@ -69,9 +69,9 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p, const oxl_model *model,
                                  oxl_scene *scene, int view, struct metrics_sum sum[2])
 {
-    const oxl_camera  *camera  = &oxl_scene_view(scene, view)->camera;
-    oxl_render_options options = oxl_render_options_default();
-    oxl_image          drawn = {0}, image = {0};
+    const oxl_camera  *camera   = &oxl_scene_view(scene, view)->camera;
+    oxl_render_options options  = oxl_render_options_default();
+    oxl_image          rendered = {0}, image = {0};
     float             *depth = NULL;
     oxl_result         rc    = oxl_scene_image(ctx, scene, view, &image);
     if (rc == OXL_ERR_INPUT) return OXL_OK;
@@ -83,13 +83,13 @@ static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const str
     }
     options.near_plane = (float)scene_near_plane(scene);
     renderer_set_medium(r, &scene_imaging(scene)->medium);
-    rc = renderer_draw(ctx, r, model, camera, &options, &drawn, depth);
-    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), view, &drawn);
+    rc = renderer_draw(ctx, r, model, camera, &options, &rendered, depth);
+    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), view, &rendered);
     if (rc != OXL_OK) goto done;
-    seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &drawn, &image, depth}, sum);
+    seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &rendered, &image, depth}, sum);
 done:
     oxl_free(ctx, depth);
-    oxl_image_free(ctx, &drawn);
+    oxl_image_free(ctx, &rendered);
     oxl_image_free(ctx, &image);
     return rc;
 }
@@ -104,7 +104,10 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
     oxl_result         rc     = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     *out                      = (struct seam){0};
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
-    for (int i = 0; i < asked && rc == OXL_OK; i++) rc = seam_draw_view(ctx, r, p, model, scene, view[i], sum);
+    for (int i = 0; i < asked && rc == OXL_OK; i++) {
+        rc = context_stopped(ctx);
+        if (rc == OXL_OK) rc = seam_draw_view(ctx, r, p, model, scene, view[i], sum);
+    }
     oxl_free(ctx, view);
     renderer_free(ctx, r);
     if (rc != OXL_OK) return rc;

@@ -1,11 +1,11 @@
-/* image_cache.c - which images are in memory: read when they are asked for, or ahead of that, and dropped when the cache is full.
+/* image_cache.c - decoded images in memory: loaded on request or ahead of it, and evicted when the cache is full.
  *
- * Those in memory take at most the cache, the one last asked for aside. Invariant: which are there never changes a result.
+ * They take at most the limit, besides the image requested last. Invariant: the state of the cache does not change results.
  */
 #include "survey.h"
 
 enum {
-    IMAGE_CACHE_AHEAD = 16, /* read at once, at most */
+    IMAGE_CACHE_AHEAD = 16, /* limit of images loaded in parallel */
     IMAGE_CACHE_DECODE_BYTES =
         6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
 };
@@ -32,9 +32,8 @@ static size_t image_cache_size(const struct training_image *image)
     return (size_t)image->width * image->height * (image->mask ? 4 : 3);
 }
 
-/* Drops the images asked for last, until the rest and `keep` fit. Every epoch asks for all of them in a new order, so the one just
- * used is the one that will not be wanted for longest: with room for half of them this finds 50 % in memory, where dropping the oldest
- * finds 15 %. */
+/* Evicts the most recently used images until the rest and `keep` fit. Each epoch uses all images in a new order, so the most recent
+ * one is needed last: with memory for half of the images 50 % of the requests are hits; with LRU 15 %. */
 static void image_cache_make_room(oxl_context *ctx, struct image_cache *p, int keep, size_t limit)
 {
     while (p->held > limit) {
@@ -66,8 +65,8 @@ OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_p
     return OXL_MIN(3 * pixels + ahead, cache) + one;
 }
 
-/* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
- * cache as they come from the file, which is *bytes. */
+/* Chooses the next views to load in parallel: not in memory, at most one per thread, at most a quarter of the cache at the size
+ * of the files' pixels, which is *bytes. */
 static int image_cache_choose_ahead(const oxl_context *ctx, oxl_scene *scene, const int *view, int count, int *chosen,
                                     size_t *bytes)
 {
@@ -90,7 +89,7 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const in
     struct training_image read[IMAGE_CACHE_AHEAD] = {{0}};
     int                   chosen[IMAGE_CACHE_AHEAD], n;
     size_t                bytes;
-    oxl_context           own = context_apart(ctx); /* its errors nobody hears: who asks for the image will */
+    oxl_context           own = context_for_thread(ctx); /* errors are dropped here and reported when the image is requested */
     if (!scene_colmap(scene) || count < 1 || p->image[view[0]].rgb) return;
     n = image_cache_choose_ahead(ctx, scene, view, count, chosen, &bytes);
     if (n < 2) return;
@@ -100,7 +99,7 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const in
     for (int i = 0; i < n; i++) {
         if (!read[i].rgb) continue;
         p->image[chosen[i]] = read[i];
-        p->used[chosen[i]]  = 0; /* wanted soon: the last to be dropped */
+        p->used[chosen[i]]  = 0; /* needed soon: evicted last */
         p->held += image_cache_size(&read[i]);
     }
     image_cache_make_room(ctx, p, -1, p->limit);

@@ -1,23 +1,23 @@
-/* scene.c - from the files to views, points and images.
+/* scene.c - views, points and images of a survey.
  *
- * Everything is read in double and moved to an origin of the scene's own before any of it becomes float, so that a survey in
- * UTM coordinates (4 200 000 m) trains as one near 0 does:  x_local = x_world - origin,  t_local = t + R origin.
+ * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM coordinates (4 200 000 m) lose
+ * no precision:  x_local = x_world - origin,  t_local = t + R origin.
  * The test split and the extent are those of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
  *
- * Invariant: views are sorted by name, bytewise, and so is the test split, whatever the order in images.txt.
+ * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
 #include "survey.h"
 
 enum {
-    SCENE_GREY          = 128, /* of points whose colour is not known */
+    SCENE_GREY          = 128, /* of points without colour */
     SCENE_NAMED_MISSING = 10,  /* missing images that are listed by name */
-    SCENE_HEADERS       = 16   /* cameras of which the first image's size is read: some surveys have one camera for each */
+    SCENE_HEADERS       = 16   /* limit of cameras whose first image's size is read: some surveys have one camera per image */
 };
-#define SCENE_FARTHEST       1e15 /* a point farther from the origin is no place */
+#define SCENE_FARTHEST       1e15 /* farther points are dropped */
 #define SCENE_EXTENT         1.1  /* x the radius of the training cameras [Kerbl 2023] */
-#define SCENE_EXTENT_LEAST   1e-3 /* x the median depth; below it, the cameras stand in one place */
-#define SCENE_NEAR           0.2  /* x the depth before which 1 % of the points lie */
-#define SCENE_NEAR_POINTLESS 0.01 /* x the extent, when there are no points */
+#define SCENE_EXTENT_LEAST   1e-3 /* x the median depth; a smaller radius counts as one position */
+#define SCENE_NEAR           0.2  /* x the 1 % quantile of the depths */
+#define SCENE_NEAR_POINTLESS 0.01 /* x the extent, without points */
 
 struct scene_source { /* indices in colmap.image, colmap.camera */
     size_t image, camera;
@@ -35,11 +35,11 @@ struct oxl_scene {
 
     struct image_cache cache; /* (view_count) */
 
-    struct imaging imaging; /* of the model that was trained on it or read for it */
+    struct imaging imaging; /* of the model trained on this scene or read for it */
 
     struct scene_stats   stats;
     int                  from_files;
-    struct colmap        colmap;         /* from files: kept for the partition; the views' names lie in it */
+    struct colmap        colmap;         /* from files: for the partition; holds the views' names */
     struct scene_source *source;         /* from files: (view_count) */
     double              *on_disk;        /* from files: (cameras) px of an image's side for one in cameras.txt */
     char                *images, *masks; /* from files: folders; masks NULL: none */
@@ -77,7 +77,7 @@ static oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t c
 
 /* ---------------------------------------------------------------- look-ups */
 
-struct scene_key { /* for look-ups: ids are sparse and unordered */
+struct scene_key { /* for lookups: ids are sparse and unordered */
     int64_t id;
     size_t  index;
 };
@@ -130,7 +130,7 @@ static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_
     return c;
 }
 
-/* Image's px per px of its camera in cameras.txt. An image that cannot be read is found out later. */
+/* Pixels of the image per pixel of its camera in cameras.txt. Unreadable images are reported later. */
 static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera)
 {
     int w, h;
@@ -138,7 +138,7 @@ static double scene_size_on_disk(oxl_context *ctx, const char *path, const struc
     return OXL_MAX((double)w / camera->width, (double)h / camera->height);
 }
 
-struct scene_order { /* images by name; equal names by their place in the file */
+struct scene_order { /* images by name; equal names by file order */
     const char *name;
     size_t      image;
 };
@@ -150,7 +150,7 @@ static int scene_compare_order(const void *a, const void *b)
     return c ? c : (x->image > y->image) - (x->image < y->image);
 }
 
-struct scene_build { /* what building the views needs beside the scene */
+struct scene_build { /* working data of scene construction */
     const oxl_scene_options *options;
     struct scene_order      *order;  /* (images) */
     struct scene_key        *camera; /* (cameras) by id */
@@ -158,7 +158,7 @@ struct scene_build { /* what building the views needs beside the scene */
     int                      headers;
 };
 
-/* What is wrong with a line of the survey's files begins with the file's name; the folder is put before it. */
+/* Prefixes an error about a line of the survey's files with the folder. */
 static oxl_result scene_say_where(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
 {
     char said[sizeof ctx->error];
@@ -217,7 +217,7 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
     return rc;
 }
 
-/* Of two that have one name, which pose is the image's? */
+/* Two images with one name are an error. */
 static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, const struct scene_order *order)
 {
     const struct colmap *c = &scene->colmap;
@@ -281,7 +281,7 @@ static oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const ox
     return rc;
 }
 
-/* As 3DGS does: index 0, 8, 16... by name. A single view is for training. */
+/* As in 3DGS: index 0, 8, 16... by name. A single view is a training view. */
 static void scene_split(oxl_scene *scene, int test_every)
 {
     for (int i = 0; i < scene->view_count && scene->view_count > 1 && test_every > 0; i++) {
@@ -324,7 +324,7 @@ static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
 
 /* ---------------------------------------------------------------- origin, extent, depth */
 
-/* The median of the points, or of the camera centres when there are none; then everything moves there. */
+/* The origin: median of the points, or of the camera centres without points. All coordinates are made relative to it. */
 static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
 {
     const struct colmap *c       = &scene->colmap;
@@ -348,10 +348,10 @@ OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const doubl
 {
     double size = 0;
     for (int k = 0; k < 3; k++) size += fabs(point->position[k] - origin[k]);
-    return size <= SCENE_FARTHEST; /* not when it is not a number */
+    return size <= SCENE_FARTHEST; /* false for NaN */
 }
 
-/* GLOMAP and others write 0 0 0 for all. Gaussians that begin black would stay so: the colour's clamp at 0 stops its gradient. */
+/* GLOMAP and others write 0 0 0 for all points. Black Gaussians would stay black, since the clamp of colours at 0 has gradient 0. */
 static void scene_mend_colours(oxl_context *ctx, oxl_scene *scene)
 {
     int coloured = 0;
@@ -397,7 +397,7 @@ static void scene_fill_stats(oxl_scene *scene)
     s->mean_error   = s->points ? errors / (double)s->points : 0;
 }
 
-/* What follows from views and points, wherever they came from. */
+/* Values derived from views and points, for scenes from files and from arrays. */
 static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
 {
     struct stats_view *views = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *views);
@@ -684,7 +684,7 @@ OXL_INTERNAL const char *scene_masks_folder(const oxl_scene *scene)
     return scene->masks;
 }
 
-/* By fixed-point iteration: a lens moves a pixel by less than it lies off the axis. */
+/* By fixed-point iteration, which converges because distortion is smaller than the distance from the axis. */
 oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3], double way[3])
 {
     const struct colmap_camera *camera = scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;

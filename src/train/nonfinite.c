@@ -2,7 +2,7 @@
  *
  *     seen in                 what is done                                                            counted in
  *     an image            it cannot be read: named, and left out from then on                     images
- *     the loss of a view      Gaussians that hold such a number, or cannot be drawn without, are      steps, cleared
+ *     the loss of a view      Gaussians that hold such a number, or cannot be rendered without, are      steps, cleared
  *                             cleared; the view's step is skipped
  *     a Gaussian that a view  its step is skipped, all of it; the other Gaussians take theirs. One    rows, cleared
  *     has seen, its gradient  that holds such a number itself is cleared
@@ -49,7 +49,7 @@ static size_t nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_mo
 {
     size_t rows = 0;
     for (size_t i = 0; i < model->count; i++) {
-        if (model_row_is_finite(model, i) && (!r || renderer_drew_finite(r, i))) continue;
+        if (model_row_is_finite(model, i) && (!r || renderer_row_finite(r, i))) continue;
         if (rows++ == 0) *found = i;
         nonfinite_clear_row(model, i, 1, NONFINITE_OPACITY);
         nonfinite_clear_row(first, i, 0, 0);
@@ -74,17 +74,17 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step
 }
 
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
-                                    struct renderer_nonfinite aside, oxl_model *model, oxl_model *first, oxl_model *second)
+                                    struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second)
 {
     size_t found = 0, cleared;
     char   who[64];
-    if (aside.rows == 0) return;
+    if (skipped.rows == 0) return;
     cleared = nonfinite_clear(NULL, model, first, second, &found);
-    nonfinite_name_rows(who, aside.first, aside.rows);
+    nonfinite_name_rows(who, skipped.first, skipped.rows);
     if (f->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: in %s, %s met a number that is not finite: the step is skipped, %zu cleared",
                 step, view, who, cleared);
-    f->rows += aside.rows;
+    f->rows += skipped.rows;
     f->cleared += cleared;
 }
 

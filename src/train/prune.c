@@ -6,7 +6,7 @@
  * 1500 of 40 000 iterations have passed in vain.
  *
  * Who goes: those that matter least to the picture,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
- * drawn image, pixels where the image has fine detail counting up to 1.3 times. It is the plain sum: divided by the number of
+ * rendered image, pixels where the image has fine detail counting up to 1.3 times. It is the plain sum: divided by the number of
  * views it did worse in 7 of 7 pairs (docs/PAPER.md).
  *
  * Invariants: the window ends with exactly the number asked for (or what there is, when that is less). Rows keep their order. The

@@ -59,15 +59,15 @@ OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 {
     const oxl_train_options *o                  = t->options;
-    const double             short_run_exponent = schedule_short_run_factor(o), rush = schedule_momentum_factor(o);
+    const double             short_run_exponent = schedule_short_run_factor(o), momentum_factor = schedule_momentum_factor(o);
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
     const float  mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     const double early =
         SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_exponent);
     struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step};
-    adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_LEAST, 1 - (1 - adam.beta[0]) * rush * rush);
-    adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MOST, 1 - (1 - adam.beta[1]) / (rush * sqrt(rush)));
+    adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_LEAST, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
+    adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MOST, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));
     for (int k = 0; k < OXL_PLANES; k++)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)

@@ -84,15 +84,15 @@ static oxl_result step_next_image(struct train *t, int *view)
 /* What the image has and the scene has not. */
 static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera)
 {
-    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    const float *drawn  = NULL;
-    oxl_result   rc     = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    const int    masked = t->masked;
-    t->masked           = 1;
-    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &drawn);
+    const size_t pixels   = (size_t)camera->width * (size_t)camera->height;
+    const float *rendered = NULL;
+    oxl_result   rc       = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    const int    masked   = t->masked;
+    t->masked             = 1;
+    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
     if (rc != OXL_OK) return rc;
-    return transients_weigh(t->ctx, &t->transients, t->scene, camera, t->render.near_plane, drawn, t->target, !t->trial_is_next,
-                            masked, t->weight);
+    return transients_weigh(t->ctx, &t->transients, t->scene, camera, t->render.near_plane, rendered, t->target,
+                            !t->trial_is_next, masked, t->weight);
 }
 
 static void step_set_gain(struct train *t, int view)
@@ -105,15 +105,15 @@ static void step_set_gain(struct train *t, int view)
 /* Gains that are not decided about yet: what this image would need. */
 static oxl_result step_watch_exposure(struct train *t, int view, const oxl_camera *camera)
 {
-    const float     *drawn = NULL;
-    const oxl_result rc    = renderer_image(t->ctx, t->renderer, &drawn);
+    const float     *rendered = NULL;
+    const oxl_result rc       = renderer_image(t->ctx, t->renderer, &rendered);
     if (rc == OXL_OK)
-        exposure_watch(&t->exposure, view, drawn, t->target, t->masked ? t->weight : NULL,
+        exposure_watch(&t->exposure, view, rendered, t->target, t->masked ? t->weight : NULL,
                        (size_t)camera->width * (size_t)camera->height);
     return rc;
 }
 
-/* The model drawn from a view, against its image as step_load_image has left it. */
+/* The model rendered from a view, against its image as step_load_image has left it. */
 static oxl_result step_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
     const oxl_camera   *whole  = &oxl_scene_view(t->scene, view)->camera;
@@ -143,7 +143,7 @@ static oxl_result step_on_view(struct train *t, int view)
     const char               *name = oxl_scene_view(t->scene, view)->name;
     struct adam_params        adam;
     struct renderer_loss      loss;
-    struct renderer_nonfinite aside;
+    struct renderer_nonfinite skipped;
     oxl_result                rc;
     t->last_loss        = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
@@ -162,10 +162,10 @@ static oxl_result step_on_view(struct train *t, int view)
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, (double)t->step / t->options->iterations, renderer_medium_gradient(t->renderer));
     adam = schedule_adam_params(t);
-    rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &aside);
-    if (rc == OXL_OK && aside.rows > 0) rc = renderer_download(t->ctx, t->renderer);
+    rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
+    if (rc == OXL_OK && skipped.rows > 0) rc = renderer_download(t->ctx, t->renderer);
     if (rc != OXL_OK) return rc;
-    nonfinite_of_rows(t->ctx, &t->nonfinite, t->step, name, aside, t->model, &t->first, &t->second);
+    nonfinite_of_rows(t->ctx, &t->nonfinite, t->step, name, skipped, t->model, &t->first, &t->second);
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / t->step);
@@ -202,9 +202,12 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                                       .split_large = o->reset_opacity_every > 0 && t->step > schedule_reset_interval(o),
                                       .cap         = schedule_gaussian_cap(t->scene, o)};
     struct density_change    change;
-    oxl_result               rc;
-    rc = renderer_download(t->ctx, t->renderer);
+    uint8_t                 *carved = NULL;
+    oxl_result               rc     = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, t->model, &carved);
+    rules.carved = carved;
     if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    oxl_free(t->ctx, carved);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK && t->model->count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
