@@ -395,8 +395,8 @@ static void job_limit_time(const struct job *job, oxl_train_options *o)
 /* What the block may take, and what it will. */
 static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct block_task *task, oxl_job_options *o)
 {
-    const struct survey_load load = survey_load(scene);
-    struct survey_cost       cost;
+    const struct cost_load load = cost_load_of_scene(scene);
+    struct cost            cost;
     *o = job->options;
     if (job->partition.block_count > 1) o->partition.kind = OXL_PARTITION_NONE; /* it is not cut again */
     job_share(job, load.points, &o->train);
@@ -404,12 +404,12 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
         oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.2f GB has no room for trials: SH degree %d and no second lobes, undecided",
                 (double)o->ram / 1e9, o->train.sh_degree);
-    cost                    = survey_cost(job->ctx, o, &load);
+    cost                    = cost_estimate(job->ctx, o, &load);
     task->train             = o->train;
     task->predicted_peak    = cost.memory;
     task->predicted_seconds = job->survey.seconds; /* of one block: what was tried of the survey is not tried again */
     if (job->partition.block_count > 1 || !(job->survey.seconds > 0))
-        task->predicted_seconds = survey_seconds(job->ctx, scene, o, &cost, NULL);
+        task->predicted_seconds = cost_seconds(job->ctx, scene, o, &cost, NULL);
     job_limit_time(job, &task->train);
     return OXL_OK;
 }
@@ -566,8 +566,8 @@ static double job_start_bytes(const oxl_model *merged)
 /* Whether the whole fits into the memory allowed; if so, the cache of images is as large as it may be. */
 static int job_fits_merged(struct job *job, const oxl_model *merged, struct block_task *task)
 {
-    struct survey_load load = survey_load(job->scene);
-    oxl_job_options    o    = job->options;
+    struct cost_load load   = cost_load_of_scene(job->scene);
+    oxl_job_options  o      = job->options;
     o.train                 = task->train;
     o.train.max_gaussians   = (int)OXL_MIN(merged->count, INT_MAX);
     load.points             = merged->count;

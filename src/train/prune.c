@@ -250,7 +250,8 @@ static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view,
     oxl_result rc = oxl_reserve(ctx, (void **)&pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
     memset(pass->drgb, 0, pixels * sizeof *pass->drgb);
-    if (detail > 0 && !(image = image_cache_get(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+    if (detail > 0 && !(image = image_cache_get(ctx, scene_image_cache(scene), view)) && ctx->failed != OXL_ERR_INPUT)
+        return ctx->failed;
     if (image) rc = prune_detail(ctx, image, pass->drgb); /* an image that cannot be read was named when it was trained on */
     for (size_t i = 0; i < pixels; i++) {
         const int counts = !image || !image->mask || image->mask[i] >= 128;
