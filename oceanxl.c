@@ -6,6 +6,7 @@
 #include "src/core/simd.h" /* run-time selection of the instruction set */
 
 #include "src/core/os.c"      /* operating system: atomic file writes, folders, clock, memory use */
+#include "src/core/lock.c"    /* one process at a time writes to a folder */
 #include "src/core/context.c" /* context, errors, memory, text, random numbers */
 #include "src/core/number.c"  /* fast, exact, locale-independent number parsing */
 
@@ -76,6 +77,7 @@
 #include "src/train/transients.c"      /* masks pixels that disagree with all other images */
 #include "src/train/water.c"           /* the nine parameters of the medium */
 #include "src/train/exposure.c"        /* log gains per training image */
+#include "src/train/free_space.c"      /* finds Gaussians between a camera and the points that it saw */
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */
 #include "src/train/schedule.c"        /* values that depend on options and step only */
 #include "src/train/step.c"            /* the parts of one step: forward, loss, backward, Adam, density, pruning */

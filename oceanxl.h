@@ -129,6 +129,12 @@ OXL_API oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl
 /* Encodes a JPEG in memory, quality 1..100; free with oxl_text_free. */
 OXL_API oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size);
 
+/* Locks a folder against writing by other processes until it is unlocked or this process ends; creates the folder if it is missing.
+ * OXL_ERR_FAILED: another process holds the lock, and the text names it. oxl_job_run, oxl_merge and oxl_partition lock OUT themselves. */
+typedef struct oxl_lock oxl_lock;
+OXL_API oxl_result      oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out);
+OXL_API void            oxl_unlock_folder(oxl_context *ctx, oxl_lock **lock); /* *lock may be NULL */
+
 /* ---------------------------------------------------------------- cameras and scenes */
 
 /* An undistorted pinhole camera and its pose: x_c = R x + t in the scene's local coordinates. */
@@ -218,6 +224,7 @@ typedef struct oxl_model {
     size_t lobes;             /* rows 0..lobes-1 have a second lobe; 0: planes from OXL_LOBE on are NULL */
     int    sh_degree;         /* 0..3; planes of higher degrees are NULL */
     double origin[3];         /* world = local + origin */
+    double scale;             /* factor already applied to positions, sizes and origin, metres per unit of the survey; 0: none */
     float *plane[OXL_PLANES]; /* (count) each, (lobes) from OXL_LOBE on; 64-byte aligned */
     void  *memory;            /* the allocation that holds the planes */
 } oxl_model;
@@ -228,6 +235,8 @@ OXL_API void       oxl_model_free(oxl_context *ctx, oxl_model *model);
 OXL_API int        oxl_model_planes(const oxl_model *model); /* 11 + 3 (degree + 1)^2: planes of `count` values */
 /* Changes the model's origin and its positions, so that world positions stay. Rendering with a scene's cameras needs the scene's origin. */
 OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3]);
+/* Places, sizes and origin times a factor above 0; model->scale keeps what all factors come to. */
+OXL_API void       oxl_model_rescale(oxl_model *model, double factor);
 
 /* One isotropic Gaussian per point; its scale is the mean distance to the 3 nearest neighbours [Kerbl 2023]. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);
@@ -239,8 +248,9 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  *           A file NAME_standard.ply is written without lobes.
  *   .splat  32 bytes per Gaussian, SH degree 0; read and written
  *   .spz    nianticlabs/spz, quantised, 20 to 65 bytes per Gaussian before compression; versions 2 and 3 are read, 3 is written
- *   .glb    glTF with KHR_gaussian_splatting, the origin as the node's translation; written only
- * .splat, .spz and .glb have no lobes; .splat and .spz have no origin. */
+ *   .glb    glTF with KHR_gaussian_splatting; written only
+ * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the comment of an .spz's gzip
+ * header, the node of a .glb; a .splat has neither. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
@@ -383,6 +393,7 @@ typedef struct oxl_train_options {
     oxl_keep     keep;
     oxl_exposure exposure;
     int          medium; /* 1: a water medium of nine parameters between camera and Gaussians, CPU only (docs/WATER.md) */
+    int          carve;  /* 1: Gaussians between a camera and the points of the tracks that it saw are removed */
     int          mask_transients; /* 1: pixels that disagree with all other images, such as fish, are masked */
     /* difference-of-Gaussians lobes */
     oxl_dog      dog;

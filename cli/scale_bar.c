@@ -124,15 +124,3 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
     if (length > 0 && units > 0) fprintf(to, "scale     %.9g metres a unit\n", length / units);
     return OXL_OK;
 }
-
-void scale_model(oxl_model *model, double scale)
-{
-    const float shift = (float)log(scale);
-    for (int k = 0; k < 3; k++) {
-        model->origin[k] *= scale;
-        for (size_t i = 0; i < model->count; i++) {
-            model->plane[OXL_MEAN + k][i] *= (float)scale;
-            model->plane[OXL_LOG_SCALE + k][i] += shift;
-        }
-    }
-}

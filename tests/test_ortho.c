@@ -209,7 +209,7 @@ TEST(scale_of_a_model_moves_means_scales_and_origin)
     oxl_model model = {0};
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     model.plane[OXL_MEAN][0] = 3, model.plane[OXL_LOG_SCALE][0] = 1, model.origin[2] = 5;
-    scale_model(&model, 2);
+    oxl_model_rescale(&model, 2);
     CHECK_CLOSE(model.plane[OXL_MEAN][0], 6, 1e-6);
     CHECK_CLOSE(model.plane[OXL_LOG_SCALE][0], 1 + log(2), 1e-6);
     CHECK_CLOSE(model.origin[2], 10, 1e-12);

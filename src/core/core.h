@@ -183,6 +183,25 @@ OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
 OXL_INTERNAL int   os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
 OXL_INTERNAL int   os_remove(const char *path);                 /* 0: success */
 
+/* A lock on a file, exclusive or shared between processes; see lock.c. */
+enum os_locked {
+    OS_LOCK_TAKEN,
+    OS_LOCK_BUSY,    /* `holder` has it; the file is closed, or the lock stays as it was */
+    OS_LOCK_REMOVED, /* taken, but its last holder has removed the file; closed */
+    OS_LOCK_NONE,    /* the file system has no locks; the file is open */
+    OS_LOCK_FAILED   /* the file cannot be opened: errno */
+};
+struct os_lock {
+    intptr_t file;
+    long     process;     /* that has it, as the system says; 0: unknown */
+    char     holder[128]; /* "process 17 on reef": of BUSY who has it, of TAKEN who had it and was killed; "": unknown */
+};
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
+OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
+OXL_INTERNAL void           os_lock_sign(const struct os_lock *lock);                /* writes this process into the file */
+OXL_INTERNAL oxl_result     os_lock_fail(oxl_context *ctx, const char *path);        /* from errno */
+OXL_INTERNAL void           os_lock_close(struct os_lock *lock, const char *remove); /* releases it; remove: its path, or NULL */
+
 #ifdef OXL_VULKAN
 /* A library loaded at run time; NULL: not found. */
 OXL_INTERNAL void *os_library_open(const char *name);
@@ -202,6 +221,13 @@ OXL_INTERNAL size_t     os_memory_free(void);          /* bytes available withou
 /* Calls `visit` with the name of each entry of a folder, in any order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
                                        void *user);
+
+/* ---------------------------------------------------------------- lock.c: a folder that one process writes to at a time */
+
+/* oxl_lock_folder; shared: beside other processes that share it. */
+OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
+/* OXL_ERR_FAILED: another process has it, and the lock stays as it was. */
+OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
 
 /* ---------------------------------------------------------------- ply.c: a small PLY reader */
 

@@ -158,6 +158,52 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
     return OXL_OK;
 }
 
+/* ---- locks: fcntl's, of the whole file; the kernel releases them when the process ends */
+
+static enum os_locked os_lock_try(struct os_lock *lock, int shared)
+{
+    struct flock l = {.l_type = shared ? F_RDLCK : F_WRLCK, .l_whence = SEEK_SET};
+    struct stat  s;
+    lock->process = 0;
+    if (fcntl((int)lock->file, F_SETLK, &l) == 0)
+        return fstat((int)lock->file, &s) == 0 && s.st_nlink == 0 ? OS_LOCK_REMOVED : OS_LOCK_TAKEN;
+    if (errno != EACCES && errno != EAGAIN) return OS_LOCK_NONE;
+    if (fcntl((int)lock->file, F_GETLK, &l) == 0 && l.l_type != F_UNLCK) lock->process = (long)l.l_pid;
+    return OS_LOCK_BUSY;
+}
+
+/* Users with different umask take over each other's: the mode is for all. */
+static int os_lock_file(const char *path, struct os_lock *lock)
+{
+    const int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    lock->file     = file;
+    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* it is another user's */
+    return file >= 0 ? 0 : -1;
+}
+
+static size_t os_lock_read(const struct os_lock *lock, char *text, size_t size)
+{
+    const ssize_t got = pread((int)lock->file, text, size, 0);
+    return got > 0 ? (size_t)got : 0;
+}
+
+static void os_lock_write(const struct os_lock *lock, const char *text)
+{
+    if (ftruncate((int)lock->file, 0) != 0 || pwrite((int)lock->file, text, strlen(text), 0) < 0) errno = 0; /* a full disk */
+}
+
+OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
+{
+    if (remove) unlink(remove); /* while it is locked */
+    close((int)lock->file);
+}
+
+static void os_host(char *out, size_t size)
+{
+    if (gethostname(out, size) != 0) snprintf(out, size, "this machine");
+    out[size - 1] = 0;
+}
+
 #ifdef OXL_VULKAN
 OXL_INTERNAL void *os_library_open(const char *name)
 {
@@ -339,6 +385,53 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
     return OXL_OK;
 }
 
+/* ---- locks: of a byte that no file reaches, so that the text stays readable; Windows releases them when the process ends */
+
+static enum os_locked os_lock_try(struct os_lock *lock, int shared)
+{
+    OVERLAPPED  place = {.Offset = 0x7fffffff};
+    const DWORD how   = LOCKFILE_FAIL_IMMEDIATELY | (shared ? 0 : LOCKFILE_EXCLUSIVE_LOCK);
+    lock->process     = 0;
+    UnlockFileEx((HANDLE)lock->file, 0, 1, 0, &place); /* what this handle holds: it cannot be changed */
+    if (LockFileEx((HANDLE)lock->file, how, 0, 1, 0, &place)) return OS_LOCK_TAKEN;
+    return GetLastError() == ERROR_LOCK_VIOLATION || GetLastError() == ERROR_IO_PENDING ? OS_LOCK_BUSY : OS_LOCK_NONE;
+}
+
+static int os_lock_file(const char *path, struct os_lock *lock)
+{
+    wchar_t wide[OS_PATH_MAX];
+    lock->file = (intptr_t)CreateFileW(os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE,
+                                       NULL, OPEN_ALWAYS, FILE_ATTRIBUTE_NORMAL, NULL); /* nobody removes it while it is open */
+    return os_done((HANDLE)lock->file != INVALID_HANDLE_VALUE);
+}
+
+static size_t os_lock_read(const struct os_lock *lock, char *text, size_t size)
+{
+    DWORD got = 0;
+    SetFilePointer((HANDLE)lock->file, 0, NULL, FILE_BEGIN);
+    return ReadFile((HANDLE)lock->file, text, (DWORD)size, &got, NULL) ? got : 0;
+}
+
+static void os_lock_write(const struct os_lock *lock, const char *text)
+{
+    DWORD put = 0;
+    SetFilePointer((HANDLE)lock->file, 0, NULL, FILE_BEGIN);
+    SetEndOfFile((HANDLE)lock->file);
+    WriteFile((HANDLE)lock->file, text, (DWORD)strlen(text), &put, NULL);
+}
+
+OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
+{
+    CloseHandle((HANDLE)lock->file);
+    if (remove) os_remove(remove); /* fails where another process has opened it */
+}
+
+static void os_host(char *out, size_t size)
+{
+    DWORD length = (DWORD)size;
+    if (!GetComputerNameA(out, &length)) snprintf(out, size, "this machine");
+}
+
 #ifdef OXL_VULKAN
 OXL_INTERNAL void *os_library_open(const char *name)
 {
@@ -400,6 +493,50 @@ OXL_INTERNAL int os_link(oxl_context *ctx, const char *target, const char *path)
     if (full) made = os_make_link(full, path) == 0;
     oxl_free(ctx, full);
     return made;
+}
+
+/* ---------------------------------------------------------------- locks */
+
+/* "process N on HOST" of the text in the file; of another process than that, N alone. */
+static void os_lock_holder(struct os_lock *lock)
+{
+    const size_t size                           = os_lock_read(lock, lock->holder, sizeof lock->holder - 1);
+    long         named                          = 0;
+    lock->holder[size]                          = 0;
+    lock->holder[strcspn(lock->holder, "\r\n")] = 0;
+    if (sscanf(lock->holder, "process %ld", &named) != 1) lock->holder[0] = 0;
+    if (lock->process > 0 && named != lock->process) snprintf(lock->holder, sizeof lock->holder, "process %ld", lock->process);
+}
+
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out)
+{
+    enum os_locked got;
+    *out = (struct os_lock){0};
+    if (os_lock_file(path, out) != 0) return OS_LOCK_FAILED;
+    got = os_lock_try(out, shared);
+    os_lock_holder(out);
+    if (got == OS_LOCK_BUSY || got == OS_LOCK_REMOVED) os_lock_close(out, NULL);
+    return got;
+}
+
+OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared)
+{
+    const enum os_locked got = os_lock_try(lock, shared);
+    if (got == OS_LOCK_BUSY) os_lock_holder(lock);
+    return got;
+}
+
+OXL_INTERNAL void os_lock_sign(const struct os_lock *lock)
+{
+    char host[64], text[128];
+    os_host(host, sizeof host);
+    snprintf(text, sizeof text, "process %ld on %s\n", os_process(), host);
+    os_lock_write(lock, text);
+}
+
+OXL_INTERNAL oxl_result os_lock_fail(oxl_context *ctx, const char *path)
+{
+    return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s\nfix: choose a folder that you may write to", path, strerror(errno));
 }
 
 /* ---------------------------------------------------------------- reading */

@@ -28,6 +28,7 @@ struct job {
     int                 refined;     /* blocks/together has them all */
     double              begun;
     uint64_t            seed; /* of the context, to be given back */
+    oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
 };
 
 /* ---------------------------------------------------------------- files of OUT */
@@ -171,6 +172,17 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 /* ---------------------------------------------------------------- what is there already */
 
+static oxl_result job_lock(struct job *job)
+{
+    return lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
+}
+
+/* A run of a single block: it replaces what OUT held only when no other process is at work there. */
+static oxl_result job_lock_alone(struct job *job, int alone)
+{
+    return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, !alone) : OXL_OK;
+}
+
 static void job_see_block(void *user, const char *name)
 {
     *(int *)user += name[0] >= '0' && name[0] <= '9';
@@ -237,12 +249,15 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 /* The work of another run is not thrown away by a slip of the hand; a finished one of this survey has given what it had to give. */
 static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
 {
+    oxl_result rc;
     if (run->finished && job_is_of_another_survey(job, run) && !job->options.restart)
         return oxl_fail(job->ctx, OXL_ERR_USAGE,
                         "%s holds the finished result of another survey, %s\n"
                         "fix: name another folder by -o; --restart replaces it",
                         job->out, run->scene);
     if (!run->finished && job_has_blocks(job) && !job->options.restart) return job_refuse(job, run);
+    rc = job_lock_alone(job, 1);
+    if (rc != OXL_OK) return rc;
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run)) job_drop_checkpoints(job);
     job_remove(job, "run.json");
     job_remove(job, "metrics.json");
@@ -437,8 +452,11 @@ static oxl_result job_train_block(struct job *job, const char *folder)
 static oxl_result job_block(struct job *job, int block)
 {
     char               *folder = job_block_path(job, block, NULL);
+    oxl_lock           *lock   = NULL;
     struct block_record record;
-    oxl_result          rc = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY, trained = OXL_OK;
+    oxl_result          rc = folder ? OXL_OK : OXL_ERR_MEMORY, trained = OXL_OK;
+    if (rc == OXL_OK && job->options.block >= 0) rc = oxl_lock_folder(job->ctx, folder, &lock);
+    if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc != OXL_OK) goto done;
     job->block = block;
     if (!record.finished) {
@@ -451,6 +469,7 @@ static oxl_result job_block(struct job *job, int block)
     if (rc == OXL_OK) job_add_record(job, &record);
     if (rc == OXL_OK) rc = trained;
 done:
+    oxl_unlock_folder(job->ctx, &lock);
     oxl_free(job->ctx, folder);
     return rc;
 }
@@ -488,6 +507,7 @@ static oxl_result job_join_gains(struct job *job, double (*shift)[3], struct ima
     const double none[] = {0, 0, 0};
     oxl_result   rc     = imaging_create(job->ctx, views, out);
     double       mean[3];
+    if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
     if (rc == OXL_OK && !count) rc = job_no_memory(job);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         char          *path = job_block_path(job, k, "imaging.txt");
@@ -856,6 +876,7 @@ static void job_end(struct job *job)
 {
     job->ctx->options.seed = job->seed;
     job->ctx->notes        = NULL;
+    oxl_unlock_folder(job->ctx, &job->lock);
     partition_free(job->ctx, &job->partition);
     oxl_model_free(job->ctx, &job->model);
     oxl_scene_free(job->ctx, job->scene);
@@ -887,7 +908,8 @@ static oxl_result job_prepare(struct job *job, int *done)
                 job->out);
     if (rc != OXL_OK || *done) return rc;
     rc = job_cut(job);
-    return rc == OXL_OK ? job_write_run(job, 0) : rc;
+    if (rc == OXL_OK) rc = job_write_run(job, 0);
+    return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
 }
 
 /* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
@@ -915,6 +937,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
     rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_lock(&job);
     if (rc == OXL_OK) rc = job_prepare_block(&job, &ready);
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
@@ -949,19 +972,25 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
 {
     oxl_job_options     options = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct oxl_manifest run     = {0};
+    oxl_lock           *lock    = NULL;
     struct job          job;
     int                 done = 0;
     oxl_result          rc   = backend_begin(ctx);
+    if (rc == OXL_OK && os_is_folder(out)) rc = oxl_lock_folder(ctx, out, &lock);
     if (rc == OXL_OK) rc = manifest_read(ctx, out, &run);
     if (rc == OXL_OK && (!run.line || !run.scene))
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
                       out, out);
-    if (rc != OXL_OK) return rc;
+    if (rc != OXL_OK) {
+        oxl_unlock_folder(ctx, &lock);
+        return rc;
+    }
     manifest_options(&run, &options);
     options.scene.allow_cut = 1; /* as its training was allowed to */
     if (refine >= 0) options.refine = refine;
     job_begin(&job, ctx, run.scene, out, &options, callback);
-    rc = job_check(&job);
+    job.lock = lock;
+    rc       = job_check(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_collect(&job);
     if (rc == OXL_OK && !done) rc = job_merged(&job);

@@ -125,14 +125,17 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     oxl_scene           *scene = NULL;
     struct partition     p     = {0};
     oxl_partition_report own   = {0};
+    oxl_lock            *lock  = NULL;
     oxl_result           rc    = balance_look_for_images(ctx, scene_path, &o.scene);
     if (report) *report = own;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
+    if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);
     if (rc == OXL_OK) rc = partition_make(ctx, scene, &o.partition, &p);
     if (rc == OXL_OK && report) rc = partition_report(ctx, &p, &o, &own);
     if (rc == OXL_OK) rc = partition_export(ctx, &p, out);
     if (rc == OXL_OK && report) *report = own;
     else oxl_partition_report_free(ctx, &own);
+    oxl_unlock_folder(ctx, &lock);
     partition_free(ctx, &p);
     oxl_scene_free(ctx, scene);
     return rc;

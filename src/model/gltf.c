@@ -5,8 +5,8 @@
  *     "glTF" 2 length | length "JSON" text, padded with blanks | length "BIN\0" the arrays, one after the other
  *
  * All attributes are float: positions, unit quaternions x y z w, activated scales and opacities, harmonics by degree and order with the
- * signs of the standard PLY. The frame is converted (frame_flip.h), and the origin is the node's translation, in 17 digits.
- * The format has no second lobes.
+ * signs of the standard PLY. The frame is converted (frame_flip.h); the origin is the node's translation, in 17 digits, and the model's
+ * scale, if any, is extras.scale of the node. The format has no second lobes.
  *
  * Invariant: valid files: unit rotations, opacities in 0..1, finite scales, bounds of the positions.
  */
@@ -125,6 +125,11 @@ static void gltf_add_origin(struct text *t, const oxl_model *model)
         text_add(t, "%s%s", i ? "," : "", text);
     }
     text_add(t, "]");
+    if (model->scale > 0) {
+        text_add(t, ",\"extras\":{\"scale\":");
+        text_add_number(t, model->scale);
+        text_add(t, "}");
+    }
 }
 
 static oxl_result gltf_text(oxl_context *ctx, const oxl_model *model, uint64_t bytes, struct text *t)

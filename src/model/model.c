@@ -11,6 +11,8 @@
 
 /* ---------------------------------------------------------------- memory */
 
+#define MODEL_SCALE_ROUNDED 1e-12 /* a scale this near to 1 was multiplied back to it */
+
 enum { MODEL_PACK = 16 }; /* rows: 64 bytes of float, the widest vector */
 
 int oxl_model_planes(const oxl_model *model)
@@ -27,6 +29,20 @@ void oxl_model_move_origin(oxl_model *model, const double origin[3])
         for (size_t i = 0; by != 0 && i < model->count; i++) x[i] = (float)(x[i] + by);
         model->origin[a] = origin[a];
     }
+}
+
+void oxl_model_rescale(oxl_model *model, double factor)
+{
+    const float  shift = (float)vecmath_log(factor);
+    const double scale = (model->scale > 0 ? model->scale : 1) * factor;
+    for (int a = 0; a < 3; a++) {
+        model->origin[a] *= factor;
+        for (size_t i = 0; i < model->count; i++) {
+            model->plane[OXL_MEAN + a][i] *= (float)factor;
+            model->plane[OXL_LOG_SCALE + a][i] += shift;
+        }
+    }
+    model->scale = fabs(scale - 1) > MODEL_SCALE_ROUNDED ? scale : 0;
 }
 
 OXL_INTERNAL void model_clear_rows(oxl_model *model, size_t first, size_t end)
@@ -69,6 +85,7 @@ static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capac
     if (!memory) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians of %d numbers", capacity, planes);
     m.memory = memory;
     memcpy(m.origin, model->origin, sizeof m.origin);
+    m.scale = model->scale;
     for (int p = 0; p < planes; p++) {
         m.plane[p] = memory + (size_t)p * m.capacity;
         if (model->plane[p]) memcpy(m.plane[p], model->plane[p], m.count * sizeof(float));
@@ -124,6 +141,7 @@ OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_
     if (rc != OXL_OK) oxl_model_free(ctx, to);
     if (rc != OXL_OK) return rc;
     memcpy(to->origin, from->origin, sizeof to->origin);
+    to->scale = from->scale;
     for (int p = 0; p < oxl_model_planes(from) && from->count; p++)
         memcpy(to->plane[p], from->plane[p], from->count * sizeof(float));
     for (int p = OXL_LOBE; from->lobes && p < OXL_PLANES; p++) memcpy(to->plane[p], from->plane[p], from->lobes * sizeof(float));

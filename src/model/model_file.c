@@ -159,6 +159,10 @@ static oxl_result model_file_write_header(oxl_context *ctx, const struct os_writ
         text_add(&t, " ");
         text_add_number(&t, model->origin[i]);
     }
+    if (model->scale > 0) {
+        text_add(&t, "\ncomment scale ");
+        text_add_number(&t, model->scale);
+    }
     if (model->lobes)
         text_add(&t, "\ncomment dog: a second lobe, alpha = min(.99, o G) - min(.99, o' G'); raw factors: "
                      "o' = o sigmoid(opacity_factor), s' = s exp(scale_factor)");
@@ -217,24 +221,29 @@ OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path,
 
 /* ---------------------------------------------------------------- PLY in */
 
-/* "origin X Y Z" among the comments. */
-static void model_file_read_origin(oxl_context *ctx, const struct ply *ply, double origin[3])
+/* So many finite numbers after blanks; 0: there are others. */
+static int model_file_read_numbers(const char *text, double *value, int count)
 {
-    for (int i = 0; i < ply->comments; i++) {
-        const char *c = ply->comment[i], *end = c + strlen(c);
-        double      value[3];
-        int         n = 0;
-        if (strncmp(c, "origin ", 7)) continue;
-        c += 7;
-        for (; n < 3; n++) {
-            while (*c == ' ') c++;
-            if (!parse_double(&c, end, &value[n]) || !(fabs(value[n]) <= MODEL_FILE_ORIGIN_MOST)) break;
-        }
-        if (n == 3) memcpy(origin, value, sizeof value);
-        else
-            oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted origin X Y Z, each within %g", ply->path,
-                    ply->comment[i], MODEL_FILE_ORIGIN_MOST);
+    const char *end = text + strlen(text);
+    for (int n = 0; n < count; n++) {
+        while (*text == ' ') text++;
+        if (!parse_double(&text, end, &value[n]) || !(fabs(value[n]) <= MODEL_FILE_ORIGIN_MOST)) return 0;
     }
+    return 1;
+}
+
+/* "origin X Y Z" and "scale S". */
+OXL_INTERNAL void model_file_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
+{
+    const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
+    double    value[3];
+    if (is_origin && model_file_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
+    else if (is_scale && model_file_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_FILE_ORIGIN_MOST)
+        model->scale = value[0] == 1 ? 0 : value[0];
+    else if (is_origin || is_scale)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted %s, %s%g", path, comment,
+                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ",
+                MODEL_FILE_ORIGIN_MOST);
 }
 
 static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex,
@@ -382,7 +391,7 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
                       ply.elements);
     if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
-    if (rc == OXL_OK) model_file_read_origin(ctx, &ply, out->origin);
+    for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_file_read_comment(ctx, path, ply.comment[i], out);
     ply_close(ctx, &ply);
     return rc;
 }
@@ -448,6 +457,24 @@ static int model_file_by_weight(const void *a, const void *b)
     return x->row < y->row ? -1 : x->row > y->row;
 }
 
+/* A .splat stores neither origin nor scale. */
+static void model_file_warn_place(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    const double *o = model->origin;
+    char          text[3][NUMBER_TEXT_MAX];
+    for (int i = 0; i < 3; i++) format_shortest(text[i], o[i]);
+    if (o[0] != 0 || o[1] != 0 || o[2] != 0)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: a .splat cannot store the origin %s %s %s: eval and render will not match the survey's cameras\n"
+                "fix: keep the .ply or an .spz, too",
+                path, text[0], text[1], text[2]);
+    else if (model->scale > 0)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: a .splat cannot store the scale %g: eval and render will not match the survey's cameras\n"
+                "fix: keep the .ply or an .spz, too",
+                path, model->scale);
+}
+
 /* Most visible first, for viewers that load a .splat progressively. */
 static oxl_result model_file_write_splat(oxl_context *ctx, const char *path, const oxl_model *model)
 {
@@ -463,8 +490,8 @@ static oxl_result model_file_write_splat(oxl_context *ctx, const char *path, con
         rank[i] = (struct model_file_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
     }
     qsort(rank, model->count, sizeof *rank, model_file_by_weight);
-    if (model->sh_degree > 0 || model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0)
-        oxl_log(ctx, OXL_LOG_INFO, "%s: a .splat has no place for the origin and for harmonics past degree 0", path);
+    if (model->sh_degree > 0) oxl_log(ctx, OXL_LOG_INFO, "%s: a .splat has no place for harmonics past degree 0", path);
+    model_file_warn_place(ctx, path, model);
     rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
         for (size_t i = 0; rc == OXL_OK && i < model->count; i++) {
@@ -520,8 +547,8 @@ static oxl_model model_file_standard(oxl_context *ctx, const char *path, const o
 {
     oxl_model plain = *model;
     if (model->lobes)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format has no place for the second lobes of %zu of %zu Gaussians", path,
-                model->lobes, model->count);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians", path, model->lobes,
+                model->count);
     model_drop_lobes(&plain);
     return plain;
 }

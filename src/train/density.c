@@ -165,6 +165,7 @@ static enum density_verdict density_classify(const struct density *d, const oxl_
 {
     const double mean = d->views[i] > 0 ? d->gradient[i] / d->views[i] : 0;
     if (!model_row_is_finite(m, i)) return DENSITY_REMOVE;
+    if (rules->carved && rules->carved[i]) return DENSITY_REMOVE;
     if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return DENSITY_REMOVE;
     if (rules->split_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_SPLIT;
     if (!(mean >= rules->gradient)) return DENSITY_KEEP;
@@ -236,6 +237,7 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
     if (rc != OXL_OK) oxl_model_free(ctx, &next);
     if (rc != OXL_OK) return rc;
     memcpy(next.origin, model->origin, sizeof next.origin);
+    next.scale = model->scale;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int k = 0; k < oxl_model_planes(model); k++) density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)

@@ -2,7 +2,7 @@
  *
  * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is multiplied by exp(a_kc)
  * before the loss (render/exposure.c); a_k has an Adam of its own (Kingma & Ba 2015), since each image is visited once an epoch, and a
- * prior that draws it towards the line between its neighbours in file order. After each step the mean over the known training images is
+ * prior that draws it towards the line between its neighbours, of the same camera, in file order. After each step the mean over the known training images is
  * set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and held-out views, which stand at
  * mean exposure, lose dB with it (measured before: 2 to 6).
  *
@@ -33,7 +33,8 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
     if (goes_on) mode = scene_imaging(scene)->on ? OXL_EXPOSURE_ON : OXL_EXPOSURE_OFF;
     *e = (struct exposure){.mode = mode};
     if (mode == OXL_EXPOSURE_OFF) return OXL_OK;
-    rc        = imaging_create(ctx, views, &e->of);
+    rc = imaging_create(ctx, views, &e->of);
+    if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, &e->of);
     e->first  = oxl_calloc(ctx, n + 1, sizeof *e->first);
     e->second = oxl_calloc(ctx, n + 1, sizeof *e->second);
     e->visits = oxl_calloc(ctx, (size_t)views + 1, sizeof *e->visits);

@@ -422,6 +422,8 @@ OXL_INTERNAL void selection_end(struct train *t)
     ucd_describe(&t->ucd, why, sizeof why);
     snprintf(chosen, sizeof chosen, t->ucd.on ? "%.3g,%.3g" : "off", t->ucd.f[0], t->ucd.f[1]);
     selection_note(t, "ucd", chosen, why);
+    free_space_describe(&t->free_space, why, sizeof why);
+    selection_note(t, "carve", t->free_space.view ? "on" : "off", why);
     prune_describe(&t->prune, why, sizeof why);
     snprintf(chosen, sizeof chosen, "%zu", t->model->count);
     selection_note(t, "keep", chosen, why);

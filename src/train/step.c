@@ -205,9 +205,12 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                                       .seed        = t->ctx->options.seed,
                                       .step        = t->step};
     struct density_change    change;
-    oxl_result               rc;
-    rc = renderer_download(t->ctx, t->renderer);
+    uint8_t                 *carved = NULL;
+    oxl_result               rc     = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, t->model, &carved);
+    rules.carved = carved;
     if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    oxl_free(t->ctx, carved);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK && t->model->count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",

@@ -110,6 +110,7 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, t->place && t->place->start);
     if (rc == OXL_OK && t->options->medium)
         rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
+    if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
 
@@ -123,6 +124,7 @@ static void train_end(struct train *t)
     density_free(ctx, t->density);
     transients_free(ctx, &t->transients);
     exposure_free(ctx, &t->exposure);
+    free_space_free(ctx, &t->free_space);
     oxl_free(ctx, t->target);
     oxl_free(ctx, t->weight);
     oxl_free(ctx, t->view);

@@ -23,13 +23,14 @@ OXL_INTERNAL void       nonfinite_read_json(const char *text, oxl_nonfinite *f);
 struct density; /* statistics since the last control */
 
 struct density_rules {
-    double   gradient;     /* grow at this mean |dL/d(u,v)|, in units of half an image */
-    double   f_mid, f_far; /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
-    double   extent;       /* of the scene */
-    int      split_large;  /* after the first reset interval [Kerbl 2023] */
-    size_t   cap;          /* on the number of Gaussians; 0: none */
-    uint64_t seed;
-    int      step;
+    double gradient;       /* grow at this mean |dL/d(u,v)|, in units of half an image */
+    double f_mid, f_far;   /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
+    double extent;         /* of the scene */
+    int    split_large;    /* after the first reset interval [Kerbl 2023] */
+    size_t cap;            /* on the number of Gaussians; 0: none */
+    const uint8_t *carved; /* (count) 1: to be removed; or NULL */
+    uint64_t       seed;
+    int            step;
 };
 struct density_change {
     size_t removed, cloned, split;
@@ -206,6 +207,25 @@ OXL_INTERNAL struct medium water_medium(const struct water *w);
 OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
 OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
 OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
+
+/* ---------------------------------------------------------------- free_space.c: between a camera and the points that it saw */
+
+enum { FREE_SPACE_GRID = 12 }; /* cells along each side of an image */
+
+struct free_space_view {         /* a training view */
+    uint32_t          image_row; /* in colmap.image */
+    const oxl_camera *camera;
+    float             depth[FREE_SPACE_GRID * FREE_SPACE_GRID]; /* camera z up to which a cell is free; 0: not known */
+};
+struct free_space {
+    struct free_space_view *view; /* (views) by image_row; NULL: off */
+    size_t                  views;
+};
+OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene);
+OXL_INTERNAL void       free_space_free(oxl_context *ctx, struct free_space *f);
+OXL_INTERNAL void       free_space_describe(const struct free_space *f, char *out, size_t size); /* what is known, in words */
+/* *carved (count): 1 for each Gaussian in free space; NULL: there is no free space. Free it with oxl_free. */
+OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model, uint8_t **carved);
 
 /* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
 

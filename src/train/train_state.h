@@ -21,6 +21,7 @@ struct train {
     struct transients          transients;
     struct exposure            exposure;
     struct water               water;
+    struct free_space          free_space;
     int                        sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
     int                        lobes;         /* enum train_lobes */
     int                        trial_is_next; /* enum train_trial: before the next step */
