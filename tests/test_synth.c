@@ -560,7 +560,7 @@ TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
 TEST(synth_numbers_are_written_as_meant)
 {
     static const double value[] = {0, -0.0004, -1.5, 0.9996, 12.3456, 4581200.125};
-    struct output_file   f;
+    struct output_file  f;
     struct os_file_map  map = {0};
     output_file_open(&f, test_path("numbers"));
     for (size_t i = 0; i < OXL_COUNT(value); i++) {

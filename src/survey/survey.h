@@ -77,8 +77,7 @@ struct colmap {
     const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
-/* Reads cameras, images and points3D of a folder, .txt or .bin, the newer if both exist; invariants: see colmap.c.
- * keep_observations = 0 skips the 2D points. */
+/* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. keep_observations = 0 skips the 2D points. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
 /* The same with another window size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
@@ -159,8 +158,7 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
 OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *image);
 OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb,
                                             float *weight); /* weight may be NULL */
-/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, masked if one of the four is; an odd last row or
- * column is dropped. */
+/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, masked if one of them is; odd rests are dropped. */
 OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
 OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *to);
@@ -194,8 +192,7 @@ OXL_INTERNAL double stats_pick(double *value, size_t count,
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);
-/* Largest distance from the mean of the camera centres, without those farther than 5 median distances from their median (per
- * coordinate): equal to 3DGS without such outliers. 0 for one camera. */
+/* Largest distance from the mean of the camera centres, without those beyond 5 median distances; 0 for one camera. */
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius);
 /* An ascending sample of the depths (camera z) of points in the views of their tracks, or, without tracks (scenes from arrays), in the
  * views whose image contains them. Sorts views by image. */
