@@ -122,7 +122,7 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     if (!(o.pixel > 0)) o.pixel = side / ORTHO_SIDE;
     if (side / o.pixel > ORTHO_SIDE_MAX)
         return ortho_fail(OXL_ERR_USAGE, error, error_size,
-                          "ortho: the picture would have more than 16384 px a side\nfix: a larger --pixel");
+                          "ortho: the image would have more than 16384 px a side\nfix: a larger --pixel");
     ortho_camera(&o, scene);
     rc = ortho_draw(ctx, model, scene, options, &o, error, error_size);
     if (rc != OXL_OK) return rc;

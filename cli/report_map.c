@@ -169,7 +169,7 @@ static void map_partition(struct report *r)
         output_add(&r->page, "<figure><img alt=\"Blocks of the survey\" src=\"");
         page_data(&r->page, "image/svg+xml", svg, size);
         output_add(&r->page, "\"><figcaption>partition.svg: the blocks of the survey.</figcaption></figure>\n");
-    } else if (svg) output_add(&r->page, "<p>The blocks are drawn in partition.svg, which is too large to embed here.</p>\n");
+    } else if (svg) output_add(&r->page, "<p>The blocks are shown in partition.svg, which is too large to embed here.</p>\n");
     free(svg);
 }
 

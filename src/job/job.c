@@ -103,7 +103,7 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
                                   : "3d",
              p->block_count, job->survey.points, job->options.partition.block_points);
     text_add_number(t, floor(ratio * 1e3 + 0.5) / 1e3);
-    text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as asked for");
+    text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
 /* What was decided, and on what evidence, block by block. */
@@ -236,9 +236,9 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     if (rc == OXL_OK)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
                       "%s holds the unfinished work of a run with other options or of another survey:\n%s"
-                      "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
+                      "fix: use the same options to resume it, --restart to discard it, or another -o",
                       job->out,
-                      !run->line[0] ? "  its run.json is cut short\n"
+                      !run->line[0] ? "  its run.json is truncated\n"
                       : t.data      ? t.data
                                     : "");
     text_free(&t);
@@ -768,7 +768,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     struct seam seam;
     oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_split(job), &m);
     if (rc != OXL_OK) goto done;
-    if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be judged, so the metrics say nothing");
+    if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
         oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
                 job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
@@ -841,7 +841,7 @@ static oxl_result job_conclude(struct job *job, oxl_result rc)
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     if (job->options.block >= 0 && !one) return rc;
     if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
-    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to go on", job->out);
+    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to resume", job->out);
     return joined == OXL_OK ? rc : joined;
 }
 

@@ -12,7 +12,7 @@ static char *render_file_path(oxl_context *ctx, const char *folder, const char *
     const int   escapes = name[0] == '/' || strstr(name, "..");
     text_add(&t, "%s/%s%s", folder, name, suffix);
     if (text_take(&t, &path) != OXL_OK) {
-        oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a picture");
+        oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a render");
         return NULL;
     }
     for (char *c = path + strlen(folder) + 1; escapes && *c; c++)

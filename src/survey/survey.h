@@ -162,7 +162,6 @@ OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct
 OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
 OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *to);
-
 OXL_INTERNAL void       image_begin(void); /* sets stb's PNG parameters */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
@@ -187,15 +186,13 @@ struct stats_view {              /* a training view */
     const oxl_camera *camera;
 };
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 without values */
-OXL_INTERNAL double stats_pick(double *value, size_t count,
-                               double quantile); /* the same for unsorted values, which it reorders */
+OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile);               /* of unsorted values, reordered */
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);
 /* Largest distance from the mean of the camera centres, without those beyond 5 median distances; 0 for one camera. */
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius);
-/* An ascending sample of the depths (camera z) of points in the views of their tracks, or, without tracks (scenes from arrays), in the
- * views whose image contains them. Sorts views by image. */
+/* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images. Sorts views by image. */
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
                                      const struct colmap *c, const double origin[3], double **out, size_t *out_count);
 
@@ -220,10 +217,8 @@ OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *vi
 OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene);
 OXL_INTERNAL void       scene_set_cache(oxl_scene *scene, size_t bytes);     /* of decoded images; scenes from arrays keep all */
 OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */
-/* Depth (camera z) of the scene's points over the training views: the given quantile. */
-OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile);
-/* The near plane, relative to the scene's depths: COLMAP's scale is arbitrary, so 3DGS's constant 0.2 does not apply. */
-OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
+OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile); /* camera z of points in training views */
+OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene); /* from the depths, since COLMAP's scale is arbitrary */
 /* For a scene without points: points in front of the cameras, a function of the seed. Free with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 

@@ -139,13 +139,12 @@ OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double he
 
 OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
 {
-    if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as asked for");
+    if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as set");
     else if (p->keep.kind != OXL_KEEP_AUTO)
-        snprintf(out, size, "%zu of %zu after density control: as asked for", p->target, p->first_count);
+        snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
     else
-        snprintf(out, size,
-                 "%d drops of an eighth, while the loss of training views that stood aside rose by at most %.2g from %.4f",
-                 p->drops, PRUNE_EPSILON, p->held);
+        snprintf(out, size, "%d drops of an eighth, while the loss of validation views rose by at most %.2g from %.4f", p->drops,
+                 PRUNE_EPSILON, p->held);
 }
 
 OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
