@@ -158,13 +158,11 @@ struct training_image {
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct colmap_camera *from, const oxl_camera *to, struct training_image *out);
 OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *image);
-OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb,
-                                            float *weight); /* weight may be NULL */
-/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, masked if one of the four is; an odd last row or
- * column is dropped. */
-OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb, float *weight);
+/* weight may be NULL, above too. To half the sides in place: means of 2 x 2 pixels, masked if one is; odd edges are dropped. */
+OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
-OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *to);
+OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
 
 OXL_INTERNAL void       image_begin(void); /* sets stb's PNG parameters */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
@@ -191,8 +189,7 @@ struct stats_view {              /* a training view */
     const oxl_camera *camera;
 };
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 without values */
-OXL_INTERNAL double stats_pick(double *value, size_t count,
-                               double quantile); /* the same for unsorted values, which it reorders */
+OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile); /* of unsorted values, which it reorders */
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);
@@ -303,16 +300,14 @@ struct imaging {
     int           views;    /* of the scene */
     float        *log_gain; /* (views,3) */
     uint8_t      *known;    /* (views) 1: trained; others are interpolated */
-    uint64_t     *camera;   /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called */
+    uint64_t *camera; /* (views) equal: of one camera, by CAMERA_ID, folder, name without digits; imaging_set_cameras sets it */
 };
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
-/* Which views are of one camera, by COLMAP's CAMERA_ID, folder and name without its digits. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
 OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
 OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void       imaging_clear(struct imaging *m);
-OXL_INTERNAL void       imaging_between(const struct imaging *m, int view,
-                                        float log_gain[3]); /* interpolated, ignoring its own value */
+OXL_INTERNAL void       imaging_between(const struct imaging *m, int view, float log_gain[3]); /* without its own value */
 OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float gain[3]);
 OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);                 /* log gain, of the known views */
 OXL_INTERNAL void       imaging_apply(const struct imaging *m, int view, oxl_image *image); /* to a render at mean exposure */
