@@ -306,7 +306,6 @@ OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);     
 OXL_INTERNAL void       imaging_apply(const struct imaging *m, int view, oxl_image *image); /* to a render at mean exposure */
 OXL_INTERNAL void       imaging_centre(struct imaging *m, const double mean[3]); /* shifts the known views to this mean */
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
-/* Names that are not in the scene are skipped. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3]); /* of blocks */
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model trained on it or read for it */
