@@ -190,7 +190,8 @@ static void print_file(const char *folder, const char *name)
 static void print_resume(const struct arguments *a)
 {
     const char *out = a->out ? a->out : a->path[0];
-    fprintf(stderr, "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the model so far\n     go on: ", out);
+    fprintf(stderr,
+            "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the current model\n     resume: ", out);
     if (a->out) fprintf(stderr, "oceanxl train %s -o %s", a->path[0], out);
     else fprintf(stderr, "oceanxl merge %s", out);
     if (a->out && a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
@@ -215,7 +216,7 @@ static void print_results(const struct arguments *a)
     else {
         printf("model     %s/scene.ply\n", a->out);
         if (has_file(a->out, "scene_standard.ply")) printf("standard  %s/scene_standard.ply, for other viewers\n", a->out);
-        printf("metrics   %s/metrics.json\npictures  %s/renders\nreport    %s/report.html\n", a->out, a->out, a->out);
+        printf("metrics   %s/metrics.json\nrenders   %s/renders\nreport    %s/report.html\n", a->out, a->out, a->out);
     }
 }
 
@@ -292,7 +293,7 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
         blocks_print(stdout, &report);
-        printf("\nblocks    %s/blocks\nlist      %s/partition.txt\npicture   %s/partition.svg\n", a->out, a->out, a->out);
+        printf("\nblocks    %s/blocks\nlist      %s/partition.txt\nmap       %s/partition.svg\n", a->out, a->out, a->out);
     }
     oxl_text_free(ctx, json);
     oxl_partition_report_free(ctx, &report);
@@ -341,7 +342,7 @@ static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, &flight, console->error, sizeof console->error);
     else if (rc == OXL_OK) rc = oxl_render_views(ctx, &model, scene, &what, a->out, &count);
     console_clear(console);
-    if (rc == OXL_OK && !a->ortho) printf("%d pictures in %s\n", count, a->out);
+    if (rc == OXL_OK && !a->ortho) printf("%d images in %s\n", count, a->out);
     oxl_scene_free(ctx, scene);
     oxl_model_free(ctx, &model);
     return rc;

@@ -90,9 +90,10 @@
 /* the whole job */
 #include "src/job/predict_time.c"      /* times some steps and predicts the run */
 #include "src/survey/lint.c"           /* checks poses, images and masks against the points */
+#include "src/job/cost.c"              /* predicted Gaussians, memory and time of training */
+#include "src/job/budget.c"            /* --ram: limits that fit a memory budget */
 #include "src/job/survey_report.c"     /* content of a survey and predicted cost of training */
 #include "src/job/partition_balance.c" /* balance of the blocks, predicted cost of each */
-#include "src/job/budget.c"            /* --ram: limits that fit a memory budget */
 #include "src/job/options.c"           /* the option table, parsing and printing */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
 #include "src/job/block.c"             /* training of one block in its folder */

@@ -149,7 +149,7 @@ static int check_complete(const struct arguments *a, char *error, size_t size)
 {
     const struct cli_command *c = command_of(a->command);
     if (a->ortho && a->flight) {
-        snprintf(error, size, "--ortho draws one picture, --path many\nfix: leave one of the two out");
+        snprintf(error, size, "--ortho and --path exclude each other\nfix: leave one of the two out");
         return 1;
     }
     if (a->devices || (a->path_count == c->paths && (!strstr(c->usage, "-o ") || a->out))) return 0;
@@ -205,7 +205,7 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
             if (parse_option(argc, argv, &i, a, error, size)) return 1;
         } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];
         else {
-            snprintf(error, size, "'%s' is one word too many\nfix: oceanxl %s --help shows an example", argv[i],
+            snprintf(error, size, "'%s' is one argument too many\nfix: oceanxl %s --help shows an example", argv[i],
                      command_of(a->command)->name);
             return 1;
         }

@@ -28,6 +28,39 @@ void blocks_print(FILE *to, const oxl_partition_report *report);
 void  json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
 char *json_string(const char *value);         /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
 
+/* ---------------------------------------------------------------- output.c: growing text, numbers independent of the locale */
+
+struct output {
+    char  *data; /* terminated; free() it */
+    size_t used, capacity;
+    int    failed; /* an allocation failed */
+};
+void output_add(struct output *t, const char *format, ...); /* without %f, which depends on the locale */
+
+/* The value with fixed decimals; "" if it is not finite. Returns out. */
+const char *output_fixed(char out[32], double value, int decimals);
+#define OUTPUT_FIXED(value, decimals) output_fixed((char[32]){0}, value, decimals)
+
+double axis_step(double span); /* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
+
+/* ---------------------------------------------------------------- file.c: files of numbers, independent of the locale */
+
+struct output_file { /* atomic: renamed to its name on close */
+    FILE  *file;
+    char   path[1024], temporary[1040];
+    size_t used;
+    int    failed;
+    char   buffer[65536];
+};
+void output_file_open(struct output_file *f, const char *path);
+void output_file_bytes(struct output_file *f, const void *data, size_t size);
+void output_file_text(struct output_file *f, const char *text);
+void output_file_integer(struct output_file *f, uint64_t value);
+void output_file_fixed(struct output_file *f, double value, int decimals); /* |value| x 10^decimals < 9e18 */
+int  output_file_close(struct output_file *f);                             /* 1: success */
+/* float32 little endian, rows from the bottom: Debevec's portable float map. */
+int  output_write_pfm(const char *path, const float *value, int width, int height);
+
 /* ---------------------------------------------------------------- frame.c: which way is right, up and above in a survey */
 
 struct frame {

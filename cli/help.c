@@ -249,7 +249,7 @@ void help_page(FILE *to)
         "Made by `make man` from the tables in `src/job/options.c` (the training job) and `cli/options.c` (the program): change it "
         "there.\n"
         "Defaults and ranges are in parentheses. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
-        "A run that goes on keeps the options in OUT/run.json.\n",
+        "A resumed run keeps the options in OUT/run.json.\n",
         to);
     for (int g = 0; g < cli_option_count(); g++) {
         if (!help_group_begins(g)) continue;

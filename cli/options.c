@@ -15,7 +15,7 @@ static const struct cli_command CLI_COMMANDS[] = {
     {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP text export in, one splat model out.",
      "oceanxl train survey -o out",
      "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
-     "Ctrl-C stops in good order and saves the state, a crash loses a minute: run the same command again, and it goes on."},
+     "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
     {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, refines the merged model, evaluates it.",
      "oceanxl merge out", "OUT gets what train would have left there, to the byte."},
     {"check", COMMAND_CHECK, 1, "SCENE", "Checks a survey: what train would find in it, predicted memory and time.",
@@ -25,7 +25,7 @@ static const struct cli_command CLI_COMMANDS[] = {
      "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
     {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR",
      "Draws a model from the cameras of a survey, or from above, or along a path.",
-     "oceanxl render out/scene.ply survey -o pictures",
+     "oceanxl render out/scene.ply survey -o renders",
      "One PNG a view, named as its image; --ortho and --path draw others instead."},
     {"measure", COMMAND_MEASURE, 1, "SCENE --scale-bar ENDS",
      "Measures in a survey: a scale bar's length, and so how many metres a unit has.",

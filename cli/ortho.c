@@ -5,7 +5,8 @@
  * World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the top-left pixel's centre.
  * Invariant: place in the picture to place in the world is exact for what lies at the mean height.
  */
-#include "../lab/synth.h"
+
+#include "cli.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -54,16 +55,16 @@ static void ortho_camera(struct ortho *o, const oxl_scene *scene)
 
 static int ortho_world_file(const struct ortho *o, const char *folder, double unit)
 {
-    const double      line[6] = {o->pixel * unit, 0, 0, -o->pixel * unit, o->corner[0] * unit, o->corner[1] * unit};
-    struct synth_file file;
-    char              path[1100];
+    const double       line[6] = {o->pixel * unit, 0, 0, -o->pixel * unit, o->corner[0] * unit, o->corner[1] * unit};
+    struct output_file file;
+    char               path[1100];
     snprintf(path, sizeof path, "%s/ortho.pgw", folder);
-    synth_file_open(&file, path);
+    output_file_open(&file, path);
     for (int i = 0; i < 6; i++) {
-        synth_file_fixed(&file, line[i], 9);
-        synth_file_text(&file, "\n");
+        output_file_fixed(&file, line[i], 9);
+        output_file_text(&file, "\n");
     }
-    return synth_file_close(&file);
+    return output_file_close(&file);
 }
 
 /* Camera z to height above the frame's centre, in metres or units; nothing there: not a number. In the world's frame: the world's z. */
@@ -74,7 +75,7 @@ static int ortho_heights(const struct ortho *o, const oxl_scene *scene, const ch
     char         path[1100];
     for (size_t i = 0; i < pixels; i++) depth[i] = depth[i] > 0 ? (float)((o->distance - (double)depth[i] + base) * unit) : NAN;
     snprintf(path, sizeof path, "%s/ortho.height.pfm", folder);
-    return synth_write_pfm(path, depth, o->camera.width, o->camera.height);
+    return output_write_pfm(path, depth, o->camera.width, o->camera.height);
 }
 
 static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const ortho_options *options,
@@ -121,7 +122,7 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     if (!(o.pixel > 0)) o.pixel = side / ORTHO_SIDE;
     if (side / o.pixel > ORTHO_SIDE_MAX)
         return ortho_fail(OXL_ERR_USAGE, error, error_size,
-                          "ortho: the picture would have more than 16384 px a side\nfix: a larger --pixel");
+                          "ortho: the image would have more than 16384 px a side\nfix: a larger --pixel");
     ortho_camera(&o, scene);
     rc = ortho_draw(ctx, model, scene, options, &o, error, error_size);
     if (rc != OXL_OK) return rc;

@@ -4,7 +4,6 @@
  * Invariant: every figure on the page stands in one of these files; what is not there is left out or said to be missing.
  */
 #include "report.h"
-#include "../lab/synth.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -127,9 +126,9 @@ static void report_close(struct report *r)
 
 /* ---------------------------------------------------------------- at the top */
 
-static void report_tile(struct study_text *t, const char *figure, const char *what)
+static void report_tile(struct output *t, const char *figure, const char *what)
 {
-    study_add(t, "<div class=\"tile\"><b>%s</b><span>%s</span></div>\n", figure, what);
+    output_add(t, "<div class=\"tile\"><b>%s</b><span>%s</span></div>\n", figure, what);
 }
 
 static double report_metric(const struct report *r, const char *name)
@@ -139,13 +138,13 @@ static double report_metric(const struct report *r, const char *name)
 
 static void report_tiles(struct report *r)
 {
-    struct study_text *t = &r->page;
-    char               figure[64];
-    study_add(t, "<div class=\"tiles\">\n");
-    snprintf(figure, sizeof figure, "%s dB", STUDY_FIXED(report_metric(r, "psnr"), 2));
+    struct output *t = &r->page;
+    char           figure[64];
+    output_add(t, "<div class=\"tiles\">\n");
+    snprintf(figure, sizeof figure, "%s dB", OUTPUT_FIXED(report_metric(r, "psnr"), 2));
     if (r->metrics) {
         report_tile(t, figure, "mean PSNR");
-        report_tile(t, STUDY_FIXED(report_metric(r, "ssim"), 3), "mean SSIM");
+        report_tile(t, OUTPUT_FIXED(report_metric(r, "ssim"), 3), "mean SSIM");
         report_tile(t, PAGE_COUNT(report_metric(r, "gaussians")), "Gaussians");
         report_tile(t, PAGE_BYTES(report_metric(r, "bytes")), "scene.ply");
         report_tile(t, PAGE_SECONDS(report_metric(r, "seconds")), "training time");
@@ -153,20 +152,20 @@ static void report_tiles(struct report *r)
     }
     report_tile(t, PAGE_COUNT(json_number(r->survey, "images") - json_number(r->survey, "images_missing")), "images");
     report_tile(t, PAGE_COUNT(json_number(r->survey, "points")), "initial points");
-    study_add(t, "</div>\n");
+    output_add(t, "</div>\n");
 }
 
 static void report_head(struct report *r)
 {
-    struct study_text *t        = &r->page;
-    const int          finished = json_is_true(r->run, "finished");
-    const char        *name     = r->scene ? r->scene : r->out;
+    struct output *t        = &r->page;
+    const int      finished = json_is_true(r->run, "finished");
+    const char    *name     = r->scene ? r->scene : r->out;
     page_open(t, name);
-    study_add(t, "<header><span class=\"pale\">OceanXL report</span><h1>");
+    output_add(t, "<header><span class=\"pale\">OceanXL report</span><h1>");
     page_text(t, name);
-    study_add(t, "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
-              finished ? "good" : "warn", finished ? "finished" : "not finished: run the same command again to resume",
-              PAGE_COUNT(json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
+    output_add(t, "</h1>\n<span class=\"mark %s\">%s</span> <span class=\"pale\">%s iterations, %d block%s</span></header>\n",
+               finished ? "good" : "warn", finished ? "finished" : "not finished: run the same command again to resume",
+               PAGE_COUNT(json_number(r->run, "iterations_done")), r->blocks, r->blocks == 1 ? "" : "s");
     report_tiles(r);
 }
 
@@ -194,14 +193,14 @@ struct report_list {
 static void report_item(void *user, int block, const char *text)
 {
     struct report_list *list = user;
-    struct study_text  *t    = &list->r->page;
+    struct output      *t    = &list->r->page;
     if (list->words && !strstr(text, list->words)) return;
-    if (list->count++ == REPORT_EVIDENCE) study_add(t, "<details><summary>more</summary>");
+    if (list->count++ == REPORT_EVIDENCE) output_add(t, "<details><summary>more</summary>");
     if (list->count > REPORT_NOTES) return;
-    study_add(t, "<small>");
-    if (block >= 0 && list->r->blocks > 1) study_add(t, "%s: ", REPORT_PART(list->r, block));
+    output_add(t, "<small>");
+    if (block >= 0 && list->r->blocks > 1) output_add(t, "%s: ", REPORT_PART(list->r, block));
     page_text(t, text);
-    study_add(t, "</small>");
+    output_add(t, "</small>");
 }
 
 /* Lines of the log that hold the words, as evidence. */
@@ -209,45 +208,45 @@ static void report_evidence(struct report *r, const char *words)
 {
     struct report_list list = {r, words, 0};
     report_each_note(r, "info", report_item, &list);
-    if (list.count > REPORT_NOTES) study_add(&r->page, "<small>and %d more</small>", list.count - REPORT_NOTES);
-    if (list.count > REPORT_EVIDENCE) study_add(&r->page, "</details>");
+    if (list.count > REPORT_NOTES) output_add(&r->page, "<small>and %d more</small>", list.count - REPORT_NOTES);
+    if (list.count > REPORT_EVIDENCE) output_add(&r->page, "</details>");
 }
 
 /* ---------------------------------------------------------------- what went in */
 
-static void report_term(struct study_text *t, const char *term)
+static void report_term(struct output *t, const char *term)
 {
-    study_add(t, "<dt>%s</dt><dd>", term);
+    output_add(t, "<dt>%s</dt><dd>", term);
 }
 
 static void report_found(struct report *r)
 {
-    struct study_text *t       = &r->page;
-    const char        *origin  = json_first(json_member(r->run, "origin"));
-    char              *cameras = json_string(json_member(r->survey, "cameras_text"));
-    const double       missing = json_number(r->survey, "images_missing");
-    study_add(t, "<dl>\n");
+    struct output *t       = &r->page;
+    const char    *origin  = json_first(json_member(r->run, "origin"));
+    char          *cameras = json_string(json_member(r->survey, "cameras_text"));
+    const double   missing = json_number(r->survey, "images_missing");
+    output_add(t, "<dl>\n");
     report_term(t, "Images");
-    study_add(t, "%s training views, %s held-out views", PAGE_COUNT(json_number(r->survey, "train_views")),
-              PAGE_COUNT(json_number(r->survey, "test_views")));
-    if (missing > 0) study_add(t, "; <b class=\"warn\">%s missing</b>", PAGE_COUNT(missing));
-    if (json_number(r->survey, "masks") > 0) study_add(t, "; %s masks", PAGE_COUNT(json_number(r->survey, "masks")));
-    study_add(t, "</dd>\n");
+    output_add(t, "%s training views, %s held-out views", PAGE_COUNT(json_number(r->survey, "train_views")),
+               PAGE_COUNT(json_number(r->survey, "test_views")));
+    if (missing > 0) output_add(t, "; <b class=\"warn\">%s missing</b>", PAGE_COUNT(missing));
+    if (json_number(r->survey, "masks") > 0) output_add(t, "; %s masks", PAGE_COUNT(json_number(r->survey, "masks")));
+    output_add(t, "</dd>\n");
     report_term(t, "Cameras");
     page_text(t, cameras ? cameras : "unknown");
-    study_add(t, "<small>trained at up to %s x %s px</small></dd>\n", PAGE_COUNT(json_number(r->survey, "width")),
-              PAGE_COUNT(json_number(r->survey, "height")));
+    output_add(t, "<small>trained at up to %s x %s px</small></dd>\n", PAGE_COUNT(json_number(r->survey, "width")),
+               PAGE_COUNT(json_number(r->survey, "height")));
     report_term(t, "Points");
-    study_add(t, "%s, each in %s images on average<small>reprojection error %s px</small></dd>\n",
-              PAGE_COUNT(json_number(r->survey, "points")), STUDY_FIXED(json_number(r->survey, "mean_track"), 1),
-              STUDY_FIXED(json_number(r->survey, "mean_error"), 2));
+    output_add(t, "%s, each in %s images on average<small>reprojection error %s px</small></dd>\n",
+               PAGE_COUNT(json_number(r->survey, "points")), OUTPUT_FIXED(json_number(r->survey, "mean_track"), 1),
+               OUTPUT_FIXED(json_number(r->survey, "mean_error"), 2));
     report_term(t, "Origin");
-    study_add(t, "world = model + (");
+    output_add(t, "world = model + (");
     for (int k = 0; k < 3 && origin; k++) {
-        study_add(t, "%s%s", k ? ", " : "", STUDY_FIXED(json_number_at(&origin), 6));
+        output_add(t, "%s%s", k ? ", " : "", OUTPUT_FIXED(json_number_at(&origin), 6));
         origin += strspn(origin, ", \n");
     }
-    study_add(t, ")<small>the origin is also a comment in scene.ply</small></dd>\n</dl>\n");
+    output_add(t, ")<small>the origin is also a comment in scene.ply</small></dd>\n</dl>\n");
     free(cameras);
 }
 
@@ -270,7 +269,7 @@ static void report_decision(struct report *r, const char *term, const char *chos
     report_term(&r->page, term);
     page_text(&r->page, chosen);
     for (int i = 0; i < count; i++) report_evidence(r, evidence[i]);
-    study_add(&r->page, "</dd>\n");
+    output_add(&r->page, "</dd>\n");
 }
 
 /* What an option of the job was set to, and the lines that say what came of it. */
@@ -285,22 +284,22 @@ static void report_decisions(struct report *r)
 {
     static const char *const partition[] = {"partition in ", "stay one block", " blocks of ",
                                             "joined",        "see too little", "--ram "};
-    struct study_text       *t           = &r->page;
+    struct output           *t           = &r->page;
     char                    *preset = json_string(json_member(r->run, "preset")), *split = report_value(r->job, "split");
     char                     words[80];
     page_section(t, "Decisions and evidence");
-    study_add(t, "<dl>\n");
+    output_add(t, "<dl>\n");
     report_term(t, "Preset");
     page_text(t, preset ? preset : "");
-    study_add(t, "<small>%s iterations, seed %s</small></dd>\n", PAGE_COUNT(json_number(r->job, "iterations")),
-              STUDY_FIXED(json_number(r->job, "seed"), 0));
+    output_add(t, "<small>%s iterations, seed %s</small></dd>\n", PAGE_COUNT(json_number(r->job, "iterations")),
+               OUTPUT_FIXED(json_number(r->job, "seed"), 0));
     report_chosen(r, "SH degree (--sh-degree)", "sh_degree", "SH degree");
     snprintf(words, sizeof words, "%d, %s cuts", r->blocks, split ? split : "unknown");
     report_decision(r, "Blocks", r->blocks == 1 ? "1" : words, partition, 6);
     report_chosen(r, "Depth weights of densification (--ucd)", "ucd", "depth weights");
     report_chosen(r, "Pruning (--keep)", "keep", "are dropped");
     report_chosen(r, "Second lobes (--dog)", "dog", "second lobe");
-    study_add(t, "</dl>\n</section>\n");
+    output_add(t, "</dl>\n</section>\n");
     free(preset);
     free(split);
 }
@@ -310,12 +309,12 @@ static void report_decisions(struct report *r)
 static void report_warning(void *user, int block, const char *text)
 {
     struct report_list *list = user;
-    struct study_text  *t    = &list->r->page;
+    struct output      *t    = &list->r->page;
     if (list->count++ >= REPORT_NOTES) return;
-    study_add(t, "%s<li>", list->count == 1 ? "<ul>\n" : "");
-    if (block >= 0 && list->r->blocks > 1) study_add(t, "%s: ", REPORT_PART(list->r, block));
+    output_add(t, "%s<li>", list->count == 1 ? "<ul>\n" : "");
+    if (block >= 0 && list->r->blocks > 1) output_add(t, "%s: ", REPORT_PART(list->r, block));
     page_text(t, text);
-    study_add(t, "</li>\n");
+    output_add(t, "</li>\n");
 }
 
 /* What the figures say by themselves. */
@@ -342,29 +341,29 @@ static void report_warnings(struct report *r)
     page_section(&r->page, "Warnings");
     report_own_warnings(r, &list);
     report_each_note(r, "warning", report_warning, &list);
-    study_add(&r->page, list.count > 0 ? "</ul>\n" : "<p>None.</p>\n");
-    if (list.count > REPORT_NOTES) study_add(&r->page, "<p>And %d more.</p>\n", list.count - REPORT_NOTES);
-    study_add(&r->page, "</section>\n");
+    output_add(&r->page, list.count > 0 ? "</ul>\n" : "<p>None.</p>\n");
+    if (list.count > REPORT_NOTES) output_add(&r->page, "<p>And %d more.</p>\n", list.count - REPORT_NOTES);
+    output_add(&r->page, "</section>\n");
 }
 
 /* ---------------------------------------------------------------- blocks, seams, sizes, times */
 
 static void report_block_rows(struct report *r)
 {
-    struct study_text *t = &r->page;
-    study_add(t,
-              "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
-              "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
+    struct output *t = &r->page;
+    output_add(t,
+               "<div class=\"scroll\"><table><tr><th>block<th class=\"n\">iterations<th class=\"n\">Gaussians<th class=\"n\">time"
+               "<th class=\"n\">predicted time<th class=\"n\">memory<th class=\"n\">predicted memory</tr>\n");
     for (int k = 0; k < r->parts; k++) {
         const char *b = r->block[k].json;
-        study_add(
+        output_add(
             t,
             "<tr><td>%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s<td class=\"n\">%s</tr>\n",
             REPORT_PART(r, k), PAGE_COUNT(json_number(b, "iterations_done")), PAGE_COUNT(json_number(b, "gaussians")),
             PAGE_SECONDS(json_number(b, "seconds")), PAGE_SECONDS(json_number(b, "predicted_seconds")),
             PAGE_BYTES(json_number(b, "peak_rss_bytes")), PAGE_BYTES(json_number(b, "predicted_memory_bytes")));
     }
-    study_add(
+    output_add(
         t,
         "</table></div>\n<p><small>Memory: peak of the process that trained the block, including its earlier work.</small></p>\n");
 }
@@ -374,12 +373,12 @@ static void report_seam(struct report *r)
     const char  *seam      = json_member(r->metrics, "seam");
     const double near_psnr = json_number(seam, "near_psnr"), elsewhere = json_number(seam, "elsewhere_psnr");
     if (!isfinite(near_psnr) || !isfinite(elsewhere)) return;
-    study_add(
+    output_add(
         &r->page,
         "<h3>Seams</h3>\n<p>PSNR within %s %% of a block's size from a border: <b>%s dB</b> (%s px); elsewhere: <b>%s dB</b>. ",
-        STUDY_FIXED(100 * json_number(seam, "width"), 0), STUDY_FIXED(near_psnr, 2), PAGE_COUNT(json_number(seam, "near_pixels")),
-        STUDY_FIXED(elsewhere, 2));
-    study_add(&r->page, "Difference: %s dB.</p>\n", STUDY_FIXED(near_psnr - elsewhere, 2));
+        OUTPUT_FIXED(100 * json_number(seam, "width"), 0), OUTPUT_FIXED(near_psnr, 2),
+        PAGE_COUNT(json_number(seam, "near_pixels")), OUTPUT_FIXED(elsewhere, 2));
+    output_add(&r->page, "Difference: %s dB.</p>\n", OUTPUT_FIXED(near_psnr - elsewhere, 2));
 }
 
 static void report_sizes(struct report *r)
@@ -387,13 +386,13 @@ static void report_sizes(struct report *r)
     page_section(&r->page, r->blocks > 1 ? "Blocks and seams" : "Time and memory");
     report_block_rows(r);
     report_seam(r);
-    study_add(&r->page, "</section>\n");
+    output_add(&r->page, "</section>\n");
 }
 
 /* ---------------------------------------------------------------- to repeat it */
 
 /* A word for a POSIX shell: quoted where it has to be. */
-static void report_shell(struct study_text *t, const char *word)
+static void report_shell(struct output *t, const char *word)
 {
     static const char plain[]   = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_./,-+:@%";
     char              letter[2] = {0};
@@ -417,7 +416,7 @@ static void report_option(struct report *r, const oxl_option *o, const oxl_job_o
     char           *text = report_value(strcmp(o->name, "refine") == 0 ? r->run : r->job, oxl_option_member(o, member));
     if (text && oxl_option_set(o, &job, text, NULL, 0) == OXL_OK &&
         strcmp(oxl_option_get(o, &job, seen, sizeof seen), oxl_option_get(o, fresh, usual, sizeof usual)) != 0) {
-        study_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
+        output_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);
         if (o->kind != OXL_OPTION_FLAG) report_shell(&r->page, o->kind == OXL_OPTION_TEXT ? text : seen);
     }
     free(text);
@@ -430,33 +429,33 @@ static void report_command(struct report *r)
     oxl_job_options fresh  = oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_option_set(oxl_option_at(0), &fresh, preset ? preset : "", NULL, 0);
     fresh.seed = 1;
-    study_add(&r->page, "oceanxl train ");
+    output_add(&r->page, "oceanxl train ");
     report_shell(&r->page, r->scene ? r->scene : "SCENE");
-    study_add(&r->page, " -o ");
+    output_add(&r->page, " -o ");
     report_shell(&r->page, r->out);
-    study_add(&r->page, " --preset %s", fresh.preset);
+    output_add(&r->page, " --preset %s", fresh.preset);
     for (int i = 1; i < oxl_option_count(); i++) report_option(r, oxl_option_at(i), &fresh);
-    study_add(&r->page, "\n");
+    output_add(&r->page, "\n");
     free(preset);
 }
 
 static void report_repeat(struct report *r)
 {
-    struct study_text *t           = &r->page;
-    char              *version     = json_string(json_member(r->run, "oceanxl"));
-    char              *instruction = json_string(json_member(r->run, "instructions"));
+    struct output *t           = &r->page;
+    char          *version     = json_string(json_member(r->run, "oceanxl"));
+    char          *instruction = json_string(json_member(r->run, "instructions"));
     page_section(t, "Reproduction");
-    study_add(t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
+    output_add(t, "<p>The same survey, options and seed give the same bytes on any number of threads.</p>\n<pre>");
     report_command(r);
-    study_add(t, "oceanxl eval ");
+    output_add(t, "oceanxl eval ");
     report_shell(t, r->out);
-    study_add(t, "/scene.ply ");
+    output_add(t, "/scene.ply ");
     report_shell(t, r->scene ? r->scene : "SCENE");
-    study_add(t, "\n</pre>\n<p><small>OceanXL ");
+    output_add(t, "\n</pre>\n<p><small>OceanXL ");
     page_text(t, version ? version : "");
-    study_add(t, ", %s threads, instruction set ", PAGE_COUNT(json_number(r->run, "threads")));
+    output_add(t, ", %s threads, instruction set ", PAGE_COUNT(json_number(r->run, "threads")));
     page_text(t, instruction ? instruction : "");
-    study_add(t, ". All options are in run.json, line \"job\".</small></p>\n</section>\n");
+    output_add(t, ". All options are in run.json, line \"job\".</small></p>\n</section>\n");
     free(version);
     free(instruction);
 }
@@ -472,7 +471,7 @@ static void report_compose(struct report *r)
     page_section(&r->page, "Survey");
     map_section(r);
     report_found(r);
-    study_add(&r->page, "</section>\n");
+    output_add(&r->page, "</section>\n");
     report_decisions(r);
     chart_section(r);
     report_sizes(r);
@@ -482,15 +481,15 @@ static void report_compose(struct report *r)
 
 static oxl_result report_save(struct report *r, char *error, size_t error_size)
 {
-    struct synth_file file;
-    char              path[1024];
+    struct output_file file;
+    char               path[1024];
     if (snprintf(path, sizeof path, "%s/report.html", r->out) >= (int)sizeof path) {
         snprintf(error, error_size, "report: the folder's name is too long");
         return OXL_ERR_USAGE;
     }
-    synth_file_open(&file, path);
-    synth_file_bytes(&file, r->page.data, r->page.used);
-    if (synth_file_close(&file)) return OXL_OK;
+    output_file_open(&file, path);
+    output_file_bytes(&file, r->page.data, r->page.used);
+    if (output_file_close(&file)) return OXL_OK;
     snprintf(error, error_size, "report: cannot write %s\nfix: check free disk space and permissions", path);
     return OXL_ERR_IO;
 }

@@ -9,7 +9,7 @@
 #ifndef REPORT_H
 #define REPORT_H
 
-#include "../lab/study.h"
+#include "cli.h"
 
 enum report_column { /* of log.csv */
                      REPORT_ITERATION,
@@ -37,7 +37,7 @@ struct report {
     const char          *job, *survey;  /* within run */
     int                  blocks, parts; /* parts: the blocks, and all together if they were refined so */
     struct report_block *block;
-    struct study_text    page;
+    struct output        page;
 };
 
 /* OUT/name as text in fresh memory, or NULL; size may be NULL. */
@@ -49,11 +49,11 @@ const char *report_part(const struct report *r, int part, char out[40]);
 
 /* ---------------------------------------------------------------- report_page.c */
 
-void page_open(struct study_text *t, const char *title);
-void page_close(struct study_text *t, const char *version);
-void page_section(struct study_text *t, const char *title); /* the first heading, or the next one */
-void page_text(struct study_text *t, const char *text);     /* escaped: safe between tags and in quoted attributes */
-void page_data(struct study_text *t, const char *type, const void *data, size_t size); /* a data: URI */
+void page_open(struct output *t, const char *title);
+void page_close(struct output *t, const char *version);
+void page_section(struct output *t, const char *title); /* the first heading, or the next one */
+void page_text(struct output *t, const char *text);     /* escaped: safe between tags and in quoted attributes */
+void page_data(struct output *t, const char *type, const void *data, size_t size); /* a data: URI */
 
 /* Figures for people, in fixed notation; return out. */
 const char *page_count(char out[40], double value);   /* 22 400 */

@@ -39,7 +39,7 @@ static struct curve_axis curve_axis_round(double low, double high)
 {
     struct curve_axis a;
     if (!(high - low > 1e-6 * fabs(high)) || !(high - low > 1e-5)) high = low + (fabs(low) > 1 ? fabs(low) : 1);
-    a.step = study_step(high - low);
+    a.step = axis_step(high - low);
     a.low  = floor(low / a.step + 1e-9) * a.step;
     a.high = ceil(high / a.step - 1e-9) * a.step;
     return a;
@@ -75,43 +75,43 @@ static double curve_y(const struct curve_axis *a, double value)
     return CURVE_HEIGHT - CURVE_FOOT - (CURVE_HEIGHT - CURVE_TOP - CURVE_FOOT) * (value - a->low) / (a->high - a->low);
 }
 
-static void curve_grid(struct study_text *t, const struct curve_axis *x, const struct curve_axis *y)
+static void curve_grid(struct output *t, const struct curve_axis *x, const struct curve_axis *y)
 {
     const int decimals = y->step >= 1 ? 0 : (int)ceil(-log10(y->step) - 1e-9);
     for (int i = 0; y->low + i * y->step <= y->high * (1 + 1e-9) + 1e-12; i++) {
         const double value = y->low + i * y->step;
-        const char  *at    = STUDY_FIXED(curve_y(y, value), 1);
-        study_add(t, "<line class=\"grid\" x1=\"%d\" x2=\"%d\" y1=\"%s\" y2=\"%s\"/>", CURVE_LEFT, CURVE_WIDTH - CURVE_RIGHT, at,
-                  at);
-        study_add(t, "<text x=\"%d\" y=\"%s\" text-anchor=\"end\">%s</text>", CURVE_LEFT - 6,
-                  STUDY_FIXED(curve_y(y, value) + 4, 1), STUDY_FIXED(value, decimals));
+        const char  *at    = OUTPUT_FIXED(curve_y(y, value), 1);
+        output_add(t, "<line class=\"grid\" x1=\"%d\" x2=\"%d\" y1=\"%s\" y2=\"%s\"/>", CURVE_LEFT, CURVE_WIDTH - CURVE_RIGHT, at,
+                   at);
+        output_add(t, "<text x=\"%d\" y=\"%s\" text-anchor=\"end\">%s</text>", CURVE_LEFT - 6,
+                   OUTPUT_FIXED(curve_y(y, value) + 4, 1), OUTPUT_FIXED(value, decimals));
     }
     for (int i = 0; x->low + i * x->step <= x->high * (1 + 1e-9); i++)
-        study_add(t, "<text x=\"%s\" y=\"%d\" text-anchor=\"middle\">%s</text>", STUDY_FIXED(curve_x(x, x->low + i * x->step), 1),
-                  CURVE_HEIGHT - 8, PAGE_COUNT(x->low + i * x->step));
+        output_add(t, "<text x=\"%s\" y=\"%d\" text-anchor=\"middle\">%s</text>",
+                   OUTPUT_FIXED(curve_x(x, x->low + i * x->step), 1), CURVE_HEIGHT - 8, PAGE_COUNT(x->low + i * x->step));
 }
 
-static void curve_line(struct study_text *t, const struct report *r, int block, const struct curve *c, int second,
+static void curve_line(struct output *t, const struct report *r, int block, const struct curve *c, int second,
                        const struct curve_axis *x, const struct curve_axis *y)
 {
     const struct report_block *b     = &r->block[block];
     const int                  every = 1 + b->rows * r->parts / CURVE_POINTS, colour = r->parts <= CURVE_NAMED ? block : 0;
     char                       command = 'M';
-    study_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour, second ? " stroke-dasharray=\"5 4\"" : "");
+    output_add(t, "<path style=\"stroke:var(--s%d)\"%s d=\"", colour, second ? " stroke-dasharray=\"5 4\"" : "");
     for (int i = 0; i < b->rows; i++) {
         const double *row = b->log + (size_t)i * REPORT_COLUMNS, value = row[c->column[second]] / c->scale;
         if (!isfinite(value) || (i % every != 0 && i + 1 < b->rows)) continue;
-        study_add(t, "%c%s %s", command, STUDY_FIXED(curve_x(x, row[REPORT_ITERATION]), 1), STUDY_FIXED(curve_y(y, value), 1));
+        output_add(t, "%c%s %s", command, OUTPUT_FIXED(curve_x(x, row[REPORT_ITERATION]), 1), OUTPUT_FIXED(curve_y(y, value), 1));
         command = 'L';
     }
-    study_add(t, "\"/>\n");
+    output_add(t, "\"/>\n");
 }
 
-static void curve_draw(struct study_text *t, const struct report *r, const struct curve *c)
+static void curve_draw(struct output *t, const struct report *r, const struct curve *c)
 {
     struct curve_axis x, y;
     if (!curve_axes(r, c, &x, &y)) return;
-    study_add(
+    output_add(
         t,
         "<figure><figcaption>%s%s</figcaption>\n<svg class=\"chart%s\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" "
         "aria-label=\"%s over the iterations\">",
@@ -120,7 +120,7 @@ static void curve_draw(struct study_text *t, const struct report *r, const struc
     curve_grid(t, &x, &y);
     for (int k = 0; k < r->parts; k++)
         for (int j = 0; j < (c->column[0] == c->column[1] ? 1 : 2); j++) curve_line(t, r, k, c, j, &x, &y);
-    study_add(t, "</svg></figure>\n");
+    output_add(t, "</svg></figure>\n");
 }
 
 /* Weights that stayed at 1 are no curve. */
@@ -136,21 +136,21 @@ static int curve_is_flat(const struct report *r, const struct curve *c)
 
 void chart_section(struct report *r)
 {
-    struct study_text *t    = &r->page;
-    int                rows = 0;
+    struct output *t    = &r->page;
+    int            rows = 0;
     for (int k = 0; k < r->parts; k++) rows += r->block[k].rows;
     page_section(t, "Training curves");
-    if (rows == 0) study_add(t, "<p>There is no log.csv yet.</p>\n");
-    else study_add(t, "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
+    if (rows == 0) output_add(t, "<p>There is no log.csv yet.</p>\n");
+    else output_add(t, "<p class=\"pale\">Horizontal axis: iterations, one image each.</p>\n<div class=\"charts\">\n");
     for (size_t i = 0; rows > 0 && i < sizeof CURVES / sizeof *CURVES; i++)
         if (!curve_is_flat(r, &CURVES[i])) curve_draw(t, r, &CURVES[i]);
-    if (rows > 0) study_add(t, "</div>\n");
+    if (rows > 0) output_add(t, "</div>\n");
     if (rows > 0 && r->parts > 1 && r->parts <= CURVE_NAMED) {
-        study_add(t, "<p><small>");
+        output_add(t, "<p><small>");
         for (int k = 0; k < r->parts; k++)
-            study_add(t, "<b style=\"color:var(--s%d)\">&#9644; %s</b> &nbsp; ", k, REPORT_PART(r, k));
-        study_add(t, "</small></p>\n");
+            output_add(t, "<b style=\"color:var(--s%d)\">&#9644; %s</b> &nbsp; ", k, REPORT_PART(r, k));
+        output_add(t, "</small></p>\n");
     } else if (rows > 0 && r->parts > CURVE_NAMED)
-        study_add(t, "<p><small>One line per block, %d blocks.</small></p>\n", r->blocks);
-    study_add(t, "</section>\n");
+        output_add(t, "<p><small>One line per block, %d blocks.</small></p>\n", r->blocks);
+    output_add(t, "</section>\n");
 }

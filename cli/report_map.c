@@ -82,7 +82,7 @@ static void map_points(struct report *r, const struct map *m)
 
 /* ---------------------------------------------------------------- the drawing */
 
-static void map_cameras(struct study_text *t, const struct map *m)
+static void map_cameras(struct output *t, const struct map *m)
 {
     const int    views = oxl_scene_view_count(m->scene), stride = 1 + views / MAP_CAMERAS;
     const double radius = fmax(2.2, fmin(6, 60 / sqrt((double)views)));
@@ -92,52 +92,52 @@ static void map_cameras(struct study_text *t, const struct map *m)
             double          c[3];
             if (view->is_test != test) continue;
             frame_eye(view, c);
-            study_add(t, "<circle cx=\"%s\" cy=\"%s\" r=\"%s\" %s>", STUDY_FIXED(map_x(m, c), 1), STUDY_FIXED(map_y(m, c), 1),
-                      STUDY_FIXED(radius, 1),
-                      test ? "fill=\"#ffd24a\" stroke=\"#000\""
-                           : "fill=\"#fff\" fill-opacity=\".85\" stroke=\"#0a6781\" stroke-width=\"1.5\"");
+            output_add(t, "<circle cx=\"%s\" cy=\"%s\" r=\"%s\" %s>", OUTPUT_FIXED(map_x(m, c), 1), OUTPUT_FIXED(map_y(m, c), 1),
+                       OUTPUT_FIXED(radius, 1),
+                       test ? "fill=\"#ffd24a\" stroke=\"#000\""
+                            : "fill=\"#fff\" fill-opacity=\".85\" stroke=\"#0a6781\" stroke-width=\"1.5\"");
             if (views <= 500) {
-                study_add(t, "<title>");
+                output_add(t, "<title>");
                 page_text(t, view->name);
-                study_add(t, "</title>");
+                output_add(t, "</title>");
             }
-            study_add(t, "</circle>\n");
+            output_add(t, "</circle>\n");
         }
 }
 
 /* A bar of 1, 2 or 5 times a power of ten, a fifth of the width at most. */
-static void map_ruler(struct study_text *t, const struct map *m)
+static void map_ruler(struct output *t, const struct map *m)
 {
     const double most = m->width / m->scale / 5, power = pow(10, floor(log10(most)));
     const double length = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1), px = length * m->scale;
     const int    y = m->height - 22, decimals = length < 1 ? (int)ceil(-log10(length) - 1e-9) : 0;
-    study_add(t, "<rect x=\"14\" y=\"%d\" width=\"%s\" height=\"50\" rx=\"6\" fill=\"#000\" fill-opacity=\".55\"/>", y - 36,
-              STUDY_FIXED(fmax(px, 100) + 24, 1));
-    study_add(t, "<path d=\"M26 %d v8 h%s v-8\" fill=\"none\" stroke=\"#fff\" stroke-width=\"2\"/>", y - 2, STUDY_FIXED(px, 1));
-    study_add(t, "<text x=\"26\" y=\"%d\">%s unit%s</text>", y - 12, STUDY_FIXED(length, decimals), length == 1 ? "" : "s");
+    output_add(t, "<rect x=\"14\" y=\"%d\" width=\"%s\" height=\"50\" rx=\"6\" fill=\"#000\" fill-opacity=\".55\"/>", y - 36,
+               OUTPUT_FIXED(fmax(px, 100) + 24, 1));
+    output_add(t, "<path d=\"M26 %d v8 h%s v-8\" fill=\"none\" stroke=\"#fff\" stroke-width=\"2\"/>", y - 2, OUTPUT_FIXED(px, 1));
+    output_add(t, "<text x=\"26\" y=\"%d\">%s unit%s</text>", y - 12, OUTPUT_FIXED(length, decimals), length == 1 ? "" : "s");
 }
 
 static void map_figure(struct report *r, const oxl_scene *scene)
 {
-    struct study_text *t = &r->page;
-    struct map         m = {.scene = scene};
+    struct output *t = &r->page;
+    struct map     m = {.scene = scene};
     frame_of(scene, &m.frame);
     if (!frame_bounds(&m.frame, scene, 1, m.low, m.high)) {
         t->failed = 1;
         return;
     }
     map_size(&m);
-    study_add(
+    output_add(
         t,
         "<figure><svg class=\"map\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" aria-label=\"Map of cameras and points\">"
         "<image width=\"%d\" height=\"%d\" href=\"",
         m.width, m.height, m.width, m.height, m.width, m.height);
     map_points(r, &m);
-    study_add(t, "\"/>\n");
+    output_add(t, "\"/>\n");
     map_cameras(t, &m);
     map_ruler(t, &m);
-    study_add(t, "</svg>\n<figcaption>View from above. Initial points in their colours; white: training views, "
-                 "yellow: held-out views.</figcaption></figure>\n");
+    output_add(t, "</svg>\n<figcaption>View from above. Initial points in their colours; white: training views, "
+                  "yellow: held-out views.</figcaption></figure>\n");
 }
 
 /* The survey as the run read it, without its images. */
@@ -166,10 +166,10 @@ static void map_partition(struct report *r)
     size_t size = 0;
     char  *svg  = r->blocks > 1 ? report_read(r, "partition.svg", &size) : NULL;
     if (svg && size < 3000000) {
-        study_add(&r->page, "<figure><img alt=\"Blocks of the survey\" src=\"");
+        output_add(&r->page, "<figure><img alt=\"Blocks of the survey\" src=\"");
         page_data(&r->page, "image/svg+xml", svg, size);
-        study_add(&r->page, "\"><figcaption>partition.svg: the blocks of the survey.</figcaption></figure>\n");
-    } else if (svg) study_add(&r->page, "<p>The blocks are drawn in partition.svg, which is too large to embed here.</p>\n");
+        output_add(&r->page, "\"><figcaption>partition.svg: the blocks of the survey.</figcaption></figure>\n");
+    } else if (svg) output_add(&r->page, "<p>The blocks are shown in partition.svg, which is too large to embed here.</p>\n");
     free(svg);
 }
 
@@ -177,7 +177,7 @@ void map_section(struct report *r)
 {
     oxl_scene *scene = r->scene ? map_load(r) : NULL;
     if (scene && oxl_scene_point_count(scene) > 0) map_figure(r, scene);
-    else study_add(&r->page, "<p class=\"pale\">No map: the survey's text files are not found.</p>\n");
+    else output_add(&r->page, "<p class=\"pale\">No map: the survey's text files are not found.</p>\n");
     oxl_scene_free(r->ctx, scene);
     map_partition(r);
 }

@@ -50,54 +50,54 @@ static const char *const PAGE_STYLE[] = {
     "figure,.tile,tr{break-inside:avoid}h2,h3{break-after:avoid}details:not([open])>summary{display:none}}",
 };
 
-void page_text(struct study_text *t, const char *text)
+void page_text(struct output *t, const char *text)
 {
     for (const char *at = text ? text : ""; *at;) {
         const size_t plain = strcspn(at, "&<>\"'");
-        study_add(t, "%.*s", (int)plain, at);
+        output_add(t, "%.*s", (int)plain, at);
         at += plain;
         switch (*at) {
-        case '&': study_add(t, "&amp;"); break;
-        case '<': study_add(t, "&lt;"); break;
-        case '>': study_add(t, "&gt;"); break;
-        case '"': study_add(t, "&quot;"); break;
-        case '\'': study_add(t, "&#39;"); break;
+        case '&': output_add(t, "&amp;"); break;
+        case '<': output_add(t, "&lt;"); break;
+        case '>': output_add(t, "&gt;"); break;
+        case '"': output_add(t, "&quot;"); break;
+        case '\'': output_add(t, "&#39;"); break;
         default: break;
         }
         if (*at) at++;
     }
 }
 
-void page_open(struct study_text *t, const char *title)
+void page_open(struct output *t, const char *title)
 {
-    study_add(t, "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-                 "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>");
+    output_add(t, "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+                  "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>");
     page_text(t, title);
-    study_add(t, " - OceanXL report</title>\n<style>\n");
-    for (size_t i = 0; i < sizeof PAGE_STYLE / sizeof *PAGE_STYLE; i++) study_add(t, "%s\n", PAGE_STYLE[i]);
-    study_add(t, "</style>\n</head>\n<body>\n<main>\n");
+    output_add(t, " - OceanXL report</title>\n<style>\n");
+    for (size_t i = 0; i < sizeof PAGE_STYLE / sizeof *PAGE_STYLE; i++) output_add(t, "%s\n", PAGE_STYLE[i]);
+    output_add(t, "</style>\n</head>\n<body>\n<main>\n");
 }
 
-void page_close(struct study_text *t, const char *version)
+void page_close(struct output *t, const char *version)
 {
-    study_add(t, "<footer>Written by OceanXL ");
+    output_add(t, "<footer>Written by OceanXL ");
     page_text(t, version);
-    study_add(t, ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
+    output_add(t, ". This file needs no network.</footer>\n</main>\n</body>\n</html>\n");
 }
 
-void page_section(struct study_text *t, const char *title)
+void page_section(struct output *t, const char *title)
 {
-    study_add(t, "<section>\n<h2>%s</h2>\n", title);
+    output_add(t, "<section>\n<h2>%s</h2>\n", title);
 }
 
 /* RFC 4648, table 1. */
-void page_data(struct study_text *t, const char *type, const void *data, size_t size)
+void page_data(struct output *t, const char *type, const void *data, size_t size)
 {
     static const char    digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     const unsigned char *from    = data;
     char                 line[1025];
     size_t               used = 0;
-    study_add(t, "data:%s;base64,", type);
+    output_add(t, "data:%s;base64,", type);
     for (size_t i = 0; i < size; i += 3) {
         const unsigned left = size - i < 3 ? (unsigned)(size - i) : 3;
         const unsigned bits =
@@ -105,7 +105,7 @@ void page_data(struct study_text *t, const char *type, const void *data, size_t 
         for (unsigned k = 0; k < 4; k++) line[used++] = k <= left ? digit[bits >> (18 - 6 * k) & 63] : '=';
         if (used < sizeof line - 1 && i + 3 < size) continue;
         line[used] = 0;
-        study_add(t, "%s", line);
+        output_add(t, "%s", line);
         used = 0;
     }
 }
@@ -126,7 +126,7 @@ const char *page_count(char out[40], double value)
 {
     char   digits[32];
     size_t length, used = 0;
-    study_fixed(digits, floor(value + 0.5), 0);
+    output_fixed(digits, floor(value + 0.5), 0);
     length = strlen(digits);
     for (size_t i = 0; i < length; i++) {
         if (i > 0 && (length - i) % 3 == 0 && length > 4 && digits[i - 1] != '-') {
@@ -145,10 +145,10 @@ const char *page_bytes(char out[40], double value)
     const int giga = value >= 1e9, mega = value >= 1e6;
     if (!(value >= 0)) return memcpy(out, "-", 2);
     snprintf(out, 40, "%s %s",
-             STUDY_FIXED(value / (giga   ? 1e9
-                                  : mega ? 1e6
-                                         : 1e3),
-                         giga ? 2 : 1),
+             OUTPUT_FIXED(value / (giga   ? 1e9
+                                   : mega ? 1e6
+                                          : 1e3),
+                          giga ? 2 : 1),
              giga   ? "GB"
              : mega ? "MB"
                     : "KB");
@@ -158,8 +158,8 @@ const char *page_bytes(char out[40], double value)
 const char *page_seconds(char out[40], double value)
 {
     if (!(value >= 0)) return memcpy(out, "-", 2);
-    if (value < 120) snprintf(out, 40, "%s s", STUDY_FIXED(value, value < 10 ? 1 : 0));
-    else if (value < 7200) snprintf(out, 40, "%s min", STUDY_FIXED(value / 60, 1));
-    else snprintf(out, 40, "%s h", STUDY_FIXED(value / 3600, 1));
+    if (value < 120) snprintf(out, 40, "%s s", OUTPUT_FIXED(value, value < 10 ? 1 : 0));
+    else if (value < 7200) snprintf(out, 40, "%s min", OUTPUT_FIXED(value / 60, 1));
+    else snprintf(out, 40, "%s h", OUTPUT_FIXED(value / 3600, 1));
     return out;
 }

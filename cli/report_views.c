@@ -119,43 +119,43 @@ static oxl_result views_error(struct report *r, const oxl_image *a, const oxl_im
 
 static void views_figure(struct report *r, const oxl_image *image, const char *what, const char *name)
 {
-    study_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of ", image->width, image->height, what);
+    output_add(&r->page, "<figure><img width=\"%d\" height=\"%d\" alt=\"%s of ", image->width, image->height, what);
     page_text(&r->page, name);
-    study_add(&r->page, "\" src=\"");
+    output_add(&r->page, "\" src=\"");
     page_jpeg(r, image, 80);
-    study_add(&r->page, "\"><figcaption>%s</figcaption></figure>\n", what);
+    output_add(&r->page, "\"><figcaption>%s</figcaption></figure>\n", what);
 }
 
 static void views_show(struct report *r, const char *folder, const struct views_row *row)
 {
-    struct study_text *t        = &r->page;
-    oxl_image          rendered = {0}, image = {0}, error = {0};
-    study_add(t, "<h3>");
+    struct output *t        = &r->page;
+    oxl_image      rendered = {0}, image = {0}, error = {0};
+    output_add(t, "<h3>");
     page_text(t, row->name);
-    study_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", STUDY_FIXED(row->psnr, 2), STUDY_FIXED(row->ssim, 3));
+    output_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", OUTPUT_FIXED(row->psnr, 2), OUTPUT_FIXED(row->ssim, 3));
     if (!views_picture(r, folder, row->name, ".png", &rendered) || !views_picture(r, folder, row->name, ".photo.png", &image) ||
         rendered.width != image.width || rendered.height != image.height)
-        study_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
+        output_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
     else if (views_reduce(r, &rendered) == OXL_OK && views_reduce(r, &image) == OXL_OK &&
              views_error(r, &rendered, &image, &error) == OXL_OK) {
-        study_add(t, "<div class=\"three\">\n");
+        output_add(t, "<div class=\"three\">\n");
         views_figure(r, &image, "Image", row->name);
         views_figure(r, &rendered, "Rendered", row->name);
         views_figure(r, &error, "Error", row->name);
-        study_add(t, "</div>\n");
+        output_add(t, "</div>\n");
     } else t->failed = 1;
     oxl_image_free(r->ctx, &rendered);
     oxl_image_free(r->ctx, &image);
     oxl_image_free(r->ctx, &error);
 }
 
-static void views_legend(struct study_text *t)
+static void views_legend(struct output *t)
 {
-    study_add(t, "<div class=\"ramp\" style=\"background:linear-gradient(90deg");
+    output_add(t, "<div class=\"ramp\" style=\"background:linear-gradient(90deg");
     for (int k = 0; k < 5; k++)
-        study_add(t, ",rgb(%d,%d,%d)", (int)(255 * VIEWS_RAMP[k][0]), (int)(255 * VIEWS_RAMP[k][1]),
-                  (int)(255 * VIEWS_RAMP[k][2]));
-    study_add(
+        output_add(t, ",rgb(%d,%d,%d)", (int)(255 * VIEWS_RAMP[k][0]), (int)(255 * VIEWS_RAMP[k][1]),
+                   (int)(255 * VIEWS_RAMP[k][2]));
+    output_add(
         t,
         ")\"></div>\n<p><small>Error: mean absolute difference of the three channels, from 0 to %d %% of full white and above.</small></p>\n",
         (int)(100 * VIEWS_ERROR_FULL));
@@ -163,34 +163,35 @@ static void views_legend(struct study_text *t)
 
 /* ---------------------------------------------------------------- the section */
 
-static void views_rows(struct study_text *t, const struct views *v, int from, int to)
+static void views_rows(struct output *t, const struct views *v, int from, int to)
 {
     const double best = v->row[v->count - 1].psnr;
-    study_add(
+    output_add(
         t,
         "<div class=\"scroll\"><table><tr><th>view<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th class=\"wide\" style=\"width:30%%\"></tr>\n");
     for (int i = from; i < to; i++) {
         const struct views_row *row = &v->row[i];
-        study_add(t, "<tr><td class=\"name\">");
+        output_add(t, "<tr><td class=\"name\">");
         page_text(t, row->name);
-        study_add(
+        output_add(
             t, "<td class=\"n\">%s<td class=\"n\">%s<td class=\"wide\"><span class=\"bar\" style=\"width:%s%%\"></span></tr>\n",
-            STUDY_FIXED(row->psnr, 2), STUDY_FIXED(row->ssim, 3), STUDY_FIXED(best > 0 ? 100 * fmax(row->psnr, 0) / best : 0, 1));
+            OUTPUT_FIXED(row->psnr, 2), OUTPUT_FIXED(row->ssim, 3),
+            OUTPUT_FIXED(best > 0 ? 100 * fmax(row->psnr, 0) / best : 0, 1));
     }
-    study_add(t, "</table></div>\n");
+    output_add(t, "</table></div>\n");
 }
 
 void views_section(struct report *r)
 {
-    struct study_text *t     = &r->page;
-    struct views       v     = views_read(r, json_member(r->metrics, "views"));
-    char              *split = json_string(json_member(r->metrics, "split"));
-    const int          held  = split && strcmp(split, "test") == 0;
+    struct output *t     = &r->page;
+    struct views   v     = views_read(r, json_member(r->metrics, "views"));
+    char          *split = json_string(json_member(r->metrics, "split"));
+    const int      held  = split && strcmp(split, "test") == 0;
     if (v.count > 0) qsort(v.row, (size_t)v.count, sizeof *v.row, views_compare);
     page_section(t, held || v.count == 0 ? "Held-out image quality" : "Image quality on training views");
-    if (v.count == 0) study_add(t, "<p>Not evaluated yet: there is no metrics.json.</p>\n");
+    if (v.count == 0) output_add(t, "<p>Not evaluated yet: there is no metrics.json.</p>\n");
     else {
-        study_add(
+        output_add(
             t,
             "<p>%s PSNR is the error in decibels: 3 dB more is half the squared error. SSIM compares structure: 1 is identical. "
             "Worst first.</p>\n",
@@ -199,51 +200,52 @@ void views_section(struct report *r)
                 : "<b class=\"warn\">These are training views, because none is held out: expect lower quality on new views.</b>");
         views_rows(t, &v, 0, v.count < VIEWS_OPEN ? v.count : VIEWS_OPEN);
         if (v.count > VIEWS_OPEN) {
-            study_add(t, "<details><summary>%d more views</summary>\n", v.count - VIEWS_OPEN);
+            output_add(t, "<details><summary>%d more views</summary>\n", v.count - VIEWS_OPEN);
             views_rows(t, &v, VIEWS_OPEN, v.count);
-            study_add(t, "</details>\n");
+            output_add(t, "</details>\n");
         }
-        study_add(t, "</section>\n");
+        output_add(t, "</section>\n");
         page_section(t, "Worst views");
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "renders", &v.row[i]);
         views_legend(t);
     }
-    study_add(t, "</section>\n");
+    output_add(t, "</section>\n");
     free(split);
     views_free(&v);
 }
 
 /* ---------------------------------------------------------------- training images */
 
-static void views_training_rows(struct study_text *t, const struct views *v)
+static void views_training_rows(struct output *t, const struct views *v)
 {
-    study_add(t, "<div class=\"scroll\"><table><tr><th>image<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th>look at</tr>\n");
+    output_add(t, "<div class=\"scroll\"><table><tr><th>image<th class=\"n\">PSNR, dB<th class=\"n\">SSIM<th>look at</tr>\n");
     for (int i = 0; i < v->count && (v->row[i].flag || i < VIEWS_OPEN); i++) {
-        study_add(t, "<tr><td class=\"name\">");
+        output_add(t, "<tr><td class=\"name\">");
         page_text(t, v->row[i].name);
-        study_add(t, "<td class=\"n\">%s<td class=\"n\">%s<td>", STUDY_FIXED(v->row[i].psnr, 2), STUDY_FIXED(v->row[i].ssim, 3));
+        output_add(t, "<td class=\"n\">%s<td class=\"n\">%s<td>", OUTPUT_FIXED(v->row[i].psnr, 2),
+                   OUTPUT_FIXED(v->row[i].ssim, 3));
         if (v->row[i].flag) page_text(t, v->row[i].flag);
-        study_add(t, "</tr>\n");
+        output_add(t, "</tr>\n");
     }
-    study_add(t, "</table></div>\n");
+    output_add(t, "</table></div>\n");
 }
 
 void views_training_section(struct report *r)
 {
-    struct study_text *t       = &r->page;
-    const char        *list    = json_member(r->metrics, "training");
-    const double       flagged = json_number(list, "flagged");
-    struct views       v       = views_read(r, json_member(list, "views"));
+    struct output *t       = &r->page;
+    const char    *list    = json_member(r->metrics, "training");
+    const double   flagged = json_number(list, "flagged");
+    struct views   v       = views_read(r, json_member(list, "views"));
     if (v.count > 0) {
         page_section(t, "Training images that fit worst");
-        study_add(
+        output_add(
             t,
             "<p>%d of %d fit far worse than the images taken beside them. A wrong pose, another exposure or blur does that: leave "
             "such an image out, or mend it, and train again.</p>\n",
             flagged > 0 ? (int)flagged : 0, v.count);
         views_training_rows(t, &v);
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);
-        study_add(t, "</section>\n");
+        output_add(t, "</section>\n");
     }
     views_free(&v);
 }

@@ -129,12 +129,12 @@ static double study_steps(const struct study *s, int row)
  * What was chosen stays chosen in this folder: a study that resumes compares like with like. */
 static oxl_result study_choose_side(struct study *s)
 {
-    char             *before = study_read(s->options->out, "study.json");
-    const double      chosen = json_number(before, "max_side");
-    double            steps  = 0;
-    oxl_survey        survey;
-    struct study_text t  = {0};
-    oxl_result        rc = oxl_check(s->meter.ctx, s->options->scene, &s->base, &survey);
+    char         *before = study_read(s->options->out, "study.json");
+    const double  chosen = json_number(before, "max_side");
+    double        steps  = 0;
+    oxl_survey    survey;
+    struct output t  = {0};
+    oxl_result    rc = oxl_check(s->meter.ctx, s->options->scene, &s->base, &survey);
     free(before);
     if (rc != OXL_OK) return study_fail(&s->meter, rc, "", oxl_error_text(s->meter.ctx));
     s->train_views = survey.train_views;
@@ -146,7 +146,7 @@ static oxl_result study_choose_side(struct study *s)
         const int fits = (int)(side * sqrt(s->options->budget / (survey.seconds * steps))) / 16 * 16;
         if (fits < side) s->base.scene.max_side = fits < STUDY_LEAST_SIDE ? STUDY_LEAST_SIDE : fits;
     }
-    study_add(&t, "{\n  \"max_side\": %d\n}\n", s->base.scene.max_side);
+    output_add(&t, "{\n  \"max_side\": %d\n}\n", s->base.scene.max_side);
     rc = study_write(&s->meter, s->options->out, "study.json", &t);
     free(t.data);
     return rc;
@@ -228,12 +228,12 @@ static oxl_result study_train_row(struct study *s, int row, int seed, time_t beg
 
 static oxl_result study_write_all(struct study *s, FILE *to)
 {
-    static void (*const make[])(struct study_text * t, const struct study *s) = {study_page, study_csv, study_plot};
-    static const char *const ends[]                                           = {"md", "csv", "svg"};
-    oxl_result               rc                                               = OXL_OK;
+    static void (*const make[])(struct output * t, const struct study *s) = {study_page, study_csv, study_plot};
+    static const char *const ends[]                                       = {"md", "csv", "svg"};
+    oxl_result               rc                                           = OXL_OK;
     for (int i = 0; i < 3 && rc == OXL_OK; i++) {
-        struct study_text t = {0};
-        char              name[40];
+        struct output t = {0};
+        char          name[40];
         snprintf(name, sizeof name, "%s.%s", s->kind->file, ends[i]);
         make[i](&t, s);
         rc = study_write(&s->meter, s->options->out, name, &t);

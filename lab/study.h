@@ -4,7 +4,6 @@
  *     study_train.c    one training in a folder of its own: memory counted, CPU time, figures read back
  *     study_report.c   means, spreads, comparisons, the Pareto front; the page (Markdown) and the CSV
  *     study_plot.c     the drawing: PSNR over cost, twice
- *     study_text.c     growing text, digits in every locale
  *     ablate.c, tradeoff.c   the two studies, as tables of rows
  */
 #ifndef STUDY_H
@@ -15,21 +14,6 @@
 #include <stddef.h>
 
 enum { STUDY_SEEDS = 99, STUDY_ROWS = 20, STUDY_CHANGES = 5, STUDY_AGAINST = 4 };
-
-/* ---------------------------------------------------------------- study_text.c */
-
-struct study_text {
-    char  *data; /* ends in 0; free() it */
-    size_t used, capacity;
-    int    failed; /* no memory */
-};
-void study_add(struct study_text *t, const char *format, ...); /* no %f in it: its point follows the locale */
-
-/* Digits the same in every locale; "" when value is not a number. Returns out. */
-const char *study_fixed(char out[32], double value, int decimals);
-#define STUDY_FIXED(value, decimals) study_fixed((char[32]){0}, value, decimals)
-
-double study_step(double span); /* between grid lines: 1, 2 or 5 times a power of ten, at most 5 of them in the span */
 
 /* ---------------------------------------------------------------- what a study is */
 
@@ -113,7 +97,7 @@ oxl_result study_train(struct study_meter *s, const char *scene, const char *fol
                        struct study_result *out);
 
 /* A file of the folder: written whole or not at all; read into fresh memory, NULL when it is not there. */
-oxl_result study_write(struct study_meter *s, const char *folder, const char *name, const struct study_text *t);
+oxl_result study_write(struct study_meter *s, const char *folder, const char *name, const struct output *t);
 char      *study_read(const char *folder, const char *name);
 
 /* ---------------------------------------------------------------- all trainings: study.c */
@@ -144,8 +128,8 @@ struct study_figure study_mean(const struct study *s, int row, enum study_measur
 /* Seed by seed: PSNR and SSIM as a difference, the rest as a ratio. What both share, the seed's luck, cancels. */
 struct study_figure study_against(const struct study *s, int row, int base, enum study_measure m);
 int                 study_on_front(const struct study *s, int row); /* 1: no row has as good a PSNR in no more CPU time */
-void                study_page(struct study_text *t, const struct study *s);
-void                study_csv(struct study_text *t, const struct study *s);
-void                study_plot(struct study_text *t, const struct study *s);
+void                study_page(struct output *t, const struct study *s);
+void                study_csv(struct output *t, const struct study *s);
+void                study_plot(struct output *t, const struct study *s);
 
 #endif

@@ -38,22 +38,22 @@ struct plot {
 
 /* ---------------------------------------------------------------- parts of an SVG; style: of CSS */
 
-static void plot_line(struct study_text *t, double x0, double y0, double x1, double y1, const char *style)
+static void plot_line(struct output *t, double x0, double y0, double x1, double y1, const char *style)
 {
-    study_add(t, "<line x1=\"%s\" y1=\"%s\" x2=\"%s\" y2=\"%s\" style=\"%s\"/>\n", STUDY_FIXED(x0, 1), STUDY_FIXED(y0, 1),
-              STUDY_FIXED(x1, 1), STUDY_FIXED(y1, 1), style);
+    output_add(t, "<line x1=\"%s\" y1=\"%s\" x2=\"%s\" y2=\"%s\" style=\"%s\"/>\n", OUTPUT_FIXED(x0, 1), OUTPUT_FIXED(y0, 1),
+               OUTPUT_FIXED(x1, 1), OUTPUT_FIXED(y1, 1), style);
 }
 
-static void plot_label(struct study_text *t, double x, double y, const char *style, const char *text)
+static void plot_label(struct output *t, double x, double y, const char *style, const char *text)
 {
-    study_add(t, "<text x=\"%s\" y=\"%s\" style=\"%s\">", STUDY_FIXED(x, 1), STUDY_FIXED(y, 1), style);
+    output_add(t, "<text x=\"%s\" y=\"%s\" style=\"%s\">", OUTPUT_FIXED(x, 1), OUTPUT_FIXED(y, 1), style);
     for (; *text; text++) {
-        if (*text == '<') study_add(t, "&lt;");
-        else if (*text == '>') study_add(t, "&gt;");
-        else if (*text == '&') study_add(t, "&amp;");
-        else if ((unsigned char)*text >= ' ') study_add(t, "%c", *text);
+        if (*text == '<') output_add(t, "&lt;");
+        else if (*text == '>') output_add(t, "&gt;");
+        else if (*text == '&') output_add(t, "&amp;");
+        else if ((unsigned char)*text >= ' ') output_add(t, "%c", *text);
     }
-    study_add(t, "</text>\n");
+    output_add(t, "</text>\n");
 }
 
 /* ---------------------------------------------------------------- axes */
@@ -86,30 +86,30 @@ static void plot_fit(struct plot *p)
     }
 }
 
-static void plot_axes(struct study_text *t, const struct plot *p)
+static void plot_axes(struct output *t, const struct plot *p)
 {
     static const double factor[] = {1, 2, 5};
-    const double        step = study_step(p->high[1] - p->low[1]), bottom = PLOT_TOP + PLOT_HEIGHT, right = p->left + PLOT_WIDTH;
+    const double        step = axis_step(p->high[1] - p->low[1]), bottom = PLOT_TOP + PLOT_HEIGHT, right = p->left + PLOT_WIDTH;
     const int           decimals = step >= 1 ? 0 : step >= 0.1 ? 1 : 2;
     plot_label(t, p->left, PLOT_TOP - 28, "font-weight:600", p->title);
     plot_label(t, p->left, PLOT_TOP - 10, PLOT_SMALL, p->y_title);
     for (double y = ceil(p->low[1] / step) * step; y <= p->high[1]; y += step) {
         plot_line(t, p->left, plot_y(p, y), right, plot_y(p, y), "stroke:#d9dee2");
-        plot_label(t, p->left - 8, plot_y(p, y) + 4, PLOT_SMALL ";text-anchor:end", STUDY_FIXED(y, decimals));
+        plot_label(t, p->left - 8, plot_y(p, y) + 4, PLOT_SMALL ";text-anchor:end", OUTPUT_FIXED(y, decimals));
     }
     for (int power = -3; power < 8; power++)
         for (int k = 0; k < 3; k++) {
             const double x = factor[k] * pow(10, power);
             if (log10(x) < p->low[0] || log10(x) > p->high[0]) continue;
             plot_line(t, plot_x(p, x), PLOT_TOP, plot_x(p, x), bottom, "stroke:#eceff1");
-            plot_label(t, plot_x(p, x), bottom + 18, PLOT_SMALL ";text-anchor:middle", STUDY_FIXED(x, x < 1 ? 2 : 0));
+            plot_label(t, plot_x(p, x), bottom + 18, PLOT_SMALL ";text-anchor:middle", OUTPUT_FIXED(x, x < 1 ? 2 : 0));
         }
     plot_label(t, right, bottom + 36, PLOT_SMALL ";text-anchor:end", p->x_title);
 }
 
 /* ---------------------------------------------------------------- points */
 
-static void plot_front(struct study_text *t, const struct plot *p)
+static void plot_front(struct output *t, const struct plot *p)
 {
     for (int before = -1, next;; before = next) {
         next = -1;
@@ -131,7 +131,7 @@ static int plot_higher(const void *a, const void *b)
 }
 
 /* From the highest down, names beside their points; pushed down by those above when they would meet. */
-static void plot_points(struct study_text *t, struct plot *p)
+static void plot_points(struct output *t, struct plot *p)
 {
     double name_y[STUDY_ROWS];
     qsort(p->point, (size_t)p->points, sizeof *p->point, plot_higher);
@@ -143,13 +143,13 @@ static void plot_points(struct study_text *t, struct plot *p)
             if (fabs(x - plot_x(p, p->point[j].x)) < 125 && name_y[i] < name_y[j] + PLOT_NAME) name_y[i] = name_y[j] + PLOT_NAME;
         if (q->spread > 0) plot_line(t, x, plot_y(p, q->y - q->spread), x, plot_y(p, q->y + q->spread), "stroke:#1d262c");
         if (fabs(name_y[i] - 4 - y) > 6) plot_line(t, x, y, x + 9, name_y[i] - 4, "stroke:#b9c2c8");
-        study_add(t, "<circle cx=\"%s\" cy=\"%s\" r=\"4.5\" style=\"fill:%s;stroke:%s;stroke-width:1.5\"/>\n", STUDY_FIXED(x, 1),
-                  STUDY_FIXED(y, 1), q->front ? PLOT_FRONT : "#ffffff", q->front ? PLOT_FRONT : PLOT_OTHER);
+        output_add(t, "<circle cx=\"%s\" cy=\"%s\" r=\"4.5\" style=\"fill:%s;stroke:%s;stroke-width:1.5\"/>\n",
+                   OUTPUT_FIXED(x, 1), OUTPUT_FIXED(y, 1), q->front ? PLOT_FRONT : "#ffffff", q->front ? PLOT_FRONT : PLOT_OTHER);
         plot_label(t, x + 10, name_y[i], q->front ? "font-size:11px;font-weight:600" : PLOT_SMALL, q->name);
     }
 }
 
-static void plot_draw(struct study_text *t, struct plot *p)
+static void plot_draw(struct output *t, struct plot *p)
 {
     if (p->points == 0) return;
     plot_fit(p);
@@ -176,17 +176,17 @@ static struct plot plot_of_rows(const struct study *s, enum study_measure cost, 
     return p;
 }
 
-void study_plot(struct study_text *t, const struct study *s)
+void study_plot(struct output *t, const struct study *s)
 {
     const int   width = PLOT_LEFT + 2 * PLOT_STEP, height = PLOT_TOP + PLOT_HEIGHT + PLOT_FOOT;
     struct plot first  = plot_of_rows(s, STUDY_CPU, 1, "processor seconds (logarithmic)", PLOT_LEFT);
     struct plot second = plot_of_rows(s, STUDY_BYTES, 1e-6, "MB of scene.ply (logarithmic)", PLOT_LEFT + PLOT_STEP);
     char        line[300];
-    study_add(t,
-              "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "
-              "style=\"font-family:system-ui,sans-serif;font-size:13px;fill:#1d262c\">\n"
-              "<rect width=\"%d\" height=\"%d\" style=\"fill:#ffffff\"/>\n",
-              width, height, width, height, width, height);
+    output_add(t,
+               "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "
+               "style=\"font-family:system-ui,sans-serif;font-size:13px;fill:#1d262c\">\n"
+               "<rect width=\"%d\" height=\"%d\" style=\"fill:#ffffff\"/>\n",
+               width, height, width, height, width, height);
     plot_label(t, 16, 30, "font-size:18px;font-weight:600", s->kind->title);
     plot_draw(t, &first);
     plot_draw(t, &second);
@@ -196,5 +196,5 @@ void study_plot(struct study_text *t, const struct study *s)
              s->base.train.iterations, s->base.scene.max_side);
     plot_label(t, 16, height - 34, PLOT_SMALL, line);
     plot_label(t, 16, height - 16, PLOT_SMALL, s->options->scene);
-    study_add(t, "</svg>\n");
+    output_add(t, "</svg>\n");
 }

@@ -111,29 +111,29 @@ static int found_base(const struct study *s, int row, int n)
 
 /* ---------------------------------------------------------------- the page */
 
-static void found_cell(struct study_text *t, int width, const char *text)
+static void found_cell(struct output *t, int width, const char *text)
 {
-    study_add(t, " %*s |", width, text[0] ? text : "-");
+    output_add(t, " %*s |", width, text[0] ? text : "-");
 }
 
-static void found_head(struct study_text *t, const char *first, int width, const char *last)
+static void found_head(struct output *t, const char *first, int width, const char *last)
 {
-    study_add(t, "\n| %-*s |", FOUND_LABEL, first);
+    output_add(t, "\n| %-*s |", FOUND_LABEL, first);
     for (int m = 0; m < STUDY_MS_SSIM; m++) found_cell(t, width, FOUND_COLUMNS[m].title);
     if (last[0]) found_cell(t, 0, last);
-    study_add(t, "\n|---|");
-    for (int m = 0; m < STUDY_MS_SSIM + !!last[0]; m++) study_add(t, "---:|");
-    study_add(t, "\n");
+    output_add(t, "\n|---|");
+    for (int m = 0; m < STUDY_MS_SSIM + !!last[0]; m++) output_add(t, "---:|");
+    output_add(t, "\n");
 }
 
-static void found_label(struct study_text *t, const char *mark, const char *name, const char *base)
+static void found_label(struct output *t, const char *mark, const char *name, const char *base)
 {
     char text[120];
     snprintf(text, sizeof text, "%s%s%s%s", name, base[0] ? " against " : "", base, mark);
-    study_add(t, "| %-*s |", FOUND_LABEL, text);
+    output_add(t, "| %-*s |", FOUND_LABEL, text);
 }
 
-static void found_rows(struct study_text *t, const struct study *s)
+static void found_rows(struct output *t, const struct study *s)
 {
     const int width = s->options->seeds > 1 ? FOUND_CELL_SPREAD : FOUND_CELL;
     found_head(t, "row", width, "blocks");
@@ -143,12 +143,12 @@ static void found_rows(struct study_text *t, const struct study *s)
         for (enum study_measure m = 0; m < STUDY_MS_SSIM; m++) {
             const struct found_column *c      = &FOUND_COLUMNS[m];
             const struct study_figure  f      = study_mean(s, r, m);
-            const char                *spread = STUDY_FIXED(f.spread * c->scale, c->decimals);
+            const char                *spread = OUTPUT_FIXED(f.spread * c->scale, c->decimals);
             char                       text[80];
-            snprintf(text, sizeof text, "%s%s%s", STUDY_FIXED(f.mean * c->scale, c->decimals), spread[0] ? " +-" : "", spread);
+            snprintf(text, sizeof text, "%s%s%s", OUTPUT_FIXED(f.mean * c->scale, c->decimals), spread[0] ? " +-" : "", spread);
             found_cell(t, width, text);
         }
-        study_add(t, " %d |\n", s->blocks[r]);
+        output_add(t, " %d |\n", s->blocks[r]);
     }
 }
 
@@ -156,26 +156,26 @@ static void found_rows(struct study_text *t, const struct study *s)
 static const char *found_relative(char out[32], enum study_measure m, double value)
 {
     const int   difference = FOUND_COLUMNS[m].difference;
-    const char *digits     = STUDY_FIXED(value, difference ? FOUND_COLUMNS[m].decimals : 3);
+    const char *digits     = OUTPUT_FIXED(value, difference ? FOUND_COLUMNS[m].decimals : 3);
     snprintf(out, 32, "%s%s", !digits[0] ? "" : !difference ? "x" : digits[0] == '-' ? "" : "+", digits);
     return out;
 }
 #define FOUND_RELATIVE(m, value) found_relative((char[32]){0}, m, value)
 
 /* "+0.75 +-0.25 (+0.65)": ours, its spread, the paper's. */
-static void found_effect(struct study_text *t, const struct study *s, int row, int base, enum study_measure m)
+static void found_effect(struct output *t, const struct study *s, int row, int base, enum study_measure m)
 {
     const struct study_figure f     = study_against(s, row, base, m);
     const int                 none  = fabs(f.mean - !FOUND_COLUMNS[m].difference) <= f.spread; /* of one seed never */
     const char               *paper = FOUND_RELATIVE(m, found_paper_against(s, row, base, m));
-    const char *spread = STUDY_FIXED(none ? NAN : f.spread, FOUND_COLUMNS[m].difference ? FOUND_COLUMNS[m].decimals : 3);
+    const char *spread = OUTPUT_FIXED(none ? NAN : f.spread, FOUND_COLUMNS[m].difference ? FOUND_COLUMNS[m].decimals : 3);
     char        text[120];
     snprintf(text, sizeof text, "%s%s%s%s%s%s", none ? "none" : FOUND_RELATIVE(m, f.mean), spread[0] ? " +-" : "", spread,
              paper[0] ? " (" : "", paper, paper[0] ? ")" : "");
     found_cell(t, FOUND_CELL_EFFECT, text);
 }
 
-static void found_effects(struct study_text *t, const struct study *s)
+static void found_effects(struct output *t, const struct study *s)
 {
     found_head(t, "row against row", FOUND_CELL_EFFECT, s->kind->base_first ? "dB over other iterations" : "");
     for (int r = 0; r < s->rows; r++)
@@ -185,19 +185,20 @@ static void found_effects(struct study_text *t, const struct study *s)
             found_label(t, "", s->row[r]->label, s->row[base]->label);
             for (enum study_measure m = 0; m < STUDY_MS_SSIM; m++) found_effect(t, s, r, base, m);
             if (s->kind->base_first) found_cell(t, 0, FOUND_RELATIVE(STUDY_PSNR, study_mean(s, r, STUDY_PSNR).mean - other));
-            study_add(t, "\n");
+            output_add(t, "\n");
         }
 }
 
-static void found_left_out(struct study_text *t, const struct study *s)
+static void found_left_out(struct output *t, const struct study *s)
 {
     for (int r = 0; r < s->rows; r++)
         if (s->done[r] < s->options->seeds)
-            study_add(
+            output_add(
                 t,
                 "\nNot trained: %s, %d of %d seeds done; the next takes about %s s, more than is left of %s s. The same command"
                 " with a larger --budget resumes.\n",
-                s->row[r]->name, s->done[r], s->options->seeds, STUDY_FIXED(s->wanted[r], 0), STUDY_FIXED(s->options->budget, 0));
+                s->row[r]->name, s->done[r], s->options->seeds, OUTPUT_FIXED(s->wanted[r], 0),
+                OUTPUT_FIXED(s->options->budget, 0));
 }
 
 static int found_is_one_block(const struct study *s)
@@ -207,43 +208,43 @@ static int found_is_one_block(const struct study *s)
     return 1;
 }
 
-void study_page(struct study_text *t, const struct study *s)
+void study_page(struct output *t, const struct study *s)
 {
-    study_add(t, "# %s\n\n%s: preset %s, %d iterations, images of at most %d px a side, %d training views, seed%s 1",
-              s->kind->title, s->options->scene, s->base.preset ? s->base.preset : "-", s->base.train.iterations,
-              s->base.scene.max_side, s->train_views, s->options->seeds > 1 ? "s" : "");
-    if (s->options->seeds > 1) study_add(t, " to %d (mean +- standard deviation)", s->options->seeds);
-    study_add(t, ".\nPSNR and SSIM are of the %s views.\n\n![PSNR over cost](%s.svg)\n\n## Rows\n",
-              s->held_out ? "held-out" : "training", s->kind->file);
+    output_add(t, "# %s\n\n%s: preset %s, %d iterations, images of at most %d px a side, %d training views, seed%s 1",
+               s->kind->title, s->options->scene, s->base.preset ? s->base.preset : "-", s->base.train.iterations,
+               s->base.scene.max_side, s->train_views, s->options->seeds > 1 ? "s" : "");
+    if (s->options->seeds > 1) output_add(t, " to %d (mean +- standard deviation)", s->options->seeds);
+    output_add(t, ".\nPSNR and SSIM are of the %s views.\n\n![PSNR over cost](%s.svg)\n\n## Rows\n",
+               s->held_out ? "held-out" : "training", s->kind->file);
     found_rows(t, s);
-    study_add(t, "\n## Effects\n\nDifferences, or ratios (x), seed by seed. none: not larger than the standard deviation over the"
-                 " seeds. In brackets: the paper's own.\n");
+    output_add(t,
+               "\n## Effects\n\nDifferences, or ratios (x), seed by seed. none: not larger than the standard deviation over the"
+               " seeds. In brackets: the paper's own.\n");
     found_effects(t, s);
     found_left_out(t, s);
-    study_add(
+    output_add(
         t,
         "\n\\*: on the front, no other row has as good a PSNR in no more CPU time. near, middle, far: PSNR of the thirds of\n"
         "depth, over the pixels around points that the survey has there. MB: scene.ply. seconds: training. CPU s: all threads\n"
         "together. memory: what the library held at its peak.\n%s",
         s->kind->notes);
     if (!s->kind->base_first && found_is_one_block(s))
-        study_add(t, "The survey is one block: midpoint and balanced cuts cut nothing; a smaller --block-points does.\n");
+        output_add(t, "The survey is one block: midpoint and balanced cuts cut nothing; a smaller --block-points does.\n");
 }
 
 /* ---------------------------------------------------------------- CSV */
 
 /* A line of the rows' table; base: "" or the row that it is compared with. */
-static void found_line(struct study_text *t, const struct study *s, int r, const char *base, const char *seed,
-                       const double *value)
+static void found_line(struct output *t, const struct study *s, int r, const char *base, const char *seed, const double *value)
 {
-    study_add(t, "%s,%s,%s,%d", s->row[r]->name, base, seed, s->blocks[r]);
+    output_add(t, "%s,%s,%s,%d", s->row[r]->name, base, seed, s->blocks[r]);
     for (int m = 0; m < STUDY_MEASURES; m++)
-        study_add(t, ",%s", STUDY_FIXED(value[m], base[0] ? 6 : FOUND_COLUMNS[m].csv_decimals));
-    study_add(t, ",%s\n", base[0] ? "" : study_on_front(s, r) ? "1" : "0");
+        output_add(t, ",%s", OUTPUT_FIXED(value[m], base[0] ? 6 : FOUND_COLUMNS[m].csv_decimals));
+    output_add(t, ",%s\n", base[0] ? "" : study_on_front(s, r) ? "1" : "0");
 }
 
 /* base: -1: the means of the row itself. */
-static void found_summaries(struct study_text *t, const struct study *s, int r, int base)
+static void found_summaries(struct output *t, const struct study *s, int r, int base)
 {
     const char *name = base < 0 ? "" : s->row[base]->name;
     double      mean[STUDY_MEASURES], spread[STUDY_MEASURES], paper[STUDY_MEASURES];
@@ -257,13 +258,13 @@ static void found_summaries(struct study_text *t, const struct study *s, int r, 
     if (!isnan(paper[STUDY_PSNR])) found_line(t, s, r, name, "paper", paper);
 }
 
-void study_csv(struct study_text *t, const struct study *s)
+void study_csv(struct output *t, const struct study *s)
 {
-    study_add(t, "row,against,seed,blocks");
-    for (int m = 0; m < STUDY_MEASURES; m++) study_add(t, ",%s", FOUND_COLUMNS[m].csv);
-    study_add(t, ",front\n");
+    output_add(t, "row,against,seed,blocks");
+    for (int m = 0; m < STUDY_MEASURES; m++) output_add(t, ",%s", FOUND_COLUMNS[m].csv);
+    output_add(t, ",front\n");
     for (int r = 0; r < s->rows; r++) {
-        for (int i = 0; i < s->done[r]; i++) found_line(t, s, r, "", STUDY_FIXED(i + 1, 0), s->value[r][i]);
+        for (int i = 0; i < s->done[r]; i++) found_line(t, s, r, "", OUTPUT_FIXED(i + 1, 0), s->value[r][i]);
         if (s->done[r] > 0) found_summaries(t, s, r, -1);
         for (int n = 0, base; s->done[r] && (base = found_base(s, r, n)) >= 0; n++) found_summaries(t, s, r, base);
     }

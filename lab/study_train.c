@@ -4,7 +4,7 @@
  * about a training that comes after a larger one. Counts stand in the folder's study.json for the processes that resume.
  */
 #include "study.h"
-#include "synth.h" /* synth_file: files appear whole */
+#include "synth.h" /* output_file: files appear whole */
 
 #include <math.h>
 #include <stdlib.h>
@@ -76,15 +76,15 @@ char *study_read(const char *folder, const char *name)
     return text;
 }
 
-oxl_result study_write(struct study_meter *s, const char *folder, const char *name, const struct study_text *t)
+oxl_result study_write(struct study_meter *s, const char *folder, const char *name, const struct output *t)
 {
-    struct synth_file file;
-    char              path[1024];
+    struct output_file file;
+    char               path[1024];
     if (t->failed) return study_fail(s, OXL_ERR_MEMORY, "no memory for ", name);
     snprintf(path, sizeof path, "%s/%s", folder, name);
-    synth_file_open(&file, path);
-    synth_file_bytes(&file, t->data, t->used);
-    return synth_file_close(&file) ? OXL_OK : study_fail(s, OXL_ERR_IO, "cannot write ", path);
+    output_file_open(&file, path);
+    output_file_bytes(&file, t->data, t->used);
+    return output_file_close(&file) ? OXL_OK : study_fail(s, OXL_ERR_IO, "cannot write ", path);
 }
 
 /* ---------------------------------------------------------------- one training */
@@ -109,18 +109,18 @@ static int study_progress(void *user, const oxl_progress *p)
 /* Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
 static oxl_result study_note(struct study_meter *s, const char *folder, double value[STUDY_MEASURES])
 {
-    char             *before = study_read(folder, "study.json");
-    struct study_text t      = {0};
-    oxl_result        rc     = OXL_OK;
-    value[STUDY_MEMORY]      = json_number(before, "library_peak_bytes");
-    value[STUDY_CPU]         = json_number(before, "cpu_seconds");
+    char         *before = study_read(folder, "study.json");
+    struct output t      = {0};
+    oxl_result    rc     = OXL_OK;
+    value[STUDY_MEMORY]  = json_number(before, "library_peak_bytes");
+    value[STUDY_CPU]     = json_number(before, "cpu_seconds");
     free(before);
     if (s->begun == 0) return OXL_OK;
     if (s->begun == 1 || !(value[STUDY_MEMORY] > (double)s->peak)) value[STUDY_MEMORY] = (double)s->peak;
     value[STUDY_CPU] = s->begun == 1 ? s->cpu : value[STUDY_CPU] + s->cpu;
-    study_add(&t, "{\n  \"library_peak_bytes\": %s", STUDY_FIXED(value[STUDY_MEMORY], 0));
-    if (!isnan(value[STUDY_CPU])) study_add(&t, ",\n  \"cpu_seconds\": %s", STUDY_FIXED(value[STUDY_CPU], 2));
-    study_add(&t, "\n}\n");
+    output_add(&t, "{\n  \"library_peak_bytes\": %s", OUTPUT_FIXED(value[STUDY_MEMORY], 0));
+    if (!isnan(value[STUDY_CPU])) output_add(&t, ",\n  \"cpu_seconds\": %s", OUTPUT_FIXED(value[STUDY_CPU], 2));
+    output_add(&t, "\n}\n");
     rc = study_write(s, folder, "study.json", &t);
     free(t.data);
     return rc;

@@ -294,7 +294,7 @@ static oxl_result synth_write_depth(struct synth_run *s, int view)
     synth_image_name(view, name);
     name[strlen(name) - 4] = 0; /* .png */
     snprintf(path, sizeof path, "%s/truth/depth/%s.pfm", s->options->out, name);
-    if (synth_write_pfm(path, s->depth, s->options->width, s->options->height)) return OXL_OK;
+    if (output_write_pfm(path, s->depth, s->options->width, s->options->height)) return OXL_OK;
     return synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
 }
 
@@ -350,85 +350,85 @@ static oxl_result synth_views(struct synth_run *s)
 
 /* ---------------------------------------------------------------- truth in words and numbers */
 
-static void synth_triple(struct synth_file *f, const char *name, const double value[3])
+static void synth_triple(struct output_file *f, const char *name, const double value[3])
 {
-    synth_file_text(f, name);
+    output_file_text(f, name);
     for (int c = 0; c < 3; c++) {
-        synth_file_text(f, " ");
-        synth_file_fixed(f, value[c], 6);
+        output_file_text(f, " ");
+        output_file_fixed(f, value[c], 6);
     }
-    synth_file_text(f, "\n");
+    output_file_text(f, "\n");
 }
 
 static int synth_write_water(const struct synth_run *s, const char *path)
 {
-    struct synth_file f;
-    synth_file_open(&f, path);
-    synth_file_text(&f,
-                    "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
-                    "# I, J: values of images/ and truth/clean/ over 255, as they stand in the PNG files, no gamma removed\n"
-                    "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
-                    "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\n");
-    synth_file_text(&f, "type ");
-    synth_file_text(&f, s->water.name);
-    synth_file_text(&f, "\n");
+    struct output_file f;
+    output_file_open(&f, path);
+    output_file_text(&f,
+                     "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
+                     "# I, J: values of images/ and truth/clean/ over 255, as they stand in the PNG files, no gamma removed\n"
+                     "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
+                     "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\n");
+    output_file_text(&f, "type ");
+    output_file_text(&f, s->water.name);
+    output_file_text(&f, "\n");
     synth_triple(&f, "bD", s->water.direct);
     synth_triple(&f, "bB", s->water.scatter);
     synth_triple(&f, "Binf", s->water.veil);
-    synth_file_text(&f, "noise ");
-    synth_file_fixed(&f, s->options->noise, 6);
-    synth_file_text(&f, "\n");
-    return synth_file_close(&f);
+    output_file_text(&f, "noise ");
+    output_file_fixed(&f, s->options->noise, 6);
+    output_file_text(&f, "\n");
+    return output_file_close(&f);
 }
 
 static int synth_write_model(const struct synth_run *s, const char *path)
 {
     const synth_options *o = s->options;
-    struct synth_file    f;
-    synth_file_open(&f, path);
-    synth_file_text(&f,
-                    "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
-                    "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
-                    "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
-                    "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
-                    "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-                    "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
-                    "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
-                    "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
-                    "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-                    "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
+    struct output_file   f;
+    output_file_open(&f, path);
+    output_file_text(&f,
+                     "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
+                     "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
+                     "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
+                     "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
+                     "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
+                     "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
+                     "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
+                     "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
+                     "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
+                     "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
     if (o->fish > 0)
-        synth_file_text(&f, "Fish     in images/ alone; each swims into one image and on into its neighbours, a second apart.\n"
-                            "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
-                            "         black where they are. No points are on them, they throw no shadow.\n\n");
-    synth_file_text(&f, "seed ");
-    synth_file_integer(&f, o->seed);
-    synth_file_text(&f, "\npath ");
-    synth_file_text(&f, o->path);
-    synth_file_text(&f, "\nscene ");
-    synth_file_text(&f, s->world.scene == SYNTH_WRECK ? "wreck" : s->world.scene == SYNTH_RIDGE ? "ridge" : "reef");
-    synth_file_text(&f, "\nviews ");
-    synth_file_integer(&f, (uint64_t)o->views);
-    synth_file_text(&f, "\n");
+        output_file_text(&f, "Fish     in images/ alone; each swims into one image and on into its neighbours, a second apart.\n"
+                             "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
+                             "         black where they are. No points are on them, they throw no shadow.\n\n");
+    output_file_text(&f, "seed ");
+    output_file_integer(&f, o->seed);
+    output_file_text(&f, "\npath ");
+    output_file_text(&f, o->path);
+    output_file_text(&f, "\nscene ");
+    output_file_text(&f, s->world.scene == SYNTH_WRECK ? "wreck" : s->world.scene == SYNTH_RIDGE ? "ridge" : "reef");
+    output_file_text(&f, "\nviews ");
+    output_file_integer(&f, (uint64_t)o->views);
+    output_file_text(&f, "\n");
     synth_triple(&f, "origin", o->origin);
     synth_triple(&f, "wreck",
                  (double[3]){s->world.wreck.x + o->origin[0], s->world.wreck.y + o->origin[1], s->world.wreck.z + o->origin[2]});
     synth_triple(&f, "sun", (double[3]){s->world.sun.x, s->world.sun.y, s->world.sun.z});
-    return synth_file_close(&f);
+    return output_file_close(&f);
 }
 
 static int synth_write_outliers(const struct synth_run *s, const char *path)
 {
     const struct synth_ids ids = synth_ids_for(s->points.count);
-    struct synth_file      f;
-    synth_file_open(&f, path);
-    synth_file_text(&f, "# POINT3D_ID of the points that lie off the surface\n");
+    struct output_file     f;
+    output_file_open(&f, path);
+    output_file_text(&f, "# POINT3D_ID of the points that lie off the surface\n");
     for (size_t i = 0; i < s->points.count; i++) {
         if (!s->points.point[i].is_outlier) continue;
-        synth_file_integer(&f, synth_id(ids, i));
-        synth_file_text(&f, "\n");
+        output_file_integer(&f, synth_id(ids, i));
+        output_file_text(&f, "\n");
     }
-    return synth_file_close(&f);
+    return output_file_close(&f);
 }
 
 static oxl_result synth_write_truth(struct synth_run *s)

@@ -8,7 +8,6 @@
  *     synth_light.c   exposure that drifts, a lamp that moves with the camera
  *     synth_points.c  sparse points with tracks
  *     synth_export.c  the three text files
- *     synth_file.c    numbers into files, fast and the same in every locale
  *
  * Frame: x east, y north, z up, metres, zero in the middle of the survey; options.origin is added at export.
  */
@@ -225,23 +224,5 @@ uint64_t         synth_id(struct synth_ids ids, uint64_t index);
 oxl_result synth_colmap_write(const synth_options *options, const struct synth_path *path, const struct synth_points *points,
                               const char *folder, char *failed, size_t failed_size);
 void       synth_image_name(int view, char name[32]);
-
-/* ---------------------------------------------------------------- synth_file.c */
-
-struct synth_file { /* appears under its name when it is closed, whole or not at all */
-    FILE  *file;
-    char   path[1024], temporary[1040];
-    size_t used;
-    int    failed;
-    char   buffer[65536];
-};
-void synth_file_open(struct synth_file *f, const char *path);
-void synth_file_bytes(struct synth_file *f, const void *data, size_t size);
-void synth_file_text(struct synth_file *f, const char *text);
-void synth_file_integer(struct synth_file *f, uint64_t value);
-void synth_file_fixed(struct synth_file *f, double value, int decimals); /* |value| x 10^decimals < 9e18 */
-int  synth_file_close(struct synth_file *f);                             /* 1: all is written */
-/* float32 little endian, rows from the bottom: Debevec's portable float map. */
-int  synth_write_pfm(const char *path, const float *value, int width, int height);
 
 #endif

@@ -53,41 +53,41 @@ static void export_quaternion(const double r[9], double q[4])
         for (int i = 0; i < 4; i++) q[i] = -q[i];
 }
 
-static void export_numbers(struct synth_file *f, const double *value, int count, int decimals)
+static void export_numbers(struct output_file *f, const double *value, int count, int decimals)
 {
     for (int i = 0; i < count; i++) {
-        synth_file_text(f, " ");
-        synth_file_fixed(f, value[i], decimals);
+        output_file_text(f, " ");
+        output_file_fixed(f, value[i], decimals);
     }
 }
 
-static void export_mean(struct synth_file *f, const char *what, uint64_t count, const char *mean, double value)
+static void export_mean(struct output_file *f, const char *what, uint64_t count, const char *mean, double value)
 {
-    synth_file_text(f, what);
-    synth_file_integer(f, count);
-    synth_file_text(f, mean);
-    synth_file_fixed(f, value, 6);
-    synth_file_text(f, "\n");
+    output_file_text(f, what);
+    output_file_integer(f, count);
+    output_file_text(f, mean);
+    output_file_fixed(f, value, 6);
+    output_file_text(f, "\n");
 }
 
 static int export_write_cameras(const struct synth_path *path, const char *name)
 {
     const struct synth_camera *c = &path->camera[0];
-    struct synth_file          f;
-    synth_file_open(&f, name);
-    synth_file_text(&f, "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
-                        "# Number of cameras: 1\n");
-    synth_file_integer(&f, CAMERA_ID);
-    synth_file_text(&f, " PINHOLE ");
-    synth_file_integer(&f, (uint64_t)c->width);
-    synth_file_text(&f, " ");
-    synth_file_integer(&f, (uint64_t)c->height);
+    struct output_file         f;
+    output_file_open(&f, name);
+    output_file_text(&f, "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+                         "# Number of cameras: 1\n");
+    output_file_integer(&f, CAMERA_ID);
+    output_file_text(&f, " PINHOLE ");
+    output_file_integer(&f, (uint64_t)c->width);
+    output_file_text(&f, " ");
+    output_file_integer(&f, (uint64_t)c->height);
     export_numbers(&f, (double[4]){c->f, c->f, c->cx, c->cy}, 4, 9);
-    synth_file_text(&f, "\n");
-    return synth_file_close(&f);
+    output_file_text(&f, "\n");
+    return output_file_close(&f);
 }
 
-static void export_pose(struct synth_file *f, const struct synth_camera *c, const double origin[3])
+static void export_pose(struct output_file *f, const struct synth_camera *c, const double origin[3])
 {
     const double *r = c->rotation, at[3] = {c->centre.x + origin[0], c->centre.y + origin[1], c->centre.z + origin[2]};
     double        q[4], t[3];
@@ -97,16 +97,16 @@ static void export_pose(struct synth_file *f, const struct synth_camera *c, cons
     export_numbers(f, t, 3, 9);
 }
 
-static void export_keypoint(struct synth_file *f, int is_first, double x, double y)
+static void export_keypoint(struct output_file *f, int is_first, double x, double y)
 {
-    if (!is_first) synth_file_text(f, " ");
-    synth_file_fixed(f, x, 3);
-    synth_file_text(f, " ");
-    synth_file_fixed(f, y, 3);
-    synth_file_text(f, " ");
+    if (!is_first) output_file_text(f, " ");
+    output_file_fixed(f, x, 3);
+    output_file_text(f, " ");
+    output_file_fixed(f, y, 3);
+    output_file_text(f, " ");
 }
 
-static void export_view(struct synth_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids ids,
+static void export_view(struct output_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids ids,
                         int view)
 {
     const size_t first = points->view_first[view];
@@ -114,75 +114,75 @@ static void export_view(struct synth_file *f, const synth_options *o, const stru
         const struct synth_observation *at = synth_observation_in(points, points->by_view[first + k], view);
         const uint64_t                  h  = synth_bits(o->seed, 300 + k, (uint64_t)view);
         export_keypoint(f, k == 0, at->x, at->y);
-        synth_file_integer(f, synth_id(ids, points->by_view[first + k]));
+        output_file_integer(f, synth_id(ids, points->by_view[first + k]));
         if (!synth_stray(o->seed, view, k)) continue;
         export_keypoint(f, 0, synth_unit(h) * o->width, synth_unit(synth_mix(h)) * o->height);
-        synth_file_text(f, "-1");
+        output_file_text(f, "-1");
     }
-    synth_file_text(f, "\n");
+    output_file_text(f, "\n");
 }
 
 static int export_write_images(const synth_options *o, const struct synth_path *path, const struct synth_points *points,
                                const char *name)
 {
     const struct synth_ids views = synth_ids_for((uint64_t)path->count), ids = synth_ids_for(points->count);
-    struct synth_file      f;
-    synth_file_open(&f, name);
-    synth_file_text(&f,
-                    "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
-                    "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
+    struct output_file     f;
+    output_file_open(&f, name);
+    output_file_text(&f,
+                     "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
+                     "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
     export_mean(&f, "# Number of images: ", (uint64_t)path->count,
                 ", mean observations per image: ", (double)points->observation_count / path->count);
     for (int i = 0; i < path->count; i++) {
         char image[32];
         synth_image_name(i, image);
-        synth_file_integer(&f, synth_id(views, (uint64_t)i));
+        output_file_integer(&f, synth_id(views, (uint64_t)i));
         export_pose(&f, &path->camera[i], o->origin);
-        synth_file_text(&f, " ");
-        synth_file_integer(&f, CAMERA_ID);
-        synth_file_text(&f, " ");
-        synth_file_text(&f, image);
-        synth_file_text(&f, "\n");
+        output_file_text(&f, " ");
+        output_file_integer(&f, CAMERA_ID);
+        output_file_text(&f, " ");
+        output_file_text(&f, image);
+        output_file_text(&f, "\n");
         export_view(&f, o, points, ids, i);
     }
-    return synth_file_close(&f);
+    return output_file_close(&f);
 }
 
-static void export_point(struct synth_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids views,
+static void export_point(struct output_file *f, const synth_options *o, const struct synth_points *points, struct synth_ids views,
                          const struct synth_point *p)
 {
     const double at[3] = {p->position.x + o->origin[0], p->position.y + o->origin[1], p->position.z + o->origin[2]};
     export_numbers(f, at, 3, 6);
     for (int c = 0; c < 3; c++) {
-        synth_file_text(f, " ");
-        synth_file_integer(f, (p->sum[c] + p->count / 2u) / p->count);
+        output_file_text(f, " ");
+        output_file_integer(f, (p->sum[c] + p->count / 2u) / p->count);
     }
-    synth_file_text(f, " ");
-    synth_file_fixed(f, p->error, 6);
+    output_file_text(f, " ");
+    output_file_fixed(f, p->error, 6);
     for (int k = 0; k < p->count; k++) {
         const struct synth_observation *s = &points->observation[p->first + (size_t)k];
-        synth_file_text(f, " ");
-        synth_file_integer(f, synth_id(views, s->view));
-        synth_file_text(f, " ");
-        synth_file_integer(f, s->index);
+        output_file_text(f, " ");
+        output_file_integer(f, synth_id(views, s->view));
+        output_file_text(f, " ");
+        output_file_integer(f, s->index);
     }
-    synth_file_text(f, "\n");
+    output_file_text(f, "\n");
 }
 
 static int export_write_points(const synth_options *o, const struct synth_points *points, const char *name)
 {
     const struct synth_ids views = synth_ids_for((uint64_t)points->views), ids = synth_ids_for(points->count);
-    struct synth_file      f;
-    synth_file_open(&f, name);
-    synth_file_text(&f, "# 3D point list with one line of data per point:\n"
-                        "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
+    struct output_file     f;
+    output_file_open(&f, name);
+    output_file_text(&f, "# 3D point list with one line of data per point:\n"
+                         "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
     export_mean(&f, "# Number of points: ", points->count,
                 ", mean track length: ", points->count > 0 ? (double)points->observation_count / (double)points->count : 0);
     for (size_t i = 0; i < points->count; i++) {
-        synth_file_integer(&f, synth_id(ids, i));
+        output_file_integer(&f, synth_id(ids, i));
         export_point(&f, o, points, views, &points->point[i]);
     }
-    return synth_file_close(&f);
+    return output_file_close(&f);
 }
 
 oxl_result synth_colmap_write(const synth_options *o, const struct synth_path *path, const struct synth_points *points,

@@ -113,7 +113,7 @@ promise sparse_that_is_not_there_is_told_as_such 3 "--sparse names the folder" o
 promise endless_numbers_are_refused 2 "'1e999' seen" "$program" render m.ply s -o o --scale 1e999
 promise endless_places_are_refused 2 "'0,1e999,0' seen" "$program" synth -o o --origin 0,1e999,0
 promise wrong_unit_is_refused 2 "'20q' seen" "$program" train s -o o --max-time 20q
-promise one_word_too_many_is_refused 2 "one word too many" "$program" eval a b c
+promise one_argument_too_many_is_refused 2 "one argument too many" "$program" eval a b c
 promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
 # Without /proc (a folder that chroot was called with) the program does not know what to call again, and they do as OpenMP likes.
 promise waiting_threads_sleep 0 "" \
@@ -185,12 +185,12 @@ promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.p
 promise eval_prints_json 0 '  "psnr": ' on_stdout "$program" eval out/scene.ply survey --json
 promise a_model_lies_where_its_origin_says 0 "" sh -c \
     "LC_ALL=C sed '1,/^end_header/s/^comment origin.*/comment origin 1e6 0 0/' out/scene.ply >moved.ply; for m in out/scene moved; do '$program' eval \$m.ply survey >\$(basename \$m).txt || exit 1; done; ! cmp -s scene.txt moved.txt"
-promise render_draws_every_view 0 "16 pictures in all" "$program" render out/scene.ply survey -o all --split all --depth
+promise render_draws_every_view 0 "16 images in all" "$program" render out/scene.ply survey -o all --split all --depth
 promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
 promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
 promise render_writes_an_orthomosaic 0 "ortho.pgw places it in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --depth
 promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
-promise render_flies_a_path 0 "3 pictures in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
+promise render_flies_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
 promise a_shorter_flight_leaves_no_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --path survey --frames 5 && '$program' render out/scene.ply survey -o flight --path survey --frames 3"
 promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_*.png"
 promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home

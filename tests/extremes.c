@@ -6,7 +6,7 @@
 
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
-#include "../lab/synth_file.c"
+#include "../cli/file.c"
 #include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
 #include "../lab/synth_path.c"

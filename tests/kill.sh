@@ -68,7 +68,7 @@ stop_at() {
     [ $? = 130 ]
 }
 interrupt() {
-    stop_at checkpoint.oxl "$1" && grep "go on: oceanxl train survey -o $1" message.txt && "$program" train survey -o "$1" --quiet
+    stop_at checkpoint.oxl "$1" && grep "resume: oceanxl train survey -o $1" message.txt && "$program" train survey -o "$1" --quiet
 }
 promise ctrl_c_says_how_to_go_on_and_that_command_does interrupt stopped
 promise after_ctrl_c_the_bytes_are_the_same same calm stopped

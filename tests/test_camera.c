@@ -210,7 +210,7 @@ TEST(camera_nonsense_is_refused_with_a_word_on_what_to_do)
         {"PINHOLE", 640, 4, {500, 1.27, 320, 240}, "wanted 1.28 (half a turn of view) to 1e9"},
         {"SIMPLE_PINHOLE", 2000000, 3, {500, 320, 240}, "2000000 x 480"},
         {"SIMPLE_RADIAL", 640, 4, {500, 700, 240, -0.1}, "outside of its 640 x 480"},
-        {"SIMPLE_RADIAL", 640, 4, {500, 320, 240, -1e6}, "leaves no picture"},
+        {"SIMPLE_RADIAL", 640, 4, {500, 320, 240, -1e6}, "leaves no image"},
         {"SIMPLE_PINHOLE", 640, 3, {500, 1e300, 240}, "principal point"},
     };
     for (size_t i = 0; i < OXL_COUNT(cases); i++) {

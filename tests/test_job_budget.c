@@ -1,8 +1,8 @@
 /* test_job_budget.c - --ram: what gives way, in which order, and what is refused. */
 
-static struct survey_load budget_test_load(void)
+static struct cost_load budget_test_load(void)
 {
-    return (struct survey_load){
+    return (struct cost_load){
         .points = 20000, .observations = 100000, .views = 50, .pixels = 50e6, .schedule_pixels = 45e6, .largest = 1e6};
 }
 
@@ -15,18 +15,18 @@ static oxl_job_options budget_test_options(double ram)
 
 TEST(budget_without_ram_changes_nothing)
 {
-    const struct survey_load load = budget_test_load();
-    oxl_job_options          o = budget_test_options(0), before = o;
+    const struct cost_load load = budget_test_load();
+    oxl_job_options        o = budget_test_options(0), before = o;
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.max_gaussians == before.train.max_gaussians);
     CHECK(o.train.sh_degree == before.train.sh_degree && o.scene.image_cache_bytes == before.scene.image_cache_bytes);
 }
 
 TEST(budget_takes_the_cache_then_trials_then_gaussians)
 {
-    const struct survey_load load = budget_test_load();
-    const oxl_job_options    free = budget_test_options(0);
-    oxl_job_options          o    = budget_test_options(20e9);
-    const double             most = survey_cost(test_ctx, &o, &load).gaussians; /* that are expected */
+    const struct cost_load load = budget_test_load();
+    const oxl_job_options  free = budget_test_options(0);
+    oxl_job_options        o    = budget_test_options(20e9);
+    const double           most = cost_estimate(test_ctx, &o, &load).gaussians; /* that are expected */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)1 << 30);
     CHECK((size_t)o.train.max_gaussians == schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train));
     o = budget_test_options(2e9);
@@ -35,17 +35,17 @@ TEST(budget_takes_the_cache_then_trials_then_gaussians)
     for (double ram = 2e9; ram > 2e8; ram *= 0.9) {
         o = budget_test_options(ram);
         if (!budget_fit(test_ctx, &load, &o)) continue;
-        CHECK(survey_memory(&o, &load, o.train.max_gaussians) <= 0.9 * ram);
+        CHECK(cost_memory(&o, &load, o.train.max_gaussians) <= 0.9 * ram);
         CHECK(o.train.sh_degree == 3 || o.train.max_gaussians >= most); /* trials go before Gaussians do */
     }
 }
 
 TEST(budget_refuses_what_cannot_fit_and_names_a_flag_that_would)
 {
-    const struct survey_load load = budget_test_load();
-    oxl_job_options          o    = budget_test_options(1e8), enough;
-    const char              *fix;
-    double                   mb = 0;
+    const struct cost_load load = budget_test_load();
+    oxl_job_options        o    = budget_test_options(1e8), enough;
+    const char            *fix;
+    double                 mb = 0;
     CHECK(!budget_fit(test_ctx, &load, &o));
     CHECK(budget_refuse(test_ctx, &load, &o) == OXL_ERR_BUDGET);
     fix = strstr(oxl_error_text(test_ctx), "--ram ");
@@ -71,10 +71,10 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
 
 TEST(budget_holds_what_fits_without_a_cache_and_gives_the_cache_the_rest)
 {
-    const struct survey_load load = budget_test_load();
-    oxl_job_options          o    = budget_test_options(0);
-    const size_t             most = o.scene.image_cache_bytes;
-    double                   all, needed, taken;
+    const struct cost_load load = budget_test_load();
+    oxl_job_options        o    = budget_test_options(0);
+    const size_t           most = o.scene.image_cache_bytes;
+    double                 all, needed, taken;
     CHECK(budget_holds(test_ctx, &load, 1e6, &o, &all) && o.scene.image_cache_bytes == most);
     o.ram = 1 << 20;
     CHECK(!budget_holds(test_ctx, &load, 1e6, &o, &needed) && needed > 1 << 20 && o.scene.image_cache_bytes == most);
@@ -103,9 +103,9 @@ static const char *budget_test_long_survey(void)
 
 TEST(budget_asks_for_no_more_gaussians_than_the_images_allow)
 {
-    struct survey_load load = budget_test_load();
-    oxl_job_options    o    = budget_test_options(2e9);
-    load.schedule_pixels    = 1e4; /* fewer than points: none is added */
+    struct cost_load load = budget_test_load();
+    oxl_job_options  o    = budget_test_options(2e9);
+    load.schedule_pixels  = 1e4; /* fewer than points: none is added */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.max_gaussians >= 20000);
 }
 
@@ -129,28 +129,28 @@ TEST(budget_too_small_for_all_blocks_together_leaves_them_as_they_are_and_says_s
 
 TEST(budget_counts_the_images_that_are_on_their_way)
 {
-    struct survey_load load = budget_test_load();
-    oxl_job_options    o    = oxl_job_options_default(OXL_PRESET_STANDARD);
-    double             before;
+    struct cost_load load = budget_test_load();
+    oxl_job_options  o    = oxl_job_options_default(OXL_PRESET_STANDARD);
+    double           before;
     o.scene.image_cache_bytes = (size_t)4e8;
     load.pixels               = 1e7;
-    before                    = survey_cost(test_ctx, &o, &load).memory;
+    before                    = cost_estimate(test_ctx, &o, &load).memory;
     load.largest_file         = 1e6; /* 6 MB each, with what decoding takes: 16 at once, and one beside a cache that is full */
-    CHECK_CLOSE(survey_cost(test_ctx, &o, &load).memory - before, 17 * 6e6, 1);
+    CHECK_CLOSE(cost_estimate(test_ctx, &o, &load).memory - before, 17 * 6e6, 1);
     load.largest_file = 2e7; /* a quarter of the cache, and 120 MB */
-    CHECK_CLOSE(survey_cost(test_ctx, &o, &load).memory - before, 220e6, 1);
+    CHECK_CLOSE(cost_estimate(test_ctx, &o, &load).memory - before, 220e6, 1);
     load.pixels       = 1e9; /* the cache is full of them anyway */
     load.largest_file = 0;
-    before            = survey_cost(test_ctx, &o, &load).memory;
+    before            = cost_estimate(test_ctx, &o, &load).memory;
     load.largest_file = 2e7;
-    CHECK_CLOSE(survey_cost(test_ctx, &o, &load).memory - before, 120e6, 1);
+    CHECK_CLOSE(cost_estimate(test_ctx, &o, &load).memory - before, 120e6, 1);
 }
 
 TEST(budget_decides_the_same_on_any_number_of_threads)
 {
-    struct survey_load load    = budget_test_load();
-    const int          threads = test_ctx->threads;
-    oxl_job_options    decided[3];
+    struct cost_load load    = budget_test_load();
+    const int        threads = test_ctx->threads;
+    oxl_job_options  decided[3];
     load.largest_file = 1.2e7;
     load.pixels       = 2e8;
     for (int i = 0; i < 3; i++) {

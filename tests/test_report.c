@@ -1,5 +1,6 @@
 /* test_report.c - the page says what the folder holds, whatever names are in it and whatever is missing. */
 #include "../cli/json.c"
+#include "../cli/output.c"
 #include "../cli/report.c"
 #include "../cli/report_chart.c"
 #include "../cli/report_map.c"
@@ -157,7 +158,7 @@ TEST(report_base64_pads_as_rfc_4648_says)
 {
     static const char *const plain[] = {"f", "fo", "foo", "foob"}, *const coded[] = {"Zg==", "Zm8=", "Zm9v", "Zm9vYg=="};
     for (int i = 0; i < 4; i++) {
-        struct study_text t = {0};
+        struct output t = {0};
         page_data(&t, "a/b", plain[i], strlen(plain[i]));
         CHECK(strcmp(t.data + strlen("data:a/b;base64,"), coded[i]) == 0);
         free(t.data);

@@ -3,7 +3,6 @@
 #include "../lab/study.c"
 #include "../lab/study_plot.c"
 #include "../lab/study_report.c"
-#include "../lab/study_text.c"
 #include "../lab/study_train.c"
 #include "../lab/tradeoff.c"
 
@@ -71,9 +70,9 @@ static struct study *study_test_sweep(void)
     return s;
 }
 
-static struct study_text study_test_text(void (*write)(struct study_text *t, const struct study *s), const struct study *s)
+static struct output study_test_text(void (*write)(struct output *t, const struct study *s), const struct study *s)
 {
-    struct study_text t = {0};
+    struct output t = {0};
     write(&t, s);
     CHECK(!t.failed && t.data != NULL && !strstr(t.data, "nan") && !strstr(t.data, "inf"));
     return t;
@@ -132,8 +131,8 @@ TEST(study_compares_a_saving_with_fewer_iterations)
 
 TEST(study_page_says_none_where_an_effect_is_within_the_spread)
 {
-    struct study     *s = study_test_ablation();
-    struct study_text t = study_test_text(study_page, s);
+    struct study *s = study_test_ablation();
+    struct output t = study_test_text(study_page, s);
     CHECK_TEXT(t.data, "700 iterations");
     CHECK_TEXT(t.data, "seeds 1 to 2 (mean +- standard deviation)");
     CHECK_TEXT(t.data, "23.00 +-1.41");
@@ -158,9 +157,9 @@ static int study_test_count(const char *text, const char *start, char what)
 
 TEST(study_page_of_one_seed_has_whole_tables_and_no_spreads)
 {
-    study_options     one = {.scene = "reef", .seeds = 1};
-    struct study     *s   = study_test_ablation();
-    struct study_text t;
+    study_options one = {.scene = "reef", .seeds = 1};
+    struct study *s   = study_test_ablation();
+    struct output t;
     s->options = &one;
     for (int r = 0; r < 5; r++) s->done[r] = s->blocks[r] = 1;
     t = study_test_text(study_page, s);
@@ -175,8 +174,8 @@ TEST(study_page_of_one_seed_has_whole_tables_and_no_spreads)
 
 TEST(study_page_of_a_sweep_says_the_front_and_what_was_not_trained)
 {
-    struct study     *s = study_test_sweep();
-    struct study_text t = study_test_text(study_page, s);
+    struct study *s = study_test_sweep();
+    struct output t = study_test_text(study_page, s);
     CHECK_TEXT(t.data, "| --coarse 0.5 \\*  ");
     CHECK_TEXT(t.data, "| --coarse 0.5 against base ");
     CHECK_TEXT(t.data, "x0.400 +-0.000");
@@ -188,9 +187,9 @@ TEST(study_page_of_a_sweep_says_the_front_and_what_was_not_trained)
 
 TEST(study_csv_holds_every_run_means_spreads_and_comparisons_in_whole_lines)
 {
-    struct study     *s      = study_test_ablation();
-    struct study_text t      = study_test_text(study_csv, s);
-    int               commas = 0, lines = 0;
+    struct study *s      = study_test_ablation();
+    struct output t      = study_test_text(study_csv, s);
+    int           commas = 0, lines = 0;
     CHECK_TEXT(t.data,
                "row,against,seed,blocks,psnr_db,ssim,near_psnr_db,mid_psnr_db,far_psnr_db,gaussians,bytes,seconds,cpu_seconds,"
                "memory_bytes,ms_ssim,front\n");
@@ -225,8 +224,8 @@ static int study_test_is_nested(const char *xml)
 
 TEST(study_drawing_is_well_formed_and_names_its_points)
 {
-    struct study     *s = study_test_sweep();
-    struct study_text t = study_test_text(study_plot, s);
+    struct study *s = study_test_sweep();
+    struct output t = study_test_text(study_plot, s);
     CHECK(study_test_is_nested(t.data));
     CHECK_TEXT(t.data, "reef &lt;east&gt; &amp; west");
     CHECK_TEXT(t.data, ">coarse-0.5</text>");
@@ -238,8 +237,8 @@ TEST(study_drawing_is_well_formed_and_names_its_points)
 
 TEST(study_digits_do_not_follow_the_locale)
 {
-    struct study     *s      = study_test_ablation();
-    struct study_text before = study_test_text(study_csv, s), after;
+    struct study *s      = study_test_ablation();
+    struct output before = study_test_text(study_csv, s), after;
     if (!setlocale(LC_NUMERIC, "de_DE.UTF-8") && !setlocale(LC_NUMERIC, "fr_FR.UTF-8")) {
         free(before.data);
         free(s);

@@ -1,7 +1,7 @@
 /* test_synth.c - the synthetic survey is what it says it is: poses, points, tracks, depth and water agree with each other. */
 #include "../lab/synth.c"
 #include "../lab/synth_export.c"
-#include "../lab/synth_file.c"
+#include "../cli/file.c"
 #include "../lab/synth_fish.c"
 #include "../lab/synth_light.c"
 #include "../lab/synth_path.c"
@@ -560,15 +560,15 @@ TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
 TEST(synth_numbers_are_written_as_meant)
 {
     static const double value[] = {0, -0.0004, -1.5, 0.9996, 12.3456, 4581200.125};
-    struct synth_file   f;
+    struct output_file  f;
     struct os_file_map  map = {0};
-    synth_file_open(&f, test_path("numbers"));
+    output_file_open(&f, test_path("numbers"));
     for (size_t i = 0; i < OXL_COUNT(value); i++) {
-        synth_file_fixed(&f, value[i], 3);
-        synth_file_text(&f, " ");
+        output_file_fixed(&f, value[i], 3);
+        output_file_text(&f, " ");
     }
-    synth_file_integer(&f, 0);
-    CHECK(synth_file_close(&f));
+    output_file_integer(&f, 0);
+    CHECK(output_file_close(&f));
     CHECK_OK(os_read_file(test_ctx, test_path("numbers"), &map));
     CHECK(map.data && strcmp(map.data, "0.000 0.000 -1.500 1.000 12.346 4581200.125 0") == 0);
     os_release_file(test_ctx, &map);

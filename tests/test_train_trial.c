@@ -89,7 +89,7 @@ TEST(decide_does_as_asked_for)
 {
     struct decide_case c = decide_case(train_scene(14), 2, OXL_DOG_SELECTIVE);
     CHECK(c.model.sh_degree == 2);
-    CHECK(strstr(c.decisions.data, "\"sh_degree\": {\"chosen\": \"2\", \"evidence\": \"as asked for\"}") != NULL);
+    CHECK(strstr(c.decisions.data, "\"sh_degree\": {\"chosen\": \"2\", \"evidence\": \"as set\"}") != NULL);
     CHECK(strstr(c.decisions.data, "\"dog\": ") && strstr(c.decisions.data, "\"ucd\": ") &&
           strstr(c.decisions.data, "\"keep\": "));
     decide_case_free(&c);

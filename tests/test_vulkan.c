@@ -1162,7 +1162,7 @@ static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *met
     vulkan_told[0]          = 0;
     CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
-    if (robust) CHECK(sscanf(vulkan_told, "robust: of the images' pixels, %lf %%", &aside) == 1);
+    if (robust) CHECK(sscanf(vulkan_told, "transients: %lf %%", &aside) == 1);
     ctx->options.log = log;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);

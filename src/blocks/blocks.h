@@ -1,4 +1,4 @@
-/* blocks.h - a survey split into blocks, and the models of blocks merged. */
+/* blocks.h - partition of a survey into blocks, and merging of their models. */
 #ifndef OXL_BLOCKS_H
 #define OXL_BLOCKS_H
 
@@ -43,10 +43,9 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
 
 /* ---------------------------------------------------------------- merge.c: the models of blocks become one */
 
-/* Appends those Gaussians of a block's model whose centres lie in its home, about into's origin. `into` starts as an empty model
- * that has the origin of the whole; its SH degree grows to the largest that comes, missing bands are zero; rows with a second lobe
- * stay in front. So the blocks' models can be read, merged and freed one after the other, in the order of the blocks. On failure
- * `into` holds what it held. */
+/* Appends the Gaussians of a block's model whose centres lie in its box, relative to into's origin. `into` starts as an empty model with
+ * the origin of the whole; its SH degree grows to the largest of the blocks, missing coefficients are 0; rows with a second lobe stay in
+ * front. Models can be read, merged and freed one by one, in the order of the blocks. On failure `into` is unchanged. */
 OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
                                     oxl_model *into);
 

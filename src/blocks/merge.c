@@ -1,7 +1,7 @@
-/* merge.c - join the models of the blocks into one (OceanXL sec. 3.1; BlockGaussian).
+/* merge.c - merges the models of the blocks (OceanXL sec. 3.1; BlockGaussian).
  *
- * Invariant: a Gaussian is kept by the block in whose home its centre lies, and by no other. So what two neighbours both trained,
- * where their expanded boxes overlap, is there once; and as the outer homes have no end, nothing far away is lost.
+ * Invariant: each Gaussian is kept by the block whose box contains its centre only. So the overlap of expanded boxes is kept once, and
+ * since outer boxes are unbounded, distant Gaussians are kept.
  */
 #include "blocks.h"
 
@@ -19,15 +19,15 @@ static int merge_is_inside(const struct partition *p, int block, const oxl_model
     return partition_contains(&p->block[block].box, frame);
 }
 
-/* What is kept of a block's model. In a model the rows with a second lobe stand in front, so the block's go behind those that are
- * there, and its other rows to the end. */
+/* Rows kept of a block's model. Rows with a second lobe come first in a model, so the block's are inserted after the existing ones, and
+ * its other rows are appended. */
 struct merge_rows {
     size_t *row;                  /* (kept) of the block's model, ascending */
     size_t  kept, lobes;          /* the first `lobes` of them carry one */
     size_t  old_count, old_lobes; /* of the model that they come into */
 };
 
-/* A centre that is not a number has no home. */
+/* A centre that is not finite is in no box. */
 static void merge_select(const struct partition *p, int block, const oxl_model *model, struct merge_rows *m)
 {
     for (size_t i = 0; i < model->count; i++) {
@@ -43,12 +43,13 @@ static size_t merge_slot(const struct merge_rows *m, size_t k)
     return k < m->lobes ? m->old_lobes + k : m->old_count + k;
 }
 
-/* All the rows and lobes that `into` is to hold; what it held keeps its place, and its values when this fails. */
+/* Reserves all rows and lobes of `into`; existing rows keep their indices, and on failure their values. */
 static oxl_result merge_make_room(oxl_context *ctx, const struct merge_rows *m, int sh_degree, oxl_model *into)
 {
     oxl_result rc = OXL_OK;
     if (sh_degree > into->sh_degree) rc = model_set_degree(ctx, into, sh_degree);
-    if (rc == OXL_OK) rc = model_reserve(ctx, into, m->old_count + m->kept); /* exactly: it may be most of the memory */
+    if (rc == OXL_OK)
+        rc = model_reserve(ctx, into, m->old_count + m->kept); /* no spare capacity: the model may fill most of the memory */
     if (rc != OXL_OK) return rc;
     into->count = m->old_count + m->kept;
     rc          = model_set_lobes(ctx, into, m->old_lobes + m->lobes);
@@ -56,7 +57,7 @@ static oxl_result merge_make_room(oxl_context *ctx, const struct merge_rows *m, 
     return rc;
 }
 
-/* The origins are subtracted from each other before a coordinate comes in: the same origin changes no bit. */
+/* The difference of the origins is computed first, so that equal origins change no bit. */
 static void merge_insert(const struct merge_rows *m, const oxl_model *from, oxl_model *into)
 {
     const int planes = oxl_model_planes(into), carried = oxl_model_planes(from);

@@ -780,7 +780,7 @@ static void partition_log_frame(oxl_context *ctx, const oxl_partition_options *o
             "principal extents %.4g x %.4g x %.4g (1st to 99th percentile; %.1f %% of the points kept by the trim)", p->extent[0],
             p->extent[1], p->extent[2], 100 * share);
     if (o->kind == OXL_PARTITION_2D || o->kind == OXL_PARTITION_3D)
-        oxl_log(ctx, OXL_LOG_INFO, "partition in %dD, as asked for (l3/l2 = %.3f speaks for %dD)", p->dimensions, ratio,
+        oxl_log(ctx, OXL_LOG_INFO, "partition in %dD, as set (l3/l2 = %.3f speaks for %dD)", p->dimensions, ratio,
                 ratio < PARTITION_FLAT ? 2 : 3);
     else
         oxl_log(ctx, OXL_LOG_INFO, "partition in %dD: l3/l2 = %.3f is %s %.1f", p->dimensions, ratio,
@@ -804,7 +804,7 @@ static void partition_set_frame(const oxl_scene *scene, const oxl_partition_opti
 /* Why the survey stays whole; NULL when it is cut. */
 static const char *partition_reason_for_one(const struct partition_build *b)
 {
-    if (b->options.kind == OXL_PARTITION_NONE) return "as asked for";
+    if (b->options.kind == OXL_PARTITION_NONE) return "as set";
     if (b->kept <= (size_t)b->options.block_points) return "they are not more than a block may hold";
     if (b->visibility->first[b->visibility->views] == 0) return "the points have no tracks, which tell what a view sees";
     return NULL;

@@ -1,28 +1,28 @@
-/* partition.h - what the files of the partition share: who saw which point, and the plan of the blocks. */
+/* partition.h - shared by the files of the partition: points observed by each view, and the plan of the blocks. */
 #ifndef OXL_PARTITION_H
 #define OXL_PARTITION_H
 
 #include "blocks.h"
 
-#define PARTITION_NOWHERE UINT32_MAX /* a point that the scene leaves out, for it is not finite */
+#define PARTITION_NOWHERE UINT32_MAX /* a point that the scene drops */
 enum { PARTITION_TASKS = 16 };       /* parts of a parallel loop, each with its own scratch; results do not depend on it */
 
 /* ---------------------------------------------------------------- partition_axes.c: the frame */
 
 struct partition_axes {     /* relative to the scene's origin */
-    double rotation[9];     /* rows: right-handed, extents falling; the third points to where the cameras are */
+    double rotation[9];     /* rows: right-handed, falling extents; the third points to the cameras */
     double low[3], high[3]; /* frame coordinates: 1st and 99th percentile of the points kept */
-    double share;           /* of the points, kept by the trim */
+    double share;           /* share of points kept by the trim */
 };
 OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene, struct partition_axes *out);
 
 /* ---------------------------------------------------------------- partition_visibility.c: who saw which point */
 
-struct partition_visibility { /* by the tracks; test views see nothing here */
+struct partition_visibility { /* from the tracks; empty for test views */
     size_t    views;          /* of the scene */
     size_t   *first;          /* (views + 1) in the two below */
-    uint32_t *point;          /* ascending in each view; twice when a view saw it twice */
-    uint32_t *observation;    /* its place in the view's list of 2D points */
+    uint32_t *point;          /* ascending in each view; twice if observed twice */
+    uint32_t *observation;    /* index in the view's list of 2D points */
     uint32_t *seen;           /* (views) different points */
 };
 OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out);
@@ -45,7 +45,7 @@ struct partition_plan {
 /* The same scene in the same frame, cut otherwise, without a word in the log. Shares the visibility of `of`, which must outlive `out`. */
 OXL_INTERNAL oxl_result partition_again(oxl_context *ctx, const struct partition *of, const oxl_partition_options *options,
                                         struct partition *out);
-/* Marks in bits (points) what a block starts from; returns how many. bits: zero, (points + 63) / 64 words. */
+/* Sets bits (points) of a block's initial points; returns their number. bits: zero, (points + 63) / 64 words. */
 OXL_INTERNAL size_t     partition_mark(const struct partition *p, int block, uint64_t *bits);
 
 /* ---------------------------------------------------------------- partition_svg.c: the picture */

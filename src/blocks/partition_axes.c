@@ -1,12 +1,11 @@
-/* partition_axes.c - the frame in which a survey is cut: its principal axes, and how far it reaches along them.
+/* partition_axes.c - the frame of the partition: principal axes of the survey and its extents along them.
  *
- * Sources: principal components (Pearson 1901); their eigenvectors by Jacobi's rotations (1846), which need no more than + - x / and
- * the square root, and so give the same bits everywhere. A few points of every survey lie absurdly far away; they are trimmed first:
- * the axes are those of the points within 1.5 times the distance inside which 90 % of them lie. A uniform cloud of any shape loses
- * nothing by that, and up to a tenth of outliers changes nothing.
+ * Sources: principal components (Pearson 1901); eigenvectors by Jacobi rotations (1846), which use only + - x / and the square root, and
+ * so give the same bits on all machines. Outliers are trimmed first: the axes are those of the points within 1.5 times the 90 %
+ * quantile of the distances. Uniform point clouds are not trimmed, and up to 10 % outliers have no effect.
  *
- * Invariants: the rotation is right-handed and its rows fall in extent. It depends on the survey alone: of a large one,
- * one point of each stretch of the file is taken.
+ * Invariants: the rotation is right-handed with rows in order of falling extent. It depends on the survey alone: a large one is sampled,
+ * one point per section of the file.
  */
 #include "partition.h"
 
@@ -16,23 +15,21 @@ enum { AXES_SAMPLE = 1 << 18, AXES_SWEEPS = 30 };
 
 /* ---------------------------------------------------------------- the sample */
 
-/* Positions relative to the scene's origin, which is the points' median; those at an absurd distance, which the scene leaves out too,
- * are not taken. */
+/* Positions relative to the scene's origin, the median of the points, without the points that the scene drops. */
 static size_t axes_sample(const struct colmap *c, const double origin[3], double *sample)
 {
     const size_t step  = c->point_count / AXES_SAMPLE + 1;
     size_t       count = 0;
     for (size_t first = 0; first + step <= c->point_count; first += step) {
-        const size_t i =
-            first + random_bits(1, first, 0) % step; /* files have a rhythm of their own; ours must not fall in with it */
-        double *p = sample + 3 * count;
+        const size_t i = first + random_bits(1, first, 0) % step; /* random within the section, against periodic files */
+        double      *p = sample + 3 * count;
         for (int k = 0; k < 3; k++) p[k] = c->point[i].position[k] - origin[k];
         count += (size_t)scene_takes_point(&c->point[i], origin);
     }
     return count;
 }
 
-/* Moves those to keep to the front; returns how many. scratch (n). */
+/* Moves the kept points to the front; returns their number. scratch (n). */
 static size_t axes_trim(double *sample, size_t n, double *scratch)
 {
     size_t kept = 0;
@@ -62,7 +59,7 @@ static void axes_covariance(const double *p, size_t n, double a[3][3])
             for (int k = 0; k < 3; k++) a[j][k] += (p[3 * i + j] - mean[j]) * (p[3 * i + k] - mean[k]) / (double)n;
 }
 
-/* Turns rows and columns i and j of a, and rows i and j of v, so that a[i][j] becomes 0. */
+/* Rotates rows and columns i and j of a, and rows i and j of v, so that a[i][j] becomes 0. */
 static void axes_rotate(double a[3][3], double v[3][3], int i, int j)
 {
     const double theta = (a[j][j] - a[i][i]) / (2 * a[i][j]);
@@ -121,7 +118,7 @@ static void axes_flip(struct axes_reach *r)
     r->high = -low;
 }
 
-/* Cameras that stand on the positive side of an axis, less those on the other. */
+/* Number of cameras on the positive side of an axis minus those on the negative side. */
 static int axes_side_of_cameras(const oxl_scene *scene, const double axis[3])
 {
     int balance = 0;
@@ -134,8 +131,8 @@ static int axes_side_of_cameras(const oxl_scene *scene, const double axis[3])
     return balance;
 }
 
-/* Third axis to the cameras, first axis as most of it points, second so that the frame is right-handed: a map of the first two, seen
- * from the tip of the third, is what a diver who looks down would draw, not its mirror image. */
+/* The third axis points to the cameras, and the second makes the frame right-handed, so that a map of the first two axes is not
+ * mirrored. */
 static void axes_orient(const oxl_scene *scene, struct axes_reach r[3])
 {
     const double *a = r[0].axis, *b = r[1].axis, *c = r[2].axis;

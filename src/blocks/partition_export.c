@@ -1,15 +1,15 @@
-/* partition_export.c - each block as a COLMAP text export of its own, which COLMAP and other trainers open.
+/* partition_export.c - writes each block as a COLMAP text export, readable by COLMAP and other trainers.
  *
  *     OUT/blocks/KKK/sparse/0/   cameras.txt, images.txt, points3D.txt
  *     OUT/blocks/KKK/images      a link to the survey's images, and masks likewise, where the system has links
- *     OUT/partition.svg, and last of all OUT/partition.txt: where it stands, the rest does too
+ *     OUT/partition.svg, and OUT/partition.txt, which is written last and marks the export as complete
  *
- * A block holds its training views and the points that it starts from, in the world coordinates, camera models, names and ids of the
- * survey; numbers as %.17g. Tracks are reduced to the block's views. A view keeps its whole list of 2D points, those of no track in
- * the block unmatched (-1): so a track's POINT2D_IDX stays what it was, here and in COLMAP's database. The list's numbers are copied as
- * they stand in images.txt, letter by letter; those of images.bin are written as %.17g, as COLMAP's text export has them.
+ * A block holds its training views and initial points, in the world coordinates, camera models, names and ids of the survey; numbers as
+ * %.17g. Tracks are reduced to the block's views. A view keeps all 2D points, unmatched (-1) if their track is not in the block, so
+ * POINT2D_IDX of tracks is unchanged. Numbers of images.txt are copied as text; those of images.bin are written as %.17g, as in COLMAP's
+ * text export.
  *
- * Files are written by several threads at a time, a block each. Invariant: what is in a file does not depend on that.
+ * Several threads write files, one block each. Invariant: the content of files does not depend on the number of threads.
  */
 #include "partition.h"
 
@@ -21,17 +21,17 @@ struct exporter_files { /* of a block */
     struct os_writer writer[EXPORT_FILES];
 };
 
-struct exporter_worker {     /* what one thread works with; all of it taken before the threads start */
-    uint64_t        *bits;   /* (points) the block starts from it */
-    uint8_t         *image;  /* (images) its view is in the block */
-    uint8_t         *camera; /* (cameras) one of those views was taken by it */
-    int64_t         *slot;   /* (slots) POINT3D_ID to which a 2D point of the view at hand belongs; -1: none */
+struct exporter_worker {     /* buffers of a thread, allocated before the threads start */
+    uint64_t        *bits;   /* (points) 1: initial point of the block */
+    uint8_t         *image;  /* (images) 1: its view is in the block */
+    uint8_t         *camera; /* (cameras) 1: camera of one of these views */
+    int64_t         *slot;   /* (slots) POINT3D_ID of each 2D point of the current view; -1: none */
     char            *list;   /* (list_room) the text of a view's 2D points */
     char            *buffer; /* (EXPORT_BUFFER) */
     size_t           used;
     FILE            *file;
     struct os_reader reader; /* of the file of images */
-    size_t           loose;  /* entries of tracks that name no 2D point of their own */
+    size_t           loose;  /* track entries without a matching 2D point */
     oxl_result       rc;
 };
 
@@ -49,7 +49,7 @@ struct exporter {
 
 static void exporter_flush(struct exporter_worker *w)
 {
-    fwrite(w->buffer, 1, w->used, w->file); /* os_writer_close notices what failed */
+    fwrite(w->buffer, 1, w->used, w->file); /* os_writer_close reports errors */
     w->used = 0;
 }
 

@@ -403,7 +403,7 @@ static double svg_draw_legend(struct svg *s, double y)
     svg_begin_text(&s->t, "note", SVG_EDGE, y + 24);
     text_add(
         &s->t,
-        "P points at home, C base + border views. Blocks at the edge have no end: the dashed line is where the picture stops."
+        "P points inside, C base + border views. Blocks at the edge are unbounded: the dashed line is the border of the image."
         "</text>\n");
     return y + 50;
 }
@@ -498,7 +498,7 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
     s.base          = oxl_alloc(ctx, views, sizeof *s.base);
     s.border        = oxl_alloc(ctx, views, sizeof *s.border);
     if (!s.colour || !s.camera || !s.base || !s.border) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a picture of the partition");
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of the partition");
         goto done;
     }
     svg_find_cameras(&s);
@@ -508,7 +508,7 @@ OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition 
         s.panel[i].stacked = svg_is_stacked(p, &s.panel[i]);
     }
     svg_draw(&s);
-    if (s.t.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a picture of the partition");
+    if (s.t.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of the partition");
     else rc = os_write_file(ctx, path, s.t.data, s.t.size);
 done:
     text_free(&s.t);

@@ -16,7 +16,7 @@ static const char *json_past_string(const char *at)
     return *at ? at + 1 : at;
 }
 
-static const char *json_past(const char *at)
+const char *oxl_json_end(const char *at)
 {
     int depth = 0;
     if (*at != '{' && *at != '[') return *at == '"' ? json_past_string(at) : at + strcspn(at, ",]} \t\r\n");
@@ -52,7 +52,7 @@ const char *oxl_json_error(const char *text)
 /* The value after the comma, or NULL at the end of the object or array. */
 const char *oxl_json_next(const char *value)
 {
-    const char *at = value ? json_blank(json_past(value)) : "";
+    const char *at = value ? json_blank(oxl_json_end(value)) : "";
     return *at == ',' ? json_blank(at + 1) : NULL;
 }
 

@@ -16,6 +16,7 @@ const char *oxl_json_error(const char *text);
 const char *oxl_json_first(const char *value);
 const char *oxl_json_next(const char *value);
 const char *oxl_json_value(const char *key);
+const char *oxl_json_end(const char *value); /* first byte after it */
 
 const char *oxl_json_member(const char *object, const char *name);
 double      oxl_json_number_at(const char **cursor); /* moves past it; NAN: no number */

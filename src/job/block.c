@@ -6,12 +6,11 @@
  */
 #include "job.h"
 
+#include "../core/json.h"
+
 #define BLOCK_LOG_ROWS    200  /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
 #define BLOCK_REFINE      0.05 /* of the run: how long a model without its second lobes is refined */
-
-#define BLOCK_DECISIONS "\"decisions\": {"
-#define BLOCK_NOTES     "\"notes\": ["
 
 struct block {
     oxl_context             *ctx;
@@ -73,8 +72,8 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     if (rc == OXL_OK && os_is_file(path) && os_is_file(model)) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && map.data && strstr(map.data, key)) {
         out->there             = 1;
-        out->trained           = strstr(map.data, "\"trained\": true") != NULL;
-        out->finished          = strstr(map.data, "\"finished\": true") != NULL;
+        out->trained           = oxl_json_is_true(map.data, "trained");
+        out->finished          = oxl_json_is_true(map.data, "finished");
         out->iterations        = (int)OXL_CLAMP(manifest_number(map.data, "iterations_done"), 0, INT_MAX);
         out->gaussians         = (size_t)OXL_CLAMP(manifest_number(map.data, "gaussians"), 0, 1e9);
         out->seconds           = manifest_number(map.data, "seconds");
@@ -89,21 +88,18 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
     return rc;
 }
 
-/* The text in a folder's block.json from behind `start` up to the last `end` of the line, or of the file. */
-static oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *start, char end, int line, struct text *out)
+/* Appends the text inside the brackets of an object or array of a folder's block.json. */
+static oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name, struct text *out)
 {
     struct os_file_map map  = {0};
     char              *path = oxl_path_join(ctx, folder, "block.json");
     oxl_result         rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
-    const char        *at;
+    const char        *value;
     if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
-    at = map.data ? strstr(map.data, start) : NULL;
-    if (at) {
-        size_t size;
-        at += strlen(start);
-        size = line ? strcspn(at, "\n") : strlen(at);
-        while (size > 0 && at[size - 1] != end) size--;
-        if (size > 1) text_add(out, "%.*s", (int)(size - 1), at);
+    value = oxl_json_member(map.data, name);
+    if (value) {
+        const size_t size = (size_t)(oxl_json_end(value) - value);
+        if (size > 2) text_add(out, "%.*s", (int)(size - 2), value + 1);
     }
     os_release_file(ctx, &map);
     oxl_free(ctx, path);
@@ -112,7 +108,7 @@ static oxl_result block_read_member(oxl_context *ctx, const char *folder, const 
 
 OXL_INTERNAL oxl_result block_read_decisions(oxl_context *ctx, const char *folder, struct text *out)
 {
-    return block_read_member(ctx, folder, BLOCK_DECISIONS, '}', 1, out);
+    return block_read_member(ctx, folder, "decisions", out);
 }
 
 static void block_add(struct text *t, const char *name, double value)
@@ -134,8 +130,8 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     block_add(&t, "predicted_memory_bytes", r->predicted_peak);
     block_add(&t, "predicted_seconds", r->predicted_seconds);
     nonfinite_add_json(&t, &r->nonfinite);
-    text_add(&t, "  " BLOCK_DECISIONS "%s},\n", b->decisions.data ? b->decisions.data : "");
-    text_add(&t, "  %s,\n  " BLOCK_NOTES "%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
+    text_add(&t, "  \"decisions\": {%s},\n", b->decisions.data ? b->decisions.data : "");
+    text_add(&t, "  %s,\n  \"notes\": [%s]\n}\n", b->task->key, b->notes.size ? b->notes.data : "");
     t.failed |= b->notes.failed || b->decisions.failed;
     rc = block_write(b, "block.json", &t);
     text_free(&t);
@@ -310,7 +306,7 @@ static oxl_result block_reopen(struct block *b, oxl_scene *scene, oxl_model *mod
     oxl_result rc = path ? oxl_model_read(b->ctx, path, model) : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to read model.ply");
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(b->ctx, scene, path);
     if (rc == OXL_OK) rc = block_read_decisions(b->ctx, b->task->folder, &b->decisions);
-    if (rc == OXL_OK) rc = block_read_member(b->ctx, b->task->folder, BLOCK_NOTES, ']', 0, &b->notes);
+    if (rc == OXL_OK) rc = block_read_member(b->ctx, b->task->folder, "notes", &b->notes);
     oxl_free(b->ctx, path);
     return rc;
 }

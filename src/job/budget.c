@@ -13,12 +13,12 @@
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
 
 /* Of `most`, as many Gaussians as fit, by bisection; 0: not one does. */
-static double budget_gaussians(const oxl_job_options *o, const struct survey_load *load, double most)
+static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
 {
     double low = 0, high = OXL_MIN(1e9, most) + 1;
     while (high - low > 1) {
         const double middle = floor((low + high) / 2);
-        if (survey_memory(o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
+        if (cost_memory(o, load, OXL_MAX(middle, 1)) <= BUDGET_MARGIN * (double)o->ram) low = middle;
         else high = middle;
     }
     return low;
@@ -31,20 +31,20 @@ static void budget_leave_out_trials(oxl_job_options *o)
     o->train.ucd.learn = 0;
 }
 
-OXL_INTERNAL int budget_holds(const oxl_context *ctx, const struct survey_load *load, double more, oxl_job_options *o,
+OXL_INTERNAL int budget_holds(const oxl_context *ctx, const struct cost_load *load, double more, oxl_job_options *o,
                               double *memory)
 {
     const double    allowed = BUDGET_MARGIN * (double)o->ram, wanted = (double)o->scene.image_cache_bytes;
     oxl_job_options least         = *o;
     least.scene.image_cache_bytes = 0;
-    *memory                       = (survey_cost(ctx, &least, load).memory + more) / BUDGET_MARGIN;
+    *memory                       = (cost_estimate(ctx, &least, load).memory + more) / BUDGET_MARGIN;
     if (o->ram && *memory > (double)o->ram) return 0;
     if (o->ram) o->scene.image_cache_bytes = (size_t)OXL_MIN(wanted, allowed - BUDGET_MARGIN * *memory);
-    *memory = survey_cost(ctx, o, load).memory + more;
+    *memory = cost_estimate(ctx, o, load).memory + more;
     return 1;
 }
 
-OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o)
+OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
 {
     oxl_job_options fitted = *o;
     const double    most =
@@ -53,7 +53,7 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *lo
     double       gaussians;
     if (o->ram == 0) return 1;
     fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
-    if (survey_cost(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
+    if (cost_estimate(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
     gaussians = budget_gaussians(&fitted, load, most);
     if (gaussians < needed || gaussians < 1) return 0;
     fitted.train.max_gaussians = (int)gaussians;
@@ -62,7 +62,7 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *lo
 }
 
 /* The least budget that does, in MiB. */
-static double budget_needed(const oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o)
+static double budget_needed(const oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o)
 {
     double low = 0, high = 1 << 24;
     while (high - low > 1) {
@@ -75,7 +75,7 @@ static double budget_needed(const oxl_context *ctx, const struct survey_load *lo
     return high;
 }
 
-OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o)
+OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o)
 {
     const double needed = budget_needed(ctx, load, o);
     return oxl_fail(ctx, OXL_ERR_BUDGET,
@@ -87,11 +87,11 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load
 /* ---------------------------------------------------------------- blocks that fit */
 
 /* 1 when each block does; else *worst is the load of one that does not. */
-static int budget_fits_all(const oxl_context *ctx, const struct partition *p, const oxl_job_options *o, struct survey_load *worst)
+static int budget_fits_all(const oxl_context *ctx, const struct partition *p, const oxl_job_options *o, struct cost_load *worst)
 {
     for (int k = 0; k < p->block_count; k++) {
         oxl_job_options tried = *o;
-        *worst                = partition_load(p, k);
+        *worst                = cost_load_of_block(p, k);
         if (!budget_fit(ctx, worst, &tried)) return 0;
     }
     return 1;
@@ -101,7 +101,7 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
                                          struct partition *out)
 {
     oxl_partition_options tried = o->partition;
-    struct survey_load    worst;
+    struct cost_load      worst;
     oxl_result            rc = partition_make(ctx, scene, &tried, out);
     if (o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram && rc == OXL_OK)
         rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",

@@ -103,7 +103,7 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
                                   : "3d",
              p->block_count, job->survey.points, job->options.partition.block_points);
     text_add_number(t, floor(ratio * 1e3 + 0.5) / 1e3);
-    text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as asked for");
+    text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
 /* What was decided, and on what evidence, block by block. */
@@ -236,9 +236,9 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     if (rc == OXL_OK)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
                       "%s holds the unfinished work of a run with other options or of another survey:\n%s"
-                      "fix: the same options go on with it; --restart gives it up; another -o leaves it alone",
+                      "fix: use the same options to resume it, --restart to discard it, or another -o",
                       job->out,
-                      !run->line[0] ? "  its run.json is cut short\n"
+                      !run->line[0] ? "  its run.json is truncated\n"
                       : t.data      ? t.data
                                     : "");
     text_free(&t);
@@ -410,8 +410,8 @@ static void job_limit_time(const struct job *job, oxl_train_options *o)
 /* What the block may take, and what it will. */
 static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct block_task *task, oxl_job_options *o)
 {
-    const struct survey_load load = survey_load(scene);
-    struct survey_cost       cost;
+    const struct cost_load load = cost_load_of_scene(scene);
+    struct cost            cost;
     *o = job->options;
     if (job->partition.block_count > 1) o->partition.kind = OXL_PARTITION_NONE; /* it is not cut again */
     job_share(job, load.points, &o->train);
@@ -419,12 +419,12 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
         oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has no room for trials: SH degree %d and no second lobes, undecided",
                 (double)o->ram / 1e6, o->train.sh_degree);
-    cost                    = survey_cost(job->ctx, o, &load);
+    cost                    = cost_estimate(job->ctx, o, &load);
     task->train             = o->train;
     task->predicted_peak    = cost.memory;
     task->predicted_seconds = job->survey.seconds; /* of one block: what was tried of the survey is not tried again */
     if (job->partition.block_count > 1 || !(job->survey.seconds > 0))
-        task->predicted_seconds = survey_seconds(job->ctx, scene, o, &cost, NULL);
+        task->predicted_seconds = cost_seconds(job->ctx, scene, o, &cost, NULL);
     job_limit_time(job, &task->train);
     return OXL_OK;
 }
@@ -586,8 +586,8 @@ static double job_start_bytes(const oxl_model *merged)
 /* Whether the whole fits into the memory allowed; if so, the cache of images is as large as it may be. */
 static int job_fits_merged(struct job *job, const oxl_model *merged, struct block_task *task)
 {
-    struct survey_load load = survey_load(job->scene);
-    oxl_job_options    o    = job->options;
+    struct cost_load load   = cost_load_of_scene(job->scene);
+    oxl_job_options  o      = job->options;
     o.train                 = task->train;
     o.train.max_gaussians   = (int)OXL_MIN(merged->count, INT_MAX);
     load.points             = merged->count;
@@ -768,7 +768,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
     struct seam seam;
     oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_split(job), &m);
     if (rc != OXL_OK) goto done;
-    if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be judged, so the metrics say nothing");
+    if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
     else
         oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
                 job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
@@ -841,7 +841,7 @@ static oxl_result job_conclude(struct job *job, oxl_result rc)
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
     if (job->options.block >= 0 && !one) return rc;
     if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
-    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to go on", job->out);
+    else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to resume", job->out);
     return joined == OXL_OK ? rc : joined;
 }
 

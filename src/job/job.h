@@ -22,7 +22,7 @@ OXL_INTERNAL void       manifest_free(oxl_context *ctx, struct oxl_manifest *run
 OXL_INTERNAL void       manifest_options(const struct oxl_manifest *run, oxl_job_options *o); /* o borrows run's strings */
 /* A line for each member of "job" and "found" that differs between two runs. */
 OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *there, const char *here);
-OXL_INTERNAL double     manifest_number(const char *text, const char *name); /* what follows "name": , or 0 */
+OXL_INTERNAL double     manifest_number(const char *text, const char *name); /* a finite member, or 0 */
 
 /* ---------------------------------------------------------------- block.c: the training of one block in its folder */
 
@@ -86,57 +86,56 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model
 OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
                                              struct text *json, const char *folder);
 
-/* ---------------------------------------------------------------- survey_report.c: what a survey holds, what training it would take */
+/* ---------------------------------------------------------------- predict_time.c: times some steps */
 
-/* What a training run takes, of a survey or of a block, as arithmetic on counts. */
-struct survey_load {
-    size_t points, observations; /* to start from; of a point in a view */
-    int    views;
-    double pixels, schedule_pixels, largest; /* of all views; of the training views; of one */
-    double largest_file;                     /* pixels of an image as the file has it */
-};
-struct survey_cost {
-    double gaussians, memory, seconds; /* at the end; peak in bytes; on ctx's threads */
-};
-/* Of a block that partition_make has made. */
-OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int block);
-OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene);
-OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *options,
-                                            const struct survey_load *load);
-/* Peak in bytes, of a run that ends with so many Gaussians. */
-OXL_INTERNAL double             survey_memory(const oxl_job_options *options, const struct survey_load *load, double gaussians);
-/* closely: each image and mask is looked at, too, as far as that goes without decoding it. */
-OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
-                                        oxl_survey *out);
-/* An object without a newline at its end; its lines after the first start with `indent`. */
-OXL_INTERNAL void       survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
-
-/* Of the scene that the cost is of, in all its blocks: from steps that are timed, or, where that would take too long, by the cost. */
-/* range: the least and the most that it may be; NULL when nobody asks. */
-OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options,
-                                   const struct survey_cost *cost, double range[2]);
-
-/* ---------------------------------------------------------------- predict_time.c: how long steps will take */
-
-/* Gaussians at the end of a run that may not have more than `cap`. */
+/* Expected Gaussians at the end of a run with at most `cap`. */
 OXL_INTERNAL double predict_time_expected(const oxl_train_options *options, size_t points, size_t cap);
 
-/* Seconds of a run that is to end with so many Gaussians, extrapolated from steps that are timed here and now; range: the least and the
- * most that it may be. 0: it cannot be told so, be it that timing would take too long, or for want of memory. */
+/* Seconds of a run that ends with so many Gaussians, extrapolated from steps timed here; range: lower and upper limit. 0: not
+ * predicted, since timing would take too long or memory is missing. */
 OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *options, double gaussians,
                                  double range[2]);
+
+/* ---------------------------------------------------------------- cost.c: predicted Gaussians, memory and time */
+
+struct cost_load {               /* counts of a survey or of a block */
+    size_t points, observations; /* initial points; (point, view) pairs */
+    int    views;
+    double pixels, schedule_pixels, largest; /* of all views; of the training views; of the largest view */
+    double largest_file;                     /* pixels of the largest image file */
+};
+struct cost {
+    double gaussians, memory, seconds; /* at the end of the run; peak, bytes; with ctx's threads */
+};
+OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene);
+OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block); /* p by partition_make */
+OXL_INTERNAL struct cost      cost_estimate(const oxl_context *ctx, const oxl_job_options *options, const struct cost_load *load);
+/* Peak memory of a run that ends with so many Gaussians, bytes. */
+OXL_INTERNAL double           cost_memory(const oxl_job_options *options, const struct cost_load *load, double gaussians);
+/* Duration for all blocks of the scene, from timed steps, or from the cost where timing takes too long. range: lower and upper limit, or
+ * NULL. */
+OXL_INTERNAL double           cost_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options,
+                                           const struct cost *cost, double range[2]);
 
 /* ---------------------------------------------------------------- budget.c: --ram */
 
 /* Image cache and most Gaussians such that the load fits options->ram (0: they stay); 0 when it cannot. */
-OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct survey_load *load, oxl_job_options *o);
+OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 /* A run that makes no Gaussians, beside `more` bytes: whether it fits, without a cache if need be. *memory: what it takes; the budget that
  * would do when it does not fit. */
-OXL_INTERNAL int        budget_holds(const oxl_context *ctx, const struct survey_load *load, double more, oxl_job_options *o,
+OXL_INTERNAL int        budget_holds(const oxl_context *ctx, const struct cost_load *load, double more, oxl_job_options *o,
                                      double *memory);
-OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load *load, const oxl_job_options *o);
+OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o);
 /* partition_make with blocks small enough that each fits. OXL_ERR_BUDGET: not even small ones do. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out);
+
+/* ---------------------------------------------------------------- survey_report.c: content of a survey, predicted cost */
+
+/* closely: also checks each image and mask, without decoding images. */
+OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
+                                        oxl_survey *out);
+/* An object without a final newline; lines after the first start with `indent`. */
+OXL_INTERNAL void       survey_add_json(struct text *t, const oxl_survey *survey, const char *indent);
 
 #endif

@@ -1,9 +1,11 @@
-/* manifest.c - run.json: what a run's result depends on, written so that it can be compared and read back.
+/* manifest.c - run.json: all inputs of a run's result, written, read and compared.
  *
- * Invariant: two runs whose lines "job" are equal, on the same files, end in the same bytes. What only says how fast or how
- * much at a time (threads, --max-time, --image-cache) is not in the line.
+ * Invariant: runs with equal members "job" on the same files end in the same bytes. Options that only affect speed or memory
+ * (threads, --max-time, --image-cache) are not in it.
  */
 #include "job.h"
+
+#include "../core/json.h"
 
 /* ---------------------------------------------------------------- options to text */
 
@@ -15,7 +17,7 @@ static int manifest_is_json(const char *text)
     return ((unsigned char)(text[0] - '0') < 10 || text[0] == '-') && parse_double(&end, text + strlen(text), &value) && !*end;
 }
 
-/* A number, true or false as it is, anything else as a string. */
+/* Numbers, true and false unquoted, others as strings. */
 static void manifest_add_value(struct text *t, const char *name, const char *value)
 {
     text_add(t, ", \"%s\": ", name);
@@ -44,80 +46,62 @@ OXL_INTERNAL void manifest_describe(struct text *t, const char *scene, const oxl
     text_add_json_string(t, scene);
     for (int i = 0; i < oxl_option_count(); i++)
         if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT) manifest_add_option(t, oxl_option_at(i), o);
-    if (t->ctx->vulkan) manifest_add_value(t, "device", oxl_backend_name(t->ctx)); /* its bytes are its own */
+    if (t->ctx->vulkan) manifest_add_value(t, "device", oxl_backend_name(t->ctx)); /* results depend on the device */
     text_add(t, "}");
 }
 
 /* ---------------------------------------------------------------- text to options */
 
-/* What follows "name": in the line, or NULL. */
+/* A member of one of the objects of `"job": {...}, "found": {...}`, or NULL. */
 static const char *manifest_find(const char *line, const char *name)
 {
-    char quoted[64];
-    snprintf(quoted, sizeof quoted, "\"%s\": ", name);
-    line = strstr(line, quoted);
-    return line ? line + strlen(quoted) : NULL;
+    const char *found = NULL;
+    for (const char *key = line; key && *key == '"' && !found;) {
+        const char *object = oxl_json_value(key);
+        found              = oxl_json_member(object, name);
+        key                = oxl_json_next(object);
+    }
+    return found;
 }
 
-OXL_INTERNAL double manifest_number(const char *text, const char *name)
+OXL_INTERNAL double manifest_number(const char *object, const char *name)
 {
-    const char *s     = manifest_find(text, name);
-    double      value = 0;
-    if (s) parse_double(&s, s + strlen(s), &value);
+    const double value = oxl_json_number(object, name);
     return fabs(value) <= DBL_MAX ? value : 0;
 }
 
-/* A JSON string as text_add_json_string writes it, into fresh memory; *out = NULL for null or nothing. */
-static oxl_result manifest_read_string(oxl_context *ctx, const char *line, const char *name, char **out)
+/* A JSON value as text, a string unescaped, allocated; *out = NULL for null or a missing value. */
+static oxl_result manifest_read_value(oxl_context *ctx, const char *value, char **out)
 {
-    struct text t = {.ctx = ctx};
-    const char *s = manifest_find(line, name);
-    *out          = NULL;
-    if (!s || *s != '"') return OXL_OK;
-    for (s++; *s && *s != '"'; s++) {
-        if (*s == '\\' && s[1] == 'u') {
-            char digits[5] = {0};
-            memcpy(digits, s + 2, strnlen(s + 2, 4));
-            text_add(&t, "%c", (char)strtol(digits, NULL, 16));
-            s += 1 + strlen(digits);
-        } else if (*s == '\\' && s[1]) text_add(&t, "%c", *++s);
-        else text_add(&t, "%c", *s);
-    }
-    text_add(&t, "%s", "");
-    return text_take(&t, out);
+    const size_t room = value ? OXL_MAX(oxl_json_room(value), (size_t)(oxl_json_end(value) - value) + 1) : 0;
+    *out              = NULL;
+    if (!value || strncmp(value, "null", 4) == 0) return OXL_OK;
+    if (!(*out = oxl_calloc(ctx, room, 1))) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a value of run.json");
+    if (*value == '"') oxl_json_text(value, *out, room);
+    else memcpy(*out, value, (size_t)(oxl_json_end(value) - value));
+    return OXL_OK;
 }
 
-/* A value of the line as text, its quotes off, in fresh memory; *out = NULL when it is not there, or null. */
-static oxl_result manifest_read_value(oxl_context *ctx, const char *line, const char *name, char **out)
+static oxl_result manifest_read_values(oxl_context *ctx, const char *job, struct oxl_manifest *run)
 {
-    struct text t = {.ctx = ctx};
-    const char *s = manifest_find(line, name);
-    *out          = NULL;
-    if (!s || strncmp(s, "null", 4) == 0) return OXL_OK;
-    if (*s == '"') return manifest_read_string(ctx, line, name, out);
-    text_add(&t, "%.*s", (int)strcspn(s, ",} \n"), s);
-    return text_take(&t, out);
-}
-
-static oxl_result manifest_read_values(oxl_context *ctx, const char *line, struct oxl_manifest *run)
-{
-    oxl_result rc = manifest_read_string(ctx, line, "scene", &run->scene);
+    oxl_result rc = manifest_read_value(ctx, oxl_json_member(job, "scene"), &run->scene);
     char       name[40];
     for (int i = 0; i < oxl_option_count() && i < MANIFEST_VALUES && rc == OXL_OK; i++)
         if (oxl_option_at(i)->use & OXL_OPTION_OF_RESULT)
-            rc = manifest_read_value(ctx, line, oxl_option_member(oxl_option_at(i), name), &run->value[i]);
+            rc = manifest_read_value(ctx, oxl_json_member(job, oxl_option_member(oxl_option_at(i), name)), &run->value[i]);
     return rc;
 }
 
-/* The member that starts so, up to its closing brace, in fresh memory; NULL when there is none. */
-static char *manifest_copy_line(oxl_context *ctx, const char *text, const char *start)
+/* `"name": {...}` with the object's text, allocated; "" for a truncated object; *out = NULL if there is none. */
+static oxl_result manifest_copy_member(oxl_context *ctx, const char *root, const char *name, char **out)
 {
-    const char *line   = strstr(text, start);
-    size_t      length = line ? strcspn(line, "\n") : 0;
-    char       *copy   = line ? oxl_calloc(ctx, length + 1, 1) : NULL;
-    while (length > 0 && line[length - 1] != '}') length--; /* the comma behind it */
-    if (copy) memcpy(copy, line, length);
-    return copy;
+    struct text t      = {.ctx = ctx};
+    const char *object = oxl_json_member(root, name), *end = object ? oxl_json_end(object) : NULL;
+    *out = NULL;
+    if (!object) return OXL_OK;
+    text_add(&t, "%s", "");
+    if (end[-1] == '}') text_add(&t, "\"%s\": %.*s", name, (int)(end - object), object);
+    return text_take(&t, out);
 }
 
 OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, struct oxl_manifest *out)
@@ -125,18 +109,21 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
     struct os_file_map map  = {0};
     char              *path = oxl_path_join(ctx, folder, "run.json");
     oxl_result         rc   = OXL_OK;
-    *out                    = (struct oxl_manifest){0};
+    const char        *root, *job;
+    *out = (struct oxl_manifest){0};
     if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
     if (os_is_file(path)) rc = os_read_file(ctx, path, &map);
-    if (rc == OXL_OK && map.data && strstr(map.data, "\"job\": {")) {
-        out->finished = strstr(map.data, "\"finished\": true") != NULL;
-        out->refine   = (float)OXL_CLAMP(manifest_number(map.data, "refine"), 0, oxl_option_find("refine")->high);
-        out->line     = manifest_copy_line(ctx, map.data, "\"job\": {");
-        out->found    = manifest_copy_line(ctx, map.data, "\"found\": {");
-        if (out->line && manifest_find(out->line, "seed")) out->seed = strtoull(manifest_find(out->line, "seed"), NULL, 10);
-        rc = manifest_read_string(ctx, map.data, "preset", &out->preset);
-        if (rc == OXL_OK)
-            rc = out->line ? manifest_read_values(ctx, out->line, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %s", path);
+    root = map.data;
+    job  = oxl_json_member(root, "job");
+    if (rc == OXL_OK && job) {
+        const char *seed = oxl_json_member(job, "seed");
+        out->finished    = oxl_json_is_true(root, "finished");
+        out->refine      = (float)OXL_CLAMP(manifest_number(root, "refine"), 0, oxl_option_find("refine")->high);
+        out->seed        = seed ? strtoull(seed, NULL, 10) : 0;
+        rc               = manifest_copy_member(ctx, root, "job", &out->line);
+        if (rc == OXL_OK) rc = manifest_copy_member(ctx, root, "found", &out->found);
+        if (rc == OXL_OK) rc = manifest_read_value(ctx, oxl_json_member(root, "preset"), &out->preset);
+        if (rc == OXL_OK) rc = manifest_read_values(ctx, job, out);
     }
     os_release_file(ctx, &map);
     oxl_free(ctx, path);
@@ -154,7 +141,7 @@ OXL_INTERNAL void manifest_free(oxl_context *ctx, struct oxl_manifest *run)
     *run = (struct oxl_manifest){0};
 }
 
-/* A value that the option cannot hold is not taken: the run is then one of other options, and job.c says so. */
+/* Invalid values are ignored; the run then counts as one with other options (job.c). */
 OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_options *o)
 {
     const char *const none = NULL;
@@ -168,7 +155,7 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
     o->seed   = run->seed;
 }
 
-/* ---------------------------------------------------------------- what tells two runs apart */
+/* ---------------------------------------------------------------- differences of two runs */
 
 struct manifest_comparison {
     struct text *t;
@@ -176,12 +163,12 @@ struct manifest_comparison {
     int          count;
 };
 
-/* One line for a member that is not the same in both. */
+/* Adds a line for a member with different values. */
 static oxl_result manifest_compare(struct manifest_comparison *c, const char *member, const char *label)
 {
     char      *there = NULL, *here = NULL;
-    oxl_result rc = manifest_read_value(c->t->ctx, c->there, member, &there);
-    if (rc == OXL_OK) rc = manifest_read_value(c->t->ctx, c->here, member, &here);
+    oxl_result rc = manifest_read_value(c->t->ctx, manifest_find(c->there, member), &there);
+    if (rc == OXL_OK) rc = manifest_read_value(c->t->ctx, manifest_find(c->here, member), &here);
     if (rc == OXL_OK && (there || here) && (!there || !here || strcmp(there, here) != 0) && c->count++ < MANIFEST_DIFFERENCES)
         text_add(c->t, "  %s: %.60s there, %.60s here\n", label, there ? there : "not given", here ? here : "not given");
     oxl_free(c->t->ctx, there);

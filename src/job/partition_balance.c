@@ -1,35 +1,18 @@
-/* partition_balance.c - how even the blocks are, what each will take to train, and the command that makes them.
+/* partition_balance.c - balance of the blocks, predicted cost of each, and the command `partition`.
  *
- * Measures: the largest over the mean, which says how much longer the last of equally many machines works than the others, and the
- * coefficient of variation. Both cuts are measured, the paper's and the midpoint's, whichever is used.
+ * Measures: largest / mean, the relative run time with one machine per block, and the coefficient of variation. Both kinds of
+ * split are measured, balanced and midpoint.
  */
 #include "../blocks/partition.h"
 #include "job.h"
 
 /* ---------------------------------------------------------------- one block */
 
-OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int block)
-{
-    const struct partition_plan *plan = p->plan;
-    struct survey_load           load = {.points = p->block[block].start_points};
-    for (size_t v = 0; v < plan->visibility->views; v++) {
-        const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
-        if (plan->role[(size_t)block * plan->visibility->views + v] == PARTITION_OUT) continue;
-        load.views++;
-        load.pixels += (double)c->width * c->height;
-        load.largest      = OXL_MAX(load.largest, (double)c->width * c->height);
-        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
-        load.observations += plan->visibility->first[v + 1] - plan->visibility->first[v];
-    }
-    load.schedule_pixels = load.pixels;
-    return load;
-}
-
 static struct oxl_block balance_block(const oxl_context *ctx, const struct partition *p, int block, const oxl_job_options *o)
 {
     const struct partition_block *b    = &p->block[block];
-    const struct survey_load      load = partition_load(p, block);
-    const struct survey_cost      cost = survey_cost(ctx, o, &load);
+    const struct cost_load        load = cost_load_of_block(p, block);
+    const struct cost             cost = cost_estimate(ctx, o, &load);
     return (oxl_block){.points       = b->points,
                        .start_points = b->start_points,
                        .base_views   = b->base_views,

@@ -12,7 +12,7 @@ static char *render_file_path(oxl_context *ctx, const char *folder, const char *
     const int   escapes = name[0] == '/' || strstr(name, "..");
     text_add(&t, "%s/%s%s", folder, name, suffix);
     if (text_take(&t, &path) != OXL_OK) {
-        oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a picture");
+        oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a render");
         return NULL;
     }
     for (char *c = path + strlen(folder) + 1; escapes && *c; c++)
@@ -167,7 +167,7 @@ static oxl_result render_files_render(oxl_context *ctx, struct renderer *r, cons
     size_t     bytes = 0;
     oxl_result rc    = OXL_OK;
     *rendered        = 0;
-    if (what->images) image_cache_ahead(ctx, scene, view, count);
+    if (what->images) image_cache_ahead(ctx, scene_image_cache(scene), view, count);
     while (*rendered < OXL_MIN(count, OXL_MIN(ctx->threads, RENDER_FILES_AT_ONCE))) {
         const oxl_camera *camera = &oxl_scene_view(scene, view[*rendered])->camera;
         bytes += (size_t)RENDER_FILES_BYTES * (size_t)camera->width * (size_t)camera->height;

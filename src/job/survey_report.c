@@ -1,22 +1,8 @@
-/* survey_report.c - what a survey holds, and what training it would take: the first message of `train`, the whole of `check`.
+/* survey_report.c - content of a survey and predicted cost of training: the first message of `train`, and `check`.
  *
- * Gaussians and memory are arithmetic on counts, with the measured constants below. Time is extrapolated from steps that are timed (predict_time.c);
- * where that would take too long, and between blocks, from such arithmetic too.
  * Invariant: nothing here changes what is trained.
  */
 #include "job.h"
-#include "../core/simd.h"
-
-/* Measured on 2 cores with AVX-512 on surveys of 5 000 to 30 000 points; see docs/log/SPEED.md. */
-#define SURVEY_PAIRS_PER_PIXEL 40.0   /* (Gaussian, pixel) pairs evaluated, forward; the way back costs 2.5 as much */
-#define SURVEY_PAIR_RATE       1.0e9  /* pairs a second and thread, AVX2 or better */
-#define SURVEY_PAIR_RATE_BASE  0.2e9  /* the same without */
-#define SURVEY_PIXEL_COST      1.0e-7 /* s: SSIM forward and backward, image to float */
-#define SURVEY_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
-#define SURVEY_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
-#define SURVEY_SPLAT_BYTES     300.0  /* a Gaussian beside its parameters: projection, tile lists, gradient slots */
-#define SURVEY_PROGRAM_BYTES   4e7
-#define SURVEY_WITHIN          3.0 /* the factor to either side within which time by arithmetic is meant */
 
 static int survey_is_distorted(const struct colmap *c)
 {
@@ -46,79 +32,16 @@ static void survey_largest(const oxl_scene *scene, oxl_survey *s)
     }
 }
 
-OXL_INTERNAL double survey_memory(const oxl_job_options *o, const struct survey_load *load, double gaussians)
-{
-    const int    degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
-    const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
-    const double cache  = image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
-    const int    sets   = schedule_may_try(&o->train) ? 10 : 4;
-    /* planes of 4 bytes: parameters, gradient and two moments; all but the gradient twice more while a trial goes on */
-    return SURVEY_PROGRAM_BYTES + cache + load->largest * SURVEY_PIXEL_BYTES +
-           gaussians * (sets * 4 * planes + SURVEY_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track);
-}
-
-OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_job_options *o, const struct survey_load *load)
-{
-    const double       a_view = load->pixels / OXL_MAX(1, load->views);
-    const double       rate   = (ctx->isa == ISA_BASE ? SURVEY_PAIR_RATE_BASE : SURVEY_PAIR_RATE) * ctx->threads;
-    const size_t       cap    = schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train);
-    struct survey_cost cost   = {.gaussians = predict_time_expected(&o->train, load->points, cap)};
-    const double       step   = 3.5 * SURVEY_PAIRS_PER_PIXEL * a_view / rate +
-                        (SURVEY_PIXEL_COST * a_view + SURVEY_GAUSSIAN_COST * cost.gaussians) / ctx->threads;
-    cost.seconds = o->train.iterations * step;
-    if (o->train.max_seconds > 0) cost.seconds = OXL_MIN(cost.seconds, o->train.max_seconds);
-    cost.memory = survey_memory(o, load, cost.gaussians);
-    return cost;
-}
-
-/* How many blocks halving makes of it. */
-static double survey_blocks(const oxl_job_options *o, size_t points)
-{
-    double blocks = 1;
-    while (o->partition.kind != OXL_PARTITION_NONE && (double)points > blocks * o->partition.block_points) blocks *= 2;
-    return blocks;
-}
-
-OXL_INTERNAL double survey_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                   const struct survey_cost *cost, double range[2])
-{
-    const double blocks   = survey_blocks(o, oxl_scene_point_count(scene));
-    const double limit    = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
-    const double all      = blocks > 1 ? blocks * (1 + o->refine) : 1;
-    double       timed[2] = {cost->seconds / SURVEY_WITHIN, cost->seconds * SURVEY_WITHIN};
-    double       seconds  = predict_time(ctx, scene, &o->train, cost->gaussians, timed);
-    if (!(seconds > 0)) seconds = cost->seconds;
-    for (int i = 0; range && i < 2; i++) range[i] = OXL_MIN(timed[i] * all, limit);
-    return OXL_MIN(seconds * all, limit);
-}
-
-OXL_INTERNAL struct survey_load survey_load(const oxl_scene *scene)
-{
-    const struct scene_stats *stats = scene_stats_of(scene);
-    struct survey_load        load  = {.points          = stats->points,
-                                       .observations    = stats->observations,
-                                       .views           = stats->views,
-                                       .schedule_pixels = schedule_pixels(scene)};
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
-        const oxl_camera *c      = &oxl_scene_view(scene, i)->camera;
-        const double      pixels = (double)c->width * c->height;
-        load.pixels += pixels;
-        load.largest      = OXL_MAX(load.largest, pixels);
-        load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(scene, i));
-    }
-    return load;
-}
-
 static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
 {
-    const struct survey_load load   = survey_load(scene);
-    oxl_job_options          fitted = *o;
-    struct survey_cost       cost;
+    const struct cost_load load   = cost_load_of_scene(scene);
+    oxl_job_options        fitted = *o;
+    struct cost            cost;
     budget_fit(ctx, &load, &fitted);
-    cost           = survey_cost(ctx, &fitted, &load);
+    cost           = cost_estimate(ctx, &fitted, &load);
     s->gaussians   = cost.gaussians;
     s->memory      = cost.memory;
-    s->seconds     = survey_seconds(ctx, scene, &fitted, &cost, s->seconds_range);
+    s->seconds     = cost_seconds(ctx, scene, &fitted, &cost, s->seconds_range);
     s->memory_free = (double)os_memory_free();
 }
 

@@ -294,7 +294,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     if (rc != OXL_OK) return rc;
     t.row  = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.work);
-    if (!t.row || !t.work) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to judge %d training views", m.count);
+    if (!t.row || !t.work) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d training views", m.count);
     if (rc != OXL_OK) goto done;
     training_compare(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);

@@ -17,7 +17,7 @@ OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
     if (vulkan_open(ctx, ctx->options.device, wants, &ctx->vulkan) == OXL_OK) return OXL_OK;
     if (wants) return ctx->failed;
     ctx->options.backend = OXL_BACKEND_CPU; /* search once */
-    oxl_log(ctx, OXL_LOG_INFO, "the CPU draws: %s", ctx->error);
+    oxl_log(ctx, OXL_LOG_INFO, "rendering on the CPU: %s", ctx->error);
     return OXL_OK;
 }
 

@@ -179,7 +179,7 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
     if (rc != OXL_OK) return rc;
     r->backend->free(r->device);
     r->device = NULL;
-    oxl_log(ctx, OXL_LOG_WARNING, "%s: the CPU goes on", why);
+    oxl_log(ctx, OXL_LOG_WARNING, "%s: continuing on the CPU", why);
     return OXL_OK;
 }
 
@@ -361,7 +361,8 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
-    if (r->device && r->medium.on) return oxl_fail(ctx, OXL_ERR_USAGE, "a medium is not drawn on a device\nfix: --backend cpu");
+    if (r->device && r->medium.on)
+        return oxl_fail(ctx, OXL_ERR_USAGE, "a medium is not supported on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_leave_device(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc != OXL_OK || r->device) return rc;

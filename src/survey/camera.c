@@ -362,7 +362,7 @@ OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap
     }
     *out = (oxl_camera){0};
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s:%d: the distortion of camera %lld (%s) leaves no picture of %d x %d px or more without blank pixels\n"
+                    "%s:%d: the distortion of camera %lld (%s) leaves no image of %d x %d px or more without blank pixels\n"
                     "fix: check its parameters, or run COLMAP's image_undistorter and use what it writes",
                     camera->file, camera->line, (long long)camera->id, camera_models[camera->model].name, CAMERA_SIDE_MIN,
                     CAMERA_SIDE_MIN);

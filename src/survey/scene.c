@@ -484,6 +484,33 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
     return OXL_OK;
 }
 
+static oxl_result scene_load_image(oxl_context *ctx, const void *source, int view, struct training_image *out)
+{
+    const oxl_scene *scene = source;
+    char            *path  = oxl_path_join(ctx, scene->images, scene->view[view].name);
+    char            *mask  = NULL;
+    oxl_result       rc =
+        path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (rc == OXL_OK)
+        rc = image_load_training(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera,
+                                 out);
+    oxl_free(ctx, path);
+    oxl_free(ctx, mask);
+    return rc;
+}
+
+OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
+{
+    const struct colmap_camera *camera = scene->from_files ? scene_source_camera(scene, view) : NULL;
+    const double                side   = camera ? scene->on_disk[scene->source[view].camera] : 0;
+    return camera ? side * camera->width * side * camera->height : 0;
+}
+
+static double scene_file_pixels_of(const void *source, int view)
+{
+    return scene_file_pixels(source, view);
+}
+
 oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options, oxl_scene **out)
 {
     const oxl_scene_options o     = options ? *options : oxl_scene_options_default();
@@ -494,6 +521,9 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     rc = scene_open(ctx, path, &o, scene);
     if (rc == OXL_OK) rc = scene_build_views(ctx, scene, &o);
     scene_set_cache(scene, o.image_cache_bytes);
+    scene->cache.load        = scene_load_image;
+    scene->cache.file_pixels = scene_file_pixels_of;
+    scene->cache.source      = scene;
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_take_points(ctx, scene);
     if (rc != OXL_OK) goto done;
@@ -574,27 +604,6 @@ OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
     if (scene->from_files) scene->cache.limit = bytes;
 }
 
-OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out)
-{
-    char      *path = oxl_path_join(ctx, scene->images, scene->view[view].name);
-    char      *mask = NULL;
-    oxl_result rc =
-        path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    if (rc == OXL_OK)
-        rc = image_load_training(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera,
-                                 out);
-    oxl_free(ctx, path);
-    oxl_free(ctx, mask);
-    return rc;
-}
-
-OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
-{
-    const struct colmap_camera *camera = scene->from_files ? scene_source_camera(scene, view) : NULL;
-    const double                side   = camera ? scene->on_disk[scene->source[view].camera] : 0;
-    return camera ? side * camera->width * side * camera->height : 0;
-}
-
 oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out)
 {
     const struct training_image *image;
@@ -602,7 +611,7 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
     *out = (oxl_image){0};
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
-    image = image_cache_get(ctx, scene, view);
+    image = image_cache_get(ctx, scene_image_cache(scene), view);
     if (!image) return ctx->failed;
     rc = oxl_image_create(ctx, image->width, image->height, out);
     if (rc == OXL_OK && image->mask) {

@@ -77,14 +77,12 @@ struct colmap {
     const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
-/* Reads cameras, images and points3D of a folder, .txt or .bin, the newer if both exist; invariants: see colmap.c.
- * keep_observations = 0 skips the 2D points. */
+/* Reads a model, .txt or .bin, the newer if both exist; invariants: colmap.c. keep_observations = 0 skips the 2D points. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
 /* The same with another window size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
                                                struct colmap *out);
-/* colmap_order.c: sorts cameras, images and points by id, since text and binary exports differ in order. Observations and tracks are
- * not moved. */
+/* colmap_order.c: sorts cameras, images and points by id; observations and tracks are not moved. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 /* colmap_write.c: numbers as %.17g. */
 OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c);
@@ -167,8 +165,7 @@ OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_imag
 OXL_INTERNAL void       image_begin(void); /* sets stb's PNG parameters */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
-/* stb's codec: inflates raw deflate data to exactly `size` bytes, or returns 0; deflates with `before` and `after` free bytes
- * around the data (*out by oxl_alloc). */
+/* stb's codec: inflates raw deflate data to exactly `size` bytes, else 0; deflates with free bytes around (*out by oxl_alloc). */
 OXL_INTERNAL int        image_inflate(void *out, size_t size, const void *data, size_t data_size);
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
                                       unsigned char **out, size_t *deflated);
@@ -193,11 +190,9 @@ OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile); /*
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);
-/* Largest distance from the mean of the camera centres, without those farther than 5 median distances from their median (per
- * coordinate): equal to 3DGS without such outliers. 0 for one camera. */
+/* Largest distance from the mean of the camera centres, without those beyond 5 median distances; 0 for one camera. */
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius);
-/* An ascending sample of the depths (camera z) of points in the views of their tracks, or, without tracks (scenes from arrays), in the
- * views whose image contains them. Sorts views by image. */
+/* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images. Sorts views by image. */
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
                                      const struct colmap *c, const double origin[3], double **out, size_t *out_count);
 
@@ -222,12 +217,8 @@ OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *vi
 OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene);
 OXL_INTERNAL void       scene_set_cache(oxl_scene *scene, size_t bytes);     /* of decoded images; scenes from arrays keep all */
 OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */
-/* From the files, undistorted, reduced and masked as the view is; free it with image_training_free. */
-OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
-/* Depth (camera z) of the scene's points over the training views: the given quantile. */
-OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile);
-/* The near plane, relative to the scene's depths: COLMAP's scale is arbitrary, so 3DGS's constant 0.2 does not apply. */
-OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
+OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile); /* camera z of points in training views */
+OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene); /* from the depths, since COLMAP's scale is arbitrary */
 /* For a scene without points: points in front of the cameras, a function of the seed. Free with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
@@ -239,17 +230,19 @@ struct image_cache {
     uint64_t               clock;
     int                    count;
     size_t                 held, limit; /* bytes in memory; of the cache */
+    /* Loads a view's image, undistorted, reduced and masked (image_training_free); pixels of its file. source NULL: none is loaded. */
+    oxl_result (*load)(oxl_context *ctx, const void *source, int view, struct training_image *out);
+    double (*file_pixels)(const void *source, int view);
+    const void *source;
 };
 OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out); /* none in memory, no limit */
 OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *cache);
 /* Borrowed until the next request of another view or image_cache_ahead; NULL: error set. */
-OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view);
-/* If the first of the next views is not in memory, loads several in parallel, one per thread, in at most a quarter of the cache, which
- * is evicted before. Errors are reported when an image is requested. */
-OXL_INTERNAL void                         image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
-/* Upper bound of the memory for images of `pixels` in total, without masks, including decoding of files of file_pixels on any number of
- * threads. */
-OXL_INTERNAL double                       image_cache_bytes(double cache, double pixels, double file_pixels);
+OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, struct image_cache *cache, int view);
+/* If the first view is not in memory, loads the next ones in parallel. Errors are reported when an image is requested. */
+OXL_INTERNAL void   image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count);
+/* Upper bound of the memory for images of `pixels` in total, without masks, with decoding of files of file_pixels. */
+OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
 
 /* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */
 
@@ -313,7 +306,6 @@ OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);     
 OXL_INTERNAL void       imaging_apply(const struct imaging *m, int view, oxl_image *image); /* to a render at mean exposure */
 OXL_INTERNAL void       imaging_centre(struct imaging *m, const double mean[3]); /* shifts the known views to this mean */
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
-/* Names that are not in the scene are skipped. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3]); /* of blocks */
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model trained on it or read for it */

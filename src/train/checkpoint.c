@@ -189,7 +189,7 @@ static oxl_result checkpoint_put_aside(oxl_context *ctx, const char *path)
     else
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s is of a run with other options or of another version; it is kept as %s\n"
-                "fix: rename it back, and remove run.json, to go on with that run; or delete it",
+                "fix: rename it back and remove run.json to resume that run, or delete it",
                 path, aside);
     oxl_free(ctx, aside);
     return rc;

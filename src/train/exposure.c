@@ -142,7 +142,7 @@ OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gaine
             "%d validation views: %.2f dB with the gains of their neighbours, %.2f without; gains of %d training views differ by %.1f %% "
             "(rms); worth it from +%.2g dB and %.2g %%",
             views, gained, plain, known / 3, 100 * sqrt(known ? square / known : 0), EXPOSURE_MIN_GAIN, 100 * EXPOSURE_DIFFER);
-    else snprintf(why, size, "too few training views to spare one to judge by");
+    else snprintf(why, size, "too few training views for validation");
 }
 
 OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)

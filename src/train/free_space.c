@@ -124,7 +124,7 @@ OXL_INTERNAL void free_space_describe(const struct free_space *f, char *out, siz
     size_t known = 0;
     for (size_t v = 0; v < f->views; v++)
         for (int k = 0; k < FREE_SPACE_GRID * FREE_SPACE_GRID; k++) known += f->view[v].depth[k] > 0;
-    if (!f->view) snprintf(out, size, "as asked for, or there are no tracks");
+    if (!f->view) snprintf(out, size, "as set, or no tracks");
     else
         snprintf(out, size, "tracks bound the free space in %.0f %% of the cells of %zu training views",
                  100.0 * (double)known / (FREE_SPACE_GRID * FREE_SPACE_GRID) / (double)OXL_MAX(f->views, 1), f->views);

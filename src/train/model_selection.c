@@ -158,7 +158,7 @@ static oxl_result selection_set_degree(struct train *t, int degree)
 static void selection_note_sh_degree(struct train *t, int most, const double psnr[4])
 {
     char why[256], chosen[16];
-    int  used = snprintf(why, sizeof why, "%d training views that stood aside, after %d steps: degree %d %.2f dB", t->held_views,
+    int  used = snprintf(why, sizeof why, "%d validation views, after %d steps: degree %d %.2f dB", t->held_views,
                          selection_steps(t, SELECTION_TRIAL), most, psnr[most]);
     for (int d = 0; d < most && d <= t->sh_degree; d++)
         used += snprintf(why + used, sizeof why - (size_t)used, ", degree %d %.2f", d, psnr[d]);
@@ -340,7 +340,7 @@ static void selection_note_lobes(struct train *t, int kept, const double psnr[2]
 {
     char why[256];
     snprintf(why, sizeof why,
-             "%d training views that stood aside, after %d steps: %.2f dB with second lobes, %.2f without; %.1f %% more bytes; "
+             "%d validation views, after %d steps: %.2f dB with second lobes, %.2f without; %.1f %% more bytes; "
              "worth it from +%.2g dB",
              t->held_views, selection_steps(t, SELECTION_TRIAL), psnr[1], psnr[0], 100 * (bytes[1] / bytes[0] - 1),
              SELECTION_LOBES_MIN_GAIN);
@@ -429,12 +429,10 @@ OXL_INTERNAL void selection_end(struct train *t)
     selection_note(t, "keep", chosen, why);
     snprintf(chosen, sizeof chosen, "%d", t->model->sh_degree);
     if (!selection_has_noted(t, "\"sh_degree\""))
-        selection_note(t, "sh_degree", chosen,
-                       o->sh_degree < 0 ? "too few training views to spare one to judge by" : "as asked for");
+        selection_note(t, "sh_degree", chosen, o->sh_degree < 0 ? "too few training views for validation" : "as set");
     snprintf(chosen, sizeof chosen, "%zu of %zu", t->model->lobes, t->model->count);
     if (!selection_has_noted(t, "\"dog\""))
-        selection_note(t, "dog", chosen,
-                       o->dog == OXL_DOG_AUTO ? "too few training views to spare one to judge by" : "as asked for");
+        selection_note(t, "dog", chosen, o->dog == OXL_DOG_AUTO ? "too few training views for validation" : "as set");
 }
 
 OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)

@@ -33,7 +33,7 @@ static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
 
 OXL_INTERNAL void nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f)
 {
-    if (f->images++ < NONFINITE_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(ctx));
+    if (f->images++ < NONFINITE_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training continues without it", oxl_error_text(ctx));
 }
 
 static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float opacity)
@@ -117,8 +117,8 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f, oxl_mo
                 "numbers that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
                 f->steps, f->rows, f->cleared);
     if (f->degenerate > 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "%zu Gaussians have no rotation (drawn unturned) or a scale past e^+-87 (drawn as that)",
-                f->degenerate);
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%zu Gaussians have a zero quaternion (rendered as identity) or a scale beyond e^+-87 (clamped)", f->degenerate);
     return OXL_OK;
 }
 

@@ -139,13 +139,12 @@ OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double he
 
 OXL_INTERNAL void prune_describe(const struct prune *p, char *out, size_t size)
 {
-    if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as asked for");
+    if (p->keep.kind == OXL_KEEP_ALL) snprintf(out, size, "all are kept: as set");
     else if (p->keep.kind != OXL_KEEP_AUTO)
-        snprintf(out, size, "%zu of %zu after density control: as asked for", p->target, p->first_count);
+        snprintf(out, size, "%zu of %zu after density control: as set", p->target, p->first_count);
     else
-        snprintf(out, size,
-                 "%d drops of an eighth, while the loss of training views that stood aside rose by at most %.2g from %.4f",
-                 p->drops, PRUNE_EPSILON, p->held);
+        snprintf(out, size, "%d drops of an eighth, while the loss of validation views rose by at most %.2g from %.4f", p->drops,
+                 PRUNE_EPSILON, p->held);
 }
 
 OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
@@ -250,7 +249,8 @@ static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view,
     oxl_result rc = oxl_reserve(ctx, (void **)&pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
     memset(pass->drgb, 0, pixels * sizeof *pass->drgb);
-    if (detail > 0 && !(image = image_cache_get(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+    if (detail > 0 && !(image = image_cache_get(ctx, scene_image_cache(scene), view)) && ctx->failed != OXL_ERR_INPUT)
+        return ctx->failed;
     if (image) rc = prune_detail(ctx, image, pass->drgb); /* an image that cannot be read was named when it was trained on */
     for (size_t i = 0; i < pixels; i++) {
         const int counts = !image || !image->mask || image->mask[i] >= 128;

@@ -25,7 +25,7 @@ static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 /* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
 static oxl_result step_load_image_on_host(struct train *t, int view)
 {
-    const struct training_image *image = image_cache_get(t->ctx, t->scene, view);
+    const struct training_image *image = image_cache_get(t->ctx, scene_image_cache(t->scene), view);
     oxl_result                   rc;
     size_t                       pixels;
     if (!image) return t->ctx->failed;
@@ -50,7 +50,8 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
     const struct training_image *image = NULL;
     t->halved                          = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
     if (step_compares_on_host(t)) return step_load_image_on_host(t, view);
-    if (!renderer_has_image(t->renderer, view) && !(image = image_cache_get(t->ctx, t->scene, view))) return t->ctx->failed;
+    if (!renderer_has_image(t->renderer, view) && !(image = image_cache_get(t->ctx, scene_image_cache(t->scene), view)))
+        return t->ctx->failed;
     return renderer_take_image(t->ctx, t->renderer, view, image, t->halved);
 }
 
@@ -60,7 +61,7 @@ static void step_read_ahead(struct train *t, int slot)
     int view[STEP_READ_AHEAD], count = 0;
     for (int i = slot; i < t->views && count < STEP_READ_AHEAD; i++)
         if (!renderer_has_image(t->renderer, t->view[i])) view[count++] = t->view[i];
-    if (count > 0 && view[0] == t->view[slot]) image_cache_ahead(t->ctx, t->scene, view, count);
+    if (count > 0 && view[0] == t->view[slot]) image_cache_ahead(t->ctx, scene_image_cache(t->scene), view, count);
 }
 
 /* The next view whose image can be read; one that cannot is named and left out from then on. */

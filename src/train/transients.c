@@ -37,8 +37,7 @@ enum { TRANSIENTS_ABOVE = 1, TRANSIENTS_ODD = 2, TRANSIENTS_CORE = 4, TRANSIENTS
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on)
 {
     *r = (struct transients){.points = on ? oxl_scene_point_count(scene) : 0};
-    if (on && r->points == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: what swims through an image cannot be told from the rest");
+    if (on && r->points == 0) oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: transients are not masked");
     if (r->points == 0) return OXL_OK;
     r->usual = oxl_alloc(ctx, r->points, sizeof *r->usual);
     r->place = oxl_alloc(ctx, r->points, sizeof *r->place);
@@ -57,8 +56,7 @@ OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *r)
 
 OXL_INTERNAL void transients_describe(const struct transients *r, char *out, size_t size)
 {
-    snprintf(out, size, "robust: of the images' pixels, %.1f %% were put aside of late as what others do not show",
-             100 * r->masked_share);
+    snprintf(out, size, "transients: %.1f %% of the pixels masked in recent images", 100 * r->masked_share);
 }
 
 /* ---------------------------------------------------------------- squares of pixels */

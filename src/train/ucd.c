@@ -108,7 +108,7 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *sc
     *u            = (struct ucd){.on = options->mode == OXL_UCD_ON, .learns = options->learn};
     u->f[0]       = options->f_mid;
     u->f[1]       = options->f_far;
-    snprintf(u->reason, sizeof u->reason, "%s: as asked for", u->on ? "on" : "off");
+    snprintf(u->reason, sizeof u->reason, "%s: as set", u->on ? "on" : "off");
     if (options->mode == OXL_UCD_AUTO || (u->on && options->bands == OXL_UCD_FADING))
         rc = contrast_measure(ctx, scene, &u->contrast);
     if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_decide(u, scene);

@@ -1,12 +1,12 @@
-/* study_text.c - text that grows, digits that no locale changes. */
-#include "study.h"
+/* output.c - growing text; numbers independent of the locale. */
+#include "cli.h"
 
 #include <math.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
-void study_add(struct study_text *t, const char *format, ...)
+void output_add(struct output *t, const char *format, ...)
 {
     va_list list;
     int     size;
@@ -27,7 +27,7 @@ void study_add(struct study_text *t, const char *format, ...)
     t->used += (size_t)size;
 }
 
-const char *study_fixed(char out[32], double value, int decimals)
+const char *output_fixed(char out[32], double value, int decimals)
 {
     char   text[64];
     size_t size = 0;
@@ -36,14 +36,14 @@ const char *study_fixed(char out[32], double value, int decimals)
     snprintf(text, sizeof text, "%.*f", decimals, value);
     for (const char *p = text; *p; p++) {
         if (strchr("-0123456789", *p)) out[size++] = *p;
-        else if (size > 0 && out[size - 1] != '.') out[size++] = '.'; /* the locale's point has one byte or more */
+        else if (size > 0 && out[size - 1] != '.') out[size++] = '.'; /* the locale's decimal point can have several bytes */
     }
     out[size] = 0;
     if (out[0] == '-' && strspn(out, "-0.") == size) memmove(out, out + 1, size); /* -0.00 */
     return out;
 }
 
-double study_step(double span)
+double axis_step(double span)
 {
     static const double factor[] = {1, 2, 5};
     for (double power = 1e-6; power < 1e9; power *= 10)

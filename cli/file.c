@@ -1,19 +1,21 @@
-/* synth_file.c - numbers into files, fast and the same in every locale.
+/* file.c - writes numbers to files, fast and independent of the locale.
  *
- * A load test writes gigabytes of digits; printf would take most of the time and might write decimal commas.
- * Invariant: a failure is remembered and told at close; until then a file has a temporary name, and then its own or none.
+ * A load test writes gigabytes of digits; printf would take most of the time and may write decimal commas.
+ * Invariant: files are atomic; errors are kept and reported on close.
  */
-#include "synth.h"
+#include "cli.h"
+
+#include <math.h>
 
 #include <string.h>
 
-static void file_flush(struct synth_file *f)
+static void file_flush(struct output_file *f)
 {
     if (f->used > 0 && f->file && fwrite(f->buffer, 1, f->used, f->file) != f->used) f->failed = 1;
     f->used = 0;
 }
 
-void synth_file_open(struct synth_file *f, const char *path)
+void output_file_open(struct output_file *f, const char *path)
 {
     f->used   = 0;
     f->failed = snprintf(f->path, sizeof f->path, "%s", path) >= (int)sizeof f->path;
@@ -22,7 +24,7 @@ void synth_file_open(struct synth_file *f, const char *path)
     if (!f->file) f->failed = 1;
 }
 
-void synth_file_bytes(struct synth_file *f, const void *data, size_t size)
+void output_file_bytes(struct output_file *f, const void *data, size_t size)
 {
     const char *from = data;
     while (size > 0) {
@@ -37,12 +39,12 @@ void synth_file_bytes(struct synth_file *f, const void *data, size_t size)
     }
 }
 
-void synth_file_text(struct synth_file *f, const char *text)
+void output_file_text(struct output_file *f, const char *text)
 {
-    synth_file_bytes(f, text, strlen(text));
+    output_file_bytes(f, text, strlen(text));
 }
 
-/* The digits of value before `end`; at least `least` of them. Returns where they begin. */
+/* Writes at least `least` digits of value before `end`. Returns their start. */
 static char *file_digits(char *end, uint64_t value, int least)
 {
     char *at = end;
@@ -53,14 +55,14 @@ static char *file_digits(char *end, uint64_t value, int least)
     return at;
 }
 
-void synth_file_integer(struct synth_file *f, uint64_t value)
+void output_file_integer(struct output_file *f, uint64_t value)
 {
     char  digits[24], *end = digits + sizeof digits;
     char *at = file_digits(end, value, 1);
-    synth_file_bytes(f, at, (size_t)(end - at));
+    output_file_bytes(f, at, (size_t)(end - at));
 }
 
-void synth_file_fixed(struct synth_file *f, double value, int decimals)
+void output_file_fixed(struct output_file *f, double value, int decimals)
 {
     char     digits[32], *end = digits + sizeof digits, *at;
     uint64_t power = 1, scaled;
@@ -70,10 +72,10 @@ void synth_file_fixed(struct synth_file *f, double value, int decimals)
     *--at  = '.';
     at     = file_digits(at, scaled / power, 1);
     if (value < 0 && scaled > 0) *--at = '-';
-    synth_file_bytes(f, at, (size_t)(end - at));
+    output_file_bytes(f, at, (size_t)(end - at));
 }
 
-int synth_file_close(struct synth_file *f)
+int output_file_close(struct output_file *f)
 {
     file_flush(f);
     if (f->file && fclose(f->file) != 0) f->failed = 1;
@@ -83,20 +85,20 @@ int synth_file_close(struct synth_file *f)
     return !f->failed;
 }
 
-int synth_write_pfm(const char *path, const float *value, int width, int height)
+int output_write_pfm(const char *path, const float *value, int width, int height)
 {
-    struct synth_file f;
-    char              header[64];
-    synth_file_open(&f, path);
+    struct output_file f;
+    char               header[64];
+    output_file_open(&f, path);
     snprintf(header, sizeof header, "Pf\n%d %d\n-1.0\n", width, height);
-    synth_file_text(&f, header);
+    output_file_text(&f, header);
     for (int y = height - 1; y >= 0; y--)
         for (int x = 0; x < width; x++) {
             uint32_t      bits;
             unsigned char bytes[4];
             memcpy(&bits, value + (size_t)y * (size_t)width + (size_t)x, sizeof bits);
             for (int k = 0; k < 4; k++) bytes[k] = (unsigned char)(bits >> 8 * k);
-            synth_file_bytes(&f, bytes, 4);
+            output_file_bytes(&f, bytes, 4);
         }
-    return synth_file_close(&f);
+    return output_file_close(&f);
 }
