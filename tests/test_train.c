@@ -532,9 +532,9 @@ TEST(train_in_haste_starts_from_gaussians_that_are_narrower_and_more_opaque)
     }
     CHECK(usual.count == hasty.count);
     for (size_t i = 0; i < usual.count; i++) {
-        CHECK_CLOSE(usual.plane[OXL_LOG_SCALE + 1][i] - hasty.plane[OXL_LOG_SCALE + 1][i], 0.03 * log(30000), 1e-5);
+        CHECK_CLOSE(usual.plane[OXL_LOG_SCALE + 1][i] - hasty.plane[OXL_LOG_SCALE + 1][i], 0.03 * log(30000 / 500), 1e-5);
         CHECK_CLOSE(vecmath_sigmoid(usual.plane[OXL_OPACITY][i]), 0.1, 1e-6);
-        CHECK_CLOSE(vecmath_sigmoid(hasty.plane[OXL_OPACITY][i]), 0.1 * pow(30000, 0.07), 1e-6);
+        CHECK_CLOSE(vecmath_sigmoid(hasty.plane[OXL_OPACITY][i]), 0.1 * pow(30000 / 500, 0.07), 1e-6);
     }
     oxl_model_free(test_ctx, &usual);
     oxl_model_free(test_ctx, &hasty);

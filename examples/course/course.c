@@ -237,7 +237,7 @@ EXPORT int fit_reset(void) {
     const int count = (int)in[0];
     double sample[3];
     memset(fit, 0, sizeof *fit);
-    fit->t.model = (struct model){count, 0, {0.3, 0.4, 0.45}, fit->t.x}, fit->t.extent = 16, fit->t.random = 1;
+    fit->t.model = (struct model){count, 0, {0.3, 0.4, 0.45}, fit->t.x}, fit->t.extent = 16;
     memset(fit_target, 0, sizeof fit_target);
     for (int i = 0; i < 16 * PIXELS; i++) { /* 4 x 4 samples a pixel */
         const int p = i / 16, sx = i % 4, sy = i / 4 % 4;
@@ -282,8 +282,8 @@ EXPORT int fit_densify(void) {
 }
 
 /* out: loss and PSNR (dB) of the image before the last step, steps, Gaussians, steps since the last densification, how many
- * Gaussians density control would remove, keep, clone, split; of each Gaussian (300 x 8): centre x, y (px), covariance xx, xy,
- * yy, opacity, mean gradient of the centre in half images, verdict 0..3.
+ * Gaussians density control would remove, keep, split; of each Gaussian (300 x 8): centre x, y (px), covariance xx, xy,
+ * yy, opacity, mean gradient of the centre in half images, verdict 0..2.
  * field: rgb (48 x 36), then the wanted rgb. */
 EXPORT int fit_show(void) {
     const struct camera cam = course_camera(FIT_W, FIT_H, 48);

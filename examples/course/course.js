@@ -359,7 +359,6 @@ const gradients = chapters.gradients = {
 
 // ------------------------------------------------------------------ 4, 5: fitting, density control
 
-const VERDICT = ['remove', 'keep', 'clone', 'split'];
 function runner(c, name, tick) {
   let frame = 0;
   c.running = false;
@@ -430,13 +429,13 @@ const density = chapters.density = {
     call('fit_select', [1]), call('fit_show');
     show(this.section);
     $('density-control').disabled = OUT[4] < 1 || this.running;
-    const colours = [ink.warn, ink.soft, ink.c2, ink.c1], a = pen('density-image'), z = a.w / 48, g = a.g;
+    const colours = [ink.warn, ink.soft, ink.c1], a = pen('density-image'), z = a.w / 48, g = a.g;
     pixels(g, 48, 36, [0, 0, a.w, a.h], fieldRgb(0));
     g.fillStyle = ink.field + 'a0', g.fillRect(0, 0, a.w, a.h);
     const values = [];
     for (let i = 0; i < OUT[3]; i++) {
       const o = OUT.subarray(9 + 8 * i), v = OUT[4] ? o[7] : 1;
-      ellipse(g, o[0] * z, o[1] * z, o[2], o[3], o[4], 1, z, colours[v], v === 1 ? 1 : 2.2, v === 2 ? [4, 3] : []);
+      ellipse(g, o[0] * z, o[1] * z, o[2], o[3], o[4], 1, z, colours[v], v === 1 ? 1 : 2.2);
       values.push([o[6], v]);
     }
     const p = pen('density-bars'), box = [50, 24, p.w - 64, p.h - 66];
