@@ -1,4 +1,4 @@
-/* options.c - the options of a training job: one table, a row each, and what reads, writes and checks them by it.
+/* options.c - the options of a training job: one table with a row per option, and its parser, printer and range checks.
  *
  * A new option is one row here, its field in oceanxl.h, and its use. Everything else is made from the table: defaults of each preset,
  * parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the manual page and
@@ -241,7 +241,7 @@ static int option_read_seed(const char *text, uint64_t *out)
     return 1;
 }
 
-/* The place of the word among those of "one|two|three"; -1: it is none. */
+/* Index of the word in "one|two|three"; -1: not in it. */
 static int option_choice(const char *words, const char *text)
 {
     for (int i = 0; *words; i++) {

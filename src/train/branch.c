@@ -1,4 +1,4 @@
-/* branch.c - copies of the training state: a trial trains on from one state in several ways, and one of them goes on. */
+/* branch.c - copies of the training state: a trial continues from one state with several settings, and one result is kept. */
 #include "train_state.h"
 
 OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
@@ -48,7 +48,7 @@ OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
     return step_resize_gradient(t);
 }
 
-/* Leaves t in the state `start`, and what t was in `aside`; start stays. */
+/* Copies `start` to t, and the former state of t to `other`. */
 OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start, struct train_branch *aside)
 {
     oxl_result rc;

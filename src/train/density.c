@@ -6,7 +6,7 @@
  * far are too small: paper eq. 2 gives them a weight by depth. Sums are kept for each band of depths apart, so that the weights are
  * chosen when they are needed, and what is read without them (the second lobes' criterion, eq. 4) costs nothing more.
  *
- * Invariants: children stand next to their parent, so rows that are near in memory stay near in space (packs out of sight are
+ * Invariants: children follow their parent, so rows that are near in memory stay near in space (invisible packs are
  * skipped whole); once rows have a second lobe none may grow, so those stay first. Every random number depends on seed, step and
  * row alone. A row with a number that is not finite never survives.
  */
@@ -27,7 +27,7 @@ struct density {
     float  z_near, z_far; /* where the bands meet, camera z */
     float *gradient; /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than z_near */
     float *gradient_mid, *gradient_far; /* (count) banded: the same from z_near and from z_far on */
-    float *views;                       /* (count) how many saw it, from wherever */
+    float *views;                       /* (count) number of views that see it */
     uint8_t *verdict;                   /* (count) */
 };
 
@@ -143,7 +143,7 @@ OXL_INTERNAL double density_mean_gradient(const struct density *d, size_t row)
     return d->views[row] > 0 ? sum / d->views[row] : 0;
 }
 
-/* The weighted sum of the bands, in place of the nearest one's. */
+/* Replaces the sum of the nearest band by the weighted sum of all bands. */
 static void density_weigh(oxl_context *ctx, struct density *d, size_t count, const struct density_rules *rules)
 {
     (void)ctx;

@@ -9,7 +9,7 @@
  * auto: until a tenth of the run gains are only watched: the least squares factor between each training image and the rendered one,
  * as of its last visit. Then the validation views are compared with the rendered images twice, as they are and with the gain
  * that their neighbours foretell. Exposure is on, from the watched gains, where that gains EXPOSURE_MIN_GAIN and they differ by
- * EXPOSURE_DIFFER. Else the run goes on as if nothing had been.
+ * EXPOSURE_DIFFER. Otherwise the run continues unchanged.
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
@@ -124,7 +124,7 @@ OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, c
     imaging_centre(&e->of, e->mean);
 }
 
-/* plain, gained: mean PSNR of the validation views without and with the gains that their neighbours foretell; views: how many. */
+/* plain, gained: mean PSNR of the validation views without and with gains interpolated from their neighbours; views: their number. */
 OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size)
 {
     double square = 0;

@@ -1,5 +1,4 @@
-/* model_selection.c - model only what the scene requires: SH bands and second lobes are kept where images that were not trained on say
- * that they pay.
+/* model_selection.c - model only what the scene requires: SH degree and second lobes are kept if they improve validation views.
  *
  * Some training views stand aside until the last decision is made, and train from then on like all others. A decision is a trial: a
  * fortieth of the run is trained from the same state in each way, and the way that is good enough for less goes on. (To leave bands
@@ -17,12 +16,12 @@
 #define SELECTION_SH_MIN_GAIN    0.1  /* dB that bands must bring together over fewer of them */
 #define SELECTION_LOBES_MIN_GAIN 0.05 /* dB that second lobes must bring */
 #define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, a JPEG image's own: what lies below it is no evidence */
-#define SELECTION_WATCH          (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
+#define SELECTION_WATCH          (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
 #define SELECTION_TRIAL          (1.0 / 40) /* of the run: how long each way of a trial is trained */
 enum {
     SELECTION_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
-    SELECTION_VIEWS_MOST  = 8,  /* that stand aside */
-    SELECTION_RECOVERY    = 500 /* steps after an opacity reset whose losses tell of the reset alone */
+    SELECTION_VIEWS_MOST  = 8,  /* limit of validation views */
+    SELECTION_RECOVERY    = 500 /* steps after an opacity reset in which losses depend on the reset */
 };
 
 /* What was chosen, and why: one member of the object. */
@@ -55,7 +54,7 @@ static int selection_lobes_at(const oxl_train_options *o)
     return o->dog == OXL_DOG_OFF ? 0 : (int)(o->dog_from * o->iterations);
 }
 
-/* The step after which no view stands aside any more. */
+/* The step after which all validation views are trained. */
 static int selection_last(const struct train *t)
 {
     const int lobes = t->options->dog == OXL_DOG_AUTO ? selection_lobes_at(t->options) : 0;
@@ -69,7 +68,7 @@ OXL_INTERNAL int selection_holds(int index, int views)
     return views > 1 && index % stride == stride / 2 && index / stride < held;
 }
 
-/* Training views in the order of their names; those that decisions are judged by stand aside. */
+/* Training views in name order, without the validation views. */
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     const int views = schedule_training_views(t->scene), holds = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
@@ -93,7 +92,7 @@ static void selection_release_views(struct train *t)
     while (t->held_views > 0) t->view[t->views++] = t->held[--t->held_views];
 }
 
-/* One that cannot be read is named and cannot judge, from then on: every mean is over the same views. */
+/* An unreadable view is logged and removed, so that all means are over the same views. */
 static void selection_drop_view(struct train *t, int slot)
 {
     nonfinite_of_image(t->ctx, &t->nonfinite);
@@ -101,7 +100,7 @@ static void selection_drop_view(struct train *t, int slot)
     memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
 }
 
-/* Not a number where no view is left to judge by. */
+/* NaN without validation views. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;
@@ -131,7 +130,7 @@ static int selection_steps(const struct train *t, double share)
     return OXL_MAX(1, (int)(share * t->options->iterations));
 }
 
-/* Trains on for the length of a trial, and judges what came of it. */
+/* Trains for the length of a trial and evaluates the result. */
 static oxl_result selection_try(struct train *t, double *psnr)
 {
     const int  end = OXL_MIN(t->step + selection_steps(t, SELECTION_TRIAL), t->options->iterations);
@@ -257,7 +256,7 @@ done:
     return rc;
 }
 
-/* A trial may go past the steps at which gradients are first watched or lobes given: then the next step does it. */
+/* A trial may pass the steps at which gradients are first recorded or lobes assigned; then the next step does it. */
 static oxl_result selection_lobes(struct train *t)
 {
     const int  last = selection_lobes_at(t->options), watch = selection_steps(t, SELECTION_WATCH);

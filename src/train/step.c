@@ -22,7 +22,7 @@ static int step_is_coarse(const struct train *t, const oxl_camera *camera)
     return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
-/* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
+/* Loads the image into target and weight on the host, for transients and gains. */
 static oxl_result step_load_image_on_host(struct train *t, int view)
 {
     const struct training_image *image = image_cache_get(t->ctx, scene_image_cache(t->scene), view);
@@ -39,7 +39,7 @@ static oxl_result step_load_image_on_host(struct train *t, int view)
     return OXL_OK;
 }
 
-/* The target lies with the host: for what is put aside, and for gains. */
+/* 1: the target is on the host, for transients and gains. */
 static int step_compares_on_host(const struct train *t)
 {
     return t->transients.points > 0 || t->exposure.of.on || exposure_watches(&t->exposure);
@@ -55,7 +55,7 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
     return renderer_take_image(t->ctx, t->renderer, view, image, t->halved);
 }
 
-/* From a place in the epoch on, those that a device does not hold. */
+/* The next views of the epoch that a device does not hold. */
 static void step_read_ahead(struct train *t, int slot)
 {
     int view[STEP_READ_AHEAD], count = 0;
@@ -103,7 +103,7 @@ static void step_set_gain(struct train *t, int view)
     renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
 }
 
-/* Gains that are not decided about yet: what this image would need. */
+/* Gains before the decision: the least-squares gains of this image. */
 static oxl_result step_watch_exposure(struct train *t, int view, const oxl_camera *camera)
 {
     const float     *rendered = NULL;
@@ -132,7 +132,7 @@ static oxl_result step_compare(struct train *t, int view, int learns, float ssim
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
 
-/* With the whole loss, for judgement. */
+/* Evaluation with the full loss. */
 OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct renderer_loss *loss)
 {
     return step_compare(t, view, 0, t->options->ssim_weight, loss);
@@ -155,7 +155,7 @@ static oxl_result step_on_view(struct train *t, int view)
         if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
         if (rc != OXL_OK) return rc;
         nonfinite_of_view(t->ctx, &t->nonfinite, t->step, name, t->renderer, t->model, &t->first, &t->second);
-        return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
+        return renderer_forget(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
     }
     if (t->exposure.of.on)
         exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));

@@ -6,7 +6,7 @@
 #include "../core/vecmath.h"
 
 #define TRAIN_RANDOM_POINTS     10000 /* to start from when the scene has none */
-#define TRAIN_SHORT_RUN_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
+#define TRAIN_SHORT_RUN_WIDTH   0.3   /* exponents of the short-run factor: divisor of the initial widths */
 #define TRAIN_SHORT_RUN_OPACITY 0.7   /* and their opacities multiplied, */
 #define TRAIN_OPACITY_MOST      0.3   /* up to this */
 #define TRAIN_SAVE_STEPS        500   /* a checkpoint after so many iterations, */
@@ -29,7 +29,7 @@ static oxl_result train_first_of_some(struct train *t, const oxl_point *points, 
     return rc;
 }
 
-/* A run in haste starts with what others take time to learn: Gaussians narrower and more opaque than Kerbl's. */
+/* A short run starts from narrower and more opaque Gaussians than Kerbl's. */
 static void train_sharpen_start(struct train *t)
 {
     const double short_run_exponent = schedule_short_run_factor(t->options),
@@ -70,7 +70,7 @@ static oxl_result train_first_model(struct train *t)
     return rc;
 }
 
-/* What decides about the number of Gaussians, and on what evidence. */
+/* Logs the limit of the number of Gaussians and its reason. */
 static oxl_result train_begin_control(struct train *t)
 {
     const oxl_train_options *o     = t->options;
@@ -264,7 +264,7 @@ static oxl_result train_loop(struct train *t)
     return rc;
 }
 
-/* The gains belong to the scene's images: who evaluates or renders finds them there. */
+/* Stores the gains in the scene, for evaluation and rendering. */
 static void train_leave_gains(struct train *t)
 {
     struct imaging *to = scene_imaging(t->scene);
@@ -274,7 +274,7 @@ static void train_leave_gains(struct train *t)
     t->exposure.of = (struct imaging){0};
 }
 
-/* What was decided, for the one who asked where the run has its place. */
+/* Copies the decisions to the caller. */
 static void train_return_decisions(struct train *t)
 {
     struct text *out = t->place ? t->place->decisions : NULL;
