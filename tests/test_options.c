@@ -122,7 +122,7 @@ static oxl_job_options options_test_others(void)
 {
     static const char *const texts[] = {"1.25,3,fixed", "12345678B", "85%",         "true",  "2",        "0.04",
                                         "0.0003",       "0.2",       "4G",          "paper", "midpoint", "3d",
-                                        "quantiles",    "selective", "0.1,0.2,0.3", "on"};
+                                        "quantiles",    "selective", "0.1,0.2,0.3", "on",    "off"};
     oxl_job_options          o       = oxl_job_options_default(OXL_PRESET_DRAFT);
     const oxl_job_options    plain   = o;
     for (int i = 1; i < oxl_option_count(); i++) {

@@ -15,3 +15,15 @@ for lobes in off selective; do
 done
 cp "$here/../examples/viewer/index.html" .
 python3 "$here/viewer.py" selective/scene.ply:selective/drawn off/scene.ply:off/drawn
+
+# ?file= draws at once: under virtual time no worker answers, and a page that waits for one stays black.
+python3 -u -m http.server --bind 127.0.0.1 0 >port.txt 2>/dev/null &
+server=$! kept=${2:-}
+trap 'kill "$server"; [ -n "$kept" ] || rm -rf "$folder"' EXIT
+while ! grep -q port port.txt; do sleep 0.1; done
+port=$(sed 's/.* port \([0-9]*\).*/\1/' port.txt)
+for name in chromium chromium-browser google-chrome; do command -v "$name" >/dev/null && break; done
+"$name" --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=320,240 --virtual-time-budget=4000 \
+    --screenshot=shot.png "http://127.0.0.1:$port/index.html?file=off/scene.ply" >/dev/null 2>&1
+size=$(wc -c <shot.png)
+[ "$size" -gt 30000 ] || { echo "viewer: ?file= is black (a PNG of $size bytes)"; exit 1; }

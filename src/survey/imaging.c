@@ -244,6 +244,7 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
     return OXL_OK;
 }
 
+/* Names that are not in the scene are skipped. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out)
 {
     struct os_file_map map  = {0};

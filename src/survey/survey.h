@@ -156,12 +156,12 @@ struct training_image {
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct colmap_camera *from, const oxl_camera *to, struct training_image *out);
 OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *image);
-OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb,
-                                            float *weight); /* weight may be NULL */
-/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, masked if one of them is; odd rests are dropped. */
-OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb, float *weight);
+/* weight may be NULL, above too. To half the sides in place: means of 2 x 2 pixels, masked if one is; odd edges are dropped. */
+OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
-OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *to);
+OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
+
 OXL_INTERNAL void       image_begin(void); /* sets stb's PNG parameters */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
@@ -186,7 +186,7 @@ struct stats_view {              /* a training view */
     const oxl_camera *camera;
 };
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 without values */
-OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile);               /* of unsorted values, reordered */
+OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile); /* of unsorted values, which it reorders */
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);
@@ -278,6 +278,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 /* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /* their sizes alone, from the files' headers */
 
 /* ---------------------------------------------------------------- imaging.c: what lies between the scene's colours and an image */
 
@@ -292,22 +293,19 @@ struct imaging {
     int           views;    /* of the scene */
     float        *log_gain; /* (views,3) */
     uint8_t      *known;    /* (views) 1: trained; others are interpolated */
-    uint64_t     *camera;   /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called */
+    uint64_t *camera; /* (views) equal: of one camera, by CAMERA_ID, folder, name without digits; imaging_set_cameras sets it */
 };
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
-/* Which views are of one camera, by COLMAP's CAMERA_ID, folder and name without its digits. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
 OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
 OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void       imaging_clear(struct imaging *m);
-OXL_INTERNAL void       imaging_between(const struct imaging *m, int view,
-                                        float log_gain[3]); /* interpolated, ignoring its own value */
+OXL_INTERNAL void       imaging_between(const struct imaging *m, int view, float log_gain[3]); /* without its own value */
 OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float gain[3]);
 OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);                 /* log gain, of the known views */
 OXL_INTERNAL void       imaging_apply(const struct imaging *m, int view, oxl_image *image); /* to a render at mean exposure */
 OXL_INTERNAL void       imaging_centre(struct imaging *m, const double mean[3]); /* shifts the known views to this mean */
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
-/* Names that are not in the scene are skipped. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3]); /* of blocks */
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model trained on it or read for it */
