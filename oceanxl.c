@@ -75,6 +75,7 @@
 #include "src/train/prune.c"           /* fewer Gaussians: when, and which matter least */
 #include "src/train/transients.c"      /* what swims through one photograph is not learned */
 #include "src/train/water.c"           /* the nine parameters of the medium */
+#include "src/train/lamp.c"            /* a light that moves with the camera */
 #include "src/train/exposure.c"        /* log gains per training image */
 #include "src/train/nonfinite.c"       /* numbers that are not finite: put aside, counted, told */
 #include "src/train/schedule.c"        /* what depends on the options and the step alone */

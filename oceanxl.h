@@ -317,12 +317,12 @@ typedef enum oxl_dog { /* which Gaussians get a second, negative lobe [OceanXL e
                        OXL_DOG_AUTO /* selective, where a trial on views held out for it says that they pay */
 } oxl_dog;
 
-/* A gain per channel and training image, optimised with the scene: cameras that adapt exposure and white balance (docs/WATER.md). */
-typedef enum oxl_exposure {
-    OXL_EXPOSURE_OFF = 0,
-    OXL_EXPOSURE_ON,
-    OXL_EXPOSURE_AUTO /* on where validation views say that the gains of their neighbours help */
-} oxl_exposure;
+/* Whether a part of the image formation is modelled (docs/WATER.md). */
+typedef enum oxl_switch {
+    OXL_OFF = 0,
+    OXL_ON,
+    OXL_AUTO /* on where validation views gain by it */
+} oxl_switch;
 
 typedef enum oxl_preset { OXL_PRESET_DRAFT = 0, OXL_PRESET_STANDARD, OXL_PRESET_PAPER } oxl_preset;
 
@@ -391,7 +391,8 @@ typedef struct oxl_train_options {
     float        reset_opacity_every;         /* share of the run */
     oxl_ucd      ucd;
     oxl_keep     keep;
-    oxl_exposure exposure;
+    oxl_switch   exposure; /* a log gain per channel and training image */
+    oxl_switch   lamp; /* a light that moves with the camera: a smooth gain over the image, falloff with distance; on the CPU */
     int          medium; /* 1: water between camera and Gaussians is modelled, nine parameters, on the CPU (docs/WATER.md) */
     int          mask_transients; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
     /* difference-of-Gaussians lobes */

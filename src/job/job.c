@@ -306,9 +306,9 @@ static oxl_result job_cut(struct job *job)
         if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_export(job->ctx, &job->partition, job->out);
     }
     oxl_free(job->ctx, path);
-    if (rc == OXL_OK && job->options.train.medium && job->partition.block_count > 1)
+    if (rc == OXL_OK && (job->options.train.medium || job->options.train.lamp == OXL_ON) && job->partition.block_count > 1)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
-                      "--medium fits one water for one block, and the survey is cut into %d\nfix: --partition none, or a larger "
+                      "--medium and --lamp fit one water and one lamp for one block, and the survey is cut into %d\nfix: --partition none, or a larger "
                       "--block-points",
                       job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
@@ -790,7 +790,7 @@ static oxl_result job_write_gains(struct job *job)
 {
     char      *path = oxl_path_join(job->ctx, job->out, "imaging.txt");
     oxl_result rc   = path ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK && job->scene && (scene_imaging(job->scene)->on || scene_imaging(job->scene)->medium.on))
+    if (rc == OXL_OK && job->scene && imaging_is_needed(scene_imaging(job->scene)))
         rc = imaging_write(job->ctx, path, job->scene, scene_imaging(job->scene));
     else if (rc == OXL_OK) os_remove(path);
     oxl_free(job->ctx, path);

@@ -442,6 +442,7 @@ static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const ox
     options.near_plane = (float)scene_near_plane(scene);
     renderer_set_medium(r, &scene_imaging(scene)->medium);
     rc = renderer_draw(ctx, r, model, camera, &options, &drawn, NULL);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), row->view, &drawn);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->plain_psnr);
     if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &drawn, photograph, &row->half_psnr);
     if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &drawn);

@@ -2,11 +2,12 @@
  *
  * Per Gaussian, with the range r from the eye to its centre, and for the light that passes all Gaussians (Akkaynak & Treibitz 2018, as in
  * SeaSplat, arXiv 2409.17345, there per pixel):
- *     c' = J exp(-bD r) + Binf (1 - exp(-bB r)),     background = Binf.
+ *     c' = J (r0 / r)^p exp(-bD r) + Binf (1 - exp(-bB r)),     background = Binf.
+ * (r0 / r)^p: a lamp that moves with the camera, p from 0 to 2, r0 the survey's median range.
  * Between project and raster forward, between raster and project backward: the sums of a splat's pairs hold dL/dc', and become dL/dJ.
  * Range and not depth z: it is what light travels, and does not change when the camera turns.
  *
- * Invariant: exact gradients, of the nine parameters and of the centre through r. Sums have a written order: task by task of packs, row by
+ * Invariant: exact gradients, of the nine parameters, of p, and of the centre through r. Sums have a written order: task by task of packs, row by
  * row, pair by pair, and pixel by pixel for the background.
  */
 #include "kernels.h"
@@ -19,58 +20,68 @@ static float medium_range(const struct medium_job *job, size_t i)
     return real_sqrt(x * x + y * y + z * z);
 }
 
+/* Of J: attenuation and, with a lamp, falloff. *log_near: ln (reference / r), 0 where the falloff does not change with r. */
+static void medium_through(const struct medium *m, float range, float through[3], float *log_near)
+{
+    const float near = m->lit ? OXL_MAX(range, LAMP_RANGE_LEAST * m->reference) : 1;
+    *log_near        = m->lit ? (float)(real_log2(0, m->reference / near) * 0.693147181f) : 0;
+    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * *log_near - m->direct[c] * range);
+}
+
 OXL_INTERNAL void medium_forward(const struct medium_job *job)
 {
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (unsigned l = 0; l < PACK; l++) {
             const size_t i = pack * PACK + l;
-            float        range;
+            float        range, through[3], log_near;
             if (!(job->visible[pack] >> l & 1)) continue;
             range = medium_range(job, i);
+            medium_through(job->medium, range, through, &log_near);
             for (int c = 0; c < 3; c++) {
                 const struct medium *m        = job->medium;
                 const float          clear    = job->splat[i].colour[c];
                 job->clear[3 * i + (size_t)c] = clear;
-                job->splat[i].colour[c] =
-                    clear * real_exp(0, -m->direct[c] * range) + m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
+                job->splat[i].colour[c]       = clear * through[c] + m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
             }
         }
 }
 
-/* A visible row: dL/dc' of each channel (3) -> the parameters' sums; returns dL/dr. */
-static float medium_row(const struct medium_job *job, size_t i, float range, const float g[3], double sum[9])
+/* A visible row: dL/dc' of each channel (3) -> the parameters' sums; returns dL/dr. range: not 0. */
+static float medium_row(const struct medium_job *job, size_t i, float range, const float g[3], const float through[3],
+                        float log_near, double sum[MEDIUM_SUMS])
 {
-    const struct medium *m  = job->medium;
-    float                dr = 0;
+    const struct medium *m       = job->medium;
+    const float          falloff = m->lit && range > LAMP_RANGE_LEAST * m->reference ? m->falloff / range : 0;
+    float                dr      = 0;
     for (int c = 0; c < 3; c++) {
-        const float through = real_exp(0, -m->direct[c] * range), rest = real_exp(0, -m->scatter[c] * range);
-        const float direct = job->clear[3 * i + (size_t)c] * through;
+        const float rest = real_exp(0, -m->scatter[c] * range), direct = job->clear[3 * i + (size_t)c] * through[c];
         sum[c] += -(double)g[c] * range * direct;
         sum[3 + c] += (double)g[c] * m->veil[c] * range * rest;
         sum[6 + c] += (double)g[c] * (1 - rest);
-        dr += g[c] * (m->veil[c] * m->scatter[c] * rest - m->direct[c] * direct);
+        sum[9] += (double)g[c] * log_near * direct;
+        dr += g[c] * (m->veil[c] * m->scatter[c] * rest - (m->direct[c] + falloff) * direct);
     }
     return dr;
 }
 
 /* sums become those of the clear colours, and so do the splats' colours again. */
-OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[9])
+OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIUM_SUMS])
 {
-    memset(sum, 0, 9 * sizeof *sum);
+    memset(sum, 0, MEDIUM_SUMS * sizeof *sum);
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (unsigned l = 0; l < PACK; l++) {
             const size_t  i    = pack * PACK + l;
             struct splat *s    = &job->splat[i];
-            float         g[3] = {0, 0, 0}, range, through[3];
+            float         g[3] = {0, 0, 0}, range, through[3], log_near;
             if (!(job->visible[pack] >> l & 1)) continue;
             range = medium_range(job, i);
-            for (int c = 0; c < 3; c++) through[c] = real_exp(0, -job->medium->direct[c] * range);
+            medium_through(job->medium, range, through, &log_near);
             for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
                 for (int c = 0; c < 3; c++) {
                     g[c] += job->sums[slot][SUM_RED + c];
                     job->sums[slot][SUM_RED + c] *= through[c];
                 }
-            job->drange[i] = range > 0 ? medium_row(job, i, range, g, sum) / range : 0;
+            job->drange[i] = range > 0 ? medium_row(job, i, range, g, through, log_near, sum) / range : 0;
             for (int c = 0; c < 3; c++) s->colour[c] = job->clear[3 * i + (size_t)c];
         }
 }
@@ -88,7 +99,8 @@ OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const st
 }
 
 /* dL/dBinf of the light behind the last splat: sum of T dL/dC, row by row. */
-OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height, double sum[9])
+OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
+                                       double sum[MEDIUM_SUMS])
 {
     const size_t plane = (size_t)width * (size_t)height;
     for (int c = 0; c < 3; c++)

@@ -490,6 +490,7 @@ OXL_INTERNAL oxl_result selection_step(struct train *t)
         rc = renderer_download(t->ctx, t->renderer);
         if (rc == OXL_OK) water_start(&t->water, t->model);
     }
+    if (rc == OXL_OK && t->step == lamp_starts_at(t->options) && !(t->place && t->place->start)) t->lamp.on = 1;
     if (rc == OXL_OK) selection_sh_degree(t);
     return rc;
 }

@@ -110,6 +110,8 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, t->place && t->place->start);
     if (rc == OXL_OK && t->options->medium)
         rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
+    if (rc == OXL_OK && t->options->lamp != OXL_OFF)
+        lamp_begin(&t->lamp, t->scene, t->place && t->place->start ? scene_imaging(t->scene) : NULL);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
 
@@ -174,6 +176,7 @@ static void train_archive(struct archive *a, void *user)
     transients_archive(a, &t->transients);
     exposure_archive(a, &t->exposure);
     water_archive(a, &t->water, t->options->medium);
+    lamp_archive(a, &t->lamp, t->options->lamp != OXL_OFF);
     selection_archive(a, t);
     archive_expect(a, views + (size_t)t->held_views <=
                           (size_t)schedule_training_views(t->scene)); /* those held come back to `view` */
@@ -267,8 +270,9 @@ static void train_leave_gains(struct train *t)
 {
     struct imaging *to = scene_imaging(t->scene);
     imaging_free(t->ctx, to);
-    *to            = t->exposure.of;
-    to->medium     = water_medium(&t->water);
+    *to        = t->exposure.of;
+    to->medium = water_medium(&t->water);
+    lamp_leave(&t->lamp, to);
     t->exposure.of = (struct imaging){0};
 }
 

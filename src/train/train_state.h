@@ -21,6 +21,7 @@ struct train {
     struct transients         transients;
     struct exposure           exposure;
     struct water              water;
+    struct lamp_fit           lamp;
     int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
     int                       lobes;         /* enum train_lobes */
     int                       trial_is_next; /* enum train_trial: before the next step */
@@ -75,6 +76,7 @@ struct train_branch { /* what a step changes */
     double          loss, psnr;
     struct exposure exposure;
     struct water    water;
+    struct lamp_fit lamp;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
