@@ -369,37 +369,37 @@ typedef struct oxl_train_options {
     int iterations;    /* one photograph each */
     int sh_degree;     /* 0..3: bands at the end of the run; -1 (auto): as many as training views held out for it ask for */
     int max_gaussians; /* a cap on their number; 0: what the photographs can determine, one for 60 training pixels (PAPER.md) */
-    double       max_seconds; /* stop in good order after this long; 0: no limit */
-    float        background[3];
-    float        ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
+    double     max_seconds; /* stop in good order after this long; 0: no limit */
+    float      background[3];
+    float      ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM) */
     /* less work a step; docs/TRADEOFF.md has what each saves and costs */
-    float        coarse;             /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
-    float        alpha_min;          /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
-    float        sh_degree_interval; /* share of the run after which there is one more band of spherical harmonics */
+    float      coarse;             /* first share of the run, at half the sides; -1: 0.25 for photographs of 640 px and more */
+    float      alpha_min;          /* in the first 0.8 of the run, as in oxl_render_options; at most 0.05 */
+    float      sh_degree_interval; /* share of the run after which there is one more band of spherical harmonics */
     /* Adam's step sizes [Kerbl 2023]; the position's is multiplied by the scene's extent and decays exponentially */
-    float        rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
+    float      rate_mean_first, rate_mean_last, rate_log_scale, rate_rotation, rate_opacity, rate_sh0, rate_sh;
     /* Those are of 30 000 iterations. With h = (30 000 / n)^haste, in a run of n < 30 000, they are h times as large for means, scales
      * and rotations, sqrt(h) times for bands above 0; and the first Gaussians are narrower and more opaque than Kerbl's. In a run
      * of n < 7000, with r = (7000 / n)^haste, scales take sqrt(r) times that again, the mean gradient forgets r^2 times as much in a
      * step (up to a half), and the mean of its square r^-1.5 times as much (docs/TRADEOFF.md). */
-    float        short_run_exponent;
-    float        cooldown; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
+    float      short_run_exponent;
+    float      cooldown; /* last share of the run, over which all steps shrink to a tenth; 0: none (docs/TRADEOFF.md) */
     /* density control, as fractions of the run and steps */
-    float        densify_from, densify_until; /* shares of the run */
-    int          densify_every;               /* steps */
-    float        densify_gradient;            /* of dL/d(mean) in units of half an image */
-    float        reset_opacity_every;         /* share of the run */
-    oxl_ucd      ucd;
-    oxl_keep     keep;
-    oxl_switch   exposure; /* a log gain per channel and training image */
-    oxl_switch   lamp; /* a light that moves with the camera: a smooth gain over the image, falloff with distance; on the CPU */
-    int          medium; /* 1: water between camera and Gaussians is modelled, nine parameters, on the CPU (docs/WATER.md) */
-    int          mask_transients; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
+    float      densify_from, densify_until; /* shares of the run */
+    int        densify_every;               /* steps */
+    float      densify_gradient;            /* of dL/d(mean) in units of half an image */
+    float      reset_opacity_every;         /* share of the run */
+    oxl_ucd    ucd;
+    oxl_keep   keep;
+    oxl_switch exposure; /* a log gain per channel and training image */
+    oxl_switch lamp;     /* a light that moves with the camera: a smooth gain over the image, falloff with distance; on the CPU */
+    oxl_switch medium;   /* water between camera and Gaussians: nine parameters; on the CPU */
+    int        mask_transients; /* 1: what one photograph has and the others of the place have not, as fish, is not learned */
     /* difference-of-Gaussians lobes */
-    oxl_dog      dog;
-    float        dog_from;      /* share of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] */
-    float        dog_threshold; /* of the mean gradient, in units of half an image; at most 0: minus the share left without */
-    float        dog_opacity_factor, dog_scale_factor; /* of a fresh lobe */
+    oxl_dog    dog;
+    float      dog_from;      /* share of the run at which they are given out, while pruning goes on [OceanXL sec. 3.2] */
+    float      dog_threshold; /* of the mean gradient, in units of half an image; at most 0: minus the share left without */
+    float      dog_opacity_factor, dog_scale_factor; /* of a fresh lobe */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);

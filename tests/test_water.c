@@ -349,6 +349,32 @@ TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_dif
     oxl_scene_free(test_ctx, scene);
 }
 
+/* From one range only the baked colours are those through the water. */
+TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
+{
+    oxl_scene        *scene  = train_scene(1);
+    const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
+    const size_t      n      = 3 * (size_t)camera->width * (size_t)camera->height;
+    float            *drgb   = oxl_alloc(test_ctx, n, sizeof *drgb);
+    struct medium     m      = water_murky;
+    struct renderer  *r;
+    oxl_model         model;
+    double            through, clear;
+    memset(m.veil, 0, sizeof m.veil); /* black background, as without water */
+    for (size_t i = 0; i < n; i++) drgb[i] = 1;
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    through = medium_score(r, camera, &model, &m, drgb);
+    clear   = medium_score(r, camera, &model, NULL, drgb);
+    CHECK(fabs(clear - through) > 0.1 * clear);
+    medium_bake(&m, scene, &model);
+    CHECK_CLOSE(medium_score(r, camera, &model, NULL, drgb), through, 1e-3 * through);
+    oxl_free(test_ctx, drgb);
+    oxl_model_free(test_ctx, &model);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* No Gaussian in sight: only water. */
 TEST(medium_alone_shows_its_veil)
 {
@@ -375,7 +401,7 @@ TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     struct checkpoint_case c       = checkpoint_of(train_scene(7), train_options(130));
     oxl_model              model;
     struct medium          whole;
-    c.options.medium = 1;
+    c.options.medium = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     whole = scene_imaging(c.scene)->medium;
     CHECK(whole.on);

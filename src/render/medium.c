@@ -98,6 +98,50 @@ OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const st
         }
 }
 
+/* What a viewer without imaging.txt is to show: the colours through the water, and the lamp's falloff, at the ranges from which the
+ * training views see the centre; the mean of both terms over these views, by the centre's size in the
+ * image, 1 / r^2; or over all views where none sees it. */
+OXL_INTERNAL void medium_bake(const struct medium *m, oxl_scene *scene, oxl_model *model)
+{
+    enum { VIEWS = 64 };
+    const oxl_camera *camera[VIEWS];
+    double            eye[VIEWS][3];
+    int               views = 0;
+    const int         all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
+    const int         bands = (model->sh_degree + 1) * (model->sh_degree + 1);
+    for (int v = 0; v < all; v += stride)
+        camera[views] = &oxl_scene_view(scene, v)->camera, camera_position(camera[views], eye[views]), views++;
+    for (size_t i = 0; i < model->count; i++) {
+        double sum[2][7] = {{0}}; /* over all views, over those that see it: both terms by channel, their number */
+        for (int v = 0; v < views; v++) {
+            const double *r = camera[v]->rotation, *t = camera[v]->translation;
+            const double  p[3]  = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i], model->plane[OXL_MEAN + 2][i]};
+            const double  z     = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
+            const double  x     = camera[v]->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) + camera[v]->cx * z;
+            const double  y     = camera[v]->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) + camera[v]->cy * z;
+            const int     seen  = z > 0 && x >= 0 && y >= 0 && x <= camera[v]->width * z && y <= camera[v]->height * z;
+            const double  d[3]  = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
+            const float   range = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            float         through[3], log_near;
+            medium_through(m, range, through, &log_near);
+            for (int k = 0; k <= seen; k++) {
+                const double weight = 1 / OXL_MAX(range * range, 1e-12); /* its size in the image */
+                for (int c = 0; c < 3; c++) {
+                    sum[k][c] += weight * through[c];
+                    sum[k][3 + c] += weight * m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
+                }
+                sum[k][6] += weight;
+            }
+        }
+        for (int c = 0; c < 3 && views > 0; c++) {
+            const double *s = sum[sum[1][6] > 0], factor = s[c] / s[6], more = s[3 + c] / s[6];
+            for (int k = 0; k < bands; k++)
+                model->plane[OXL_SH + 3 * k + c][i] = (float)(factor * model->plane[OXL_SH + 3 * k + c][i]);
+            model->plane[OXL_SH + c][i] += (float)(((factor - 1) * 0.5 + more) / MODEL_SH0);
+        }
+    }
+}
+
 /* dL/dBinf of the light behind the last splat: sum of T dL/dC, row by row. */
 OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
                                        double sum[MEDIUM_SUMS])

@@ -132,6 +132,9 @@ OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gai
 OXL_INTERNAL void          renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
+/* The model as viewers are to show it, without imaging.txt: through water and falloff at the ranges of the scene's views. */
+OXL_INTERNAL void          medium_bake(const struct medium *medium, oxl_scene *scene, oxl_model *model);
+OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
 /* From the next forward on; on a device there is none. */
 OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);
 /* (10) of the last backward: by direct, scatter and veil, and by the falloff. */

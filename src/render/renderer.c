@@ -272,6 +272,11 @@ static void render_medium_backward(oxl_context *ctx, struct renderer *r, const f
     medium_backward_veil(drgb, r->transmittance, r->lens.width, r->lens.height, r->dmedium);
 }
 
+OXL_INTERNAL int renderer_has_device(const struct renderer *r)
+{
+    return r->device != NULL;
+}
+
 OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium)
 {
     r->medium = medium ? *medium : (struct medium){0};

@@ -373,6 +373,10 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
         *scene_imaging(scene) = read;
     }
     oxl_free(ctx, path);
+    path = folder.failed ? NULL : oxl_path_join(ctx, folder.data, "scene_clear.ply");
+    if (rc == OXL_OK && path && os_is_file(path) && strcmp(name, "scene_clear.ply") != 0)
+        scene_imaging(scene)->medium = (struct medium){0}; /* the colours of scene.ply are those behind it */
+    oxl_free(ctx, path);
     text_free(&folder);
     return rc;
 }

@@ -12,7 +12,7 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define LAMP_FROM  0.08 /* of the run */
+#define LAMP_FROM  0.11 /* of the run: exposure is decided before */
 #define LAMP_RATE  0.01 /* of the first step, in log units, */
 #define LAMP_LAST  0.05 /* and of that at the end of the run */
 #define LAMP_VIEWS 8    /* training views of a camera that has a lamp of its own */
@@ -36,6 +36,7 @@ OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct 
         for (int g = 0; g < l->groups; g++) known |= l->group[g].camera == id;
         if (!known && l->groups < LAMP_MOST && lamp_own_views(scene, i) >= LAMP_VIEWS) l->group[l->groups++].camera = id;
     }
+    l->decided = goes_on != NULL;
     if (!goes_on || goes_on->lamps == 0) return;
     l->on     = 1;
     l->groups = goes_on->lamps;
@@ -88,8 +89,9 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
 {
     if (!used) return;
     archive_int(a, &l->on);
+    archive_int(a, &l->decided);
     archive_int(a, &l->steps);
-    archive_expect(a, (l->on == 0 || l->on == 1) && l->steps >= 0);
+    archive_expect(a, (l->on == 0 || l->on == 1) && (l->decided == 0 || l->decided == 1) && l->steps >= 0);
     for (int g = 0; g < l->groups && a->rc == OXL_OK; g++) {
         archive_int(a, &l->visits[g]);
         archive_floats(a, l->group[g].shape, LAMP_TERMS);

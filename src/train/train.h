@@ -195,7 +195,7 @@ OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r);
 /* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
 
 struct water {
-    int    on, steps;
+    int    on, decided, steps;
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
@@ -209,7 +209,7 @@ OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int
 /* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
 
 struct lamp_fit {
-    int         on, steps, groups;
+    int         on, decided, steps, groups;
     int         visits[LAMP_MOST];                                           /* steps of a camera */
     struct lamp group[LAMP_MOST];                                            /* the first: cameras that have none of their own */
     double      first[LAMP_MOST][LAMP_TERMS], second[LAMP_MOST][LAMP_TERMS]; /* Adam's moments */

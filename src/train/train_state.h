@@ -4,7 +4,14 @@
 
 #include "train.h"
 
-enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES, TRAIN_TRIES_WEIGHTS };
+enum train_trial {
+    TRAIN_TRIES_NOTHING,
+    TRAIN_TRIES_SH_DEGREE,
+    TRAIN_TRIES_LOBES,
+    TRAIN_TRIES_WEIGHTS,
+    TRAIN_TRIES_LAMP,
+    TRAIN_TRIES_WATER
+};
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are watched before lobes are given out */
 
