@@ -14,7 +14,7 @@ ifneq ($(findstring clang,$(shell $(CC) --version 2>/dev/null)),)
 WARN   += -Wno-error=pass-failed # a loop that this optimizer left scalar: worth a line, not a stop
 endif
 SYSTEM := libstb-dev gcc make libc6-dev
-# As the program asks for itself (oxl_wait_asleep).
+# As the program sets it for itself (wait_passively in main.c).
 export OMP_WAIT_POLICY ?= passive
 export GOMP_SPINCOUNT ?= 500
 
@@ -38,19 +38,19 @@ LIBS  = $(LDFLAGS) -lm $(if $(VULKAN_FLAGS),-ldl)
 TOOLS   := $(wildcard cli/*.c lab/*.c)
 VULKAN_C := $(if $(VULKAN_FLAGS),$(wildcard backends/vulkan/*.c))
 MODULES := $(wildcard src/*/*.c) $(VULKAN_C)
-SOURCES := $(wildcard oceanxl.[ch] src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
+SOURCES := $(wildcard oceanxl.[ch] oceanxl_job.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch])
 TESTS   := $(sort $(filter-out tests/test.c,$(wildcard tests/test_*.c)))
-OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c reference/*.[ch])
+OURS    := $(wildcard *.c *.h src/*/*.[ch] backends/vulkan/*.[ch] cli/*.[ch] lab/*.[ch] tests/*.[ch] bench/*.[ch] fuzz/*.[ch] examples/*.c examples/course/*.c examples/course/*/*.[ch] reference/*.[ch])
 EXAMPLES := $(patsubst examples/%.c,$(BUILD)/examples/%,$(wildcard examples/*.c))
 
-.PHONY: all help rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
+.PHONY: all help shared rooms man test extremes fuzz coverage mutate races portable demo setup bench cost floaters reference shaders shaders-check modules dist sanitize examples format format-check install clean FORCE
 .DELETE_ON_ERROR:
 
 all: $(BUILD)/oceanxl ## build/oceanxl, the program (the default)
 
 help: ## this list
 	@echo 'make TARGET [CC=clang] [CFLAGS="-O3 -g"] [OPENMP=0] [VULKAN=1] [STB=folder] [WERROR=1] [BUILD=build]'
-	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/  \1\t\2/p' Makefile examples/course/course.mk | expand -t 16
 
 # ------------------------------------------------------------------------------------------------ program, library
 
@@ -176,7 +176,7 @@ $(BUILD)/modules/%.o: %.c $(BUILD)/flags
 	@mkdir -p $(@D)
 	$(CC) $(FLAGS) -Werror -DOXL_MODULES -MMD -MP -c $< -o $@
 
-dist: $(BUILD)/dist/pair $(BUILD)/dist/single ## dist/oceanxl.[hc], the library in two files, and dist/single/oceanxl.h, in one; both are tried
+dist: $(BUILD)/dist/pair $(BUILD)/dist/single ## dist/oceanxl.c with its two headers, and dist/single/oceanxl.h, all in one file; both are compiled and run
 	$(BUILD)/dist/pair
 	$(BUILD)/dist/single
 $(BUILD)/dist/pair: examples/one_gaussian.c dist/oceanxl.c
@@ -212,14 +212,30 @@ man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of 
 	$(BUILD)/oceanxl --options-page > $(BUILD)/OPTIONS.md
 	mv $(BUILD)/OPTIONS.md docs/OPTIONS.md
 
-install: all $(BUILD)/liboceanxl.a ## program, manual page, header and static library under DESTDIR/PREFIX
+$(BUILD)/liboceanxl.so: oceanxl.c $(BUILD)/flags
+	$(CC) $(FLAGS) -fPIC -shared -Wl,-soname,liboceanxl.so.0 -MMD -MP -MT $@ -MF $(BUILD)/shared.d $< -o $@ $(LIBS)
+shared: $(BUILD)/liboceanxl.so ## the library for other languages: examples/train_survey.py
+
+# What install puts beside the program; versions of the library in one place, oceanxl.h.
+VERSION := $(shell sed -n 's/^\#define OXL_VERSION "\(.*\)"$$/\1/p' oceanxl.h)
+$(BUILD)/oceanxl.pc: Makefile oceanxl.h $(BUILD)/flags
+	@printf '%s\n' 'prefix=$(PREFIX)' 'Name: oceanxl' 'Description: 3D Gaussian Splatting of underwater surveys' 'Version: $(VERSION)' \
+	  'Cflags: -I$${prefix}/include' 'Libs: -L$${prefix}/lib -loceanxl $(filter -fopenmp,$(THREADS)) -lm $(if $(VULKAN_FLAGS),-ldl)' > $@
+
+install: all $(BUILD)/liboceanxl.a $(BUILD)/oceanxl.pc ## program, manual page, completion, headers, static library, pkg-config file under DESTDIR/PREFIX
 	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/include $(DESTDIR)$(PREFIX)/lib $(DESTDIR)$(PREFIX)/share/man/man1
 	install -m 644 docs/oceanxl.1 $(DESTDIR)$(PREFIX)/share/man/man1/
 	install -m 755 $(BUILD)/oceanxl $(DESTDIR)$(PREFIX)/bin/
-	install -m 644 oceanxl.h $(DESTDIR)$(PREFIX)/include/
+	install -m 644 oceanxl.h oceanxl_job.h $(DESTDIR)$(PREFIX)/include/
 	install -m 644 $(BUILD)/liboceanxl.a $(DESTDIR)$(PREFIX)/lib/
+	install -d $(DESTDIR)$(PREFIX)/lib/pkgconfig $(DESTDIR)$(PREFIX)/share/bash-completion/completions $(DESTDIR)$(PREFIX)/share/zsh/site-functions
+	install -m 644 $(BUILD)/oceanxl.pc $(DESTDIR)$(PREFIX)/lib/pkgconfig/
+	$(BUILD)/oceanxl --completion bash > $(DESTDIR)$(PREFIX)/share/bash-completion/completions/oceanxl
+	$(BUILD)/oceanxl --completion zsh > $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_oceanxl
 
 clean: ## removes build/ and dist/
 	rm -rf $(BUILD) dist
+
+include examples/course/course.mk
 
 -include $(shell find $(BUILD) -name '*.d' 2>/dev/null)

@@ -11,6 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#if defined(_OPENMP) && !defined(_WIN32)
+#include <unistd.h>
+#endif
 
 /* ---------------------------------------------------------------- standard error: log lines and the progress */
 
@@ -18,6 +21,7 @@
 #define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
 
 struct console {
+    int    json;        /* standard error is JSON lines */
     int    quiet, live; /* live: standard error is a terminal, one line is rewritten */
     int    shown;       /* the live line stands there and has no newline yet */
     int    twentieth;   /* of the run, last shown */
@@ -69,8 +73,17 @@ static void on_log(void *user, oxl_log_level level, const char *text)
 {
     struct console *c = user;
     if (level == OXL_LOG_DEBUG || (c->quiet && level == OXL_LOG_INFO)) return;
+    if (c->json) {
+        fprintf(stderr, "{\"event\": \"log\", \"level\": \"%s\", \"text\": ",
+                level == OXL_LOG_INFO      ? "info"
+                : level == OXL_LOG_WARNING ? "warning"
+                                           : "error");
+        json_print(stderr, text);
+        fputs("}\n", stderr);
+        return;
+    }
     console_clear(c);
-    fprintf(stderr, "oxl: %s", level == OXL_LOG_INFO ? "" : level == OXL_LOG_WARNING ? "warning: " : "error: ");
+    fprintf(stderr, "oxl: %s", level == OXL_LOG_WARNING ? "warning: " : "");
     print_indented(text);
 }
 
@@ -87,6 +100,16 @@ static void print_progress(struct console *c, const oxl_progress *p)
     if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate; /* a trial goes back */
     c->iteration = p->iteration;
     c->seconds   = p->seconds;
+    if (c->json) {
+        fprintf(
+            stderr,
+            "{\"event\": \"progress\", \"block\": %d, \"blocks\": %d, \"trial\": %s, \"iteration\": %d, \"iterations\": %d, "
+            "\"loss\": %.6g, \"psnr\": %.4g, \"gaussians\": %zu, \"seconds\": %.1f, \"seconds_left\": %.1f, \"memory\": %.0f}\n",
+            p->block, p->blocks, p->trial ? "true" : "false", p->iteration, p->iterations, p->loss, p->psnr, p->gaussians,
+            p->seconds, p->seconds_left, (double)p->memory);
+        fflush(stderr);
+        return;
+    }
     console_clear(c);
     if (p->blocks > 1 && p->block < p->blocks) fprintf(stderr, "block %d/%d ", p->block, p->blocks);
     if (p->blocks > 1 && p->block == p->blocks) fprintf(stderr, "together ");
@@ -111,8 +134,8 @@ static int on_progress(void *user, const oxl_progress *p)
         c->rate      = 0;
     }
     since = p->seconds - c->seconds;
-    due   = c->live ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
-    if (!c->quiet && (due || p->iteration == p->iterations)) {
+    due   = c->live || c->json ? since >= LIVE_SECONDS : twentieth > c->twentieth || since >= PLAIN_SECONDS;
+    if ((!c->quiet || c->json) && (due || p->iteration == p->iterations)) {
         c->twentieth = twentieth;
         print_progress(c, p);
     }
@@ -185,19 +208,36 @@ static void print_results(const struct arguments *a)
                a->out, a->out, a->out);
 }
 
+static oxl_result run_check_with(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
+{
+    oxl_survey survey;
+    char      *json = NULL;
+    oxl_result rc   = oxl_check(ctx, a->path[0], options, &survey);
+    if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
+    if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
+    oxl_text_free(ctx, json);
+    return rc;
+}
+
 static oxl_result run_train(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     const oxl_callback callback = {on_progress, console};
     oxl_job_options    options;
     oxl_manifest      *run;
     oxl_result         rc = resumed_options(ctx, a, &options, &run);
+    if (a->dry_run) {
+        if (rc == OXL_OK) rc = run_check_with(ctx, a, &options);
+        oxl_manifest_free(ctx, &run);
+        return rc;
+    }
     if (rc == OXL_OK) {
         catch_signals();
         rc = oxl_job_run(ctx, a->path[0], a->out, &options, &callback);
         console_clear(console);
     }
     oxl_manifest_free(ctx, &run);
-    if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
+    if (rc == OXL_ERR_INTERRUPTED && console->json) on_log(console, OXL_LOG_WARNING, oxl_error_text(ctx));
+    else if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK && a->job.block < 0) rc = report_write(ctx, a->out, console->error, sizeof console->error);
     if (rc != OXL_OK) return rc;
     if (a->job.block >= 0) printf("block     %s/blocks/%03d\n", a->out, a->job.block);
@@ -229,13 +269,7 @@ static oxl_result run_report(oxl_context *ctx, const struct arguments *a, struct
 
 static oxl_result run_check(oxl_context *ctx, const struct arguments *a)
 {
-    oxl_survey survey;
-    char      *json = NULL;
-    oxl_result rc   = oxl_check(ctx, a->path[0], &a->job, &survey);
-    if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
-    if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
-    oxl_text_free(ctx, json);
-    return rc;
+    return run_check_with(ctx, a, &a->job);
 }
 
 static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
@@ -272,14 +306,18 @@ static const char *model_file(const struct arguments *a, char *path, size_t size
     return is_there(path) ? path : a->path[0];
 }
 
-static oxl_result load(oxl_context *ctx, const struct arguments *a, oxl_model *model, oxl_scene **scene)
+/* The model in the survey's own frame and unit. */
+static oxl_result load(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_model *model, oxl_scene **scene)
 {
-    char        path[4096];
+    char        path[4096], warning[1024] = "";
     const char *file = model_file(a, path, sizeof path);
     oxl_result  rc   = oxl_model_read(ctx, file, model);
+    if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale); /* convert --scale wrote it in metres */
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &a->job.scene, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene)); /* a block's or another program's has its own */
+    if (rc == OXL_OK) rc = overlap_check(ctx, model, *scene, a->path[0], warning, sizeof warning);
+    if (warning[0]) on_log(console, OXL_LOG_WARNING, warning);
     return rc;
 }
 
@@ -299,13 +337,13 @@ static int on_synth(void *user, const char *what, long done, long total)
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const oxl_pictures   what   = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear};
-    const ortho_options  ortho  = {a->out, a->pixel, a->scale, a->depth};
-    const flight_options flight = {a->out, a->flight, a->frames, on_synth, console};
-    oxl_model            model  = {0};
-    oxl_scene           *scene  = NULL;
-    int                  count  = a->frames;
-    oxl_result           rc     = load(ctx, a, &model, &scene);
+    const oxl_render_output what   = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear};
+    const ortho_options     ortho  = {a->out, a->pixel, a->scale, a->depth};
+    const flight_options    flight = {a->out, a->flight, a->frames, on_synth, console};
+    oxl_model               model  = {0};
+    oxl_scene              *scene  = NULL;
+    int                     count  = a->frames;
+    oxl_result              rc     = load(ctx, a, console, &model, &scene);
     catch_signals();
     if (rc == OXL_OK && a->ortho) rc = ortho_write(ctx, &model, scene, &ortho, stdout, console->error, sizeof console->error);
     else if (rc == OXL_OK && a->flight) rc = flight_write(ctx, &model, scene, &flight, console->error, sizeof console->error);
@@ -329,19 +367,18 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
                m->by_depth[2], m->depth[0], m->depth[1]);
     printf("%8.3f %8.3f  PSNR at mean exposure; of the right halves, with gains fitted on the left halves\n", m->plain_psnr,
            m->half_psnr);
-    puts(
-        "cc-PSNR: after one factor for each channel of each view: without what photographs differ in exposure and white balance.");
+    puts("cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
          "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
 
-static oxl_result run_eval(oxl_context *ctx, const struct arguments *a)
+static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     oxl_model   model   = {0};
     oxl_scene  *scene   = NULL;
     oxl_metrics metrics = {0};
     char       *json    = NULL;
-    oxl_result  rc      = load(ctx, a, &model, &scene);
+    oxl_result  rc      = load(ctx, a, console, &model, &scene);
     if (rc == OXL_OK) rc = oxl_evaluate(ctx, &model, scene, (oxl_split)a->split, &metrics);
     if (rc == OXL_OK && a->json) rc = oxl_metrics_to_json(ctx, scene, &metrics, &json);
     if (rc == OXL_OK && json) fputs(json, stdout);
@@ -373,7 +410,7 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
 {
     oxl_model  model = {0};
     oxl_result rc    = oxl_model_read(ctx, a->path[0], &model);
-    if (rc == OXL_OK && a->scale > 0) scale_model(&model, a->scale);
+    if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
     oxl_model_free(ctx, &model);
@@ -431,13 +468,13 @@ static oxl_result run_devices(oxl_context *ctx)
     return rc;
 }
 
-static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
+static oxl_result run_command(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
     switch (a->command) {
     case COMMAND_TRAIN: return run_train(ctx, a, console);
     case COMMAND_CHECK: return run_check(ctx, a);
     case COMMAND_RENDER: return run_render(ctx, a, console);
-    case COMMAND_EVAL: return run_eval(ctx, a);
+    case COMMAND_EVAL: return run_eval(ctx, a, console);
     case COMMAND_MEASURE: return run_measure(ctx, a, console);
     case COMMAND_INFO: return a->devices ? run_devices(ctx) : info_print(ctx, stdout, a->path[0], a->json);
     case COMMAND_CONVERT: return run_convert(ctx, a);
@@ -449,6 +486,18 @@ static oxl_result run(oxl_context *ctx, const struct arguments *a, struct consol
     case COMMAND_TRADEOFF: return run_study(a, console);
     default: return OXL_ERR_USAGE;
     }
+}
+
+/* Commands of the library lock OUT themselves. */
+static oxl_result run(oxl_context *ctx, const struct arguments *a, struct console *console)
+{
+    const int here = a->command == COMMAND_RENDER || a->command == COMMAND_SYNTH || a->command == COMMAND_ABLATE ||
+                     a->command == COMMAND_TRADEOFF;
+    oxl_lock  *lock = NULL;
+    oxl_result rc   = here ? oxl_lock_folder(ctx, a->out, &lock) : OXL_OK;
+    if (rc == OXL_OK) rc = run_command(ctx, a, console);
+    oxl_unlock_folder(ctx, &lock);
+    return rc;
 }
 
 /* ---------------------------------------------------------------- in and out */
@@ -463,6 +512,26 @@ static int exit_code_of(oxl_result rc)
     case OXL_ERR_INTERRUPTED: return EXIT_STOPPED;
     default: return EXIT_FAILED;
     }
+}
+
+#define SPIN_COUNT "500" /* polls of a waiting thread before it sleeps (docs/log/SPEED.md) */
+
+/* Makes OpenMP threads that wait for others sleep: on a busy machine, polling makes a run three times as long. The OpenMP runtime reads its
+ * settings before main(), so the program executes itself again with OMP_WAIT_POLICY=passive and GOMP_SPINCOUNT. Returns at once where
+ * OMP_WAIT_POLICY is set, without OpenMP, or without /proc. */
+static void wait_passively(char **argv)
+{
+#if defined(_OPENMP) && !defined(_WIN32)
+    char          self[4096];
+    const char   *wanted = getenv("OMP_WAIT_POLICY"); /* empty counts as not set */
+    const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
+    if (length <= 0 || (wanted && *wanted)) return;
+    self[length] = 0;
+    if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", SPIN_COUNT, 0) != 0) return;
+    execv(self, argv); /* returns only on failure */
+#else
+    (void)argv;
+#endif
 }
 
 int main(int argc, char **argv)
@@ -481,10 +550,12 @@ int main(int argc, char **argv)
     if (a.version) puts("oceanxl " OXL_VERSION);
     if (a.manual) help_manual(stdout);
     if (a.page) help_page(stdout);
-    if (a.help || a.version || a.manual || a.page) return EXIT_DONE;
-    oxl_wait_asleep(argv);
+    if (a.completion) complete_print(stdout, a.completion);
+    if (a.help || a.version || a.manual || a.page || a.completion) return EXIT_DONE;
+    wait_passively(argv);
     console.quiet = a.quiet;
-    console.live  = oxl_is_terminal(2);
+    console.json  = a.progress_json;
+    console.live  = !console.json && oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
     options.log  = on_log;
     options.user = &console;
@@ -498,11 +569,11 @@ int main(int argc, char **argv)
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
         const char *text = console.error[0] ? console.error : oxl_error_text(ctx);
-        print_error(text[0] ? text : "no memory");
+        on_log(&console, OXL_LOG_ERROR, text[0] ? text : "no memory");
     }
     oxl_context_free(ctx);
     if ((fflush(stdout) != 0 || ferror(stdout)) && rc == OXL_OK) {
-        print_error("standard output could not be written");
+        on_log(&console, OXL_LOG_ERROR, "standard output could not be written");
         rc = OXL_ERR_IO;
     }
     return exit_code_of(rc);

@@ -3,7 +3,7 @@
  *     build/cost SCENE > docs/log/cost.tsv     one line a point: what is varied, its value, milliseconds a step
  *     awk -f bench/cost_plot.awk docs/log/cost.tsv > docs/log/cost.svg
  *
- * Everything but one thing stays as it is in the middle: the survey's points, photographs of 320 px, degree 3, one thread. Models are
+ * Everything but one thing stays as it is in the middle: the survey's points, images of 320 px, degree 3, one thread. Models are
  * fresh ones, as in predict_time.c. Time is the processors', of all threads together, and of several tries of each view's step the shortest:
  * other work on the machine only adds. So two threads without loss take what one does.
  */

@@ -3,7 +3,7 @@
  *     make bench VULKAN=1 BACKEND=vulkan [BENCH="GAUSSIANS WIDTH HEIGHT [DEVICE [cpu]]"]
  *
  * A plane of Gaussians as a survey looks from above, SH degree 3, everything in view. Times of passes are the device's own (timestamps);
- * those of the step are the host's and hold the waiting. The photograph is on the device, as in training.
+ * those of the step are the host's and hold the waiting. The image is on the device, as in training.
  * Bandwidth is read against a copy between two of the device's buffers, arithmetic against multiply-adds in registers, both taken in
  * the same run. Waits of the host, dispatches and bytes sent are counted over the measured steps. cpu: the same steps by the CPU, too, which
  * at 4 million Gaussians takes minutes; it counts the evaluations, without it 256 a pair are taken. Evaluations are those of bench.c: the pixels of the blocks that the footprints ask for, pixel by pixel and splat by splat.
@@ -68,7 +68,7 @@ static void device_check(oxl_context *ctx, oxl_result rc)
 struct device_run {
     oxl_model             model, first, second, gradient;
     oxl_camera            camera;
-    struct training_image photo;
+    struct training_image image;
     float                *numbers;
     struct renderer      *renderer;
 };
@@ -90,10 +90,10 @@ static void device_begin(oxl_context *ctx, size_t count, int width, int height, 
     device_check(ctx, oxl_model_create(ctx, count, 3, &r->gradient));
     r->camera = (oxl_camera){width,    height, width * 0.75, width * 0.75, width / 2.0, height / 2.0, {1, 0, 0, 0, 1, 0, 0, 0, 1},
                              {0, 0, 3}};
-    r->photo  = (struct training_image){width, height, oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, 1), NULL};
+    r->image  = (struct training_image){width, height, oxl_alloc(ctx, 3 * (size_t)width * (size_t)height, 1), NULL};
     r->numbers = oxl_calloc(ctx, 2 * count, sizeof *r->numbers);
-    if (!r->photo.rgb || !r->numbers) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
-    for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) r->photo.rgb[i] = (uint8_t)random_bits(8, i, 0);
+    if (!r->image.rgb || !r->numbers) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
+    for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; i++) r->image.rgb[i] = (uint8_t)random_bits(8, i, 0);
     device_check(ctx, renderer_create(ctx, &r->renderer));
 }
 
@@ -104,7 +104,7 @@ static void device_end(oxl_context *ctx, struct device_run *r)
     oxl_model_free(ctx, &r->first);
     oxl_model_free(ctx, &r->second);
     oxl_model_free(ctx, &r->gradient);
-    oxl_free(ctx, r->photo.rgb);
+    oxl_free(ctx, r->image.rgb);
     oxl_free(ctx, r->numbers);
 }
 
@@ -118,7 +118,7 @@ static void device_step(oxl_context *ctx, struct device_run *r)
     struct renderer_sums      sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
     options.near_plane             = 0.01f;
     device_check(ctx, renderer_forward(ctx, r->renderer, &r->model, &r->camera, &options));
-    device_check(ctx, renderer_take_image(ctx, r->renderer, 0, &r->photo, 0));
+    device_check(ctx, renderer_take_image(ctx, r->renderer, 0, &r->image, 0));
     device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
     device_check(ctx, renderer_backward(ctx, r->renderer, NULL, &r->gradient));
     device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, &still, &aside));
@@ -214,27 +214,27 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
            1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
 }
 
-/* What --mask-transients adds in each step: the drawn image comes home, the photograph and its weights go there. */
+/* What --mask-transients adds in each step: the rendered image comes home, the image and its weights go there. */
 static double device_robust(oxl_context *ctx, const struct device_run *r)
 {
     const size_t         pixels = (size_t)r->camera.width * (size_t)r->camera.height;
-    float               *photo  = oxl_calloc(ctx, 4 * pixels, sizeof *photo);
+    float               *image  = oxl_calloc(ctx, 4 * pixels, sizeof *image);
     double               more[DEVICE_ROUNDS];
     struct renderer_loss loss;
-    const float         *drawn;
-    if (!photo) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
-    for (size_t i = 3 * pixels; i < 4 * pixels; i++) photo[i] = 1;
+    const float         *rendered;
+    if (!image) device_check(ctx, oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image"));
+    for (size_t i = 3 * pixels; i < 4 * pixels; i++) image[i] = 1;
     for (int k = 0; k < DEVICE_ROUNDS; k++) {
         const double begun = os_seconds();
         double       plain;
         device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
         plain = os_seconds();
-        device_check(ctx, renderer_image(ctx, r->renderer, &drawn));
-        device_check(ctx, renderer_loss(ctx, r->renderer, photo, photo + 3 * pixels, 0.2f, &loss));
+        device_check(ctx, renderer_image(ctx, r->renderer, &rendered));
+        device_check(ctx, renderer_loss(ctx, r->renderer, image, image + 3 * pixels, 0.2f, &loss));
         more[k] = os_seconds() - plain - (plain - begun);
     }
     qsort(more, DEVICE_ROUNDS, sizeof *more, device_ascending);
-    oxl_free(ctx, photo);
+    oxl_free(ctx, image);
     return more[DEVICE_ROUNDS / 2];
 }
 

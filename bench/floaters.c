@@ -53,20 +53,20 @@ int main(int argc, char **argv)
     }
     for (int i = 0; i < FLOATERS_VIEWS; i++) {
         char      path[1024];
-        oxl_image drawn = {0}, truth = {0};
+        oxl_image rendered = {0}, truth = {0};
         FILE     *file;
         snprintf(path, sizeof path, "%s/IMG_%05d.png.png", argv[1], i);
         file = fopen(path, "rb");
         if (!file) continue;
         fclose(file);
-        if (oxl_image_read(ctx, path, &drawn) == OXL_OK) {
+        if (oxl_image_read(ctx, path, &rendered) == OXL_OK) {
             snprintf(path, sizeof path, "%s/truth/still/IMG_%05d.png", argv[2], i);
             if (oxl_image_read(ctx, path, &truth) != OXL_OK) {
                 snprintf(path, sizeof path, "%s/images/IMG_%05d.png", argv[2], i);
-                if (oxl_image_read(ctx, path, &truth) == OXL_OK) floaters_compare(ctx, &f, &drawn, &truth);
-            } else floaters_compare(ctx, &f, &drawn, &truth);
+                if (oxl_image_read(ctx, path, &truth) == OXL_OK) floaters_compare(ctx, &f, &rendered, &truth);
+            } else floaters_compare(ctx, &f, &rendered, &truth);
         }
-        oxl_image_free(ctx, &drawn);
+        oxl_image_free(ctx, &rendered);
         oxl_image_free(ctx, &truth);
     }
     if (f.pictures) printf("%d pictures, %.3f dB, off %.2f %%\n", f.pictures, f.psnr / f.pictures, 100 * f.off / f.squares);

@@ -1,7 +1,7 @@
 #!/bin/sh
 # scale.sh PROGRAM FOLDER POINTS... - how `oceanxl partition` grows with the survey and with the number of blocks.
 #
-# For each number of points a synthetic survey (1000 points a photograph, but 20 photographs at least), cut into 1, 4, 16 and 64
+# For each number of points a synthetic survey (1000 points an image, but 20 images at least), cut into 1, 4, 16 and 64
 # blocks, and as by default. Surveys and blocks go to FOLDER and are removed: 10^7 points take 3 GB of text and up to 6 GB of blocks.
 # A survey that stands in FOLDER/survey.POINTS is taken as it is, and stays. A table on standard output, tabs between, as in
 # docs/log/scale.tsv. Wants GNU time and awk.

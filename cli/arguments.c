@@ -177,6 +177,7 @@ static void parse_first(int argc, char **argv, struct arguments *a)
     a->version = strcmp(argv[1], "--version") == 0 || strcmp(argv[1], "-V") == 0;
     a->manual  = strcmp(argv[1], "--man") == 0;
     a->page    = strcmp(argv[1], "--options-page") == 0;
+    if (strcmp(argv[1], "--completion") == 0) a->completion = argc > 2 ? argv[2] : "";
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 || strcmp(argv[1], "help") == 0)
         parse_help(argc, argv, &at, a);
 }
@@ -185,7 +186,11 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
 {
     *a = arguments_default();
     parse_first(argc, argv, a);
-    if (a->version || a->help || a->manual || a->page) return 0;
+    if (a->completion && strcmp(a->completion, "bash") != 0 && strcmp(a->completion, "zsh") != 0) {
+        snprintf(error, size, "--completion %s: wanted a shell, bash or zsh\nfix: oceanxl --completion bash", a->completion);
+        return 1;
+    }
+    if (a->version || a->help || a->manual || a->page || a->completion) return 0;
     if (argc < 2) {
         size_t used = (size_t)snprintf(error, size, "a command is wanted:");
         for (int i = 0; cli_command_at(i) && used < size; i++)

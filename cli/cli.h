@@ -4,7 +4,7 @@
 #ifndef TOOLS_H
 #define TOOLS_H
 
-#include "../oceanxl.h"
+#include "../oceanxl_job.h"
 #include "../src/core/json.h"
 
 #include <stdio.h>
@@ -25,7 +25,8 @@ void blocks_print(FILE *to, const oxl_partition_report *report);
 #define json_number    oxl_json_number
 #define json_number_at oxl_json_number_at
 #define json_is_true   oxl_json_is_true
-char *json_string(const char *value); /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
+void  json_print(FILE *to, const char *text); /* as a JSON string, in quotes */
+char *json_string(const char *value);         /* in fresh memory, free() it; NULL: it is no string, or there is no memory */
 
 /* ---------------------------------------------------------------- frame.c: which way is right, up and above in a survey */
 
@@ -68,7 +69,12 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
 /* Prints the bar's ends and length, and metres a unit when its length in metres is known (else 0). */
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to, char *error,
                          size_t error_size);
-void       scale_model(oxl_model *model, double scale);
+
+/* ---------------------------------------------------------------- overlap.c: does a model belong to a survey? */
+
+/* Writes a warning when the model covers another place than the survey, or the same at another size; "" otherwise. */
+oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name, char *warning,
+                         size_t size);
 
 /* ---------------------------------------------------------------- report.c: what a run left, as one page */
 
@@ -79,7 +85,7 @@ oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t e
 
 typedef struct synth_options {
     const char *out;             /* folder */
-    int         views;           /* photographs (40) */
+    int         views;           /* images (40) */
     int         width, height;   /* px (400 x 260) */
     double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
     const char *water;           /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
@@ -89,7 +95,7 @@ typedef struct synth_options {
     const char *scene;           /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
     long        points;          /* sparse points; 0: 400 a view (0) */
     double      noise;           /* sigma of the sensor's noise in 8-bit levels (1.5) */
-    int         fish;            /* that swim into each photograph (0) */
+    int         fish;            /* that swim into each image (0) */
     double      origin[3];       /* where the survey's middle lies in the export's world, metres (0 0 0) */
     uint64_t    seed;            /* (1) */
     int         write_images;    /* 0: the three text files alone, for load tests (1) */
@@ -149,8 +155,10 @@ struct arguments { /* as given, or the default; NULL: not given */
     enum command    command;
     const char     *path[2]; /* SCENE, MODEL SCENE, IN OUT or FILE */
     int             path_count;
-    const char     *help; /* "", or "all" */
+    const char     *help;       /* "", or "all" */
+    const char     *completion; /* bash | zsh */
     int             version, manual, page, quiet, json, depth, no_images, devices, clear;
+    int             dry_run, progress_json;
     int             split, backend;         /* enum oxl_split, enum oxl_backend */
     int             device, threads, seeds; /* -1: the best, all */
     double          budget;                 /* s */
@@ -190,6 +198,7 @@ const char *arguments_given(const struct arguments *a, const char *name);   /* t
 
 /* ---------------------------------------------------------------- help.c: what is made from the tables */
 
+int  complete_print(FILE *to, const char *shell);         /* complete.c: bash | zsh; 1: another shell */
 void help_print(FILE *to, enum command command, int all); /* COMMAND_NONE: the overview */
 void help_manual(FILE *to);                               /* docs/oceanxl.1: roff, man(7) */
 void help_page(FILE *to);                                 /* docs/OPTIONS.md */

@@ -2,7 +2,7 @@
  *
  * Above is along the narrowest principal axis of the points, on the side of the cameras. When that is the world's z to within 20 degrees, the
  * survey is taken for georeferenced, and right, up and above are the world's x, y and z.
- * Invariant: the frame is right-handed: nothing that is drawn by it is mirrored.
+ * Invariant: the frame is right-handed: nothing that is rendered by it is mirrored.
  */
 #include "cli.h"
 

@@ -45,10 +45,10 @@ static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
     fprintf(
         to,
         json
-            ? "{\n  \"gaussians\": %zu,\n  \"lobes\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n  \"origin\": [%.17g, %.17g, %.17g]"
-            : "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\norigin      %.10g %.10g %.10g (world = local + origin)\n"
+            ? "{\n  \"gaussians\": %zu,\n  \"lobes\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n  \"origin\": [%.17g, %.17g, %.17g],\n  \"scale\": %.17g"
+            : "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\norigin      %.10g %.10g %.10g (world = local + origin)\nscale       %.10g (units of this file in a unit of the survey)\n"
               "            5th, 50th, 95th percentile\n",
-        m->count, m->lobes, m->sh_degree, broken, m->origin[0], m->origin[1], m->origin[2]);
+        m->count, m->lobes, m->sh_degree, broken, m->origin[0], m->origin[1], m->origin[2], m->scale > 0 ? m->scale : 1.0);
     for (int i = 0; i < 7; i++) {
         struct spread s = info_spread(m->plane[planes[i]], m->count, sorted);
         if (i >= 3 && i < 6) s = (struct spread){expf(s.low), expf(s.middle), expf(s.high)};

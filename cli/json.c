@@ -1,4 +1,4 @@
-/* json.c - a string of a JSON text in memory of its own; the rest of reading JSON is the library's (src/core/json.h). */
+/* json.c - strings of JSON: read into memory of their own, printed. The rest of reading is the library's (src/core/json.h). */
 #include "cli.h"
 
 #include <stdlib.h>
@@ -9,4 +9,15 @@ char *json_string(const char *value)
     char        *out  = room ? malloc(room) : NULL;
     if (out) oxl_json_text(value, out, room);
     return out;
+}
+
+void json_print(FILE *to, const char *text)
+{
+    fputc('"', to);
+    for (; *text; text++) {
+        if (*text == '"' || *text == '\\') fprintf(to, "\\%c", *text);
+        else if ((unsigned char)*text < 0x20) fprintf(to, "\\u%04x", (unsigned)*text);
+        else fputc(*text, to);
+    }
+    fputc('"', to);
 }

@@ -69,7 +69,7 @@ void chart_section(struct report *r);
 void map_section(struct report *r);
 void views_section(struct report *r);
 void views_training_section(struct report *r); /* report_views.c */
-/* A figure that is drawn from an image; q: of the JPEG. */
+/* A figure that is rendered from an image; q: of the JPEG. */
 void page_jpeg(struct report *r, const oxl_image *image, int q);
 
 #endif

@@ -1,6 +1,6 @@
 /* report_chart.c - curves over the iterations as inline SVG: loss, PSNR, Gaussians, depth weights, memory; a line for each block.
  *
- * Lengths are in the drawing's own units; drawn 420 wide it is read on a phone as it is.
+ * Lengths are in the drawing's own units; rendered 420 wide it is read on a phone as it is.
  * Invariant: an axis begins and ends on a multiple of its step, and every value lies within.
  */
 #include "report.h"

@@ -128,24 +128,24 @@ static void views_figure(struct report *r, const oxl_image *image, const char *w
 
 static void views_show(struct report *r, const char *folder, const struct views_row *row)
 {
-    struct study_text *t     = &r->page;
-    oxl_image          drawn = {0}, photo = {0}, error = {0};
+    struct study_text *t        = &r->page;
+    oxl_image          rendered = {0}, image = {0}, error = {0};
     study_add(t, "<h3>");
     page_text(t, row->name);
     study_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", STUDY_FIXED(row->psnr, 2), STUDY_FIXED(row->ssim, 3));
-    if (!views_picture(r, folder, row->name, ".png", &drawn) || !views_picture(r, folder, row->name, ".photo.png", &photo) ||
-        drawn.width != photo.width || drawn.height != photo.height)
+    if (!views_picture(r, folder, row->name, ".png", &rendered) || !views_picture(r, folder, row->name, ".photo.png", &image) ||
+        rendered.width != image.width || rendered.height != image.height)
         study_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
-    else if (views_reduce(r, &drawn) == OXL_OK && views_reduce(r, &photo) == OXL_OK &&
-             views_error(r, &drawn, &photo, &error) == OXL_OK) {
+    else if (views_reduce(r, &rendered) == OXL_OK && views_reduce(r, &image) == OXL_OK &&
+             views_error(r, &rendered, &image, &error) == OXL_OK) {
         study_add(t, "<div class=\"three\">\n");
-        views_figure(r, &photo, "Image", row->name);
-        views_figure(r, &drawn, "Rendered", row->name);
+        views_figure(r, &image, "Image", row->name);
+        views_figure(r, &rendered, "Rendered", row->name);
         views_figure(r, &error, "Error", row->name);
         study_add(t, "</div>\n");
     } else t->failed = 1;
-    oxl_image_free(r->ctx, &drawn);
-    oxl_image_free(r->ctx, &photo);
+    oxl_image_free(r->ctx, &rendered);
+    oxl_image_free(r->ctx, &image);
     oxl_image_free(r->ctx, &error);
 }
 

@@ -1,6 +1,6 @@
-/* scale_bar.c - how long a unit of a survey is: from a scale bar in two photographs or more, or from a known distance.
+/* scale_bar.c - how long a unit of a survey is: from a scale bar in two images or more, or from a known distance.
  *
- * Each end of the bar is seen along a ray in each photograph; where the rays come nearest to each other, in the sense of least squares, is the
+ * Each end of the bar is seen along a ray in each image; where the rays come nearest to each other, in the sense of least squares, is the
  * end. The length in metres over the length in units is the scale.
  */
 #include "cli.h"
@@ -81,7 +81,7 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
         const int    view = scale_view(scene, at, name);
         double       pixel[2], *r = ray[e.rays];
         oxl_result   rc;
-        if (view < 0) return scale_fail(error, size, "no photograph is called", at, name);
+        if (view < 0) return scale_fail(error, size, "no image is called", at, name);
         at += name;
         for (int k = 0; k < 2; k++) {
             pixel[k] = scale_comma(&at, end) ? json_number_at(&at) : NAN;
@@ -93,7 +93,7 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
         if (at < end && !scale_comma(&at, end)) return scale_fail(error, size, "a comma is wanted in", text, length);
     }
     if (e.rays < 2 || !scale_solve(&e, out))
-        return scale_fail(error, size, "an end is to be seen in two photographs from different places in", text, length);
+        return scale_fail(error, size, "an end is to be seen in two images from different places in", text, length);
     *miss = 0;
     for (int i = 0; i < e.rays; i++) {
         double from[3], across[3];
@@ -123,16 +123,4 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
     fprintf(to, "distance  %.9g units\n", units);
     if (length > 0 && units > 0) fprintf(to, "scale     %.9g metres a unit\n", length / units);
     return OXL_OK;
-}
-
-void scale_model(oxl_model *model, double scale)
-{
-    const float shift = (float)log(scale);
-    for (int k = 0; k < 3; k++) {
-        model->origin[k] *= scale;
-        for (size_t i = 0; i < model->count; i++) {
-            model->plane[OXL_MEAN + k][i] *= (float)scale;
-            model->plane[OXL_LOG_SCALE + k][i] += shift;
-        }
-    }
 }

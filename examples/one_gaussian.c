@@ -1,4 +1,4 @@
-/* one_gaussian.c - one Gaussian, drawn and differentiated.
+/* one_gaussian.c - one Gaussian, rendered and differentiated.
  *
  * Draws a reddish Gaussian, takes L = the sum of half the squared pixels, and compares the exact gradient of L in each parameter
  * with a finite difference. The library works in float, so central differences agree to about three digits; the tests
@@ -35,14 +35,14 @@ static void place(oxl_model *m)
 /* L, and drgb = dL/d(pixel), which for half the squares is the pixel itself. */
 static oxl_result loss(oxl_context *ctx, const oxl_model *m, const oxl_camera *camera, double *out, float *drgb)
 {
-    oxl_image        drawn = {0};
-    const oxl_result rc    = oxl_render(ctx, m, camera, NULL, &drawn, NULL);
-    *out                   = 0;
+    oxl_image        rendered = {0};
+    const oxl_result rc       = oxl_render(ctx, m, camera, NULL, &rendered, NULL);
+    *out                      = 0;
     for (int i = 0; rc == OXL_OK && i < PIXELS; i++) {
-        *out += 0.5 * drawn.rgb[i] * drawn.rgb[i];
-        if (drgb) drgb[i] = drawn.rgb[i];
+        *out += 0.5 * rendered.rgb[i] * rendered.rgb[i];
+        if (drgb) drgb[i] = rendered.rgb[i];
     }
-    oxl_image_free(ctx, &drawn);
+    oxl_image_free(ctx, &rendered);
     return rc;
 }
 

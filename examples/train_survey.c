@@ -8,7 +8,7 @@
 #include <stdlib.h>
 
 struct goal {
-    double psnr; /* dB on the training photographs */
+    double psnr; /* dB on the training images */
     int    reached, shown;
 };
 

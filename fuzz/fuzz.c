@@ -17,7 +17,7 @@ static void fuzz_write_seed(const char *path)
     oxl_context            *ctx;
     struct os_file_map      map;
     struct text             log, notes;
-    struct train_place      place = {fuzz_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
+    struct train_output     place = {fuzz_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
     oxl_model               model = {0};
     struct train            t     = {.options = &options, .model = &model, .place = &place};
     const size_t            head  = 27;

@@ -189,7 +189,7 @@ static void fuzz_json_survey(oxl_context *ctx, const uint8_t *data, size_t size)
 
 /* ---------------------------------------------------------------- models */
 
-/* A model that was read can be written and drawn. */
+/* A model that was read can be written and rendered. */
 static void fuzz_use_model(oxl_context *ctx, const oxl_model *model)
 {
     const oxl_camera camera = {16, 16, 20, 20, 8, 8, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 2}};
@@ -279,12 +279,12 @@ static void fuzz_write_checkpoint(const uint8_t *data, size_t size)
 /* A state that is taken must carry the run on for some steps. */
 static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
 {
-    const oxl_train_options  options = fuzz_train_options();
-    struct text              log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_place place = {fuzz_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
-    oxl_model                model = {0};
-    struct train             t     = {
-                        .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .place = &place, .decisions = {.ctx = ctx}};
+    const oxl_train_options   options = fuzz_train_options();
+    struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
+    const struct train_output place = {fuzz_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
+    oxl_model                 model = {0};
+    struct train              t     = {
+                         .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .place = &place, .decisions = {.ctx = ctx}};
     oxl_result rc;
     fuzz_write_checkpoint(data, size);
     fuzz_promise(train_begin(&t) == OXL_OK, "a run begins");

@@ -27,7 +27,7 @@ static const struct study_row *study_find(const struct study_kind *kind, const c
 }
 
 /* Place of the row of that name among those chosen; -1: it is not. */
-static int study_place(const struct study *s, const char *name)
+static int study_row_index(const struct study *s, const char *name)
 {
     for (int i = 0; name && i < s->rows; i++)
         if (strcmp(s->row[i]->name, name) == 0) return i;
@@ -48,9 +48,9 @@ static oxl_result study_wrong_row(struct study *s, const char *name, size_t leng
 static oxl_result study_choose_row(struct study *s, const char *name, size_t length)
 {
     const struct study_row *row = study_find(s->kind, name, length);
-    if (!row || study_place(s, row->name) >= s->kind->base_first) return study_wrong_row(s, name, length);
-    if (study_place(s, row->name) >= 0) return OXL_OK;
-    if (row->like && study_place(s, row->like) < 0) {
+    if (!row || study_row_index(s, row->name) >= s->kind->base_first) return study_wrong_row(s, name, length);
+    if (study_row_index(s, row->name) >= 0) return OXL_OK;
+    if (row->like && study_row_index(s, row->like) < 0) {
         snprintf(s->meter.error, s->meter.error_size,
                  "--rows: %s seen without %s before it, which it is made equal to\nfix: --rows %s,%s", row->name, row->like,
                  row->like, row->name);
@@ -77,7 +77,7 @@ static oxl_result study_choose_rows(struct study *s)
 
 static void study_change(const struct study *s, int row, int seed, const struct study_change *c, oxl_job_options *job)
 {
-    const int like = study_place(s, s->row[row]->like);
+    const int like = study_row_index(s, s->row[row]->like);
     switch (c->what) {
     case STUDY_UNCHANGED: break;
     case STUDY_PRESET:
@@ -92,8 +92,8 @@ static void study_change(const struct study *s, int row, int seed, const struct 
     case STUDY_COARSE: job->train.coarse = (float)c->value; break;
     case STUDY_ALPHA_MIN: job->train.alpha_min = (float)c->value; break;
     case STUDY_SH_DEGREE: job->train.sh_degree = (int)c->value; break;
-    case STUDY_HASTE: job->train.short_run_exponent = (float)c->value; break;
-    case STUDY_SETTLE: job->train.cooldown = (float)c->value; break;
+    case STUDY_SHORT_RUN: job->train.short_run_exponent = (float)c->value; break;
+    case STUDY_COOLDOWN: job->train.cooldown = (float)c->value; break;
     case STUDY_EQUAL_COUNT: job->train.densify_gradient = (float)s->threshold[row]; break;
     case STUDY_EQUAL_BYTES: job->train.keep = (oxl_keep){OXL_KEEP_BYTES, s->value[like][seed - 1][STUDY_BYTES]}; break;
     }
@@ -187,7 +187,7 @@ static double study_next(const double *threshold, const double *off, int k)
  * nearest trial counts. */
 static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
 {
-    const double wanted = s->value[study_place(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];
+    const double wanted = s->value[study_row_index(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];
     double       least = HUGE_VAL, found = 0, threshold[STUDY_TRIALS], off[STUDY_TRIALS]; /* off: log of count over wanted */
     oxl_result   rc = OXL_OK;
     if (!(s->threshold[row] > 0)) s->threshold[row] = STUDY_GUESS * s->base.train.densify_gradient;
@@ -212,7 +212,7 @@ static oxl_result study_train_row(struct study *s, int row, int seed, time_t beg
     oxl_result          rc;
     snprintf(folder, sizeof folder, "%s/%s-seed%d", s->options->out, s->row[row]->name, seed);
     s->wanted[row] = row == 0 ? 0 : study_steps(s, row) * study_mean(s, 0, STUDY_SECONDS).mean;
-    if (s->row[row]->like && s->done[study_place(s, s->row[row]->like)] < seed) return OXL_OK;
+    if (s->row[row]->like && s->done[study_row_index(s, s->row[row]->like)] < seed) return OXL_OK;
     if (s->done[row] < seed - 1 || (s->wanted[row] > left && !study_is_finished(folder))) return OXL_OK;
     if (study_changes(s->row[row], STUDY_EQUAL_COUNT)) rc = study_train_equal(s, row, seed, &got);
     else rc = study_train_in(s, row, seed, 0, &got);

@@ -59,8 +59,8 @@ enum study_setting { /* what a change sets, to its value */
                      STUDY_COARSE,
                      STUDY_ALPHA_MIN,
                      STUDY_SH_DEGREE,
-                     STUDY_HASTE,
-                     STUDY_SETTLE,
+                     STUDY_SHORT_RUN,
+                     STUDY_COOLDOWN,
                      STUDY_EQUAL_COUNT, /* densify threshold such that the row ends with as many Gaussians as the row `like` */
                      STUDY_EQUAL_BYTES  /* as many Gaussians kept as fit the bytes of the row `like` */
 };

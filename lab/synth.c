@@ -1,14 +1,14 @@
 /* synth.c - a procedural underwater survey with known truth, as a COLMAP text export.
  *
- *     images/IMG_00000.png ...                photographs: through water, with the sensor's noise
+ *     images/IMG_00000.png ...                images: through water, with the sensor's noise
  *     sparse/0/{cameras,images,points3D}.txt  the poses and a sparse cloud with tracks
- *     truth/clean, truth/depth                the same photographs without water and noise; camera z in metres
+ *     truth/clean, truth/depth                the same images without water and noise; camera z in metres
  *     truth/water.txt, truth/model.txt        the water's coefficients; the world and these files in words
  *     truth/exposure.txt, truth/lamp.txt      with --exposure-jitter and --lamp: what was applied
- *     truth/still, truth/masks                with --fish: the photographs before any swam in; where they are, in black
+ *     truth/still, truth/masks                with --fish: the images before any swam in; where they are, in black
  *
  * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range along the ray.
- * Invariant: a photograph is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else, but for fish,
+ * Invariant: an image is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else, but for fish,
  * exposure and lamp.
  * The same options give the same files with any number of threads.
  */
@@ -21,7 +21,7 @@
 #include <omp.h>
 #endif
 
-#define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are drawn from four rays */
+#define EDGE_COLOUR 0.10 /* display values: pixels that differ more from a neighbour are rendered from four rays */
 #define EDGE_DEPTH  0.02 /* share of the depth */
 
 struct synth_run {
@@ -31,8 +31,8 @@ struct synth_run {
     struct synth_path    path;
     struct synth_world   world;
     struct synth_points  points;
-    oxl_image            clean, photograph, mask; /* mask: with fish alone */
-    struct synth_fish   *fish;                    /* of the view */
+    oxl_image            clean, image, mask; /* mask: with fish alone */
+    struct synth_fish   *fish;               /* of the view */
     int                  fish_count;
     float               *depth; /* (H,W) camera z, metres; 0: nothing there */
     char                *error;
@@ -67,12 +67,12 @@ static oxl_result synth_check(struct synth_run *s)
     if (strlen(o->out) > 900) return synth_fail(s, OXL_ERR_USAGE, "synth: the folder's name is longer than 900 letters", "");
     if (o->views < 2 || o->views > 1000000) return synth_fail(s, OXL_ERR_USAGE, "synth: 2 to 1000000 views can be made", "");
     if (o->width < 16 || o->height < 16 || o->width > 8192 || o->height > 8192)
-        return synth_fail(s, OXL_ERR_USAGE, "synth: photographs can have 16 to 8192 px a side", "");
+        return synth_fail(s, OXL_ERR_USAGE, "synth: images can have 16 to 8192 px a side", "");
     if (!(o->extent >= 0 && o->extent <= 2000))
         return synth_fail(s, OXL_ERR_USAGE, "synth: the extent can be 0 to 2000 metres", "");
     if (!(o->noise >= 0 && o->noise <= 100)) return synth_fail(s, OXL_ERR_USAGE, "synth: the noise can be 0 to 100 levels", "");
     if (o->fish < 0 || o->fish > SYNTH_FISH_MOST)
-        return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100 fish can swim into a photograph", "");
+        return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100 fish can swim into an image", "");
     if (o->points < 0 || o->points > 100000000)
         return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
     for (int i = 0; i < 3; i++)
@@ -144,7 +144,7 @@ double synth_through_water(const struct synth_water *w, int c, double colour, do
     return colour * exp(-w->direct[c] * range) + w->veil[c] * (1 - exp(-w->scatter[c] * range));
 }
 
-/* ---------------------------------------------------------------- photographs */
+/* ---------------------------------------------------------------- images */
 
 static size_t synth_plane(const synth_options *o)
 {
@@ -171,18 +171,18 @@ static void synth_set(oxl_image *image, size_t at, v3 colour)
     image->rgb[at + 2 * plane] = (float)colour.z;
 }
 
-/* One ray through the middle of each pixel, into `photograph` for now: it is also the truth for depth. */
+/* One ray through the middle of each pixel, into `image` for now: it is also the truth for depth. */
 static void synth_draw_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
     for (int x = 0; x < c->width; x++) {
         const size_t at = (size_t)y * (size_t)c->width + (size_t)x;
-        synth_set(&s->photograph, at, synth_trace(s, c, x + 0.5, y + 0.5, 1, &s->depth[at]));
+        synth_set(&s->image, at, synth_trace(s, c, x + 0.5, y + 0.5, 1, &s->depth[at]));
     }
 }
 
 static int synth_differs(const struct synth_run *s, size_t a, size_t b)
 {
-    const float *rgb = s->photograph.rgb, za = s->depth[a], zb = s->depth[b];
+    const float *rgb = s->image.rgb, za = s->depth[a], zb = s->depth[b];
     if (fabsf(za - zb) > EDGE_DEPTH * (za + zb)) return 1;
     for (int c = 0; c < 3; c++)
         if (fabsf(rgb[a + (size_t)c * synth_plane(s->options)] - rgb[b + (size_t)c * synth_plane(s->options)]) > EDGE_COLOUR)
@@ -190,14 +190,14 @@ static int synth_differs(const struct synth_run *s, size_t a, size_t b)
     return 0;
 }
 
-/* The clean photograph: where neighbours differ, the mean of four rays, the one that is there among them. */
+/* The clean image: where neighbours differ, the mean of four rays, the one that is there among them. */
 static void synth_smooth_row(struct synth_run *s, const struct synth_camera *c, int y)
 {
     static const double around[3][2] = {{0.50, 0.12}, {0.83, 0.69}, {0.17, 0.69}};
     const size_t        width = (size_t)c->width, plane = synth_plane(s->options);
     for (int x = 0; x < c->width; x++) {
         const size_t at     = (size_t)y * width + (size_t)x;
-        const float *rgb    = s->photograph.rgb;
+        const float *rgb    = s->image.rgb;
         v3           colour = v3_of(rgb[at], rgb[at + plane], rgb[at + 2 * plane]);
         const int    edge   = (x > 0 && synth_differs(s, at, at - 1)) || (x + 1 < c->width && synth_differs(s, at, at + 1)) ||
                          (y > 0 && synth_differs(s, at, at - width)) || (y + 1 < c->height && synth_differs(s, at, at + width));
@@ -219,11 +219,11 @@ static double synth_range(const struct synth_run *s, const struct synth_camera *
 /* Noise, and the rounding to 8 bits, so that colours picked from it are those in the file. */
 static void synth_expose(struct synth_run *s, int view, size_t at, int channel, double seen)
 {
-    const synth_options *o                          = s->options;
-    const size_t         plane                      = synth_plane(o);
-    const uint64_t       bits                       = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + (uint64_t)channel);
-    const double         level                      = 255 * seen + (o->noise > 0 ? o->noise * synth_random_normal(bits) : 0);
-    s->photograph.rgb[at + (size_t)channel * plane] = (float)(floor(synth_clamp(level, 0, 255) + 0.5) / 255);
+    const synth_options *o                     = s->options;
+    const size_t         plane                 = synth_plane(o);
+    const uint64_t       bits                  = synth_bits(o->seed ^ 0x5e25, (uint64_t)view, 3 * at + (uint64_t)channel);
+    const double         level                 = 255 * seen + (o->noise > 0 ? o->noise * synth_random_normal(bits) : 0);
+    s->image.rgb[at + (size_t)channel * plane] = (float)(floor(synth_clamp(level, 0, 255) + 0.5) / 255);
 }
 
 /* Lit by the lamp, through water, as exposed. */
@@ -298,10 +298,10 @@ static oxl_result synth_write_depth(struct synth_run *s, int view)
     return synth_fail(s, OXL_ERR_IO, "synth: cannot write ", path);
 }
 
-/* Into the photograph, which was still. */
+/* Into the image, which was still. */
 static oxl_result synth_swim(struct synth_run *s, const struct synth_camera *c, int view)
 {
-    const oxl_result rc = synth_write_image(s, "truth/still", view, &s->photograph);
+    const oxl_result rc = synth_write_image(s, "truth/still", view, &s->image);
     s->fish_count       = synth_fish_near(s->options, &s->world, &s->path, view, s->fish);
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_swim_row(s, c, view, y);
@@ -318,9 +318,9 @@ static oxl_result synth_view(struct synth_run *s, int view)
     for (int y = 0; y < c->height; y++) synth_smooth_row(s, c, y);
 #pragma omp parallel for schedule(dynamic, 2)
     for (int y = 0; y < c->height; y++) synth_expose_row(s, c, view, y);
-    synth_points_collect(&s->points, view, &s->photograph);
+    synth_points_collect(&s->points, view, &s->image);
     if (s->options->fish > 0) rc = synth_swim(s, c, view);
-    if (rc == OXL_OK) rc = synth_write_image(s, "images", view, &s->photograph);
+    if (rc == OXL_OK) rc = synth_write_image(s, "images", view, &s->image);
     if (rc == OXL_OK) rc = synth_write_image(s, "truth/clean", view, &s->clean);
     return rc == OXL_OK ? synth_write_depth(s, view) : rc;
 }
@@ -328,12 +328,12 @@ static oxl_result synth_view(struct synth_run *s, int view)
 static oxl_result synth_make_images(struct synth_run *s)
 {
     const synth_options *o  = s->options;
-    oxl_result           rc = oxl_image_create(s->ctx, o->width, o->height, &s->photograph);
+    oxl_result           rc = oxl_image_create(s->ctx, o->width, o->height, &s->image);
     if (rc == OXL_OK) rc = oxl_image_create(s->ctx, o->width, o->height, &s->clean);
     if (rc == OXL_OK && o->fish > 0) rc = oxl_image_create(s->ctx, o->width, o->height, &s->mask);
     s->depth = malloc(synth_plane(o) * sizeof *s->depth);
     s->fish  = malloc((3 * (size_t)o->fish + 1) * sizeof *s->fish);
-    return rc == OXL_OK && s->depth && s->fish ? OXL_OK : synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for a photograph", "");
+    return rc == OXL_OK && s->depth && s->fish ? OXL_OK : synth_fail(s, OXL_ERR_MEMORY, "synth: no memory for an image", "");
 }
 
 static oxl_result synth_views(struct synth_run *s)
@@ -342,7 +342,7 @@ static oxl_result synth_views(struct synth_run *s)
     oxl_result           rc = synth_make_images(s);
     for (int i = 0; i < o->views && rc == OXL_OK; i++) {
         rc = synth_view(s, i);
-        if (rc == OXL_OK && synth_stopped(o, "photographs", i + 1, o->views))
+        if (rc == OXL_OK && synth_stopped(o, "images", i + 1, o->views))
             rc = synth_fail(s, OXL_ERR_INTERRUPTED, "synth: stopped", "");
     }
     return rc;
@@ -398,10 +398,9 @@ static int synth_write_model(const struct synth_run *s, const char *path)
                     "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
                     "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
     if (o->fish > 0)
-        synth_file_text(&f,
-                        "Fish     in images/ alone; each swims into one photograph and on into its neighbours, a second apart.\n"
-                        "         truth/still/NAME.png: the photograph before they came, noise and all; truth/masks/NAME.png:\n"
-                        "         black where they are. No points are on them, they throw no shadow.\n\n");
+        synth_file_text(&f, "Fish     in images/ alone; each swims into one image and on into its neighbours, a second apart.\n"
+                            "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
+                            "         black where they are. No points are on them, they throw no shadow.\n\n");
     synth_file_text(&f, "seed ");
     synth_file_integer(&f, o->seed);
     synth_file_text(&f, "\npath ");
@@ -462,7 +461,7 @@ static int synth_has(const struct synth_run *s, const char *folder)
     return oxl_is_folder(path);
 }
 
-/* Poses and photographs that have no truth beside them are somebody's own. */
+/* Poses and images that have no truth beside them are somebody's own. */
 static oxl_result synth_spare_survey(struct synth_run *s)
 {
     if (synth_has(s, "truth") || !(synth_has(s, "images") || synth_has(s, "sparse"))) return OXL_OK;
@@ -483,7 +482,7 @@ static oxl_result synth_make_folders(struct synth_run *s)
     }
     if (rc != OXL_OK) return synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
     snprintf(path, sizeof path, "%s/sparse/0/images.txt", s->options->out);
-    remove(path); /* of an earlier run: it would belong to other photographs should this one be stopped */
+    remove(path); /* of an earlier run: it would belong to other images should this one be stopped */
     return OXL_OK;
 }
 
@@ -531,7 +530,7 @@ oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error
 #endif
     if (error_size > 0) error[0] = 0;
     rc = synth_make(&s);
-    oxl_image_free(ctx, &s.photograph);
+    oxl_image_free(ctx, &s.image);
     oxl_image_free(ctx, &s.clean);
     oxl_image_free(ctx, &s.mask);
     free(s.fish);

@@ -1,10 +1,10 @@
 /* synth.h - the doors between the files of the synthetic survey.
  *
- *     synth.c         options, photographs through water, truth: the run
+ *     synth.c         options, images through water, truth: the run
  *     synth_world.c   where things stand: seabed, rocks, corals, a wreck, as one distance function
  *     synth_shade.c   rays, light and colour
  *     synth_path.c    where the camera flies
- *     synth_fish.c    what swims through the photographs
+ *     synth_fish.c    what swims through the images
  *     synth_light.c   exposure that drifts, a lamp that moves with the camera
  *     synth_points.c  sparse points with tracks
  *     synth_export.c  the three text files
@@ -145,7 +145,7 @@ int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y
 
 /* ---------------------------------------------------------------- synth_fish.c */
 
-enum { SYNTH_FISH_MOST = 100 }; /* born for a photograph */
+enum { SYNTH_FISH_MOST = 100 }; /* born for an image */
 
 struct synth_fish {
     v3       at, ahead, side, up; /* metres; unit vectors */
@@ -169,7 +169,7 @@ double synth_through_water(const struct synth_water *water, int channel, double 
 
 /* ---------------------------------------------------------------- synth_light.c */
 
-v3     synth_gain(const synth_options *options, int view);                   /* what a photograph is multiplied by */
+v3     synth_gain(const synth_options *options, int view);                   /* what an image is multiplied by */
 double synth_lamp_falloff(const synth_options *options, double range);       /* what J is multiplied by; range in metres */
 double synth_lamp_radial(const synth_options *options, double x, double y);  /* what a pixel is multiplied by */
 int    synth_write_exposure(const synth_options *options, const char *path); /* 1: all is written */
@@ -202,11 +202,11 @@ struct synth_points {
     int                       views;
 };
 
-/* OXL_ERR_INTERRUPTED, OXL_ERR_MEMORY or OXL_OK. With photographs (options.write_images) colours stay 0 until
+/* OXL_ERR_INTERRUPTED, OXL_ERR_MEMORY or OXL_OK. With images (options.write_images) colours stay 0 until
  * synth_points_collect has seen each of them. */
 oxl_result synth_points_create(const synth_options *options, const struct synth_world *world, const struct synth_path *path,
                                const struct synth_water *water, struct synth_points *out);
-void       synth_points_collect(struct synth_points *points, int view, const oxl_image *photograph);
+void       synth_points_collect(struct synth_points *points, int view, const oxl_image *image);
 void       synth_points_free(struct synth_points *points);
 /* The observation of a point in a view that sees it. */
 const struct synth_observation *synth_observation_in(const struct synth_points *points, size_t point, int view);

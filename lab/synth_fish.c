@@ -1,14 +1,14 @@
-/* synth_fish.c - what swims through a photograph and is gone in the next but one.
+/* synth_fish.c - what swims through an image and is gone in the next but one.
  *
  * A fish is a handful of ellipsoids: body, peduncle, tail and fins; dark above, pale below, some with bars, as reef fish are. Each is
- * born for one photograph, somewhere between the camera and the ground, and swims on: the photographs before and after it, a second
+ * born for one image, somewhere between the camera and the ground, and swims on: the images before and after it, a second
  * apart, may see it too, elsewhere. It throws no shadow, and sparse points are matched on what stands still.
  *
  * Invariant: a fish is a function of the options, the world and its number alone.
  */
 #include "synth.h"
 
-#define FISH_SECONDS 1.0  /* between photographs */
+#define FISH_SECONDS 1.0  /* between images */
 #define FISH_REACH   0.75 /* lengths: radius of the sphere that holds a fish */
 enum { FISH_PARTS = 5 };
 

@@ -1,11 +1,11 @@
 /* synth_light.c - what real surveys add to a static scene: exposure that drifts, and a lamp that moves with the camera.
  *
- *     exposure   a photograph is multiplied by one gain per channel before noise and rounding: 3/4 of the range is a slow drift along
- *                the path, 1/4 belongs to the photograph alone; white balance drifts by a fifth of that.
- *     lamp       the scene's own light J is multiplied by z^-p / z0^-p (z: range, z0: LAMP_RANGE metres), and the whole photograph by
+ *     exposure   an image is multiplied by one gain per channel before noise and rounding: 3/4 of the range is a slow drift along
+ *                the path, 1/4 belongs to the image alone; white balance drifts by a fifth of that.
+ *     lamp       the scene's own light J is multiplied by z^-p / z0^-p (z: range, z0: LAMP_RANGE metres), and the whole image by
  *                a radial gain 1 + a r^2 + b r^4 about a centre beside the image's (r in half diagonals).
  *
- * Invariant: without both options a photograph is what it was. truth/exposure.txt and truth/lamp.txt hold what was applied.
+ * Invariant: without both options an image is what it was. truth/exposure.txt and truth/lamp.txt hold what was applied.
  */
 #include "synth.h"
 
@@ -54,8 +54,7 @@ int synth_write_exposure(const synth_options *o, const char *path)
 {
     struct synth_file f;
     synth_file_open(&f, path);
-    synth_file_text(&f,
-                    "# NAME GAIN_RED GAIN_GREEN GAIN_BLUE: what the photograph was multiplied by, before noise and rounding\n");
+    synth_file_text(&f, "# NAME GAIN_RED GAIN_GREEN GAIN_BLUE: what the image was multiplied by, before noise and rounding\n");
     for (int i = 0; i < o->views; i++) {
         const v3 gain = synth_gain(o, i);
         char     name[32];
@@ -77,7 +76,7 @@ int synth_write_lamp(const synth_options *o, const char *path)
     static const char *const names[6] = {"power ", "range ", "centre_x ", "centre_y ", "r2 ", "r4 "};
     struct synth_file        f;
     synth_file_open(&f, path);
-    synth_file_text(&f, "# J of the water's formula is multiplied by (range / z)^power, the photograph by 1 + r2 r^2 + r4 r^4;\n"
+    synth_file_text(&f, "# J of the water's formula is multiplied by (range / z)^power, the image by 1 + r2 r^2 + r4 r^4;\n"
                         "# r: distance from the centre in half diagonals. Metres, px.\n");
     for (int i = 0; i < 6; i++) {
         synth_file_text(&f, names[i]);

@@ -1,6 +1,6 @@
 /* synth_path.c - where the camera flies.
  *
- * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; photographs overlap by 75 % along a row and
+ * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 % along a row and
  * rows by 60 %, as survey manuals ask for. orbit: two rings round the wreck, looking at it. Nothing is flown exactly: position,
  * height and angles waver. rov: three legs along the ridge, low and forward-looking: at the foot of the wall, along the crest, and back
  * over the slope; near and far lie 1 : 10 and more apart in a view. forward: one straight line, 2 m over the ground, looking ahead and
@@ -13,12 +13,12 @@
 
 #define ALTITUDE       3.0  /* metres over the ground */
 #define FOCAL_SHARE    0.8  /* f / width: 64 degrees across */
-#define STEP_FORWARD   0.25 /* of a photograph's height on the ground: 75 % overlap */
+#define STEP_FORWARD   0.25 /* of an image's height on the ground: 75 % overlap */
 #define STEP_SIDEWAYS  0.40 /* of its width: 60 % */
 #define TILT           8.0  /* degrees ahead of straight down */
 #define MARGIN         3.0  /* metres of ground around what is in view */
 #define FORWARD_HEIGHT 2.0  /* metres over the ground */
-#define FORWARD_STEP   0.35 /* metres between photographs */
+#define FORWARD_STEP   0.35 /* metres between images */
 #define FORWARD_PITCH  35.0 /* degrees below the horizon */
 
 static const double degree = SYNTH_PI / 180;
@@ -29,7 +29,7 @@ static double path_waver(const synth_options *o, int view, uint64_t what, double
     return sigma * synth_clamp(n, -2.5, 2.5);
 }
 
-/* Looks along `forward`; the top of the photograph towards `up`; turned around the line of sight by `roll`. */
+/* Looks along `forward`; the top of the image towards `up`; turned around the line of sight by `roll`. */
 static void path_aim(struct synth_camera *c, v3 forward, v3 up, double roll)
 {
     const v3 z = v3_unit(forward), level = v3_unit(v3_cross(z, up)), down = v3_cross(z, level);
@@ -82,7 +82,7 @@ static void path_orbit(const synth_options *o, struct synth_path *path)
 }
 
 #define ROV_STEP  0.4  /* metres from image to image */
-#define ROV_SIGHT 16.0 /* metres: what stands farther off is lost in coastal water */
+#define ROV_RANGE 16.0 /* metres: what stands farther off is lost in coastal water */
 #define CLEARANCE 0.5  /* metres over the ground around, at least */
 
 static const struct path_leg {
@@ -162,7 +162,7 @@ int synth_path_create(const synth_options *o, struct synth_path *path)
     else if (strcmp(o->path, "rov") == 0) path_rov(o, path);
     else if (strcmp(o->path, "forward") == 0) path_forward(o, path);
     else path_lawnmower(o, path);
-    path_measure(path, strcmp(o->path, "rov") == 0 ? ROV_SIGHT : SYNTH_FAR);
+    path_measure(path, strcmp(o->path, "rov") == 0 ? ROV_RANGE : SYNTH_FAR);
     return 1;
 }
 

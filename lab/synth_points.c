@@ -1,7 +1,7 @@
 /* synth_points.c - a sparse cloud with tracks, as structure from motion would leave it.
  *
- * Each point starts as a random pixel of a photograph; the ray through it meets the surface there. Every other view that has
- * the point in its frame, looks from a similar side and is not blocked (a ray again; in load tests, without photographs, the
+ * Each point starts as a random pixel of an image; the ray through it meets the surface there. Every other view that has
+ * the point in its frame, looks from a similar side and is not blocked (a ray again; in load tests, without images, the
  * surface's normal alone) finds it with a certain chance, 0.3 px off. One point in a hundred is an outlier: a mismatch that
  * was triangulated off the surface.
  *
@@ -20,7 +20,7 @@
 #define OUTLIER_SHARE 0.01
 #define OUTLIER_NOISE 1.5 /* px */
 #define FRAME         2.0 /* px at the border where no feature is found */
-enum { MOST_VIEWS = 64, MOST_SIGHTINGS = 512, ATTEMPTS = 12, BARE_ATTEMPTS = 60, CHUNK = 8192 };
+enum { MOST_VIEWS = 64, OBSERVATIONS_MAX = 512, ATTEMPTS = 12, BARE_ATTEMPTS = 60, CHUNK = 8192 };
 
 struct points_track { /* one point as it is made */
     v3                       position;
@@ -73,7 +73,7 @@ struct points_candidate {
     int source, is_outlier;
 };
 
-struct points_sighting {
+struct points_observation {
     int    view;
     double x, y; /* px, exact */
 };
@@ -88,7 +88,7 @@ static int points_in_frame(const struct points_search *s, const struct points_ca
     return v3_dot(v3_unit(v3_sub(c->centre, k->p)), k->side) > SIMILAR_SIDE;
 }
 
-static int points_in_sight(const struct points_search *s, const struct points_candidate *k, int view)
+static int points_visible(const struct points_search *s, const struct points_candidate *k, int view)
 {
     const v3     way   = v3_sub(k->p, s->path->camera[view].centre);
     const double range = v3_length(way);
@@ -113,7 +113,7 @@ static void points_observe(const struct points_search *s, const struct points_ca
 }
 
 /* Lists the views around that have the point in their frame. */
-static int points_list(const struct points_search *s, const struct points_candidate *k, struct points_sighting *list)
+static int points_list(const struct points_search *s, const struct points_candidate *k, struct points_observation *list)
 {
     const int here = (int)points_square(s, k->p), hx = here % s->nx, hy = here / s->nx;
     int       found = 0;
@@ -122,7 +122,7 @@ static int points_list(const struct points_search *s, const struct points_candid
         size_t    at;
         if (qx < 0 || qy < 0 || qx >= s->nx || qy >= s->ny) continue;
         at = (size_t)qy * (size_t)s->nx + (size_t)qx;
-        for (uint32_t i = s->first[at]; i < s->first[at + 1] && found < MOST_SIGHTINGS; i++) {
+        for (uint32_t i = s->first[at]; i < s->first[at + 1] && found < OBSERVATIONS_MAX; i++) {
             list[found].view = (int)s->list[i];
             found += points_in_frame(s, k, list[found].view, &list[found].x, &list[found].y);
         }
@@ -132,7 +132,7 @@ static int points_list(const struct points_search *s, const struct points_candid
 
 /* Of these views the source has the point, and each other one by chance, if nothing is in its way. */
 static void points_detect(const struct points_search *s, const struct points_candidate *k, uint64_t seed,
-                          const struct points_sighting *list, int found, struct points_track *t)
+                          const struct points_observation *list, int found, struct points_track *t)
 {
     const double chance = synth_min(DETECTED, DETECTED * MOST_VIEWS / found);
     const int    most   = k->is_outlier ? 3 : MOST_VIEWS;
@@ -140,7 +140,7 @@ static void points_detect(const struct points_search *s, const struct points_can
     for (int i = 0; i < found; i++) {
         const uint64_t bits = synth_bits(seed, 5, (uint64_t)list[i].view);
         if (list[i].view != k->source) {
-            if (others + 1 >= most || synth_unit(bits) >= chance || !points_in_sight(s, k, list[i].view)) continue;
+            if (others + 1 >= most || synth_unit(bits) >= chance || !points_visible(s, k, list[i].view)) continue;
             others++;
         }
         points_observe(s, k, list[i].view, bits, list[i].x, list[i].y, t);
@@ -180,7 +180,7 @@ static int points_try(const struct points_search *s, uint64_t number, uint64_t a
     const double               u = synth_unit(synth_bits(seed, 0, 0)), v = synth_unit(synth_bits(seed, 1, 0));
     const v3                   ray = synth_pixel_ray(c, FRAME + u * (c->width - 2 * FRAME), FRAME + v * (c->height - 2 * FRAME));
     double                     range = synth_cast(s->world, c->centre, ray, SYNTH_FAR);
-    struct points_sighting     list[MOST_SIGHTINGS];
+    struct points_observation  list[OBSERVATIONS_MAX];
     int                        found;
     if (range < 0 || points_is_bare(s, v3_along(c->centre, ray, range), seed)) return 0;
     k.is_outlier = synth_unit(synth_bits(s->options->seed ^ 0x0dd, number, 0)) < OUTLIER_SHARE;
@@ -338,12 +338,11 @@ static unsigned points_sample(const oxl_image *image, int channel, double x, dou
     return (unsigned)(255 * synth_lerp(synth_lerp(at[0], at[1], fx), synth_lerp(at[width], at[width + 1], fx), fy) + 0.5);
 }
 
-void synth_points_collect(struct synth_points *p, int view, const oxl_image *photograph)
+void synth_points_collect(struct synth_points *p, int view, const oxl_image *image)
 {
     for (size_t i = p->view_first[view]; i < p->view_first[view + 1]; i++) {
         const struct synth_observation *o = synth_observation_in(p, p->by_view[i], view);
         for (int c = 0; c < 3; c++)
-            p->point[p->by_view[i]].sum[c] =
-                (uint16_t)(p->point[p->by_view[i]].sum[c] + points_sample(photograph, c, o->x, o->y));
+            p->point[p->by_view[i]].sum[c] = (uint16_t)(p->point[p->by_view[i]].sum[c] + points_sample(image, c, o->x, o->y));
     }
 }

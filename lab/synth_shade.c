@@ -3,7 +3,7 @@
  * Rays walk by the distance function (sphere tracing, Hart 1996). Light: a sun high in the south-west with soft shadows
  * (Quilez's penumbra from the nearest miss), a blue-green sky dimmed where things stand close, light thrown back by the sand.
  * Colour is procedural down to the pixel: waves and specks finer than the footprint of a pixel fade out. It does not depend
- * on the direction of view: what differs between photographs is water and noise alone.
+ * on the direction of view: what differs between images is water and noise alone.
  */
 #include "synth.h"
 

@@ -46,7 +46,7 @@ struct model {
 struct camera {                                   /* +x right, +y down, +z forward; the top-left pixel's centre is (0.5, 0.5) */
     int size[2];                                  /* px: width, height */
     double focal[2], centre[2];                   /* px */
-    double rotation[3][3], origin[3], near_plane; /* rotation (x - origin): world to camera; only what is further is drawn */
+    double rotation[3][3], origin[3], near_plane; /* rotation (x - origin): world to camera; only what is further is rendered */
 };
 
 double sigmoid(double x) { return 1 / (1 + exp(-x)); }
@@ -306,7 +306,7 @@ double ssim(const double *x, const double *y, int w, int h, double scale, double
     return sum;
 }
 
-/* x drawn, y wanted (H,W,3); dx is overwritten. */
+/* x rendered, y wanted (H,W,3); dx is overwritten. */
 double loss(const double *x, const double *y, int w, int h, double weight, double *dx) {
     const int n = 3 * w * h;
     double sum = weight * n, rest = 1 - weight;

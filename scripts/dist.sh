@@ -1,15 +1,15 @@
 #!/bin/sh
-# dist.sh DIR - the library in two files, DIR/oceanxl.h and DIR/oceanxl.c, and in one, DIR/single/oceanxl.h.
+# dist.sh DIR - the library as DIR/oceanxl.c with its headers DIR/oceanxl.h, DIR/oceanxl_job.h, and as one header, DIR/single/oceanxl.h.
 #
-# Follows the front door, oceanxl.c, and puts each file that it includes in its place, once. One C file of the result is to
-# say #define OCEANXL_IMPLEMENTATION before it includes the single header, ahead of every other header.
+# Replaces each #include "..." of oceanxl.c by the text of the file, once. With the single header, one C file
+# defines OCEANXL_IMPLEMENTATION before it includes it, ahead of all other headers.
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-dist}
 mkdir -p "$out/single"
 
 # emit(file): its text, with #include "..." replaced by the text of that file the first time and by nothing later.
-# `api` stands where oceanxl.h is asked for.
+# api: what replaces the first #include of a public header: "include", that line; empty, nothing.
 amalgamate() {
     awk -v api="$1" '
     function folder(path) { sub(/[^\/]*$/, "", path); return path }
@@ -22,7 +22,7 @@ amalgamate() {
         if (path in seen) return
         seen[path] = 1
         if (path ~ /^backends\//) { print "#error \"the Vulkan backend is built from the tree alone\""; return }
-        if (path == "oceanxl.h") { if (api != "") print api; return }
+        if (path ~ /^oceanxl(_job)?\.h$/) { if (api != "") print "#include \"" path "\""; return }
         printf "\n/* ================================================================ %s */\n\n", path
         while ((got = getline line < path) > 0) {
             if (line ~ /^#include "/) {
@@ -39,9 +39,9 @@ amalgamate() {
 version=$(sed -n 's/^#define OXL_VERSION "\(.*\)"/\1/p' oceanxl.h)
 {
     echo "/* OceanXL $version, amalgamated from its modules by scripts/dist.sh: do not edit. */"
-    amalgamate '#include "oceanxl.h"'
+    amalgamate include
 } >"$out/oceanxl.c"
-cp oceanxl.h "$out/oceanxl.h"
+cp oceanxl.h oceanxl_job.h "$out/"
 {
     echo "/* OceanXL $version in one header, made by scripts/dist.sh: do not edit."
     echo " *"
@@ -58,11 +58,12 @@ cp oceanxl.h "$out/oceanxl.h"
     echo '#define _POSIX_C_SOURCE 200809L'
     echo '#endif'
     cat oceanxl.h
+    grep -v '^#include "oceanxl.h"' oceanxl_job.h
     echo
     echo '#if defined(OCEANXL_IMPLEMENTATION) && !defined(OCEANXL_IMPLEMENTED)'
     echo '#define OCEANXL_IMPLEMENTED'
     amalgamate ''
     echo '#endif /* OCEANXL_IMPLEMENTATION */'
 } >"$out/single/oceanxl.h"
-grep -n '^#include "' "$out/oceanxl.c" "$out/single/oceanxl.h" | grep -v '"oceanxl.h"' && { echo "dist.sh: an include was left" >&2; exit 1; }
+grep -n '^#include "' "$out/oceanxl.c" "$out/single/oceanxl.h" | grep -vE '"oceanxl(_job)?\.h"' && { echo "dist.sh: an include was left" >&2; exit 1; }
 wc -l "$out/oceanxl.h" "$out/oceanxl.c" "$out/single/oceanxl.h" | sed '$d'

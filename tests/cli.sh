@@ -34,6 +34,15 @@ ctrl_c() { # COMMAND...: stopped by the signal once it trains
     kill -INT $!
     wait $!
 }
+beside() { # COMMAND...: while another process trains into busy/, which is then killed
+    "$program" train survey -o busy --iterations 1000000 --quiet >/dev/null 2>&1 &
+    while kill -0 $! 2>/dev/null && ! grep -q process busy/.lock 2>/dev/null; do sleep 0.05; done
+    "$@"
+    code=$?
+    kill -9 $!
+    wait $! 2>/dev/null
+    return $code
+}
 doubled() { # MODEL MODEL: places and sizes of the second are twice those of the first
     "$program" info "$1" --json >one.txt && "$program" info "$2" --json >two.txt &&
         awk -F '[][, ]+' '/"x"|"scale_0"/ { if (NR == FNR) was[$2] = $3; else n += ($3 / was[$2] - 2) ^ 2 < 1e-6 } END { exit n != 2 }' one.txt two.txt
@@ -56,6 +65,10 @@ promise former_names_are_read_with_a_word 3 "--haste is the former name of --sho
 promise removed_options_are_said_to_be 2 "option '--ssim-every' was removed" on_stderr "$program" train survey -o out --ssim-every=2
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
+promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"
+promise bash_completion_offers_the_options_of_the_command 0 "--path" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl render --pat); COMP_CWORD=2; _oceanxl; echo \${COMPREPLY[*]}"
+promise zsh_completion_is_valid 0 "" sh -c "'$program' --completion zsh >_oceanxl && grep -q '#compdef oceanxl' _oceanxl && { ! command -v zsh || zsh -n _oceanxl; }"
+promise completion_of_another_shell_is_refused 2 "wanted a shell, bash or zsh" on_stderr "$program" --completion fish
 promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
@@ -105,6 +118,13 @@ promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
 promise another_seed_gives_other_bytes 1 "differ" sh -c "'$program' train survey -o other --iterations 60 --seed 2 --quiet >/dev/null; cmp same1/scene.ply other/scene.ply"
 promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o short --iterations 1000000 --max-time 1s
 promise ctrl_c_leaves_a_model 130 "holds the model so far" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
+promise a_second_run_in_a_folder_is_refused 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60
+promise a_second_run_that_starts_anew_is_refused_too 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60 --restart
+for command in "merge busy" "partition survey -o busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
+    promise "while_another_trains_is_refused_$(echo $command | cut -d' ' -f 1)" 1 "busy is in use by process" beside "$program" $command
+done
+promise the_lock_of_a_killed_run_is_taken_over 0 "its lock is taken over" "$program" train survey -o busy --iterations 20 --restart
+promise a_finished_run_leaves_no_lock 0 "" sh -c '! find . -name .lock | grep .'
 promise a_refused_resume_names_the_options 2 "  --cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
 promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 there, 0.1 here" sh -c \
     "'$program' train survey -o stopped --preset draft --cooldown 0.1 2>said.txt; code=\$?; cat said.txt; grep -q iterations: said.txt && exit 9; exit \$code"
@@ -124,15 +144,28 @@ promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_0000[012].png"
 promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
 promise a_listener_that_goes_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
 promise render_draws_one_kind_of_pictures 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho
-promise measure_wants_pixels_of_the_photograph 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
+promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
 promise measure_knows_a_distance 0 "scale     0.5 metres a unit" "$program" measure survey --scale-bar 0,0,0:2,0,0 --length 1
 promise measure_wants_a_bar 2 "--scale-bar" "$program" measure survey
 promise no_vulkan_is_told 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend vulkan
 promise no_vulkan_to_list_is_told 1 "Vulkan" env OXL_VULKAN_LIBRARY=none "$program" info --devices
 promise backend_auto_makes_do_with_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend auto
 promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
+promise a_dry_run_predicts_and_writes_nothing 0 "prediction" sh -c "'$program' train survey -o dry --iterations 30 --dry-run && test ! -e dry"
+promise a_dry_run_refuses_what_the_run_would 3 "fix: " "$program" train nowhere -o dry --dry-run
+promise progress_json_is_lines_of_json 0 "" sh -c "'$program' train survey -o lines --iterations 30 --progress json 2>lines.txt >/dev/null && grep -q '^{\"event\": \"progress\", .*\"iteration\": 30, ' lines.txt && ! grep -qv '^{.*}\$' lines.txt"
+promise progress_json_holds_errors_too 3 '{"event": "log", "level": "error"' on_stderr "$program" train nowhere -o lines2 --progress json
 promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.ply metric.ply --scale 2
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
+promise convert_keeps_the_scale_for_info 0 '"scale": 2' on_stdout "$program" info metric.ply --json
+promise a_scaled_model_is_compared_in_the_survey_s_unit 0 "" sh -c \
+    "for m in out/scene metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
+     '$program' convert metric.ply metric.spz && '$program' convert metric.spz again.ply && LC_ALL=C grep -a -c '^comment scale 2' again.ply &&
+     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' scene.txt metric.txt"
+promise a_model_of_another_scale_is_warned_of 0 "does not seem to cover the survey" on_stderr sh -c \
+    "LC_ALL=C sed '1,/^end_header/{/^comment scale/d;}' metric.ply >unmarked.ply && ! cmp -s metric.ply unmarked.ply && '$program' eval unmarked.ply survey"
+promise a_model_that_lies_elsewhere_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved
+promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250

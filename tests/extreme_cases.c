@@ -30,7 +30,7 @@ struct extreme_error {
 };
 
 struct extreme_result {
-    size_t               drawn; /* Gaussians */
+    size_t               rendered; /* Gaussians */
     struct extreme_error part[EXTREME_PARTS];
 };
 
@@ -343,7 +343,7 @@ static void extreme_measure(oxl_context *ctx, const struct extreme_scene *s, str
     extreme_widen(s, &wide);
     kernels_backward(&wide, drgb_f64);
     extreme_compare(&image, narrow->rgb, wide.rgb, values);
-    out->drawn                  = narrow->bins.visible_count;
+    out->rendered               = narrow->bins.visible_count;
     out->part[EXTREME_IMAGE]    = extreme_error(&image, EXTREME_UNDERFLOW);
     out->part[EXTREME_POSITION] = extreme_planes(&gradient, &wide, OXL_MEAN, OXL_LOG_SCALE);
     out->part[EXTREME_SCALE]    = extreme_planes(&gradient, &wide, OXL_LOG_SCALE, OXL_ROTATION);

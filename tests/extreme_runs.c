@@ -110,7 +110,7 @@ struct extreme_survey {
     const char *what;
     double      shift, unit;   /* the world's: unit x (x + shift / unit) */
     int         points, twins; /* 0: all of the grid; 1: all views stand in one place */
-    double      paint;         /* grey of every photograph; -1: the picture */
+    double      paint;         /* grey of every image; -1: the picture */
     double      image; /* asserted: the largest mean difference of a picture from that of the plain survey; -1: finite alone */
 };
 
@@ -150,7 +150,7 @@ static oxl_camera extreme_view(int i, int twins)
         EXTREME_SIDE, EXTREME_SIDE, 42, 42, 20, 20, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.2 * (v - 3), 0.1 * (v % 3), 3}};
 }
 
-static void extreme_write_photographs(oxl_context *ctx, const struct extreme_survey *e, const char *folder)
+static void extreme_write_images(oxl_context *ctx, const struct extreme_survey *e, const char *folder)
 {
     oxl_model wall;
     char      path[700];
@@ -181,7 +181,7 @@ static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *
 {
     const int   grid = EXTREME_GRID * EXTREME_GRID, points = e->points > 0 ? e->points : grid;
     struct text cameras = {.ctx = ctx}, images = {.ctx = ctx}, cloud = {.ctx = ctx};
-    extreme_write_photographs(ctx, e, folder);
+    extreme_write_images(ctx, e, folder);
     text_add(&cameras, "1 PINHOLE %d %d 42 42 20 20\n", EXTREME_SIDE, EXTREME_SIDE);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         const oxl_camera c = extreme_view(v, e->twins);
@@ -236,7 +236,7 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
     }
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
     for (size_t i = 0; i < EXTREME_VIEWS * values; i++) finite &= fabsf(pictures[i]) <= FLT_MAX;
-    finite &= faults.steps == 0 && faults.rows == 0 && faults.cleared == 0 && faults.photographs == 0;
+    finite &= faults.steps == 0 && faults.rows == 0 && faults.cleared == 0 && faults.images == 0;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
     return finite;

@@ -41,7 +41,7 @@ static void extreme_print_renders(oxl_context *ctx)
         struct extreme_result r;
         int                   finite = 1;
         extreme_run(ctx, &EXTREMES[i], &r);
-        printf("| %s | %zu of %d |", EXTREMES[i].what, r.drawn, EXTREMES[i].count);
+        printf("| %s | %zu of %d |", EXTREMES[i].what, r.rendered, EXTREMES[i].count);
         for (int k = 0; k < EXTREME_PARTS; k++) {
             extreme_print_cell(&r.part[k]);
             finite &= r.part[k].finite;

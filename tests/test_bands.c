@@ -56,11 +56,11 @@ TEST(bands_go_by_tracks_where_there_are_some)
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/b.png"), &image));
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
     CHECK_OK(depth_bands_begin(test_ctx, scene, (int[]){0, 1}, 2, &b));
-    CHECK(b.count == 2 && b.sight[0].view == 0 && b.sight[1].view == 1);
-    CHECK(b.sight[0].z == 4 && b.sight[0].pixel == 24 * BANDS_W + 32 && b.sight[1].z == 1);
+    CHECK(b.count == 2 && b.sample[0].view == 0 && b.sample[1].view == 1);
+    CHECK(b.sample[0].z == 4 && b.sample[0].pixel == 24 * BANDS_W + 32 && b.sample[1].z == 1);
     depth_bands_free(test_ctx, &b);
     CHECK_OK(depth_bands_begin(test_ctx, scene, (int[]){1}, 1, &b)); /* of the second alone, the same */
-    CHECK(b.count == 1 && b.sight[0].view == 1 && b.sight[0].z == 1);
+    CHECK(b.count == 1 && b.sample[0].view == 1 && b.sample[0].z == 1);
     depth_bands_free(test_ctx, &b);
     oxl_image_free(test_ctx, &image);
     oxl_scene_free(test_ctx, scene);

@@ -64,7 +64,7 @@ static struct {
     char last[512];
 } colmap_warned;
 
-static void colmap_hear(void *user, oxl_log_level level, const char *text)
+static void colmap_capture(void *user, oxl_log_level level, const char *text)
 {
     (void)user;
     if (level != OXL_LOG_WARNING) return;
@@ -75,7 +75,7 @@ static void colmap_hear(void *user, oxl_log_level level, const char *text)
 static void colmap_listen(void)
 {
     memset(&colmap_warned, 0, sizeof colmap_warned);
-    test_ctx->options.log = colmap_hear;
+    test_ctx->options.log = colmap_capture;
 }
 
 static int colmap_same(const struct colmap *a, const struct colmap *b)

@@ -99,10 +99,10 @@ static const char *binary_refused(void)
     return oxl_error_text(test_ctx);
 }
 
-static void colmap_hear_all(void *user, oxl_log_level level, const char *text)
+static void colmap_capture_all(void *user, oxl_log_level level, const char *text)
 {
     (void)level;
-    colmap_hear(user, OXL_LOG_WARNING, text);
+    colmap_capture(user, OXL_LOG_WARNING, text);
 }
 
 /* ---------------------------------------------------------------- what is read */
@@ -223,7 +223,7 @@ TEST(colmap_of_text_and_binary_the_newer_is_read_with_a_message)
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));
     CHECK(c.format == COLMAP_BINARY && strcmp(c.images_file, "images.bin") == 0);
     colmap_free(test_ctx, &c);
-    test_ctx->options.log = colmap_hear_all;
+    test_ctx->options.log = colmap_capture_all;
     snprintf(command, sizeof command, "touch -d '2001-01-03' '%s/points3D.txt'", test_path("binary"));
     CHECK(system(command) == 0);
     CHECK_OK(colmap_read(test_ctx, test_path("binary"), 1, &c));

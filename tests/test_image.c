@@ -1,4 +1,4 @@
-/* test_image.c - what comes out of image files, whole and broken, and how photographs are reduced, undistorted and masked. */
+/* test_image.c - what comes out of image files, whole and broken, and how images are reduced, undistorted and masked. */
 
 static const struct colmap_camera image_pinhole = {
     .id = 1, .model = 1, .width = 64, .height = 48, .parameter = {60, 60, 32, 24}, .file = "cameras.txt", .line = 4};
@@ -16,8 +16,8 @@ static void image_append(void *user, void *data, int size)
     t->size += (size_t)size;
 }
 
-/* A photograph of w x h px with the pattern above. */
-static const char *image_photograph(const char *name, int w, int h)
+/* An image of w x h px with the pattern above. */
+static const char *image_test_file(const char *name, int w, int h)
 {
     const char *path  = test_path(name);
     struct text file  = {.ctx = test_ctx};
@@ -190,7 +190,7 @@ TEST(image_that_is_none_is_refused_by_name)
     CHECK_TEXT(oxl_error_text(test_ctx), "none.jpg");
 }
 
-/* Small photographs of every kind: baseline with 4:2:0 and a preview in its EXIF segment, progressive, and a PNG. */
+/* Small images of every kind: baseline with 4:2:0 and a preview in its EXIF segment, progressive, and a PNG. */
 static const char *const image_kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg", "tests/data/photo.png"};
 
 /* A PNG is whole without its last chunk, IEND, of 12 bytes. */
@@ -281,11 +281,11 @@ TEST(image_jpeg_bytes_do_not_depend_on_simd)
 
 TEST(image_reduction_is_the_exact_mean_over_the_area)
 {
-    const char           *path = image_photograph("p.png", 64, 48);
+    const char           *path = image_test_file("p.png", 64, 48);
     oxl_camera            to   = image_camera(24, 12); /* 64/24 = 2 2/3 px wide, 4 high */
-    struct training_image photo;
-    CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &photo));
-    CHECK(photo.width == 24 && photo.height == 12 && !photo.mask);
+    struct training_image image;
+    CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &image));
+    CHECK(image.width == 24 && image.height == 12 && !image.mask);
     for (int at = 0; at < 3 * 24 * 12; at++) {
         const int c = at / (24 * 12), y = at / 24 % 12, x = at % 24;
         double    sum = 0, weight = 0;
@@ -296,41 +296,40 @@ TEST(image_reduction_is_the_exact_mean_over_the_area)
                 sum += overlap * image_pattern(i, j, c);
                 weight += overlap;
             }
-        CHECK_CLOSE(photo.rgb[at], sum / weight, 0.5 + 1e-9);
+        CHECK_CLOSE(image.rgb[at], sum / weight, 0.5 + 1e-9);
     }
-    image_training_free(test_ctx, &photo);
+    image_training_free(test_ctx, &image);
 }
 
 TEST(image_of_the_right_size_is_taken_byte_by_byte)
 {
-    const char           *path = image_photograph("p.png", 64, 48);
+    const char           *path = image_test_file("p.png", 64, 48);
     oxl_camera            to   = image_camera(64, 48);
-    struct training_image photo;
+    struct training_image image;
     float                 rgb[3 * 64 * 48], weight[64 * 48];
     int                   wrong = 0;
-    CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &photo));
-    image_from_training(test_ctx, &photo, rgb, weight);
+    CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &image));
+    image_from_training(test_ctx, &image, rgb, weight);
     for (int at = 0; at < 3 * 64 * 48; at++) {
         const int v = image_pattern(at % 64, at / 64 % 48, at / (64 * 48));
-        wrong += photo.rgb[at] != v || rgb[at] != (float)v / 255.0f || weight[at % (64 * 48)] != 1;
+        wrong += image.rgb[at] != v || rgb[at] != (float)v / 255.0f || weight[at % (64 * 48)] != 1;
     }
     CHECK(wrong == 0);
-    image_training_free(test_ctx, &photo);
+    image_training_free(test_ctx, &image);
 }
 
 TEST(image_resized_after_colmap_is_taken_but_no_other_shape)
 {
     oxl_camera            to = image_camera(32, 24);
-    struct training_image photo;
-    CHECK_OK(image_load_training(test_ctx, image_photograph("half.png", 32, 24), NULL, &image_pinhole, &to, &photo));
-    image_training_free(test_ctx, &photo);
-    CHECK(image_load_training(test_ctx, image_photograph("crop.png", 60, 48), NULL, &image_pinhole, &to, &photo) ==
-          OXL_ERR_INPUT);
+    struct training_image image;
+    CHECK_OK(image_load_training(test_ctx, image_test_file("half.png", 32, 24), NULL, &image_pinhole, &to, &image));
+    image_training_free(test_ctx, &image);
+    CHECK(image_load_training(test_ctx, image_test_file("crop.png", 60, 48), NULL, &image_pinhole, &to, &image) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "crop.png: 60 x 48 px, but camera 1 (cameras.txt:4) has 64 x 48");
-    CHECK(!photo.rgb);
-    CHECK(image_load_training(test_ctx, image_photograph("turned.png", 48, 64), NULL, &image_pinhole, &to, &photo) ==
+    CHECK(!image.rgb);
+    CHECK(image_load_training(test_ctx, image_test_file("turned.png", 48, 64), NULL, &image_pinhole, &to, &image) ==
           OXL_ERR_INPUT);
-    CHECK_TEXT(oxl_error_text(test_ctx), "fix: turn the photograph back");
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: turn the image back");
 }
 
 /* The pattern is linear in x and y, so a bilinear sample of it is exact, and so is a mean of samples. */
@@ -340,7 +339,7 @@ static void image_check_undistorted(int file_width, int file_height, double redu
         .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
     const double          zoom = file_width / 64.0;
     oxl_camera            to;
-    struct training_image photo;
+    struct training_image image;
     double                worst = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
     to.width  = (int)(to.width / reduction);
@@ -349,17 +348,17 @@ static void image_check_undistorted(int file_width, int file_height, double redu
     to.fy /= reduction;
     to.cx /= reduction;
     to.cy /= reduction;
-    CHECK_OK(image_load_training(test_ctx, image_photograph("d.png", file_width, file_height), NULL, &from, &to, &photo));
-    CHECK(!photo.mask);
+    CHECK_OK(image_load_training(test_ctx, image_test_file("d.png", file_width, file_height), NULL, &from, &to, &image));
+    CHECK(!image.mask);
     for (int at = 0; at < to.width * to.height; at++) { /* red: 3 x + 2 y, which wraps round at 256 */
         const double direction[2] = {(at % to.width + 0.5 - to.cx) / to.fx, (at / to.width + 0.5 - to.cy) / to.fy};
         double       p[2], wanted;
         camera_distort(&from, direction, p);
         wanted = 3 * (zoom * p[0] - 0.5) + 2 * (zoom * p[1] - 0.5);
-        if (wanted < 240) worst = OXL_MAX(worst, fabs(photo.rgb[at] - wanted));
+        if (wanted < 240) worst = OXL_MAX(worst, fabs(image.rgb[at] - wanted));
     }
     CHECK_CLOSE(worst, 0, 0.6); /* half a level, and a little from 1/256 px and the curve within a pixel */
-    image_training_free(test_ctx, &photo);
+    image_training_free(test_ctx, &image);
 }
 
 TEST(image_undistortion_looks_where_the_lens_model_says)
@@ -395,36 +394,36 @@ TEST(image_undistorted_agrees_with_colmaps_own)
 
 TEST(image_mask_covers_every_pixel_that_touches_black)
 {
-    const char           *path = image_photograph("p.png", 64, 48);
+    const char           *path = image_test_file("p.png", 64, 48);
     const char           *mask = image_mask("m.png", 4, 3,
                                             "...."
                                                       ".#.."
                                                       "...#");
     oxl_camera            to = image_camera(16, 12), odd = image_camera(6, 4);
-    struct training_image photo;
-    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &photo));
+    struct training_image image;
+    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &image));
     for (int i = 0; i < 16 * 12; i++) {
         const int x = i % 16 / 4, y = i / 16 / 4;
-        CHECK(photo.mask[i] == ((x == 1 && y == 1) || (x == 3 && y == 2) ? 0 : 255));
+        CHECK(image.mask[i] == ((x == 1 && y == 1) || (x == 3 && y == 2) ? 0 : 255));
     }
-    image_training_free(test_ctx, &photo);
-    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &odd, &photo));
-    CHECK(memcmp(photo.mask,
+    image_training_free(test_ctx, &image);
+    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &odd, &image));
+    CHECK(memcmp(image.mask,
                  "\377\377\377\377\377\377"
                  "\377\0\0\377\377\377"
                  "\377\0\0\377\0\0"
                  "\377\377\377\377\0\0",
                  24) == 0);
-    image_training_free(test_ctx, &photo);
+    image_training_free(test_ctx, &image);
     mask = image_mask("white.png", 2, 2, "....");
-    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &photo));
-    CHECK(!photo.mask);
-    image_training_free(test_ctx, &photo);
-    CHECK(image_load_training(test_ctx, path, test_write("bad.png", "no"), &image_pinhole, &to, &photo) == OXL_ERR_INPUT);
+    CHECK_OK(image_load_training(test_ctx, path, mask, &image_pinhole, &to, &image));
+    CHECK(!image.mask);
+    image_training_free(test_ctx, &image);
+    CHECK(image_load_training(test_ctx, path, test_write("bad.png", "no"), &image_pinhole, &to, &image) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "bad.png");
 }
 
-TEST(image_mask_is_undistorted_with_its_photograph)
+TEST(image_mask_is_undistorted_with_its_image)
 {
     const struct colmap_camera from = {
         .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
@@ -433,26 +432,26 @@ TEST(image_mask_is_undistorted_with_its_photograph)
                                                       "...."
                                                       "....");
     oxl_camera            to;
-    struct training_image photo;
+    struct training_image image;
     int                   wrong = 0;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));
-    CHECK_OK(image_load_training(test_ctx, image_photograph("p.png", 64, 48), mask, &from, &to, &photo));
-    CHECK(photo.mask && photo.mask[0] == 0);
-    for (int i = 0; photo.mask && i < to.width * to.height; i++) {
+    CHECK_OK(image_load_training(test_ctx, image_test_file("p.png", 64, 48), mask, &from, &to, &image));
+    CHECK(image.mask && image.mask[0] == 0);
+    for (int i = 0; image.mask && i < to.width * to.height; i++) {
         const double direction[2] = {(i % to.width + 0.5 - to.cx) / to.fx, (i / to.width + 0.5 - to.cy) / to.fy};
         double       p[2];
         camera_distort(&from, direction, p);
-        wrong += (photo.mask[i] == 0) != (p[0] < 16 && p[1] < 16);
+        wrong += (image.mask[i] == 0) != (p[0] < 16 && p[1] < 16);
     }
     CHECK(wrong == 0);
-    image_training_free(test_ctx, &photo);
+    image_training_free(test_ctx, &image);
 }
 
-TEST(image_photograph_is_the_same_with_any_number_of_threads)
+TEST(image_image_is_the_same_with_any_number_of_threads)
 {
     const struct colmap_camera from = {
         .id = 1, .model = camera_model_find("SIMPLE_RADIAL", 13), .width = 64, .height = 48, .parameter = {80, 32, 24, -0.3}};
-    const char *path   = image_photograph("p.png", 64, 48);
+    const char *path   = image_test_file("p.png", 64, 48);
     const int   before = test_ctx->threads;
     oxl_camera  to;
     CHECK_OK(camera_undistorted(test_ctx, &from, &to));

@@ -1,8 +1,8 @@
-/* test_job.c - the whole job and the survey's report, on a survey of nine small photographs of a coloured wall. */
+/* test_job.c - the whole job and the survey's report, on a survey of nine small images of a coloured wall. */
 
 enum { JOB_VIEWS = 9, JOB_WIDTH = 48, JOB_HEIGHT = 32 };
 
-static oxl_result job_test_photograph(const char *path, int view)
+static oxl_result job_test_image(const char *path, int view)
 {
     oxl_image  image = {0};
     oxl_result rc    = oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &image);
@@ -26,7 +26,7 @@ static const char *job_test_survey(void)
     test_write("survey/sparse/0/cameras.txt", "1 PINHOLE 48 32 40 40 24 16\n");
     for (int i = 0; i < JOB_VIEWS; i++) {
         snprintf(name, sizeof name, "survey/images/%d.png", i);
-        CHECK_OK(job_test_photograph(test_path(name), i));
+        CHECK_OK(job_test_image(test_path(name), i));
         text_add(&images, "%d 1 0 0 0 %.3f 0 0 1 %d.png\n24 16 %d\n", i + 1, -0.1 * i, i, i + 1);
     }
     for (int i = 0; i < 60; i++)
@@ -223,7 +223,7 @@ TEST(job_options_that_cannot_be_are_refused_before_anything_is_written)
     CHECK(!os_is_file(test_path("out/run.json")));
 }
 
-TEST(job_in_blocks_refines_them_together_on_all_photographs)
+TEST(job_in_blocks_refines_them_together_on_all_images)
 {
     oxl_job_options options = job_test_blocks();
     options.refine          = 0;
@@ -479,10 +479,10 @@ TEST(job_of_a_missing_survey_is_bad_input)
 
 TEST(job_pictures_stay_inside_their_folder)
 {
-    char *path = pictures_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
+    char *path = render_file_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
     CHECK(path && strcmp(path, test_path("pictures/.._dive_a.jpg.png")) == 0);
     oxl_free(test_ctx, path);
-    path = pictures_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
+    path = render_file_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
     CHECK(path && strcmp(path, test_path("pictures/dive/a.jpg.png")) == 0);
     CHECK(os_is_folder(test_path("pictures/dive")));
     oxl_free(test_ctx, path);
@@ -491,12 +491,12 @@ TEST(job_pictures_stay_inside_their_folder)
 /* With four threads, which write four views' pictures side by side: a folder stands where one of the second view's is to be. */
 TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
 {
-    const oxl_pictures what    = {.split = OXL_SPLIT_ALL, .photographs = 1};
-    const oxl_point    point   = {.position = {0, 0, 4}};
-    const int          threads = test_ctx->threads;
-    oxl_scene         *scene   = NULL;
-    oxl_model          model;
-    int                count = -1;
+    const oxl_render_output what    = {.split = OXL_SPLIT_ALL, .images = 1};
+    const oxl_point         point   = {.position = {0, 0, 4}};
+    const int               threads = test_ctx->threads;
+    oxl_scene              *scene   = NULL;
+    oxl_model               model;
+    int                     count = -1;
     CHECK_OK(oxl_scene_load(test_ctx, job_test_survey(), NULL, &scene));
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
@@ -520,7 +520,7 @@ TEST(pictures_of_depth_hold_thousandths_and_floats)
     struct os_file_map    png = {0}, pfm = {0};
     int                   w = 0, h = 0, channels = 0;
     uint16_t             *back;
-    CHECK_OK(pictures_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
+    CHECK_OK(render_file_write_depth(test_ctx, test_folder(), "dive/a.jpg", depth, 3, 2));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth16.png"), &png));
     CHECK_OK(os_read_file(test_ctx, test_path("dive/a.jpg.depth.pfm"), &pfm));
     back = stbi_load_16_from_memory((const stbi_uc *)png.data, (int)png.size, &w, &h, &channels, 0);
@@ -587,7 +587,7 @@ TEST(run_numbers_that_no_option_can_hold_are_not_taken)
     manifest_free(test_ctx, &run);
 }
 
-TEST(job_leaves_out_photographs_that_cannot_be_read_and_counts_them)
+TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
 {
     oxl_job_options options = job_test_options();
     const char     *survey  = job_test_survey();
@@ -599,9 +599,9 @@ TEST(job_leaves_out_photographs_that_cannot_be_read_and_counts_them)
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/masks/3.png"), &mask)); /* all of it black */
     oxl_image_free(test_ctx, &mask);
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/metrics.json"), "\"photographs_left_out\": 3"));
+    CHECK(job_test_has(test_path("out/metrics.json"), "\"images_left_out\": 3"));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"steps_skipped\": 0"));
-    CHECK(job_test_has(test_path("out/blocks/000/block.json"), "\"photographs_left_out\": 3"));
+    CHECK(job_test_has(test_path("out/blocks/000/block.json"), "\"images_left_out\": 3"));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "all of it is black"));
 }
 
@@ -623,7 +623,7 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
     }
 }
 
-TEST(job_ends_well_when_a_photograph_held_out_cannot_be_read)
+TEST(job_ends_well_when_an_image_held_out_cannot_be_read)
 {
     oxl_job_options options = job_test_options();
     const char     *survey  = job_test_survey();

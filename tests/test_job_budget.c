@@ -101,7 +101,7 @@ static const char *budget_test_long_survey(void)
     return test_path("survey");
 }
 
-TEST(budget_asks_for_no_more_gaussians_than_the_photographs_allow)
+TEST(budget_asks_for_no_more_gaussians_than_the_images_allow)
 {
     struct survey_load load = budget_test_load();
     oxl_job_options    o    = budget_test_options(2e9);
@@ -127,7 +127,7 @@ TEST(budget_too_small_for_all_blocks_together_leaves_them_as_they_are_and_says_s
     CHECK(!os_is_folder(test_path("out/blocks/together")) && os_is_file(test_path("out/scene.ply")));
 }
 
-TEST(budget_counts_the_photographs_that_are_on_their_way)
+TEST(budget_counts_the_images_that_are_on_their_way)
 {
     struct survey_load load = budget_test_load();
     oxl_job_options    o    = oxl_job_options_default(OXL_PRESET_STANDARD);

@@ -215,7 +215,7 @@ TEST(json_cursor_reads_what_is_there_and_nothing_else)
     static const char text[] = "{\"a\": [1, -2.5e-1, {\"b\": true}], \"s\\\"\": \"x\\u00e9\\n\", \"n\": 0.1}";
     const char       *array = oxl_json_member(text, "a"), *second = oxl_json_next(oxl_json_first(array));
     char              out[32];
-    CHECK(oxl_json_fault(text) == NULL && oxl_json_fault("{\"a\": 1") != NULL && oxl_json_fault("[1] 2") != NULL);
+    CHECK(oxl_json_error(text) == NULL && oxl_json_error("{\"a\": 1") != NULL && oxl_json_error("[1] 2") != NULL);
     CHECK(oxl_json_number_at(&second) == -0.25 && oxl_json_number(text, "n") == 0.1 && isnan(oxl_json_number(text, "m")));
     CHECK(oxl_json_is_true(oxl_json_next(oxl_json_next(oxl_json_first(array))), "b") && !oxl_json_is_true(text, "a"));
     CHECK(oxl_json_text(oxl_json_value(oxl_json_next(array)), out, sizeof out) == 4 && strcmp(out, "x\xc3\xa9\n") == 0);

@@ -9,7 +9,7 @@ static void lint_listen(void *user, oxl_log_level level, const char *text)
     if (level == OXL_LOG_WARNING) snprintf(lint_heard + used, sizeof lint_heard - used, "%s\n", text);
 }
 
-/* The survey of test_job.c, with points that are seen in the photographs that their tracks name. */
+/* The survey of test_job.c, with points that are seen in the images that their tracks name. */
 static const char *lint_survey(void)
 {
     struct text points = {.ctx = test_ctx};
@@ -51,7 +51,7 @@ TEST(lint_says_that_poses_and_points_do_not_belong_together)
     CHECK(!strstr(lint_heard, "its pose is wrong")); /* all are */
 }
 
-TEST(lint_names_the_photograph_whose_pose_is_wrong)
+TEST(lint_names_the_image_whose_pose_is_wrong)
 {
     const char *survey = lint_survey();
     oxl_survey  s;
@@ -62,7 +62,7 @@ TEST(lint_names_the_photograph_whose_pose_is_wrong)
     CHECK(!strstr(lint_heard, "2.png"));
 }
 
-TEST(lint_counts_photographs_and_masks_that_cannot_be_used)
+TEST(lint_counts_images_and_masks_that_cannot_be_used)
 {
     const char *survey = lint_survey();
     oxl_image   other;

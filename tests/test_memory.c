@@ -63,7 +63,7 @@ TEST(memory_refused_anywhere_in_a_job_is_told_or_changes_nothing)
     test_write("survey/masks/.keep", "");
     for (int i = 0; i < 3; i++) {
         snprintf(name, sizeof name, "survey/masks/%d.png", i);
-        CHECK_OK(job_test_photograph(test_path(name), i));
+        CHECK_OK(job_test_image(test_path(name), i));
     }
     snprintf(ply, sizeof ply, "%s/scene.ply", out);
     test_ctx->threads = 1;

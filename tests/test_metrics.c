@@ -27,7 +27,7 @@ static void metrics_mask_corner(oxl_image *image)
         image->weight[i] = i % METRICS_TEST_W < 9 && i / METRICS_TEST_W < 4 ? 0.0f : 1.0f;
 }
 
-/* A photograph that was exposed otherwise, and in other channels otherwise; one pixel is wrong on top of it. */
+/* An image that was exposed otherwise, and in other channels otherwise; one pixel is wrong on top of it. */
 TEST(metrics_cc_psnr_leaves_out_exposure_and_nothing_else)
 {
     const size_t plane = METRICS_TEST_W * METRICS_TEST_H;
@@ -192,7 +192,7 @@ TEST(metrics_are_the_same_with_any_number_of_threads)
     oxl_image_free(test_ctx, &b);
 }
 
-/* Two views of one red Gaussian; the photographs are its own drawings, in 8 bits: at least 20 log10(255 x 2) = 54 dB. */
+/* Two views of one red Gaussian; the images are its own drawings, in 8 bits: at least 20 log10(255 x 2) = 54 dB. */
 static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
 {
     oxl_image  image[2];

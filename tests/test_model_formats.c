@@ -19,7 +19,7 @@ static oxl_model formats_test_model(size_t count, int degree)
     return m;
 }
 
-/* The largest difference of the drawn values: places, log scales, opacities, colours, harmonics; 1 - |q.q'| of rotations. */
+/* The largest difference of the rendered values: places, log scales, opacities, colours, harmonics; 1 - |q.q'| of rotations. */
 static void formats_test_compare(const oxl_model *a, const oxl_model *b, double worst[6])
 {
     memset(worst, 0, 6 * sizeof *worst);
@@ -56,6 +56,28 @@ TEST(spz_gives_back_what_was_written_to_its_steps)
         oxl_model_free(test_ctx, &back);
         oxl_model_free(test_ctx, &m);
     }
+}
+
+TEST(spz_and_ply_give_back_origin_and_scale_and_gltf_holds_them)
+{
+    static const char *const names[] = {"m.spz", "m.ply"};
+    oxl_model                m       = formats_test_model(20, 0), back;
+    struct os_file_map       file;
+    oxl_model_rescale(&m, 0.4051);
+    CHECK(m.scale == 0.4051 && fabs(m.origin[0] - 0.4051 * 500000.125) < 1e-6);
+    for (int i = 0; i < 2; i++) {
+        CHECK_OK(oxl_model_write(test_ctx, test_path(names[i]), &m));
+        CHECK_OK(oxl_model_read(test_ctx, test_path(names[i]), &back));
+        CHECK(back.count == 20 && back.scale == m.scale && memcmp(back.origin, m.origin, sizeof m.origin) == 0);
+        oxl_model_free(test_ctx, &back);
+    }
+    CHECK_OK(oxl_model_write(test_ctx, test_path("m.glb"), &m));
+    CHECK_OK(os_read_file(test_ctx, test_path("m.glb"), &file));
+    CHECK(strstr(file.data + 20, "],\"extras\":{\"scale\":0.4051}}]") != NULL);
+    os_release_file(test_ctx, &file);
+    oxl_model_rescale(&m, 1 / 0.4051);
+    CHECK(m.scale == 0 && fabs(m.origin[0] - 500000.125) < 1e-6);
+    oxl_model_free(test_ctx, &m);
 }
 
 TEST(spz_written_again_is_the_same_bytes)
@@ -138,6 +160,7 @@ TEST(spz_that_is_cut_or_damaged_is_refused_with_a_fix)
     oxl_model          m = formats_test_model(30, 1), back;
     struct os_file_map map;
     unsigned char     *copy;
+    memset(m.origin, 0, sizeof m.origin); /* no comment: the checksum is of the data alone */
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.spz"), &m));
     CHECK_OK(os_read_file(test_ctx, test_path("m.spz"), &map));
     copy = oxl_alloc(test_ctx, map.size, 1);

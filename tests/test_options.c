@@ -39,8 +39,10 @@ TEST(options_defaults_are_those_of_the_paper_and_of_kerbl)
     CHECK(o.iterations == 40000 && o.sh_degree == 3 && o.rate_mean_first == 1.6e-4f && o.rate_mean_last == 1.6e-6f);
     CHECK(o.rate_sh == 0.0025f / 20 && o.alpha_min == 1.0f / 255 && o.sh_degree_interval == 1.0f / 30 &&
           o.densify_gradient == 2e-4f);
-    CHECK(o.ucd.mode == OXL_UCD_AUTO && o.ucd.f_mid == 1.5f && o.ucd.f_far == 2 && o.ucd.learn == 1 && o.dog_from == 0.55f);
-    CHECK(draft.coarse == -1 && draft.sh_degree == -1 && draft.densify_gradient == 4e-4f && draft.short_run_exponent == 0.35f);
+    CHECK(o.ucd.mode == OXL_UCD_ON && o.ucd.f_mid == 1.5f && o.ucd.f_far == 2 && o.ucd.learn == 1);
+    CHECK(o.keep.kind == OXL_KEEP_FRACTION && o.keep.value == 0.5 && o.dog == OXL_DOG_SELECTIVE && o.dog_from == 0.55f);
+    CHECK(draft.ucd.mode == OXL_UCD_AUTO && draft.keep.kind == OXL_KEEP_ALL && draft.dog == OXL_DOG_OFF && draft.coarse == -1 &&
+          draft.sh_degree == -1 && draft.densify_gradient == 4e-4f && draft.short_run_exponent == 0.35f);
 }
 
 TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
@@ -120,7 +122,7 @@ static oxl_job_options options_test_others(void)
 {
     static const char *const texts[] = {"1.25,3,fixed", "12345678B", "85%",         "true",  "2",        "0.04",
                                         "0.0003",       "0.2",       "4G",          "paper", "midpoint", "3d",
-                                        "quantiles",    "selective", "0.1,0.2,0.3", "on"};
+                                        "quantiles",    "selective", "0.1,0.2,0.3", "on",    "off"};
     oxl_job_options          o       = oxl_job_options_default(OXL_PRESET_DRAFT);
     const oxl_job_options    plain   = o;
     for (int i = 1; i < oxl_option_count(); i++) {

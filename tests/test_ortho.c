@@ -1,4 +1,4 @@
-/* test_ortho.c - what is drawn from above, along a path or measured in photographs lies where it says. */
+/* test_ortho.c - what is rendered from above, along a path or measured in images lies where it says. */
 #include "../cli/flight.c"
 #include "../cli/frame.c"
 #include "../cli/ortho.c"
@@ -198,9 +198,9 @@ TEST(scale_bar_is_as_long_as_it_is)
     CHECK_TEXT(text ? text : "", "scale     3 metres");
     free(text);
     CHECK(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "seen in two photographs");
+    CHECK_TEXT(error, "seen in two images");
     CHECK(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "no photograph is called 'c.png'");
+    CHECK_TEXT(error, "no image is called 'c.png'");
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -209,7 +209,7 @@ TEST(scale_of_a_model_moves_means_scales_and_origin)
     oxl_model model = {0};
     CHECK_OK(oxl_model_create(test_ctx, 1, 0, &model));
     model.plane[OXL_MEAN][0] = 3, model.plane[OXL_LOG_SCALE][0] = 1, model.origin[2] = 5;
-    scale_model(&model, 2);
+    oxl_model_rescale(&model, 2);
     CHECK_CLOSE(model.plane[OXL_MEAN][0], 6, 1e-6);
     CHECK_CLOSE(model.plane[OXL_LOG_SCALE][0], 1 + log(2), 1e-6);
     CHECK_CLOSE(model.origin[2], 10, 1e-12);

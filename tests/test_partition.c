@@ -100,7 +100,7 @@ static int partition_test_homes(const struct partition *p, const double frame[3]
     return count;
 }
 
-/* Points, and places on every face, edge and corner, far away too, have one home each. */
+/* Points, and places on every face, edge and corner, far away too, have one owner each. */
 static void partition_test_check_homes(const struct partition *p, const oxl_scene *scene)
 {
     const struct colmap *c   = scene_colmap(scene);
@@ -109,7 +109,7 @@ static void partition_test_check_homes(const struct partition *p, const oxl_scen
         double at[3];
         partition_to_frame(p, c->point[i].position, at);
         CHECK(partition_test_homes(p, at) == 1);
-        CHECK(partition_contains(&p->block[p->plan->home[i]].box, at));
+        CHECK(partition_contains(&p->block[p->plan->owner[i]].box, at));
     }
     for (int i = 0; i < p->block_count; i++) sum += p->block[i].points;
     CHECK(sum == c->point_count);
@@ -214,6 +214,15 @@ static oxl_scene *partition_test_skewed_scene(void)
     return partition_test_load(partition_test_survey("skewed", &t));
 }
 
+static oxl_scene *partition_test_even_scene(void)
+{
+    static double         p[3 * PARTITION_TEST_POINTS];
+    struct partition_test t = {.p = p, .n = PARTITION_TEST_POINTS, .views = 8, .high = {40, 25}, .reach = 10};
+    for (int i = 0; i < PARTITION_TEST_POINTS; i++)
+        for (int k = 0; k < 3; k++) p[3 * i + k] = (k == 0 ? 40 : k == 1 ? 25 : 1) * partition_test_unit(i, k);
+    return partition_test_load(partition_test_survey("even", &t));
+}
+
 TEST(partition_balances_a_crowded_cloud_better_than_midpoints_do)
 {
     oxl_scene            *scene    = partition_test_skewed_scene();
@@ -232,27 +241,69 @@ TEST(partition_balances_a_crowded_cloud_better_than_midpoints_do)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* The paper's words, taken one by one, of the first cut. */
-TEST(partition_cuts_at_the_ratio_of_least_imbalance)
+TEST(partition_makes_the_fewest_blocks_and_never_more_than_midpoints_do)
+{
+    oxl_scene *scene = partition_test_skewed_scene();
+    for (int limit = 60; limit < PARTITION_TEST_POINTS; limit += limit / 3) {
+        const oxl_partition_options balanced = partition_test_options(limit, OXL_CUT_BALANCED),
+                                    midpoint = partition_test_options(limit, OXL_CUT_MIDPOINT);
+        struct partition a, b;
+        CHECK_OK(partition_make(test_ctx, scene, &balanced, &a));
+        CHECK_OK(partition_again(test_ctx, &a, &midpoint, &b));
+        CHECK(a.block_count <= b.block_count);
+        for (int i = 0; i < a.block_count; i++) CHECK(a.block[i].points <= (size_t)limit);
+        partition_free(test_ctx, &b);
+        partition_free(test_ctx, &a);
+    }
+    oxl_scene_free(test_ctx, scene);
+    scene = partition_test_even_scene();
+    for (int blocks = 2; blocks <= 7; blocks++) { /* 8 % of slack */
+        const oxl_partition_options o = partition_test_options(PARTITION_TEST_POINTS * 108 / 100 / blocks, OXL_CUT_BALANCED);
+        struct partition            p;
+        CHECK_OK(partition_make(test_ctx, scene, &o, &p));
+        CHECK(p.block_count == blocks);
+        partition_free(test_ctx, &p);
+    }
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* A point's share of the work by definition: half of it its own, half the pixels of the views that see it. */
+static double partition_test_load_of(const struct partition *p, size_t point, double pixels, size_t points)
+{
+    const struct partition_visibility *s   = p->plan->visibility;
+    double                             sum = 0;
+    for (size_t v = 0; v < s->views; v++) {
+        const oxl_camera *c = &oxl_scene_view(p->plan->scene, (int)v)->camera;
+        for (size_t k = s->first[v]; k < s->first[v + 1]; k++)
+            if (s->point[k] == point) sum += (double)c->width * c->height / (double)(s->first[v + 1] - s->first[v]);
+    }
+    return 0.5 + 0.5 * sum / pixels * (double)points;
+}
+
+TEST(partition_splits_at_the_ratio_that_divides_the_load_most_evenly)
 {
     oxl_scene                  *scene = partition_test_reef_scene(2);
     const struct colmap        *c     = scene_colmap(scene);
     const oxl_partition_options o     = partition_test_options(1999, OXL_CUT_BALANCED);
     struct partition            p;
-    double                      best = 2, cut = 0;
+    double                      best = 2, cut = 0, pixels = 0;
     CHECK_OK(partition_make(test_ctx, scene, &o, &p));
     CHECK(p.block_count == 2);
+    for (size_t v = 0; v < p.plan->visibility->views; v++) {
+        const oxl_camera *camera = &oxl_scene_view(scene, (int)v)->camera;
+        if (p.plan->visibility->first[v] < p.plan->visibility->first[v + 1]) pixels += (double)camera->width * camera->height;
+    }
     for (int k = 0; k <= 20; k++) {
         const double low = p.plan->finite.low[0], r = (30 + 2 * k) / 100.0, at = low + r * (p.plan->finite.high[0] - low);
-        double       n1 = 0, n2, imbalance;
+        double       below = 0, all = 0;
         for (size_t i = 0; i < c->point_count; i++) {
-            double frame[3];
+            const double load = partition_test_load_of(&p, i, pixels, c->point_count);
+            double       frame[3];
             partition_to_frame(&p, c->point[i].position, frame);
-            n1 += frame[0] < at;
+            all += load;
+            below += frame[0] < at ? load : 0;
         }
-        n2        = (double)c->point_count - n1;
-        imbalance = fabs(n1 - n2) / OXL_MAX(n1, n2);
-        if (imbalance < best) best = imbalance, cut = at;
+        if (fabs(below / all - 0.5) < best) best = fabs(below / all - 0.5), cut = at;
     }
     CHECK(p.block[0].box.high[0] == cut && p.block[1].box.low[0] == cut);
     CHECK(p.block[0].box.low[0] == -INFINITY && p.block[1].box.high[2] == INFINITY);
@@ -260,14 +311,28 @@ TEST(partition_cuts_at_the_ratio_of_least_imbalance)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(partition_of_equal_halves_is_cut_in_the_middle)
+TEST(partition_of_equal_halves_is_split_in_the_middle)
 {
-    const uint32_t         at[PARTITION_RATIOS + 1] = {[0] = 500, [PARTITION_RATIOS] = 500}; /* nothing between 0.30 and 0.70 */
-    struct partition_build b                        = {.least_points = 100};
-    size_t                 low;
-    CHECK(partition_choose(&b, at, 1000, &low) == 10 && low == 500);
+    /* nothing between 0.30 and 0.70 */
+    const struct partition_bin   at[PARTITION_RATIOS + 1] = {[0] = {500, 500}, [PARTITION_RATIOS] = {500, 500}};
+    const struct partition_node  n                        = {.points = 1000};
+    struct partition_build       b                        = {.least_points = 100, .options = {.block_points = 999}};
+    const struct partition_split split                    = partition_choose(&b, &n, at);
+    CHECK(split.ratio == 10 && split.points[0] == 500 && split.parts[0] == 1);
     b.least_points = 501;
-    CHECK(partition_choose(&b, at, 1000, &low) == -1);
+    CHECK(partition_choose(&b, &n, at).ratio == -1);
+}
+
+TEST(partition_of_three_blocks_gives_one_side_a_third)
+{
+    struct partition_bin         at[PARTITION_RATIOS + 1];
+    const struct partition_node  n = {.points = 2200, .parts = 3};
+    const struct partition_build b = {.least_points = 1, .options = {.block_points = 800}};
+    struct partition_split       split;
+    for (int k = 0; k <= PARTITION_RATIOS; k++) at[k] = (struct partition_bin){100, 100};
+    split = partition_choose(&b, &n, at); /* 700 or 800 of 2200 come nearest to a third */
+    CHECK(split.parts[0] + split.parts[1] == 3 && split.fits);
+    CHECK(split.points[0] == (split.parts[0] == 1 ? 700u : 1500u));
 }
 
 TEST(partition_takes_a_slab_for_2d_and_a_cube_for_3d_whatever_a_few_outliers_say)
@@ -397,7 +462,7 @@ TEST(partition_joins_a_block_without_views_to_its_neighbours)
     scene = partition_test_load(partition_test_survey("half", &t));
     partition_test_listen();
     CHECK_OK(partition_make(test_ctx, scene, &o, &q));
-    CHECK_TEXT(partition_test_log, "joined their neighbours");
+    CHECK_TEXT(partition_test_log, "splits undone: less than 25 points or 3 views");
     CHECK_TEXT(partition_test_log, "more than --block-points 100");
     CHECK(q.block_count > 3);
     for (int i = 0; i < q.block_count; i++) CHECK(q.block[i].base_views + q.block[i].border_views >= 3); /* of 31: one in ten */

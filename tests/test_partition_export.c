@@ -188,7 +188,7 @@ TEST(partition_export_copies_2d_points_letter_by_letter_and_tells_of_tracks_that
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(partition_links_photographs_and_clears_what_an_earlier_one_left_but_no_model)
+TEST(partition_links_images_and_clears_what_an_earlier_one_left_but_no_model)
 {
     oxl_job_options      options = oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_partition_report report;

@@ -182,7 +182,7 @@ static struct training_image prune_pattern(void)
     return p;
 }
 
-TEST(prune_detail_is_high_where_the_photograph_has_it_and_the_same_with_any_threads)
+TEST(prune_detail_is_high_where_the_image_has_it_and_the_same_with_any_threads)
 {
     struct training_image p       = prune_pattern();
     const size_t          pixels  = 64 * 48;

@@ -47,7 +47,7 @@ static void raster_to_model(const struct wide *w, oxl_model *m)
         for (size_t i = 0; w->plane[k] && i < (k < OXL_LOBE ? w->count : w->lobes); i++) m->plane[k][i] = (float)w->plane[k][i];
 }
 
-/* The view as the float kernels have it when they have drawn it; the caller frees it. */
+/* The view as the float kernels have it when they have rendered it; the caller frees it. */
 static struct renderer *raster_draw(const struct wide *w)
 {
     const oxl_render_options options = oxl_render_options_default();
@@ -109,7 +109,7 @@ TEST(binning_loses_no_pixel_of_either_lobe)
     for (int i = 40; i < 80; i++)
         for (int a = 0; a < 3; a++) w.plane[OXL_LOG_SCALE + a][i] = -6, w.plane[OXL_LOBE + 1 + a][i] = 5; /* a dot in a disc */
     r = raster_draw(&w);
-    for (size_t i = 0; i < 350; i++) alone += renderer_saw(r, i) && r->lobe[i].half_x > 3 * r->lobe[i].main_x;
+    for (size_t i = 0; i < 350; i++) alone += renderer_row_visible(r, i) && r->lobe[i].half_x > 3 * r->lobe[i].main_x;
     CHECK(kernels_forward(&w) > 100 && alone > 10);
     CHECK_CLOSE(raster_difference(&w), 0, 1e-10);
     renderer_free(test_ctx, r);

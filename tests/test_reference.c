@@ -299,7 +299,7 @@ static double reference_gradient_error(const struct wide *w, const oxl_model *gr
     return error;
 }
 
-/* A scene, drawn and differentiated by splat.c, and what the kernels take. */
+/* A scene, rendered and differentiated by splat.c, and what the kernels take. */
 struct reference_case {
     struct wide        w;
     oxl_model          m;
@@ -344,15 +344,15 @@ TEST(reference_image_and_every_gradient_agree_on_all_kinds_of_scenes)
         struct reference_case         c;
         oxl_model                     gradient;
         oxl_image                     image;
-        double                        drawn, derived;
+        double                        rendered, derived;
         reference_open(e, &c);
         CHECK_OK(oxl_render(test_ctx, &c.m, &c.w.camera, &c.options, &image, NULL));
         CHECK_OK(oxl_render_backward(test_ctx, &c.m, &c.w.camera, &c.options, c.drgb, &gradient));
-        drawn   = reference_image_error(&c.w, &image, c.fragile);
-        derived = reference_gradient_error(&c.w, &gradient);
-        if (!(drawn <= REFERENCE_IMAGE && derived <= REFERENCE_GRADIENT && 2 * c.solid > (size_t)(e->width * e->height))) {
+        rendered = reference_image_error(&c.w, &image, c.fragile);
+        derived  = reference_gradient_error(&c.w, &gradient);
+        if (!(rendered <= REFERENCE_IMAGE && derived <= REFERENCE_GRADIENT && 2 * c.solid > (size_t)(e->width * e->height))) {
             test_failed++;
-            printf("  %s: image %.1e, gradient %.1e, %zu solid pixels\n", e->what, drawn, derived, c.solid);
+            printf("  %s: image %.1e, gradient %.1e, %zu solid pixels\n", e->what, rendered, derived, c.solid);
         }
         oxl_model_free(test_ctx, &gradient);
         oxl_image_free(test_ctx, &image);
@@ -409,8 +409,8 @@ TEST(reference_rows_in_view_and_their_gradients_on_the_image_agree)
         CHECK_OK(renderer_forward(test_ctx, r, &c.m, &c.w.camera, &c.options));
         CHECK_OK(renderer_backward(test_ctx, r, c.drgb, &gradient));
         for (size_t i = 0; i < c.w.count; i++) {
-            const double length = renderer_saw(r, i) ? renderer_mean_gradient(r, i) : 0;
-            other += fabs(c.w.inside[i]) > 0.1 && renderer_saw(r, i) != (c.w.inside[i] > 0);
+            const double length = renderer_row_visible(r, i) ? renderer_mean_gradient(r, i) : 0;
+            other += fabs(c.w.inside[i]) > 0.1 && renderer_row_visible(r, i) != (c.w.inside[i] > 0);
             worst   = OXL_MAX(worst, fabs(length - c.w.dmean2d[i]));
             largest = OXL_MAX(largest, c.w.dmean2d[i]);
         }
@@ -521,7 +521,7 @@ TEST(reference_steps_of_adam_agree)
             for (size_t i = 0; c.w.plane[k] && i < (k < OXL_LOBE ? c.w.count : c.w.lobes); i++) {
                 const double g       = 0.3 + reference_random(i, (size_t)(k + 100 * adam.step));
                 gradient.plane[k][i] = (float)(i % 2 ? g : g * exp(-(double)(i % 37)));
-                if (renderer_saw(r, i))
+                if (renderer_row_visible(r, i))
                     splat_adam(&x[k][i], gradient.plane[k][i], adam.rate[k], adam.step, &mean[k][i], &square[k][i]);
             }
         CHECK_OK(renderer_step(test_ctx, r, &c.m, &gradient, &first, &second, &adam, &aside));
@@ -580,7 +580,7 @@ static void reference_check_children(const oxl_model *was, const oxl_model *is, 
     for (size_t i = 0; i < REFERENCE_ROWS; i++) {
         const double             log_scale[3] = {was->plane[OXL_LOG_SCALE][i], was->plane[OXL_LOG_SCALE + 1][i],
                                                  was->plane[OXL_LOG_SCALE + 2][i]};
-        const enum splat_verdict verdict = splat_judge(log_scale, was->plane[OXL_OPACITY][i], gradient[i], extent, was_reset);
+        const enum splat_verdict verdict = splat_decide(log_scale, was->plane[OXL_OPACITY][i], gradient[i], extent, was_reset);
         const int                rows    = verdict == SPLAT_REMOVE ? 0 : verdict == SPLAT_KEEP ? 1 : 2;
         for (int child = 0; child < rows && at < is->count; child++, at++) {
             const double shrink = verdict == SPLAT_SPLIT ? splat_shrink() : 0;

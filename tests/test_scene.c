@@ -15,7 +15,7 @@ static void scene_listen(void)
     test_ctx->options.user = NULL;
 }
 
-/* A survey of n photographs (32 x 24 px, img00.png...) that look along z at four points 10 away; the cameras stand 1 apart along
+/* A survey of n images (32 x 24 px, img00.png...) that look along z at four points 10 away; the cameras stand 1 apart along
  * x, from `base` on. Written to the test's folder under `name`. */
 static const char *scene_survey(const char *name, int n, double base, int with_files)
 {
@@ -178,14 +178,14 @@ TEST(scene_depths_are_of_points_that_were_seen)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_of_one_photograph_trains_on_it_and_has_an_extent)
+TEST(scene_of_one_image_trains_on_it_and_has_an_extent)
 {
     oxl_scene *scene;
     scene_listen();
     CHECK_OK(oxl_scene_load(test_ctx, scene_survey("one", 1, 0, 1), NULL, &scene));
     CHECK(oxl_scene_view_count(scene) == 1 && !oxl_scene_view(scene, 0)->is_test);
     CHECK_CLOSE(oxl_scene_extent(scene), 10, 1e-9); /* the median depth */
-    CHECK_TEXT(scene_log, "only one photograph");
+    CHECK_TEXT(scene_log, "only one image");
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -207,14 +207,14 @@ TEST(scene_without_points_is_told_and_gets_random_ones_in_sight)
     CHECK(memcmp(points, again, 500 * sizeof *points) == 0);
     for (int i = 0; i < 500; i++)
         for (int v = 0, any = 0; v < 9 && !any; v++)
-            seen += any = stats_is_in_sight(&oxl_scene_view(scene, v)->camera, points[i].position);
+            seen += any = stats_is_in_image(&oxl_scene_view(scene, v)->camera, points[i].position);
     CHECK(seen == 500);
     oxl_free(test_ctx, points);
     oxl_free(test_ctx, again);
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_missing_photographs_are_left_out_up_to_the_stated_share)
+TEST(scene_missing_images_are_left_out_up_to_the_stated_share)
 {
     const char       *path    = scene_survey("s", 8, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();
@@ -226,17 +226,17 @@ TEST(scene_missing_photographs_are_left_out_up_to_the_stated_share)
     CHECK(oxl_scene_view_count(scene) == 6 && scene_stats_of(scene)->images_missing == 2);
     CHECK_TEXT(scene_log, "img02.png is not there");
     CHECK_TEXT(scene_log, "img05.png is not there");
-    CHECK(image_cache_get(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and photograph */
+    CHECK(image_cache_get(test_ctx, scene, 2)->rgb[0] == 4); /* img03: its own pose and image */
     CHECK_CLOSE(oxl_scene_view(scene, 2)->camera.translation[0] - oxl_scene_view(scene, 0)->camera.translation[0], -3, 1e-12);
     oxl_scene_free(test_ctx, scene);
     options.missing_share = 0.2;
     CHECK(oxl_scene_load(test_ctx, path, &options, &scene) == OXL_ERR_INPUT);
     CHECK(!scene);
-    CHECK_TEXT(oxl_error_text(test_ctx), "2 of the 8 photographs");
+    CHECK_TEXT(oxl_error_text(test_ctx), "2 of the 8 images");
     CHECK_TEXT(oxl_error_text(test_ctx), "take them out of the model"); /* the folder is right: some were found */
 }
 
-TEST(scene_refuses_two_poses_for_one_photograph)
+TEST(scene_refuses_two_poses_for_one_image)
 {
     const char *path = scene_survey("s", 4, 0, 1);
     oxl_scene  *scene;
@@ -264,7 +264,7 @@ TEST(scene_points_without_colours_start_grey)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_says_where_a_photograph_of_nearly_that_name_lies)
+TEST(scene_says_where_an_image_of_nearly_that_name_lies)
 {
     const char       *path    = scene_survey("s", 4, 0, 0);
     oxl_scene_options options = oxl_scene_options_default();
@@ -303,7 +303,7 @@ TEST(scene_takes_the_sub_model_with_most_images)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_is_found_beside_the_photographs_too)
+TEST(scene_is_found_beside_the_images_too)
 {
     oxl_scene_options options = oxl_scene_options_default();
     oxl_scene        *scene;
@@ -347,7 +347,7 @@ TEST(scene_poses_and_cameras_that_cannot_be_are_refused)
     CHECK_TEXT(oxl_error_text(test_ctx), "cameras.txt:1");
 }
 
-TEST(scene_photographs_in_memory_stay_within_the_cache)
+TEST(scene_images_in_memory_stay_within_the_cache)
 {
     const size_t      one     = 3 * 32 * 24;
     const char       *path    = scene_survey("s", 5, 0, 1);
@@ -357,9 +357,9 @@ TEST(scene_photographs_in_memory_stay_within_the_cache)
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     for (int i = 0; i < 40; i++) {
         const int                    view  = (int)(random_bits(1, (uint64_t)i, 0) % 5);
-        const struct training_image *photo = image_cache_get(test_ctx, scene, view);
-        CHECK(photo && photo->rgb[0] == view + 1);
-        CHECK(scene->photos.held <= 2 * one);
+        const struct training_image *image = image_cache_get(test_ctx, scene, view);
+        CHECK(image && image->rgb[0] == view + 1);
+        CHECK(scene->cache.held <= 2 * one);
     }
     oxl_scene_free(test_ctx, scene);
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
@@ -367,11 +367,11 @@ TEST(scene_photographs_in_memory_stay_within_the_cache)
     image_cache_get(test_ctx, scene, 1);
     image_cache_get(test_ctx, scene, 0);
     image_cache_get(test_ctx, scene, 2); /* an epoch asks for each once: the one asked for last is not wanted again for longest */
-    CHECK(!scene->photos.photo[0].rgb && scene->photos.photo[1].rgb && scene->photos.photo[2].rgb);
+    CHECK(!scene->cache.image[0].rgb && scene->cache.image[1].rgb && scene->cache.image[2].rgb);
     oxl_scene_free(test_ctx, scene);
     options.image_cache_bytes = 0; /* the one that was asked for stays all the same */
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
-    CHECK(image_cache_get(test_ctx, scene, 3)->rgb[0] == 4 && scene->photos.held == one);
+    CHECK(image_cache_get(test_ctx, scene, 3)->rgb[0] == 4 && scene->cache.held == one);
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -399,7 +399,7 @@ static void *scene_reallocate_watched(void *user, void *old, size_t size)
 static const int scene_met = 0;
 #endif
 
-TEST(scene_reads_photographs_ahead_into_the_cache_and_no_further)
+TEST(scene_reads_images_ahead_into_the_cache_and_no_further)
 {
     enum { VIEWS = 7, ONE = 3 * 32 * 24 };
     const int         order[VIEWS] = {3, 1, 6, 0, 2, 5, 4}, threads = test_ctx->threads;
@@ -410,23 +410,23 @@ TEST(scene_reads_photographs_ahead_into_the_cache_and_no_further)
     test_ctx->options.reallocate = scene_reallocate_watched;
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     image_cache_ahead(test_ctx, scene, order, VIEWS);
-    CHECK(scene->photos.held == 4 * ONE); /* one on each thread */
-    for (int i = 0; i < VIEWS; i++) CHECK((scene->photos.photo[order[i]].rgb != NULL) == (i < 4));
+    CHECK(scene->cache.held == 4 * ONE); /* one on each thread */
+    for (int i = 0; i < VIEWS; i++) CHECK((scene->cache.image[order[i]].rgb != NULL) == (i < 4));
     image_cache_ahead(test_ctx, scene, order, VIEWS); /* the first is there: nothing is to be done */
-    CHECK(scene->photos.held == 4 * ONE);
+    CHECK(scene->cache.held == 4 * ONE);
     image_cache_ahead(test_ctx, scene, order + 4, VIEWS - 4);
-    for (int i = 0; i < VIEWS; i++) CHECK(scene->photos.photo[i].rgb && scene->photos.photo[i].rgb[0] == i + 1);
+    for (int i = 0; i < VIEWS; i++) CHECK(scene->cache.image[i].rgb && scene->cache.image[i].rgb[0] == i + 1);
     oxl_scene_free(test_ctx, scene);
 
-    options.image_cache_bytes = 16 * ONE; /* a quarter of it, two photographs and what decoding takes, may be on its way */
+    options.image_cache_bytes = 16 * ONE; /* a quarter of it, two images and what decoding takes, may be on its way */
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     image_cache_ahead(test_ctx, scene, order, VIEWS);
-    CHECK(scene->photos.held == 2 * ONE);
+    CHECK(scene->cache.held == 2 * ONE);
     scene_set_cache(scene, 4 * ONE - 1);
     for (int i = 0; i < VIEWS; i++) {
         image_cache_ahead(test_ctx, scene, order + i, VIEWS - i); /* not two at once */
         CHECK(image_cache_get(test_ctx, scene, order[i])->rgb[0] == order[i] + 1);
-        CHECK(scene->photos.held < 4 * ONE);
+        CHECK(scene->cache.held < 4 * ONE);
     }
     oxl_scene_free(test_ctx, scene);
     CHECK(scene_met == 0);
@@ -434,7 +434,7 @@ TEST(scene_reads_photographs_ahead_into_the_cache_and_no_further)
     test_ctx->options.reallocate = counting_reallocate;
 }
 
-TEST(scene_photographs_read_ahead_are_the_last_to_leave_the_cache)
+TEST(scene_images_read_ahead_are_the_last_to_leave_the_cache)
 {
     enum { VIEWS = 20, ONE = 3 * 32 * 24 };
     const int         ahead[2] = {17, 18}, threads = test_ctx->threads;
@@ -446,15 +446,15 @@ TEST(scene_photographs_read_ahead_are_the_last_to_leave_the_cache)
     CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
     for (int i = 0; i < 16; i++) image_cache_get(test_ctx, scene, i);
     image_cache_ahead(test_ctx, scene, ahead, 2);
-    CHECK(scene->photos.held == 14 * ONE && scene->photos.photo[17].rgb && scene->photos.photo[18].rgb &&
-          scene->photos.photo[11].rgb && !scene->photos.photo[12].rgb);
+    CHECK(scene->cache.held == 14 * ONE && scene->cache.image[17].rgb && scene->cache.image[18].rgb &&
+          scene->cache.image[11].rgb && !scene->cache.image[12].rgb);
     for (int i = 10; i < 16; i++) image_cache_get(test_ctx, scene, i);
-    CHECK(scene->photos.photo[17].rgb && scene->photos.photo[18].rgb && scene->photos.held == 16 * ONE);
+    CHECK(scene->cache.image[17].rgb && scene->cache.image[18].rgb && scene->cache.held == 16 * ONE);
     oxl_scene_free(test_ctx, scene);
     test_ctx->threads = threads;
 }
 
-TEST(scene_photograph_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
+TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
 {
     const int   order[3] = {1, 0, 2}, threads = test_ctx->threads;
     const char *path = scene_survey("s", 3, 0, 1);
@@ -464,14 +464,14 @@ TEST(scene_photograph_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     test_ctx->error[0] = 0;
     image_cache_ahead(test_ctx, scene, order, 3);
-    CHECK(test_ctx->error[0] == 0 && !scene->photos.photo[1].rgb && scene->photos.photo[0].rgb && scene->photos.photo[2].rgb);
+    CHECK(test_ctx->error[0] == 0 && !scene->cache.image[1].rgb && scene->cache.image[0].rgb && scene->cache.image[2].rgb);
     CHECK(image_cache_get(test_ctx, scene, 1) == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
     oxl_scene_free(test_ctx, scene);
     test_ctx->threads = threads;
 }
 
-TEST(scene_photograph_that_is_corrupt_is_named_and_the_rest_goes_on)
+TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
 {
     const char *path = scene_survey("s", 3, 0, 1);
     oxl_scene  *scene;
@@ -510,7 +510,7 @@ TEST(scene_masks_are_found_by_name_with_or_without_the_extension)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_photographs_are_reduced_to_the_longer_side_asked_for)
+TEST(scene_images_are_reduced_to_the_longer_side_asked_for)
 {
     const char       *path    = scene_survey("s", 2, 0, 1);
     oxl_scene_options options = oxl_scene_options_default();

@@ -39,7 +39,7 @@ static void seam_test_create(struct seam_test *t)
     t->partition.block                                 = t->block;
 }
 
-/* Photographs that differ from what is drawn by `error` in columns first to end; the second view, of no split but "all", by nothing. */
+/* Images that differ from what is rendered by `error` in columns first to end; the second view, of no split but "all", by nothing. */
 static oxl_scene *seam_test_scene(const struct seam_test *t, float error, int first, int end, float *weight)
 {
     oxl_view   view[2] = {{"a", t->camera, 1}, {"b", t->camera, 0}};
@@ -73,7 +73,7 @@ TEST(seam_sees_an_error_beside_a_border_there_and_only_there)
     seam_test_create(&t);
     s = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, SEAM_TEST_FIRST, SEAM_TEST_END, NULL);
     CHECK(s.near_pixels == beside && s.elsewhere_pixels == SEAM_TEST_W * SEAM_TEST_H - beside);
-    CHECK_CLOSE(s.near_psnr, 20, 0.2); /* photographs have 8 bits */
+    CHECK_CLOSE(s.near_psnr, 20, 0.2); /* images have 8 bits */
     CHECK(s.elsewhere_psnr > 50);
     s = seam_test_run(&t, OXL_SPLIT_TEST, 0.1f, 0, SEAM_TEST_FIRST, NULL);
     CHECK(s.near_psnr > 50 && s.elsewhere_psnr < 24);

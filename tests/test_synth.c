@@ -245,7 +245,7 @@ static void synth_test_water_text(const char *survey, const char *name, double o
 }
 
 /* The formula again, from the files alone. */
-TEST(synth_photographs_are_clean_pictures_behind_the_stated_water_within_noise)
+TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
 {
     synth_options o         = synth_test_options("survey");
     struct colmap survey    = {0};
@@ -257,30 +257,30 @@ TEST(synth_photographs_are_clean_pictures_behind_the_stated_water_within_noise)
     synth_test_water_text(o.out, "\nbB ", scatter);
     synth_test_water_text(o.out, "\nBinf ", veil);
     for (size_t v = 0; v < survey.image_count; v++) {
-        const char   *name       = survey.names + survey.image[v].name;
-        const double *k          = survey.camera[0].parameter;
-        float        *depth      = synth_test_depth(&o, name);
-        oxl_image     photograph = {0}, clean = {0};
+        const char   *name  = survey.names + survey.image[v].name;
+        const double *k     = survey.camera[0].parameter;
+        float        *depth = synth_test_depth(&o, name);
+        oxl_image     image = {0}, clean = {0};
         char          path[600];
         snprintf(path, sizeof path, "%s/images/%s", o.out, name);
-        CHECK_OK(oxl_image_read(test_ctx, path, &photograph));
+        CHECK_OK(oxl_image_read(test_ctx, path, &image));
         snprintf(path, sizeof path, "%s/truth/clean/%s", o.out, name);
         CHECK_OK(oxl_image_read(test_ctx, path, &clean));
-        CHECK(photograph.width == 96 && photograph.height == 64 && clean.width == 96 && clean.height == 64);
-        for (int i = 0; clean.rgb && photograph.rgb && i < 96 * 64; i++) {
+        CHECK(image.width == 96 && image.height == 64 && clean.width == 96 && clean.height == 64);
+        for (int i = 0; clean.rgb && image.rgb && i < 96 * 64; i++) {
             const double x = (i % 96 + 0.5 - k[2]) / k[0], y = (i / 96 + 0.5 - k[3]) / k[1],
                          z = depth[i] * sqrt(1 + x * x + y * y);
             CHECK(depth[i] > 0.5 && depth[i] < 6);
             for (int c = 0; c < 3; c++) {
                 const double wanted = clean.rgb[c * 96 * 64 + i] * exp(-direct[c] * z) + veil[c] * (1 - exp(-scatter[c] * z));
-                const double off    = 255 * (photograph.rgb[c * 96 * 64 + i] - wanted);
+                const double off    = 255 * (image.rgb[c * 96 * 64 + i] - wanted);
                 CHECK(fabs(off) < 6 * o.noise + 1);
                 square += off * off;
                 sum += off;
                 count++;
             }
         }
-        oxl_image_free(test_ctx, &photograph);
+        oxl_image_free(test_ctx, &image);
         oxl_image_free(test_ctx, &clean);
         free(depth);
     }
@@ -333,34 +333,34 @@ TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_anot
 /* Pixels of one picture that are not those of another; outside: of them where the mask is white. */
 static int synth_test_differences(const char *survey, int view, int *outside, int *covered)
 {
-    oxl_image photograph = {0}, still = {0}, mask = {0};
+    oxl_image image = {0}, still = {0}, mask = {0};
     char      name[32], path[600];
     int       differ = 0;
     synth_image_name(view, name);
     snprintf(path, sizeof path, "%s/images/%s", survey, name);
-    CHECK_OK(oxl_image_read(test_ctx, path, &photograph));
+    CHECK_OK(oxl_image_read(test_ctx, path, &image));
     snprintf(path, sizeof path, "%s/truth/still/%s", survey, name);
     CHECK_OK(oxl_image_read(test_ctx, path, &still));
     snprintf(path, sizeof path, "%s/truth/masks/%s", survey, name);
     CHECK_OK(oxl_image_read(test_ctx, path, &mask));
     *outside = *covered = 0;
-    for (int i = 0; mask.rgb && still.rgb && photograph.rgb && i < mask.width * mask.height; i++) {
+    for (int i = 0; mask.rgb && still.rgb && image.rgb && i < mask.width * mask.height; i++) {
         const int black   = mask.rgb[i] < 0.5f;
         int       differs = 0;
         for (int c = 0; c < 3; c++) {
             const int at = i + c * mask.width * mask.height;
-            differs |= photograph.rgb[at] != still.rgb[at];
+            differs |= image.rgb[at] != still.rgb[at];
         }
         differ += differs, *outside += differs && !black, *covered += black;
     }
-    oxl_image_free(test_ctx, &photograph);
+    oxl_image_free(test_ctx, &image);
     oxl_image_free(test_ctx, &still);
     oxl_image_free(test_ctx, &mask);
     return differ;
 }
 
 /* The survey without fish, to the byte, under truth/still; all that differs from it is behind the masks. */
-TEST(synth_fish_change_the_photographs_where_the_masks_are_black_and_nothing_else)
+TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
 {
     static const char *const same[] = {"sparse/0/images.txt", "sparse/0/points3D.txt", "truth/clean/IMG_00003.png",
                                        "truth/depth/IMG_00003.pfm"};
@@ -391,7 +391,7 @@ TEST(synth_fish_change_the_photographs_where_the_masks_are_black_and_nothing_els
     }
 }
 
-TEST(synth_fish_swim_between_photographs_in_front_of_the_ground)
+TEST(synth_fish_swim_between_images_in_front_of_the_ground)
 {
     synth_options      o     = synth_test_options("fish");
     struct synth_path  path  = {0};
@@ -529,8 +529,8 @@ TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
     o = synth_test_options("dive");
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
     CHECK_TEXT(error, "dive: a survey without truth/ is there");
-    CHECK_OK(os_make_folder(test_ctx, test_path("photographs/images")));
-    o = synth_test_options("photographs");
+    CHECK_OK(os_make_folder(test_ctx, test_path("images/images")));
+    o = synth_test_options("images");
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_USAGE);
     test_write("in the way", "a file where a folder should be");
     o = synth_test_options("in the way");
@@ -548,7 +548,7 @@ TEST(synth_stops_when_asked_and_leaves_no_text_files_behind)
     char          error[300];
     synth_options o = synth_test_options("survey");
     o.progress      = synth_test_stop;
-    o.user          = "photographs";
+    o.user          = "images";
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);
     test_write("survey/sparse/0/images.txt", "of an earlier run");
     CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_ERR_INTERRUPTED);

@@ -182,7 +182,7 @@ TEST(density_mean_gradient_knows_no_weights)
     density_case_free(&c);
 }
 
-/* Two Gaussians side by side, 1 and 5 away, drawn and compared with nothing. */
+/* Two Gaussians side by side, 1 and 5 away, rendered and compared with nothing. */
 static void density_observe_two(struct density *d)
 {
     const oxl_camera         camera  = {32, 32, 40, 40, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
@@ -236,7 +236,7 @@ TEST(density_bands_are_filled_by_camera_depth_and_survive_an_archive)
 
 /* ---------------------------------------------------------------- the loop */
 
-/* Views of a coloured plane, drawn by our own renderer from a known model: points near the truth, wrong colours. shine: how much
+/* Views of a coloured plane, rendered by our own renderer from a known model: points near the truth, wrong colours. shine: how much
  * the colours change with the view, in bands of degree 1. */
 static oxl_scene *train_scene_of(int views, double shine)
 {
@@ -504,7 +504,7 @@ TEST(train_in_haste_starts_from_gaussians_that_are_narrower_and_more_opaque)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(train_halves_large_photographs_alone_when_it_is_to_choose)
+TEST(train_halves_large_images_alone_when_it_is_to_choose)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     CHECK(schedule_coarse_share(&o, 320, 640) == 0.25 && schedule_coarse_share(&o, 639, 400) == 0);

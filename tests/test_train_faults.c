@@ -41,7 +41,7 @@ static void faults_free(struct faults_case *c)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* One step on view 2, whose photograph gets this value in one pixel. */
+/* One step on view 2, whose image gets this value in one pixel. */
 static void faults_step_with_pixel(struct faults_case *c, float value)
 {
     c->t.step++;
@@ -58,7 +58,7 @@ static int faults_model_is_finite(const oxl_model *m)
     return finite;
 }
 
-TEST(faults_a_photograph_with_a_number_that_is_none_costs_its_step_alone)
+TEST(faults_an_image_with_a_number_that_is_none_costs_its_step_alone)
 {
     struct faults_case c;
     for (int steps = 0; steps < 2; steps++) { /* the first step has nothing of an earlier one to fall back on */
@@ -112,7 +112,8 @@ TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_ot
     c.t.gradient.plane[OXL_ROTATION + 1][40] = NAN;
     c.t.gradient.plane[OXL_SH + 2][41]       = -INFINITY;
     CHECK_OK(renderer_step(test_ctx, c.t.renderer, &c.model, &c.t.gradient, &c.t.first, &c.t.second, &adam, &aside));
-    CHECK(aside.rows == 2 && aside.first == 40 && !renderer_saw(c.t.renderer, 40) && renderer_saw(c.t.renderer, 42));
+    CHECK(aside.rows == 2 && aside.first == 40 && !renderer_row_visible(c.t.renderer, 40) &&
+          renderer_row_visible(c.t.renderer, 42));
     for (int k = 0; k < oxl_model_planes(&c.model); k++)
         for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);
     CHECK(c.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] && c.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
@@ -139,7 +140,7 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
     nonfinite_read_json(t.data, &back);
     CHECK(memcmp(&back, &f, sizeof f) == 0);
     nonfinite_add(&back, &f);
-    CHECK(back.photographs == 2 && back.degenerate == 10);
+    CHECK(back.images == 2 && back.degenerate == 10);
     CHECK_OK(oxl_model_create(test_ctx, 3, 0, &m));
     m.plane[OXL_ROTATION][0]      = 0;
     m.plane[OXL_LOG_SCALE + 1][1] = -90;
@@ -157,10 +158,10 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
 TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
     for (int fault = 0; fault < 8; fault++) {
-        struct text              log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
-        const struct train_place place = {test_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
-        struct faults_case       c, again;
-        int                      found = 0;
+        struct text               log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
+        const struct train_output place = {test_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
+        struct faults_case        c, again;
+        int                       found = 0;
         faults_begin(&c, 2);
         c.t.place = &place;
         if (fault == 1) c.t.view[3] = 7;

@@ -1,11 +1,11 @@
-/* test_train_robust.c - what is in one photograph alone is put aside; what all show, or nobody has explained yet, is not. */
+/* test_train_robust.c - what is in one image alone is put aside; what all show, or nobody has explained yet, is not. */
 
 enum { ROBUST_TEST_SIDE = 48, ROBUST_TEST_PIXELS = ROBUST_TEST_SIDE * ROBUST_TEST_SIDE, ROBUST_TEST_BLOT = 12 };
 
 struct robust_case {
     oxl_scene        *scene;
     struct transients transients;
-    float             drawn[3 * ROBUST_TEST_PIXELS], photo[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
+    float             rendered[3 * ROBUST_TEST_PIXELS], image[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
 };
 
 static struct robust_case *robust_case(void)
@@ -23,7 +23,7 @@ static void robust_case_free(struct robust_case *c)
     free(c);
 }
 
-/* The photograph is what is drawn, but for a blot with its corner at (x, y). */
+/* The image is what is rendered, but for a blot with its corner at (x, y). */
 static void robust_test_paint(float *rgb, int x, int y, float by)
 {
     for (int c = 0; c < 3; c++)
@@ -33,8 +33,8 @@ static void robust_test_paint(float *rgb, int x, int y, float by)
 
 static void robust_test_look(struct robust_case *c, int view, int masked)
 {
-    CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->drawn,
-                              c->photo, 1, masked, c->weight));
+    CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->rendered,
+                              c->image, 1, masked, c->weight));
 }
 
 static int robust_test_aside(const struct robust_case *c)
@@ -44,19 +44,19 @@ static int robust_test_aside(const struct robust_case *c)
     return count;
 }
 
-TEST(robust_puts_aside_a_blot_in_one_photograph_and_nothing_else)
+TEST(robust_puts_aside_a_blot_in_one_image_and_nothing_else)
 {
     struct robust_case *c = robust_case();
     for (int i = 0; i < 3 * ROBUST_TEST_PIXELS; i++) /* texture that is not learned yet: large, but none in the mean */
-        c->photo[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->drawn[i] = 0.5f;
+        c->image[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->rendered[i] = 0.5f;
     for (int k = 0; k < 30; k++) robust_test_look(c, k % 7, 0);
     CHECK(robust_test_aside(c) == 0);
-    robust_test_paint(c->photo, 16, 20, 0.3f);
+    robust_test_paint(c->image, 16, 20, 0.3f);
     robust_test_look(c, 3, 0);
     CHECK(robust_test_aside(c) == ROBUST_TEST_BLOT * ROBUST_TEST_BLOT);
     CHECK(c->weight[20 * ROBUST_TEST_SIDE + 16] == 0 && c->weight[31 * ROBUST_TEST_SIDE + 27] == 0);
     CHECK(c->weight[19 * ROBUST_TEST_SIDE + 16] == 1 && c->weight[31 * ROBUST_TEST_SIDE + 28] == 1);
-    robust_test_paint(c->photo, 28, 20, 0.04f); /* faint beside it: one square of that, 4 px wide, goes with it */
+    robust_test_paint(c->image, 28, 20, 0.04f); /* faint beside it: one square of that, 4 px wide, goes with it */
     robust_test_look(c, 3, 0);
     CHECK(robust_test_aside(c) == (ROBUST_TEST_BLOT + 4) * ROBUST_TEST_BLOT);
     CHECK(c->weight[20 * ROBUST_TEST_SIDE + 31] == 0 && c->weight[20 * ROBUST_TEST_SIDE + 32] == 1);
@@ -66,14 +66,14 @@ TEST(robust_puts_aside_a_blot_in_one_photograph_and_nothing_else)
 TEST(robust_puts_aside_nothing_that_the_other_views_do_not_explain_either)
 {
     struct robust_case *c = robust_case();
-    robust_test_paint(c->photo, 16, 20, 0.15f); /* hard to model: there in all views, from the first look on */
+    robust_test_paint(c->image, 16, 20, 0.15f); /* hard to model: there in all views, from the first look on */
     for (int k = 0; k < 200; k++) {
         robust_test_look(c, 3, 0);
         CHECK(robust_test_aside(c) == 0);
     }
-    memset(c->photo, 0, sizeof c->photo); /* learned at last: a fish before it is seen then */
+    memset(c->image, 0, sizeof c->image); /* learned at last: a fish before it is seen then */
     for (int k = 0; k < 30; k++) robust_test_look(c, 3, 0);
-    robust_test_paint(c->photo, 16, 20, 0.15f);
+    robust_test_paint(c->image, 16, 20, 0.15f);
     robust_test_look(c, 3, 0);
     CHECK(robust_test_aside(c) == ROBUST_TEST_BLOT * ROBUST_TEST_BLOT);
     robust_case_free(c);
@@ -117,7 +117,7 @@ TEST(robust_without_points_is_off_and_says_so)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* The scene of train_scene in twilight, a tenth as bright, so that soon all is explained but one thing: a blot in the photograph of view 5, less
+/* The scene of train_scene in twilight, a tenth as bright, so that soon all is explained but one thing: a blot in the image of view 5, less
  * than what counts before anything is known. */
 static oxl_scene *robust_test_scene(int views)
 {
@@ -180,4 +180,84 @@ TEST(robust_gives_the_same_bytes_with_one_and_three_threads)
     oxl_model_free(test_ctx, &one);
     oxl_model_free(test_ctx, &three);
     oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------------------------------------------------------- free space */
+
+/* Points 10 in front of the cameras of scene_survey, all over their images, seen from `track` images; and one at depth 3 that two saw. */
+static oxl_scene *carve_scene(int track)
+{
+    const char       *path    = scene_survey("carve", 4, 0, 1);
+    struct text       points  = {.ctx = test_ctx};
+    oxl_scene_options options = oxl_scene_options_default();
+    oxl_scene        *scene;
+    for (int i = 0; i < 23 * 13; i++) {
+        text_add(&points, "%d %g %g 10 10 20 30 0.5", 2 + i, i % 23 * 0.5 - 4, i / 23 * 0.5 - 3);
+        for (int k = 0; k < track; k++) text_add(&points, " %d 0", 10 + k);
+        text_add(&points, "\n");
+    }
+    text_add(&points, "1 1.5 0 3 10 20 30 0.5 11 0 12 0\n");
+    test_write("carve/sparse/0/points3D.txt", points.data);
+    text_free(&points);
+    CHECK_OK(oxl_scene_load(test_ctx, path, &options, &scene));
+    return scene;
+}
+
+static int carve_free(const struct free_space *f, const oxl_scene *scene, double x, double y, double z)
+{
+    const double *o    = oxl_scene_origin(scene);
+    const double  p[3] = {x - o[0], y - o[1], z - o[2]};
+    return free_space_holds(f, p);
+}
+
+TEST(carve_free_space_lies_between_training_cameras_and_the_points_of_their_tracks)
+{
+    oxl_scene        *scene = carve_scene(3);
+    struct free_space f     = {0};
+    char              words[160];
+    CHECK_OK(free_space_begin(test_ctx, &f, scene));
+    CHECK(f.views == 3);
+    free_space_describe(&f, words, sizeof words);
+    CHECK_TEXT(words, "66 % of the cells of 3 training views"); /* the third saw no point */
+    CHECK(carve_free(&f, scene, 1.5, 0, 3) && carve_free(&f, scene, 1.5, 0, 6.9));
+    CHECK(!carve_free(&f, scene, 1.5, 0, 7.1) && !carve_free(&f, scene, 1.5, 0, 11) && !carve_free(&f, scene, 1.5, 0, -3));
+    CHECK(!carve_free(&f, scene, -0.8, 0, 3)); /* seen by the held-out view alone */
+    CHECK(!carve_free(&f, scene, 3.8, 0, 3));  /* and by one that is in no track */
+    free_space_free(test_ctx, &f);
+    oxl_scene_free(test_ctx, scene);
+    scene = carve_scene(2);
+    CHECK_OK(free_space_begin(test_ctx, &f, scene));
+    CHECK(!carve_free(&f, scene, 1.5, 0, 3));
+    free_space_free(test_ctx, &f);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(carve_removes_gaussians_in_free_space_and_nothing_where_there_are_no_tracks)
+{
+    oxl_scene        *scene   = carve_scene(3), *plain;
+    oxl_train_options options = train_options(200);
+    struct free_space f       = {0};
+    oxl_model         model, same;
+    CHECK_OK(free_space_begin(test_ctx, &f, scene));
+    for (int carve = 0; carve < 2; carve++) {
+        uint8_t *carved;
+        size_t   count = 0;
+        options.carve  = carve;
+        CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+        CHECK_OK(free_space_carve(test_ctx, &f, &model, &carved));
+        for (size_t i = 0; i < model.count; i++) count += carved[i];
+        CHECK((count > 0) == !carve);
+        oxl_free(test_ctx, carved);
+        oxl_model_free(test_ctx, &model);
+    }
+    free_space_free(test_ctx, &f);
+    oxl_scene_free(test_ctx, scene);
+    plain = train_scene(5);
+    CHECK_OK(oxl_train(test_ctx, plain, &options, NULL, &model));
+    options.carve = 0;
+    CHECK_OK(oxl_train(test_ctx, plain, &options, NULL, &same));
+    CHECK(train_same(&model, &same));
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &same);
+    oxl_scene_free(test_ctx, plain);
 }

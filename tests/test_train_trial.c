@@ -14,14 +14,14 @@ TEST(decide_tells_how_many_steps_its_trials_take_beside_the_run)
 {
     oxl_train_options o = train_options(2000);
     o.ucd.mode          = OXL_UCD_OFF;
-    CHECK(selection_steps_beside(&o, 50) == 0);
+    CHECK(selection_trial_steps(&o, 50) == 0);
     o.sh_degree = -1;
-    CHECK(selection_steps_beside(&o, 50) == 150 && selection_steps_beside(&o, 7) == 0);
+    CHECK(selection_trial_steps(&o, 50) == 150 && selection_trial_steps(&o, 7) == 0);
     o.dog = OXL_DOG_AUTO;
-    CHECK(selection_steps_beside(&o, 50) == 200);
+    CHECK(selection_trial_steps(&o, 50) == 200);
     o.ucd.mode      = OXL_UCD_ON;
     o.densify_every = INT_MAX;
-    CHECK(selection_steps_beside(&o, 50) == 200);
+    CHECK(selection_trial_steps(&o, 50) == 200);
 }
 
 struct decide_case {
@@ -51,12 +51,12 @@ static oxl_scene *decide_grey(oxl_scene *scene)
 /* Trains; decisions and model are left. */
 static struct decide_case decide_case(oxl_scene *scene, int sh_degree, oxl_dog dog)
 {
-    struct decide_case       c     = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
-    const struct train_place place = {
+    struct decide_case        c     = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
+    const struct train_output place = {
         .folder = test_folder(), .key = "key", .log = &c.log, .notes = &c.log, .decisions = &c.decisions};
     c.options.sh_degree          = sh_degree;
     c.options.dog                = dog;
-    c.options.short_run_exponent = 0; /* bands take the usual steps: a grey world is drawn to 70 dB by whatever learns fast */
+    c.options.short_run_exponent = 0; /* bands take the usual steps: a grey world is rendered to 70 dB by whatever learns fast */
     CHECK_OK(train_run(test_ctx, c.scene, &c.options, NULL, &place, &c.model));
     return c;
 }
@@ -170,9 +170,9 @@ TEST(decide_tries_each_pair_of_weights_from_the_same_step_over_four_densificatio
     oxl_model           model;
     CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){decide_watch, &w}, &model));
     CHECK(w.tried == 3 * 22 && w.back == 3 && w.step == 240);
-    CHECK(selection_steps_beside(&o, 14) == 3 * 11);
+    CHECK(selection_trial_steps(&o, 14) == 3 * 11);
     o.ucd.mode = OXL_UCD_AUTO;
-    CHECK(selection_steps_beside(&o, 14) == 3 * 11 / 2);
+    CHECK(selection_trial_steps(&o, 14) == 3 * 11 / 2);
     CHECK(w.densified > 6); /* of 3 in each of 6 trials, besides the one that it began with */
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);

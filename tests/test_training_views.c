@@ -53,7 +53,7 @@ TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_told_and_no_o
     oxl_scene  *scene = tviews_scene(&m, 1);
     struct text t     = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_judge(test_ctx, &m, scene, 5 * TVIEWS, &t, test_path("worst")));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, test_path("worst")));
     CHECK(colmap_warned.count == 4);
     CHECK_TEXT(t.data, "\"training\": {\"count\": 24, \"flagged\": 4, ");
     for (const char *row = strstr(t.data, "{\"name\""); row; row = strstr(row + 1, "{\"name\"")) {
@@ -80,7 +80,7 @@ TEST(training_views_of_a_sound_survey_are_not_flagged)
     oxl_scene  *scene = tviews_scene(&m, 0);
     struct text t     = {.ctx = test_ctx};
     colmap_listen();
-    CHECK_OK(training_views_judge(test_ctx, &m, scene, 5 * TVIEWS, &t, NULL));
+    CHECK_OK(training_views_check(test_ctx, &m, scene, 5 * TVIEWS, &t, NULL));
     CHECK(colmap_warned.count == 0);
     CHECK_TEXT(t.data, "\"flagged\": 0, ");
     text_free(&t);

@@ -73,14 +73,14 @@ static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn, int den
     return u;
 }
 
-/* To ask again for every point took minutes where 15 photographs of 1000 points each were turned. */
-TEST(contrast_asks_for_a_photograph_once_even_when_it_cannot_be_read)
+/* To ask again for every point took minutes where 15 images of 1000 points each were turned. */
+TEST(contrast_asks_for_an_image_once_even_when_it_cannot_be_read)
 {
     oxl_scene      *scene = wall_scene(0.1);
     struct contrast c;
-    test_write("survey/images/v03.png", "no photograph");
+    test_write("survey/images/v03.png", "no image");
     CHECK_OK(contrast_measure(test_ctx, scene, &c));
-    CHECK(c.measured && scene->photos.clock == WALL_VIEWS - 2); /* two are held out */
+    CHECK(c.measured && scene->cache.clock == WALL_VIEWS - 2); /* two are held out */
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -177,7 +177,7 @@ static void search_run(struct ucd *u, int densifications, double noise, uint64_t
         if (!ucd_tries(u)) continue;
         for (int i = 0; i < 2; i++) {
             ucd_ask(u, f);
-            ucd_tell(u, -4 + 2e-3 * spsa_bowl(f, noise, draw + 2 * (uint64_t)n + (uint64_t)i), 0);
+            ucd_update(u, -4 + 2e-3 * spsa_bowl(f, noise, draw + 2 * (uint64_t)n + (uint64_t)i), 0);
         }
     }
 }
@@ -211,8 +211,8 @@ TEST(ucd_spreads_its_pairs_over_the_densifications)
 TEST(ucd_growth_has_a_price)
 {
     struct ucd u = search_begin(1.5, 2, 33, 1);
-    CHECK_CLOSE(ucd_tell(&u, -3, 0), -3, 1e-12);
-    CHECK_CLOSE(ucd_tell(&u, -3, 0.5), -3 + 0.5 * UCD_GROWTH, 1e-12);
+    CHECK_CLOSE(ucd_update(&u, -3, 0), -3, 1e-12);
+    CHECK_CLOSE(ucd_update(&u, -3, 0.5), -3 + 0.5 * UCD_GROWTH, 1e-12);
     CHECK(u.spsa.pair == 1 && memcmp(u.f, u.spsa.f, sizeof u.f) == 0 && u.f[0] != 1.5);
 }
 

@@ -223,8 +223,8 @@ static void vulkan_compare_rows(struct vulkan_twins *t, size_t count)
         const struct splat *a = &t->r[0]->splat[i], *b = &t->r[1]->splat[i];
         const float         x[10] = {a->u, a->v, a->a, a->k, a->e, a->peak, a->colour[0], a->depth, a->half_x, a->half_y};
         const float         y[10] = {b->u, b->v, b->a, b->k, b->e, b->peak, b->colour[0], b->depth, b->half_x, b->half_y};
-        other += renderer_saw(t->r[0], i) != renderer_saw(t->r[1], i);
-        if (!renderer_saw(t->r[0], i) || !renderer_saw(t->r[1], i)) continue;
+        other += renderer_row_visible(t->r[0], i) != renderer_row_visible(t->r[1], i);
+        if (!renderer_row_visible(t->r[0], i) || !renderer_row_visible(t->r[1], i)) continue;
         seen++;
         for (int k = 0; k < 10; k++) {
             const double off = fabs((double)x[k] - y[k]) / (1 + fabs(x[k]));
@@ -505,39 +505,39 @@ static void vulkan_check_loss(oxl_context *device)
     vulkan_check_loss_of(device, 7, 5, 1, 0); /* smaller than a window */
 }
 
-/* Photographs are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
-static void vulkan_check_photo_of(oxl_context *device, int width, int height, int masked, int halved)
+/* Images are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
+static void vulkan_check_image_of(oxl_context *device, int width, int height, int masked, int halved)
 {
     struct vulkan_twins   t      = vulkan_twins(device, width >> halved, height >> halved);
     const size_t          pixels = (size_t)width * (size_t)height;
     uint8_t              *bytes  = oxl_alloc(test_ctx, 4 * pixels, 1);
-    struct training_image photo  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
+    struct training_image image  = {width, height, bytes, masked ? bytes + 3 * pixels : NULL};
     struct renderer_loss  loss[2];
     oxl_model             m;
     vulkan_scene(200, 0, 0, &m);
     for (size_t i = 0; i < 4 * pixels; i++) bytes[i] = (uint8_t)(random_bits(9, i, 0) & (i < 3 * pixels || i % 97 ? 255 : 0));
     for (int round = 0; round < 2; round++) {
-        const struct training_image *given = renderer_has_image(t.r[1], 3) ? NULL : &photo;
+        const struct training_image *given = renderer_has_image(t.r[1], 3) ? NULL : &image;
         vulkan_forward_both(&t, &m);
         for (int k = 0; k < 2; k++) {
-            CHECK_OK(renderer_take_image(t.ctx[k], t.r[k], 3, k ? given : &photo, halved));
+            CHECK_OK(renderer_take_image(t.ctx[k], t.r[k], 3, k ? given : &image, halved));
             CHECK_OK(renderer_loss(t.ctx[k], t.r[k], NULL, NULL, 0.2f, &loss[k]));
         }
         CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
         CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     }
-    CHECK(renderer_has_image(t.r[1], 3) == (device->vulkan->photos > 0) && !renderer_has_image(t.r[1], 2));
+    CHECK(renderer_has_image(t.r[1], 3) == (device->vulkan->image_bytes_max > 0) && !renderer_has_image(t.r[1], 2));
     oxl_model_free(test_ctx, &m);
     oxl_free(test_ctx, bytes);
     vulkan_twins_free(&t);
 }
 
-static void vulkan_check_photos(oxl_context *device)
+static void vulkan_check_images(oxl_context *device)
 {
-    vulkan_check_photo_of(device, 41, 33, 1, 0);
-    vulkan_check_photo_of(device, 81, 65, 1, 1);
-    device->vulkan->photos = 0;
-    vulkan_check_photo_of(device, 40, 31, 0, 0);
+    vulkan_check_image_of(device, 41, 33, 1, 0);
+    vulkan_check_image_of(device, 81, 65, 1, 1);
+    device->vulkan->image_bytes_max = 0;
+    vulkan_check_image_of(device, 40, 31, 0, 0);
 }
 
 /* ---------------------------------------------------------------- backward, score, step */
@@ -561,7 +561,7 @@ static void vulkan_check_gradient_of(oxl_context *device, int degree, size_t lob
         CHECK_CLOSE(vulkan_distance(gradient[0].plane[k], gradient[1].plane[k], lobes).relative, 0, 2e-3);
     CHECK_OK(renderer_download_rows(device, t.r[1]));
     for (size_t i = 0; i < m.count; i++)
-        if (renderer_saw(t.r[0], i) && renderer_saw(t.r[1], i))
+        if (renderer_row_visible(t.r[0], i) && renderer_row_visible(t.r[1], i))
             CHECK_CLOSE(t.r[1]->dmean2d[i], t.r[0]->dmean2d[i], 1e-2 * t.r[0]->dmean2d[i] + 1e-2);
     for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &gradient[k]);
     oxl_model_free(test_ctx, &m);
@@ -866,10 +866,10 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
     oxl_render_options    options = oxl_render_options_default();
     const size_t          bytes   = 4 * t->pixels;
     uint8_t              *rgb     = oxl_alloc(test_ctx, bytes, 1);
-    struct training_image photo   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
+    struct training_image image   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
     oxl_result            rc;
     for (size_t i = 0; i < bytes; i++) rgb[i] = (uint8_t)random_bits(9, i, (uint64_t)view);
-    rc = renderer_take_image(t->ctx[k], t->r[k], view, &photo, 0);
+    rc = renderer_take_image(t->ctx[k], t->r[k], view, &image, 0);
     if (rc == OXL_OK) rc = renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options);
     if (rc == OXL_OK) rc = renderer_loss(t->ctx[k], t->r[k], NULL, NULL, 0.2f, loss);
     oxl_free(test_ctx, rgb);
@@ -1028,13 +1028,13 @@ static size_t vulkan_bytes_of(const oxl_model *m)
 /* In evaluations and pictures nothing but the model is sent, so every byte tells. */
 static void vulkan_check_one_upload(oxl_context *device)
 {
-    oxl_scene         *scene = vulkan_survey(device);
-    const oxl_pictures what  = {.split = OXL_SPLIT_ALL, .depth = 1};
-    struct vulkan     *v     = device->vulkan;
-    oxl_metrics        metrics;
-    oxl_model          m;
-    size_t             before = v->sent;
-    int                count;
+    oxl_scene              *scene = vulkan_survey(device);
+    const oxl_render_output what  = {.split = OXL_SPLIT_ALL, .depth = 1};
+    struct vulkan          *v     = device->vulkan;
+    oxl_metrics             metrics;
+    oxl_model               m;
+    size_t                  before = v->sent;
+    int                     count;
     vulkan_scene(600, 1, 100, &m);
     v->slab_rows = 256; /* several slabs */
     CHECK_OK(oxl_evaluate(device, &m, scene, OXL_SPLIT_ALL, &metrics));
@@ -1149,7 +1149,7 @@ static void vulkan_listen(void *user, oxl_log_level level, const char *text)
     vulkan_test_log(user, level, text);
 }
 
-/* A blot in one of nine photographs. Returns how many of the photographs' pixels were put aside of late, per cent. */
+/* A blot in one of nine images. Returns how many of the images' pixels were put aside of late, per cent. */
 static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *metrics)
 {
     oxl_scene        *scene                          = robust_test_scene(9);
@@ -1162,7 +1162,7 @@ static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *met
     vulkan_told[0]          = 0;
     CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
-    if (robust) CHECK(sscanf(vulkan_told, "robust: of the photographs' pixels, %lf %%", &aside) == 1);
+    if (robust) CHECK(sscanf(vulkan_told, "robust: of the images' pixels, %lf %%", &aside) == 1);
     ctx->options.log = log;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
@@ -1284,9 +1284,9 @@ TEST(vulkan_loss_and_its_gradient_agree_with_the_cpus)
     ON_DEVICE(vulkan_check_loss);
 }
 
-TEST(vulkan_compares_with_photographs_as_the_cpu_does)
+TEST(vulkan_compares_with_images_as_the_cpu_does)
 {
-    ON_DEVICE(vulkan_check_photos);
+    ON_DEVICE(vulkan_check_images);
 }
 
 TEST(vulkan_gradients_agree_with_the_cpus)
@@ -1334,7 +1334,7 @@ TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
     ON_DEVICE(vulkan_check_training);
 }
 
-TEST(vulkan_leaves_out_what_swims_through_one_photograph_as_the_cpu_does)
+TEST(vulkan_leaves_out_what_swims_through_one_image_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_robust);
 }

@@ -27,6 +27,44 @@ TEST(exposure_of_a_view_that_was_not_trained_lies_on_the_line_between_its_neighb
     imaging_free(test_ctx, &m);
 }
 
+/* Views of these names, of the first scene of test_train.c. */
+static oxl_scene *exposure_scene_named(const char *const *names, int views)
+{
+    oxl_scene *plain = train_scene(views), *scene = NULL;
+    oxl_view   view[14];
+    oxl_image  image[14];
+    for (int v = 0; v < views; v++) {
+        view[v]      = *oxl_scene_view(plain, v);
+        view[v].name = names[v];
+        CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain), &scene));
+    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
+    oxl_scene_free(test_ctx, plain);
+    return scene;
+}
+
+TEST(exposure_of_a_stereo_pair_is_interpolated_for_each_camera_on_its_own)
+{
+    static const char *const pairs[]  = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
+                                         "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
+    static const char *const random[] = {"a.png", "b.png", "c.png", "d.png", "e.png", "f.png", "g.png", "h.png"};
+    const char *const *const names[]  = {pairs, random};
+    const double             wanted[] = {0.4, 0.2}; /* between the left images 2 and 6; between 3 and 5, lowered by 0.2 */
+    for (int k = 0; k < 2; k++) {
+        oxl_scene     *scene = exposure_scene_named(names[k], 8);
+        struct imaging m     = water_imaging(8, (int[]){1, 2, 3, 5, 6, 7}, 6);
+        float          between[3];
+        for (int v = 1; v < 8; v += 2) m.log_gain[3 * v] -= k == 0 ? 1 : 0.2f;
+        CHECK_OK(imaging_set_cameras(test_ctx, scene, &m));
+        imaging_between(&m, 4, between);
+        CHECK_CLOSE(between[0], wanted[k], 1e-6);
+        CHECK((m.camera[0] == m.camera[2]) && (m.camera[0] == m.camera[1]) == (k == 1));
+        imaging_free(test_ctx, &m);
+        oxl_scene_free(test_ctx, scene);
+    }
+}
+
 TEST(exposure_of_two_blocks_agrees_where_they_share_views)
 {
     struct imaging a = water_imaging(9, (int[]){0, 2, 4}, 3), b = water_imaging(9, (int[]){2, 4, 8}, 3), all;
@@ -60,7 +98,7 @@ TEST(model_colours_scale_by_a_factor_for_each_channel)
 
 /* ---------------------------------------------------------------- the gradient */
 
-/* L1 + SSIM of a drawn view times its gains, against its image. */
+/* L1 + SSIM of a rendered view times its gains, against its image. */
 static double exposure_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model, const double log_gain[3])
 {
     oxl_render_options   o = oxl_render_options_default();
@@ -273,7 +311,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
 
 static const struct medium water_murky = {1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3};
 
-/* S = the sum of drgb x the image, drawn through the water. */
+/* S = the sum of drgb x the image, rendered through the water. */
 static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model, const struct medium *medium,
                            const float *drgb)
 {

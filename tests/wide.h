@@ -1,4 +1,4 @@
-/* wide.h - a view in double precision: what is drawn, and every gradient, in two ways.
+/* wide.h - a view in double precision: what is rendered, and every gradient, in two ways.
  *
  *     splat_*     reference/splat.c: written from the equations, without tiles; shares nothing with the kernels
  *     kernels_*   the kernels' own source with real = double: exact where float rounds, wrong where the source is
@@ -21,7 +21,7 @@ struct wide {
     double    *dmean2d;              /* (count) |dL/d(u,v)| in units of half an image; written by *_backward */
     double *
         inside; /* (count) px by which the box of the contour alpha = 1/255 reaches past the outermost pixel centres: in view when
-                        * above 0; -1e30 for what is not drawn. Written by splat_forward */
+                        * above 0; -1e30 for what is not rendered. Written by splat_forward */
 };
 
 /* The planes are 0, the rotations w = 1. Memory is malloc's; a test without it aborts. */
@@ -43,7 +43,7 @@ void kernels_score(struct wide *w, const double *drgb, double *score);
  * plane) or two splats lie at the same depth: float may decide the other way there. */
 void splat_fragile(const struct wide *w, char *fragile);
 
-/* (1 - weight) L1 + weight (1 - SSIM); x drawn, y wanted, dx (3,H,W); mask (H,W) 1 or 0, or NULL. */
+/* (1 - weight) L1 + weight (1 - SSIM); x rendered, y wanted, dx (3,H,W); mask (H,W) 1 or 0, or NULL. */
 struct wide_loss {
     double total, l1, ssim, mse;
 };
@@ -58,7 +58,7 @@ void kernels_adam(double x[16], const double gradient[16], double rate, int step
 double splat_learning_rate(int plane, double extent, double progress);
 
 enum splat_verdict { SPLAT_REMOVE, SPLAT_KEEP, SPLAT_CLONE, SPLAT_SPLIT };
-enum splat_verdict splat_judge(const double log_scale[3], double logit, double gradient, double extent, int was_reset);
+enum splat_verdict splat_decide(const double log_scale[3], double logit, double gradient, double extent, int was_reset);
 double             splat_shrink(void); /* by how much the log scales of the two halves of a split are smaller */
 
 /* Trains reference/splat.c's trainer on one view of `truth` from `start`, steps times; returns the last loss over the first. */

@@ -56,7 +56,7 @@ oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capacity, size_t 
 /* ---------------------------------------------------------------- one view */
 
 struct view {
-    struct kernel_camera lens;
+    struct kernel_camera kernel_camera;
     struct gaussians     in, out;
     struct splat        *splat;
     struct lobe         *lobe;
@@ -65,7 +65,7 @@ struct view {
     real (*sums)[SPLAT_SUMS];
 };
 
-static struct kernel_camera view_lens(const struct wide *w)
+static struct kernel_camera view_kernel_camera(const struct wide *w)
 {
     const oxl_camera    *c = &w->camera;
     const double        *r = c->rotation, *t = c->translation;
@@ -90,15 +90,19 @@ static struct kernel_camera view_lens(const struct wide *w)
 
 static struct project_job view_project(const struct view *v)
 {
-    return (struct project_job){
-        .in = v->in, .lens = &v->lens, .end_pack = v->bins.packs, .splat = v->splat, .lobe = v->lobe, .visible = v->visible};
+    return (struct project_job){.in            = v->in,
+                                .kernel_camera = &v->kernel_camera,
+                                .end_pack      = v->bins.packs,
+                                .splat         = v->splat,
+                                .lobe          = v->lobe,
+                                .visible       = v->visible};
 }
 
 static struct raster_job view_raster(const struct view *v, const struct wide *w)
 {
     return (struct raster_job){.bins          = &v->bins,
-                               .width         = v->lens.width,
-                               .height        = v->lens.height,
+                               .width         = v->kernel_camera.width,
+                               .height        = v->kernel_camera.height,
                                .background    = {w->background[0], w->background[1], w->background[2]},
                                .rgb           = w->rgb,
                                .transmittance = w->transmittance};
@@ -113,15 +117,16 @@ static void view_open(struct view *v, struct wide *w)
 {
     const size_t      packs = (w->count + PACK - 1) / PACK;
     struct raster_job raster;
-    *v = (struct view){.lens = view_lens(w), .in = {.count = w->count, .lobes = w->lobes, .sh_degree = w->sh_degree}};
+    *v = (struct view){.kernel_camera = view_kernel_camera(w),
+                       .in            = {.count = w->count, .lobes = w->lobes, .sh_degree = w->sh_degree}};
     memcpy(v->in.plane, w->plane, sizeof v->in.plane);
     v->out = v->in;
     memcpy(v->out.plane, w->gradient, sizeof v->out.plane);
     v->splat   = wide_array(packs * PACK * sizeof *v->splat / sizeof(double));
     v->lobe    = wide_array((w->lobes + 1) * sizeof *v->lobe / sizeof(double));
     v->visible = wide_array(packs);
-    v->bins    = (struct bins){.alpha_min = v->lens.alpha_min,
-                               .cut       = v->lens.cut,
+    v->bins    = (struct bins){.alpha_min = v->kernel_camera.alpha_min,
+                               .cut       = v->kernel_camera.cut,
                                .packs     = packs,
                                .splat     = v->splat,
                                .visible   = v->visible,
@@ -131,7 +136,7 @@ static void view_open(struct view *v, struct wide *w)
         const struct project_job project = view_project(v);
         project_forward(ISA_BASE, &project);
     }
-    bin_splats(&kernels_context, &v->bins, v->lens.width, v->lens.height);
+    bin_splats(&kernels_context, &v->bins, v->kernel_camera.width, v->kernel_camera.height);
     raster = view_raster(v, w);
     for (raster.tile = 0; raster.tile < view_tiles(v); raster.tile++) raster_forward(ISA_BASE, &raster);
 }
@@ -145,11 +150,11 @@ static void view_close(struct view *v)
 size_t kernels_forward(struct wide *w)
 {
     struct view v;
-    size_t      drawn;
+    size_t      rendered;
     view_open(&v, w);
-    drawn = v.bins.visible_count;
+    rendered = v.bins.visible_count;
     view_close(&v);
-    return drawn;
+    return rendered;
 }
 
 void kernels_backward(struct wide *w, const double *drgb)

@@ -247,7 +247,7 @@ double splat_learning_rate(int plane, double extent, double progress)
     return learning_rate(plane, extent, progress);
 }
 
-enum splat_verdict splat_judge(const double log_scale[3], double logit, double gradient, double extent, int was_reset)
+enum splat_verdict splat_decide(const double log_scale[3], double logit, double gradient, double extent, int was_reset)
 {
     const struct gaussian g = {.log_scale = {log_scale[0], log_scale[1], log_scale[2]}, .logit = logit};
     return (enum splat_verdict)judge(&g, gradient, extent, was_reset);

@@ -361,7 +361,7 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
     if (rc == OXL_OK) rc = vulkan_create_device(v);
     if (rc == OXL_OK) rc = vulkan_create_pools(v);
     if (rc == OXL_OK) {
-        v->photos = vulkan_memory_left(v) / VULKAN_PHOTO_SHARE;
+        v->image_bytes_max = vulkan_memory_left(v) / VULKAN_IMAGE_SHARE;
         vulkan_create(v, &v->staging, VULKAN_STAGING, 1);
         vulkan_create(v, &v->nothing, 256, 0);
         if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VULKAN_STAGING, 0, &mapped), "staging");

@@ -29,7 +29,7 @@ enum {
     VULKAN_COMMANDS    = 64,  /* submissions without a wait in between, at most */
     VULKAN_PARTS       = 24,  /* of an image, at most */
     VULKAN_ASKED       = 128, /* pieces that the host waits for at a time */
-    VULKAN_PHOTO_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
+    VULKAN_IMAGE_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
 };
 
 /* ---------------------------------------------------------------- functions of the loader, by name */
@@ -140,12 +140,12 @@ struct vulkan {
     double                           pass_seconds[PASS_COUNT];
     int                              pass_runs[PASS_COUNT];
     oxl_result                       rc;
-    size_t                           range;      /* bytes: the largest array */
-    size_t                           photos;     /* bytes of images that a renderer may keep */
-    uint32_t                         slab_rows;  /* at most */
-    uint32_t                         groups_max; /* in one dimension of a dispatch */
-    size_t                           part;       /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
-    uint32_t                         batch;      /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
+    size_t                           range;           /* bytes: the largest array */
+    size_t                           image_bytes_max; /* bytes of images that a renderer may keep */
+    uint32_t                         slab_rows;       /* at most */
+    uint32_t                         groups_max;      /* in one dimension of a dispatch */
+    size_t                           part;  /* (tile, splat) pairs that a submission draws, about: vulkan_in_parts; 0: any */
+    uint32_t                         batch; /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
 /* ---------------------------------------------------------------- device.c */

@@ -201,7 +201,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
-        const oxl_result rc = vulkan_fetch(device); /* another model is drawn in between */
+        const oxl_result rc = vulkan_fetch(device); /* another model is rendered in between */
         if (rc != OXL_OK) return rc;
     }
     vulkan_enter(r->v);
@@ -454,14 +454,14 @@ static oxl_result vulkan_rows(void *device, struct splat *splat, uint16_t *visib
     return v->rc;
 }
 
-OXL_INTERNAL const struct renderer_device *vulkan_doors(void)
+OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
 {
     static const struct renderer_device doors = {.create     = vulkan_renderer_create,
                                                  .free       = vulkan_renderer_free,
                                                  .forward    = vulkan_forward,
                                                  .image      = vulkan_image,
-                                                 .has_image  = vulkan_has_photo,
-                                                 .take_image = vulkan_take_photo,
+                                                 .has_image  = vulkan_has_image,
+                                                 .take_image = vulkan_take_image,
                                                  .target     = vulkan_target,
                                                  .loss       = vulkan_loss,
                                                  .backward   = vulkan_backward,

@@ -25,8 +25,8 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
         vulkan_release(v, &r->slab[i].first);
         vulkan_release(v, &r->slab[i].second);
     }
-    for (size_t i = 0; i < r->photo_capacity; i++) vulkan_release(v, &r->photo[i].bytes);
-    oxl_free(v->ctx, r->photo);
+    for (size_t i = 0; i < r->image_capacity; i++) vulkan_release(v, &r->image[i].bytes);
+    oxl_free(v->ctx, r->image);
     oxl_free(v->ctx, r->slab);
     oxl_free(v->ctx, r);
 }
@@ -200,22 +200,22 @@ OXL_INTERNAL oxl_result vulkan_fetch(void *device)
 
 /* ---------------------------------------------------------------- training images */
 
-OXL_INTERNAL int vulkan_has_photo(const void *device, int view)
+OXL_INTERNAL int vulkan_has_image(const void *device, int view)
 {
     const struct vulkan_renderer *r = device;
-    return (size_t)view < r->photo_capacity && r->photo[view].bytes.handle;
+    return (size_t)view < r->image_capacity && r->image[view].bytes.handle;
 }
 
 /* Each is an allocation, and a device may allow but 4096. */
-static void vulkan_send_photo(struct vulkan *v, const struct training_image *photo, struct vulkan_photo *to)
+static void vulkan_upload_image(struct vulkan *v, const struct training_image *image, struct vulkan_training_image *to)
 {
-    const size_t pixels = (size_t)photo->width * (size_t)photo->height;
-    to->width           = (uint32_t)photo->width;
-    to->height          = (uint32_t)photo->height;
-    to->mask_at         = photo->mask ? (uint32_t)((3 * pixels + 3) / 4 * 4) : 0;
+    const size_t pixels = (size_t)image->width * (size_t)image->height;
+    to->width           = (uint32_t)image->width;
+    to->height          = (uint32_t)image->height;
+    to->mask_at         = image->mask ? (uint32_t)((3 * pixels + 3) / 4 * 4) : 0;
     vulkan_reserve(v, &to->bytes, 4 * pixels + 4, 1, "bytes of an image");
-    vulkan_upload(v, &to->bytes, 0, photo->rgb, 3 * pixels);
-    if (photo->mask) vulkan_upload(v, &to->bytes, to->mask_at, photo->mask, pixels);
+    vulkan_upload(v, &to->bytes, 0, image->rgb, 3 * pixels);
+    if (image->mask) vulkan_upload(v, &to->bytes, to->mask_at, image->mask, pixels);
 }
 
 OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v)
@@ -223,36 +223,37 @@ OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v)
     size_t dropped = 0, bytes = 0;
     if (vulkan_finish(v) != OXL_OK) return 0; /* commands under way may name them */
     for (struct vulkan_renderer *r = v->renderers; r; r = r->next)
-        for (size_t i = 0; i < r->photo_capacity; i++) {
-            const size_t size = r->photo[i].bytes.size;
-            if (!r->photo[i].bytes.handle || (int)i == r->using) continue;
-            vulkan_release(v, &r->photo[i].bytes);
-            r->photo_bytes -= OXL_MIN(r->photo_bytes, size);
-            r->photos--;
+        for (size_t i = 0; i < r->image_capacity; i++) {
+            const size_t size = r->image[i].bytes.size;
+            if (!r->image[i].bytes.handle || (int)i == r->using) continue;
+            vulkan_release(v, &r->image[i].bytes);
+            r->image_bytes -= OXL_MIN(r->image_bytes, size);
+            r->images--;
             dropped++, bytes += size;
         }
-    v->photos = OXL_MIN(v->photos, bytes / 2); /* they are not to take what was just freed */
+    v->image_bytes_max = OXL_MIN(v->image_bytes_max, bytes / 2); /* they are not to take what was just freed */
     if (dropped)
         oxl_log(v->ctx, OXL_LOG_WARNING,
                 "%s: no memory is left: %zu training images (%zu MiB) leave the device, %zu MiB may stay there",
-                v->properties.deviceName, dropped, bytes >> 20, v->photos >> 20);
+                v->properties.deviceName, dropped, bytes >> 20, v->image_bytes_max >> 20);
     return dropped;
 }
 
 /* A place to keep an image of so many bytes, or NULL: the first ones are kept, the others are uploaded at each use. */
-static struct vulkan_photo *vulkan_photo_place(struct vulkan_renderer *r, int view, size_t bytes)
+static struct vulkan_training_image *vulkan_image_slot(struct vulkan_renderer *r, int view, size_t bytes)
 {
     const size_t wanted = (size_t)view + 1, more = wanted + wanted / 2;
     if (r->v->budgets && vulkan_memory_left(r->v) / 2 < bytes) return NULL;
-    if (r->photo_bytes + bytes > r->v->photos || r->photos >= r->v->properties.limits.maxMemoryAllocationCount / 2) return NULL;
-    if (wanted > r->photo_capacity) {
-        struct vulkan_photo *grown = oxl_regrow(r->v->ctx, r->photo, r->photo_capacity, more, sizeof *grown);
+    if (r->image_bytes + bytes > r->v->image_bytes_max || r->images >= r->v->properties.limits.maxMemoryAllocationCount / 2)
+        return NULL;
+    if (wanted > r->image_capacity) {
+        struct vulkan_training_image *grown = oxl_regrow(r->v->ctx, r->image, r->image_capacity, more, sizeof *grown);
         if (!grown) return NULL;
-        memset(grown + r->photo_capacity, 0, (more - r->photo_capacity) * sizeof *grown);
-        r->photo          = grown;
-        r->photo_capacity = more;
+        memset(grown + r->image_capacity, 0, (more - r->image_capacity) * sizeof *grown);
+        r->image          = grown;
+        r->image_capacity = more;
     }
-    return &r->photo[view];
+    return &r->image[view];
 }
 
 /* Room for the image comes first: after it nothing is allocated, so nothing is dropped. */
@@ -262,34 +263,34 @@ static void vulkan_reserve_target(struct vulkan_renderer *r, size_t pixels)
     if (r->masked) vulkan_reserve(r->v, &r->weight, pixels, 4, "pixels");
 }
 
-static struct vulkan_photo *vulkan_add_photo(struct vulkan_renderer *r, int view, const struct training_image *photo,
-                                             struct vulkan_photo *passing)
+static struct vulkan_training_image *vulkan_add_image(struct vulkan_renderer *r, int view, const struct training_image *image,
+                                                      struct vulkan_training_image *passing)
 {
-    struct vulkan_photo *p = vulkan_photo_place(r, view, 4 * (size_t)photo->width * (size_t)photo->height);
+    struct vulkan_training_image *p = vulkan_image_slot(r, view, 4 * (size_t)image->width * (size_t)image->height);
     if (p) {
-        vulkan_send_photo(r->v, photo, p);
-        r->photo_bytes += p->bytes.size;
-        r->photos += p->bytes.handle != VK_NULL_HANDLE;
+        vulkan_upload_image(r->v, image, p);
+        r->image_bytes += p->bytes.size;
+        r->images += p->bytes.handle != VK_NULL_HANDLE;
         return p;
     }
     passing->bytes = r->passing;
-    vulkan_send_photo(r->v, photo, passing);
+    vulkan_upload_image(r->v, image, passing);
     r->passing = passing->bytes;
     return passing;
 }
 
-OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct training_image *photo, int halved)
+OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image, int halved)
 {
-    struct vulkan_renderer *r       = device;
-    struct vulkan          *v       = r->v;
-    struct vulkan_photo     passing = {0}, *p = vulkan_has_photo(r, view) ? &r->photo[view] : NULL;
-    const uint32_t          width = p ? p->width : (uint32_t)photo->width, height = p ? p->height : (uint32_t)photo->height;
+    struct vulkan_renderer      *r       = device;
+    struct vulkan               *v       = r->v;
+    struct vulkan_training_image passing = {0}, *p = vulkan_has_image(r, view) ? &r->image[view] : NULL;
+    const uint32_t               width = p ? p->width : (uint32_t)image->width, height = p ? p->height : (uint32_t)image->height;
     r->target_pixels = (size_t)(width >> halved) * (size_t)(height >> halved);
-    r->masked        = p ? p->mask_at > 0 : photo->mask != NULL;
+    r->masked        = p ? p->mask_at > 0 : image->mask != NULL;
     r->using         = view;
     vulkan_enter(v);
     vulkan_reserve_target(r, r->target_pixels);
-    if (!p) p = vulkan_add_photo(r, view, photo, &passing);
+    if (!p) p = vulkan_add_image(r, view, image, &passing);
     VULKAN_RUN(v, UNPACK, 0, vulkan_groups(r->target_pixels),
                VULKAN_PUSH(width, height, (uint32_t)halved, (uint32_t)r->masked, p->mask_at),
                VULKAN_BUFFERS(&p->bytes, &r->target, &r->weight));

@@ -14,7 +14,7 @@ struct vulkan_view {
     uint32_t width, height, tiles_x, tiles_y;
 };
 
-struct vulkan_photo { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
+struct vulkan_training_image { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
     struct vulkan_buffer bytes;
     uint32_t             width, height, mask_at; /* mask_at: bytes; 0: there is none */
 };
@@ -22,26 +22,26 @@ struct vulkan_photo { /* (3,H,W) bytes, then from a word on the mask's (H,W) */
 enum vulkan_count { COUNT_VISIBLE, COUNT_PAIRS, COUNT_SCRATCH, COUNT_ASIDE, COUNT_FIRST_ASIDE, COUNTS = 8 };
 
 struct vulkan_renderer {
-    struct vulkan          *v;
-    struct vulkan_renderer *next; /* of v->renderers */
+    struct vulkan                *v;
+    struct vulkan_renderer       *next; /* of v->renderers */
     /* whose model this is, and what of it is here */
-    oxl_model              *model, *first, *second; /* the host's; the last two since a step */
-    const float            *plane;                  /* the host's first one: another is another model */
-    size_t                  count, lobes;
-    int                     sh_degree, bands; /* carried; evaluated */
-    int                     model_here, moments_here, stepped;
-    struct renderer_sums    sums;
-    int                     observed; /* there are statistics here that the host has not got */
-    struct vulkan_slab     *slab;
-    size_t                  slabs, slab_capacity;
-    uint32_t                stride;             /* rows of a slab */
-    uint32_t                planes, lobe_plane; /* of a slab; where the second lobe's begin */
+    oxl_model                    *model, *first, *second; /* the host's; the last two since a step */
+    const float                  *plane;                  /* the host's first one: another is another model */
+    size_t                        count, lobes;
+    int                           sh_degree, bands; /* carried; evaluated */
+    int                           model_here, moments_here, stepped;
+    struct renderer_sums          sums;
+    int                           observed; /* there are statistics here that the host has not got */
+    struct vulkan_slab           *slab;
+    size_t                        slabs, slab_capacity;
+    uint32_t                      stride;             /* rows of a slab */
+    uint32_t                      planes, lobe_plane; /* of a slab; where the second lobe's begin */
     /* images */
-    struct vulkan_photo    *photo;                               /* (photo_capacity) by view, those that are here */
-    size_t                  photo_capacity, photo_bytes, photos; /* photos: how many are here */
-    size_t                  target_pixels;                       /* of the image that was taken last */
-    int using;                                                   /* the view whose image is worked on: it stays; -1: none */
-    int                  masked;                                 /* whether the one that was taken last is */
+    struct vulkan_training_image *image;                               /* (image_capacity) by view, those that are here */
+    size_t                        image_capacity, image_bytes, images; /* images: how many are here */
+    size_t                        target_pixels;                       /* of the image that was taken last */
+    int using;                                                         /* the view whose image is worked on: it stays; -1: none */
+    int                  masked;                                       /* whether the one that was taken last is */
     /* the last view */
     struct vulkan_view   view;
     size_t               tiles, pairs;
@@ -67,8 +67,8 @@ OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
 OXL_INTERNAL oxl_result vulkan_fetch(void *device);
-OXL_INTERNAL int        vulkan_has_photo(const void *device, int view);
+OXL_INTERNAL int        vulkan_has_image(const void *device, int view);
 OXL_INTERNAL size_t     vulkan_target(void *device, float *rgb, float *weight, int *masked);
-OXL_INTERNAL oxl_result vulkan_take_photo(void *device, int view, const struct training_image *photo, int halved);
+OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image, int halved);
 
 #endif

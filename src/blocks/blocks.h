@@ -12,7 +12,7 @@ struct partition_box { /* half-open, low <= x < high, in the partition's frame; 
 struct partition_block {
     struct partition_box box;      /* its home: every place belongs to exactly one block */
     struct partition_box expanded; /* wider by 5 % of its size on each side: what is trained */
-    struct partition_box finite;   /* the home cut at the trimmed extents of the points: what is drawn, and its size */
+    struct partition_box finite;   /* the home cut at the trimmed extents of the points: what is rendered, and its size */
     size_t               points, start_points;     /* at home; to start from: those in `expanded` and what its views see */
     int                  base_views, border_views; /* training views by overlap [OceanXL sec. 3.1, BlockGaussian] */
 };

@@ -5,17 +5,17 @@
  */
 #include "blocks.h"
 
-static void merge_place(const struct partition *p, const oxl_model *model, size_t row, double frame[3])
+static void merge_position(const struct partition *p, const oxl_model *model, size_t row, double frame[3])
 {
     double world[3];
     for (int a = 0; a < 3; a++) world[a] = (double)model->plane[OXL_MEAN + a][row] + model->origin[a];
     partition_to_frame(p, world, frame);
 }
 
-static int merge_is_at_home(const struct partition *p, int block, const oxl_model *model, size_t row)
+static int merge_is_inside(const struct partition *p, int block, const oxl_model *model, size_t row)
 {
     double frame[3];
-    merge_place(p, model, row, frame);
+    merge_position(p, model, row, frame);
     return partition_contains(&p->block[block].box, frame);
 }
 
@@ -31,7 +31,7 @@ struct merge_rows {
 static void merge_select(const struct partition *p, int block, const oxl_model *model, struct merge_rows *m)
 {
     for (size_t i = 0; i < model->count; i++) {
-        const size_t home = (size_t)merge_is_at_home(p, block, model, i);
+        const size_t home = (size_t)merge_is_inside(p, block, model, i);
         m->row[m->kept]   = i;
         m->kept += home;
         if (i < model->lobes) m->lobes += home;

@@ -25,8 +25,8 @@ struct partition_visibility { /* by the tracks; test views see nothing here */
     uint32_t *observation;    /* its place in the view's list of 2D points */
     uint32_t *seen;           /* (views) different points */
 };
-OXL_INTERNAL oxl_result partition_sight_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out);
-OXL_INTERNAL void       partition_sight_free(oxl_context *ctx, struct partition_visibility *sight);
+OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out);
+OXL_INTERNAL void       partition_visibility_free(oxl_context *ctx, struct partition_visibility *visibility);
 
 /* ---------------------------------------------------------------- partition.c: the plan */
 
@@ -34,15 +34,15 @@ enum partition_role { PARTITION_OUT, PARTITION_BASE, PARTITION_BORDER };
 
 struct partition_plan {
     const oxl_scene             *scene;
-    struct partition_visibility *sight;
-    int                          owns_sight;
+    struct partition_visibility *visibility;
+    int                          owns_visibility;
     struct partition_box         finite;       /* trimmed extents of the survey */
-    uint32_t                    *home;         /* (points of the COLMAP model) block, or PARTITION_NOWHERE */
+    uint32_t                    *owner;        /* (points of the COLMAP model) block, or PARTITION_NOWHERE */
     size_t                      *first_member; /* (blocks + 1) */
     uint32_t                    *member;       /* points in the block's expanded box, ascending */
     uint8_t                     *role;         /* (blocks, views) enum partition_role */
 };
-/* The same scene in the same frame, cut otherwise, without a word in the log. Shares the sight of `of`, which must outlive `out`. */
+/* The same scene in the same frame, cut otherwise, without a word in the log. Shares the visibility of `of`, which must outlive `out`. */
 OXL_INTERNAL oxl_result partition_again(oxl_context *ctx, const struct partition *of, const oxl_partition_options *options,
                                         struct partition *out);
 /* Marks in bits (points) what a block starts from; returns how many. bits: zero, (points + 63) / 64 words. */

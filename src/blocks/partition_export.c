@@ -1,7 +1,7 @@
 /* partition_export.c - each block as a COLMAP text export of its own, which COLMAP and other trainers open.
  *
  *     OUT/blocks/KKK/sparse/0/   cameras.txt, images.txt, points3D.txt
- *     OUT/blocks/KKK/images      a link to the survey's photographs, and masks likewise, where the system has links
+ *     OUT/blocks/KKK/images      a link to the survey's images, and masks likewise, where the system has links
  *     OUT/partition.svg, and last of all OUT/partition.txt: where it stands, the rest does too
  *
  * A block holds its training views and the points that it starts from, in the world coordinates, camera models, names and ids of the
@@ -94,7 +94,7 @@ static void exporter_put_real(struct exporter_worker *w, double value)
 
 static int exporter_has_view(const struct exporter *e, int block, size_t view)
 {
-    return e->p->plan->role[(size_t)block * e->p->plan->sight->views + view] != PARTITION_OUT;
+    return e->p->plan->role[(size_t)block * e->p->plan->visibility->views + view] != PARTITION_OUT;
 }
 
 /* Marks the block's points, images and cameras. */
@@ -104,7 +104,7 @@ static void exporter_mark(const struct exporter *e, struct exporter_worker *w, i
     memset(w->image, 0, e->colmap->image_count);
     memset(w->camera, 0, e->colmap->camera_count);
     partition_mark(e->p, block, w->bits);
-    for (size_t v = 0; v < e->p->plan->sight->views; v++)
+    for (size_t v = 0; v < e->p->plan->visibility->views; v++)
         if (exporter_has_view(e, block, v)) {
             w->image[scene_source_image(e->p->plan->scene, (int)v) - e->colmap->image]    = 1;
             w->camera[scene_source_camera(e->p->plan->scene, (int)v) - e->colmap->camera] = 1;
@@ -134,7 +134,7 @@ static void exporter_cameras(const struct exporter *e, struct exporter_worker *w
 /* Which point each 2D point of the view belongs to, by the tracks. */
 static void exporter_fill_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
-    const struct partition_visibility *s = e->p->plan->sight;
+    const struct partition_visibility *s = e->p->plan->visibility;
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++) {
         if (s->observation[k] >= e->slots || w->slot[s->observation[k]] != -1) w->loose++;
         else w->slot[s->observation[k]] = e->colmap->point[s->point[k]].id;
@@ -143,7 +143,7 @@ static void exporter_fill_slots(const struct exporter *e, struct exporter_worker
 
 static void exporter_clear_slots(const struct exporter *e, struct exporter_worker *w, size_t view)
 {
-    const struct partition_visibility *s = e->p->plan->sight;
+    const struct partition_visibility *s = e->p->plan->visibility;
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++)
         if (s->observation[k] < e->slots && w->slot[s->observation[k]] != -1) {
             w->loose++;
@@ -233,7 +233,7 @@ static void exporter_images(const struct exporter *e, struct exporter_worker *w,
            "#   POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images:");
     exporter_put_whole(w, ' ', e->p->block[block].base_views + e->p->block[block].border_views);
     exporter_put_text(w, "\n");
-    for (size_t v = 0; v < e->p->plan->sight->views && w->rc == OXL_OK; v++)
+    for (size_t v = 0; v < e->p->plan->visibility->views && w->rc == OXL_OK; v++)
         if (exporter_has_view(e, block, v)) exporter_image(e, w, v);
 }
 
@@ -305,7 +305,7 @@ static void exporter_link(const struct exporter *e, int block, const char *name,
 {
     char *path = folder && os_is_folder(folder) ? exporter_path(e, block, name) : NULL;
     if (path && !os_link(e->ctx, folder, path))
-        oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the photographs by --images", path);
+        oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the images by --images", path);
     oxl_free(e->ctx, path);
 }
 
@@ -332,7 +332,7 @@ static void exporter_remove_old(const struct exporter *e)
 static oxl_result exporter_prepare(struct exporter *e)
 {
     const struct colmap *c     = e->colmap;
-    const size_t         views = e->p->plan->sight->views;
+    const size_t         views = e->p->plan->visibility->views;
     for (size_t v = 0; v < views; v++)
         e->list_room = OXL_MAX(e->list_room, scene_source_image(e->p->plan->scene, (int)v)->points_size);
     e->slots       = e->list_room / 6 + 1; /* "0 0 0 " is the shortest */

@@ -6,7 +6,7 @@
 #include "partition.h"
 
 enum {
-    SVG_POINTS  = 12000, /* drawn in all panels together; 13 bytes each */
+    SVG_POINTS  = 12000, /* rendered in all panels together; 13 bytes each */
     SVG_CAMERAS = 4000,
     SVG_WIDTH   = 1120, /* px of a panel, at most */
     SVG_HEIGHT  = 760,
@@ -89,7 +89,7 @@ static void svg_begin_text(struct text *t, const char *class, double x, double y
 /* The trimmed extents with some air, and the cameras that are not too far off. */
 static void svg_set_bounds(struct svg *s, struct svg_panel *panel)
 {
-    const int views = (int)s->p->plan->sight->views;
+    const int views = (int)s->p->plan->visibility->views;
     for (int k = 0; k < 2; k++) {
         const int    axis = k ? panel->up : panel->across;
         const double low = s->p->plan->finite.low[axis], high = s->p->plan->finite.high[axis];
@@ -174,7 +174,7 @@ static void svg_choose_colours(struct svg *s)
     }
 }
 
-/* ---------------------------------------------------------------- what is drawn in a panel */
+/* ---------------------------------------------------------------- what is rendered in a panel */
 
 static void svg_rectangle(struct text *t, const char *class, const char *colour, double x, double y, double wide, double tall)
 {
@@ -187,8 +187,8 @@ static void svg_rectangle(struct text *t, const char *class, const char *colour,
     text_add(t, "/>\n");
 }
 
-/* The part of a block's home that the panel shows: x, y, width, height. */
-static void svg_place(const struct svg_panel *p, const struct partition_box *box, double out[4])
+/* The part of a block's owner that the panel shows: x, y, width, height. */
+static void svg_to_pixels(const struct svg_panel *p, const struct partition_box *box, double out[4])
 {
     const double left  = svg_x(p, OXL_MAX(box->low[p->across], p->low[0])),
                  right = svg_x(p, OXL_MIN(box->high[p->across], p->high[0]));
@@ -219,7 +219,7 @@ static void svg_draw_points(struct svg *s, const struct svg_panel *panel)
              k++) { /* one of each stretch: files have their own rhythm */
             const size_t i = (size_t)(((double)k + random_unit(random_bits(1, k, 0))) * stride);
             double       frame[3];
-            if (s->p->plan->home[i] != (uint32_t)block) continue;
+            if (s->p->plan->owner[i] != (uint32_t)block) continue;
             partition_to_frame(s->p, s->colmap->point[i].position, frame);
             if (svg_shows(panel, frame)) svg_dot(&s->t, panel, frame);
         }
@@ -235,7 +235,7 @@ static void svg_draw_blocks(struct svg *s, const struct svg_panel *panel)
                      right               = box->high[panel->across] > panel->high[0] ? 4 : 0;
         const double top = box->high[panel->up] > panel->high[1] ? 4 : 0, bottom = box->low[panel->up] < panel->low[1] ? 4 : 0;
         double       at[4];
-        svg_place(panel, box, at); /* an open side has its line outside the panel, where it is clipped */
+        svg_to_pixels(panel, box, at); /* an open side has its line outside the panel, where it is clipped */
         svg_rectangle(&s->t, panel->stacked ? "block line" : "block", svg_colour[s->colour[i]], at[0] - left, at[1] - top,
                       at[2] + left + right, at[3] + top + bottom);
     }
@@ -244,7 +244,7 @@ static void svg_draw_blocks(struct svg *s, const struct svg_panel *panel)
 /* The cameras whose list[v] is `block`, as one path. */
 static void svg_draw_cameras_of(struct svg *s, const struct svg_panel *panel, const int *list, int block, const char *class)
 {
-    const size_t views = s->p->plan->sight->views, stride = views * (size_t)s->panels / SVG_CAMERAS + 1;
+    const size_t views = s->p->plan->visibility->views, stride = views * (size_t)s->panels / SVG_CAMERAS + 1;
     int          any = 0;
     for (size_t v = 0; v < views; v += stride) {
         if (oxl_scene_view(s->p->plan->scene, (int)v)->is_test || !svg_shows(panel, s->camera + 3 * v)) continue;
@@ -266,7 +266,7 @@ static void svg_draw_cameras(struct svg *s, const struct svg_panel *panel)
 
 static void svg_draw_test_views(struct svg *s, const struct svg_panel *panel)
 {
-    const size_t views = s->p->plan->sight->views, stride = views * (size_t)s->panels / SVG_CAMERAS + 1;
+    const size_t views = s->p->plan->visibility->views, stride = views * (size_t)s->panels / SVG_CAMERAS + 1;
     text_add(&s->t, "<path class=\"test\" d=\"");
     for (size_t v = 0; v < views; v += stride) {
         if (!oxl_scene_view(s->p->plan->scene, (int)v)->is_test || !svg_shows(panel, s->camera + 3 * v)) continue;
@@ -283,7 +283,7 @@ static void svg_label(struct svg *s, const struct svg_panel *panel, int i)
 {
     const struct partition_block *b = &s->p->block[i];
     double                        at[4];
-    svg_place(panel, &b->box, at);
+    svg_to_pixels(panel, &b->box, at);
     if (at[2] < 24 || at[3] < 16) return;
     if (at[2] < 92 || at[3] < 62) {
         svg_begin_text(&s->t, "number small", at[0] + at[2] / 2, at[1] + at[3] / 2 + 4);
@@ -305,10 +305,10 @@ static void svg_label_stacked(struct svg *s, const struct svg_panel *panel, int 
 {
     double mine[4], other[4];
     int    listed = 0;
-    svg_place(panel, &s->p->block[i].box, mine);
+    svg_to_pixels(panel, &s->p->block[i].box, mine);
     for (int pass = 0; pass < 2; pass++)
         for (int j = pass ? i : 0; j < (pass ? s->p->block_count : i); j++) {
-            svg_place(panel, &s->p->block[j].box, other);
+            svg_to_pixels(panel, &s->p->block[j].box, other);
             if (fabs(2 * mine[0] + mine[2] - 2 * other[0] - other[2]) > 2 * 14) continue;
             if (fabs(2 * mine[1] + mine[3] - 2 * other[1] - other[3]) > 2 * 14) continue;
             if (!pass) return;
@@ -347,7 +347,8 @@ static void svg_draw_panel(struct svg *s, const struct svg_panel *panel, int ind
     svg_rectangle(&s->t, "clip", NULL, panel->left, panel->top, panel->wide, panel->tall);
     text_add(&s->t, "</clipPath>\n");
     svg_rectangle(&s->t, "paper", NULL, panel->left, panel->top, panel->wide, panel->tall);
-    text_add(&s->t, "<g clip-path=\"url(#clip%d)\"%s>\n", index, s->p->plan->sight->views > SVG_MANY ? " class=\"many\"" : "");
+    text_add(&s->t, "<g clip-path=\"url(#clip%d)\"%s>\n", index,
+             s->p->plan->visibility->views > SVG_MANY ? " class=\"many\"" : "");
     svg_draw_points(s, panel);
     svg_draw_blocks(s, panel);
     svg_draw_test_views(s, panel);
@@ -471,7 +472,7 @@ static void svg_draw(struct svg *s)
 static void svg_find_cameras(struct svg *s)
 {
     const struct partition_plan *plan  = s->p->plan;
-    const size_t                 views = plan->sight->views;
+    const size_t                 views = plan->visibility->views;
     for (size_t v = 0; v < views; v++) {
         double centre[3];
         camera_position(&oxl_scene_view(plan->scene, (int)v)->camera, centre);
@@ -487,7 +488,7 @@ static void svg_find_cameras(struct svg *s)
 
 OXL_INTERNAL oxl_result partition_draw(oxl_context *ctx, const struct partition *p, const char *path)
 {
-    const size_t views = p->plan->sight->views;
+    const size_t views = p->plan->visibility->views;
     struct svg   s  = {.t = {.ctx = ctx}, .p = p, .colmap = scene_colmap(p->plan->scene), .panels = p->dimensions == 3 ? 2 : 1};
     oxl_result   rc = OXL_OK;
     s.panel[0]      = (struct svg_panel){.title = "From above", .across = 0, .up = 1};

@@ -7,15 +7,15 @@
 
 /* ---------------------------------------------------------------- turning over, in parts of the points */
 
-struct sight_build {
+struct visibility_build {
     const struct colmap         *colmap;
     const double                *origin;
     int32_t                     *view; /* (images of the COLMAP model) -1: none for training */
-    struct partition_visibility *sight;
+    struct partition_visibility *visibility;
     size_t                      *next; /* (PARTITION_TASKS, views) entries of a part, then where its next entry goes */
 };
 
-static oxl_result sight_find_views(oxl_context *ctx, const oxl_scene *scene, struct sight_build *b)
+static oxl_result visibility_find_views(oxl_context *ctx, const oxl_scene *scene, struct visibility_build *b)
 {
     const struct colmap *c = b->colmap;
     b->view                = oxl_alloc(ctx, c->image_count + 1, sizeof *b->view);
@@ -26,10 +26,10 @@ static oxl_result sight_find_views(oxl_context *ctx, const oxl_scene *scene, str
     return OXL_OK;
 }
 
-static void sight_visit(const struct sight_build *b, int task, int fill)
+static void visibility_visit(const struct visibility_build *b, int task, int fill)
 {
     const struct colmap *c    = b->colmap;
-    size_t              *next = b->next + (size_t)task * b->sight->views;
+    size_t              *next = b->next + (size_t)task * b->visibility->views;
     const size_t         from = c->point_count * (size_t)task / PARTITION_TASKS,
                  end          = c->point_count * ((size_t)task + 1) / PARTITION_TASKS;
     for (size_t i = from; i < end; i++) {
@@ -40,8 +40,8 @@ static void sight_visit(const struct sight_build *b, int task, int fill)
             const int32_t              view = b->view[t->image_row];
             if (view < 0) continue;
             if (fill) {
-                b->sight->point[next[view]]       = (uint32_t)i;
-                b->sight->observation[next[view]] = t->observation;
+                b->visibility->point[next[view]]       = (uint32_t)i;
+                b->visibility->observation[next[view]] = t->observation;
             }
             next[view]++;
         }
@@ -49,29 +49,29 @@ static void sight_visit(const struct sight_build *b, int task, int fill)
 }
 
 /* From counts to places: a view's list holds its points of the first part, then those of the second... */
-static void sight_place(const struct sight_build *b)
+static void visibility_offsets(const struct visibility_build *b)
 {
     size_t total = 0;
-    for (size_t v = 0; v < b->sight->views; v++) {
-        b->sight->first[v] = total;
+    for (size_t v = 0; v < b->visibility->views; v++) {
+        b->visibility->first[v] = total;
         for (int task = 0; task < PARTITION_TASKS; task++) {
-            size_t      *next  = b->next + (size_t)task * b->sight->views + v;
+            size_t      *next  = b->next + (size_t)task * b->visibility->views + v;
             const size_t count = *next;
             *next              = total;
             total += count;
         }
     }
-    b->sight->first[b->sight->views] = total;
+    b->visibility->first[b->visibility->views] = total;
 }
 
-static uint32_t sight_count_different(const struct partition_visibility *s, size_t view)
+static uint32_t visibility_count_different(const struct partition_visibility *s, size_t view)
 {
     uint32_t count = 0;
     for (size_t k = s->first[view]; k < s->first[view + 1]; k++) count += k == s->first[view] || s->point[k] != s->point[k - 1];
     return count;
 }
 
-static oxl_result sight_alloc_lists(oxl_context *ctx, struct partition_visibility *s)
+static oxl_result visibility_alloc_lists(oxl_context *ctx, struct partition_visibility *s)
 {
     const size_t total = s->first[s->views];
     s->point           = oxl_alloc(ctx, total + 1, sizeof *s->point);
@@ -80,11 +80,11 @@ static oxl_result sight_alloc_lists(oxl_context *ctx, struct partition_visibilit
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu observations", total);
 }
 
-OXL_INTERNAL oxl_result partition_sight_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out)
+OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_scene *scene, struct partition_visibility **out)
 {
     const size_t                 views = (size_t)oxl_scene_view_count(scene);
     struct partition_visibility *s     = oxl_calloc(ctx, 1, sizeof *s);
-    struct sight_build           b     = {.colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .sight = s};
+    struct visibility_build      b     = {.colmap = scene_colmap(scene), .origin = oxl_scene_origin(scene), .visibility = s};
     oxl_result                   rc    = OXL_OK;
     *out                               = NULL;
     if (s) {
@@ -96,26 +96,26 @@ OXL_INTERNAL oxl_result partition_sight_create(oxl_context *ctx, const oxl_scene
     if (!s || !s->first || !s->seen || !b.next) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the sight of %zu views", views);
     if (rc == OXL_OK && b.colmap->point_count >= UINT32_MAX)
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%zu points are more than a partition can number (2^32 - 1)", b.colmap->point_count);
-    if (rc == OXL_OK) rc = sight_find_views(ctx, scene, &b);
+    if (rc == OXL_OK) rc = visibility_find_views(ctx, scene, &b);
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int task = 0; task < PARTITION_TASKS; task++) sight_visit(&b, task, 0);
-    sight_place(&b);
-    rc = sight_alloc_lists(ctx, s);
+    for (int task = 0; task < PARTITION_TASKS; task++) visibility_visit(&b, task, 0);
+    visibility_offsets(&b);
+    rc = visibility_alloc_lists(ctx, s);
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int task = 0; task < PARTITION_TASKS; task++) sight_visit(&b, task, 1);
+    for (int task = 0; task < PARTITION_TASKS; task++) visibility_visit(&b, task, 1);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int v = 0; v < (int)views; v++) s->seen[v] = sight_count_different(s, (size_t)v);
+    for (int v = 0; v < (int)views; v++) s->seen[v] = visibility_count_different(s, (size_t)v);
 done:
     oxl_free(ctx, b.next);
     oxl_free(ctx, b.view);
-    if (rc != OXL_OK) partition_sight_free(ctx, s);
+    if (rc != OXL_OK) partition_visibility_free(ctx, s);
     else *out = s;
     return rc;
 }
 
-OXL_INTERNAL void partition_sight_free(oxl_context *ctx, struct partition_visibility *s)
+OXL_INTERNAL void partition_visibility_free(oxl_context *ctx, struct partition_visibility *s)
 {
     if (!s) return;
     oxl_free(ctx, s->first);

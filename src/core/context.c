@@ -1,7 +1,6 @@
 /* context.c - context, errors, memory, growing text, random numbers.
  *
- * Invariant: every byte that the library holds was given by ctx->options.reallocate, so that a caller can count it, limit it
- * or make it fail.
+ * Invariant: all memory of the library comes from ctx->options.reallocate, so that a caller can count it, limit it or make it fail.
  */
 #include "core.h"
 #include "simd.h"
@@ -23,7 +22,7 @@ oxl_context_options oxl_context_options_default(void)
     return (oxl_context_options){.seed = 1, .reallocate = context_reallocate, .device = -1};
 }
 
-/* The result does not depend on their number, and with a hundred thousand the OpenMP runtime crashes. */
+/* The result does not depend on the number of threads; the OpenMP runtime crashes with 100 000. */
 enum { BASE_THREADS_MAX = 1024 };
 
 static int context_threads(int wanted)
@@ -95,7 +94,7 @@ static void *context_reallocate_in_turn(void *user, void *old, size_t size)
     return memory;
 }
 
-OXL_INTERNAL oxl_context context_apart(oxl_context *ctx)
+OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx)
 {
     return (oxl_context){
         .options = {.reallocate = context_reallocate_in_turn, .user = &ctx->options}, .threads = 1, .isa = ctx->isa};
@@ -106,7 +105,7 @@ OXL_INTERNAL oxl_context context_apart(oxl_context *ctx)
 OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...)
 {
     va_list args;
-    if (!ctx) return rc; /* whoever has no context wants no text */
+    if (!ctx) return rc; /* no context, no text */
     va_start(args, format);
     vsnprintf(ctx->error, sizeof ctx->error, format, args);
     va_end(args);
@@ -133,7 +132,7 @@ OXL_INTERNAL void oxl_log(oxl_context *ctx, oxl_log_level level, const char *for
 
 /* ---------------------------------------------------------------- memory */
 
-/* Blocks are aligned to a cache line by hand: the pointer that the allocator gave stands right before the block. */
+/* Blocks are aligned to a cache line; the allocator's pointer is stored directly before the block. */
 enum { BASE_ALIGN = 64 };
 
 OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size)

@@ -1,14 +1,14 @@
-/* core.h - what all modules share: context, errors, memory, text, numbers, files. Each layer has one header like this one, with a section for
- * each module; a layer includes headers of lower layers only (make rooms).
+/* core.h - context, errors, memory, text, numbers, files. Each layer has one header, with a section per module; a layer includes headers of
+ * lower layers only (make rooms).
  *
- * Names: oxl_* is public (oceanxl.h); OXL_INTERNAL functions carry their module's name and may be called by other modules;
- * what is plain static stays in its file. In the single translation unit OXL_INTERNAL is static; built module by module
- * (OXL_MODULES) it is extern, which shows that every dependency is declared here.
+ * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other modules; static functions
+ * belong to their file. In the single translation unit OXL_INTERNAL is static; in separate modules (OXL_MODULES) it is extern, so
+ * every dependency must be declared here.
  */
 #ifndef OXL_CORE_H
 #define OXL_CORE_H
 
-/* os.c needs POSIX by name under -std=c99, and the first system header decides: so core.h comes before any. */
+/* os.c needs POSIX under -std=c99, and the first system header decides, so core.h is included before any system header. */
 #if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 200809L
 #endif
@@ -22,7 +22,7 @@
 #define _DARWIN_C_SOURCE /* ru_maxrss */
 #endif
 
-#include "../../oceanxl.h"
+#include "../../oceanxl_job.h"
 
 #include <float.h>
 #include <limits.h>
@@ -39,7 +39,7 @@
 #if defined(OXL_MODULES)
 #define OXL_INTERNAL
 #elif defined(__GNUC__)
-#define OXL_INTERNAL static __attribute__((unused)) /* some functions are used by the tests or the benchmark alone */
+#define OXL_INTERNAL static __attribute__((unused)) /* some functions are used only by tests or benchmarks */
 #else
 #define OXL_INTERNAL static
 #endif
@@ -61,22 +61,22 @@ struct oxl_context {
     oxl_context_options options;
     int                 threads; /* resolved: at least 1 */
     int                 isa;     /* enum isa of simd.h */
-    struct vulkan      *vulkan;  /* the device that draws; NULL: the CPU does */
+    struct vulkan      *vulkan;  /* device that renders; NULL: the CPU */
     char                error[1024];
-    struct text        *notes;  /* lines of the log are kept here too, as elements of a JSON array; NULL: they are not */
-    oxl_result          failed; /* what `error` is about: for doors that return a pointer or NULL */
+    struct text        *notes;  /* copies of log lines, as elements of a JSON array; NULL: not kept */
+    oxl_result          failed; /* code of `error`, for functions that return a pointer or NULL */
 };
 
-/* The context alone; backend.c opens and closes what lies on top of it. */
+/* The context without its backend, which backend.c opens and closes. */
 OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_context **out);
 OXL_INTERNAL void       context_close(oxl_context *ctx);
 
-OXL_INTERNAL int context_thread(void); /* which of a parallel region's threads this is, from 0 */
+OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
-/* For a thread beside others: a context of its own, with memory from ctx. It logs nothing, and its errors stay with it. */
-OXL_INTERNAL oxl_context context_apart(oxl_context *ctx);
+/* A context for one of several threads, with memory from ctx. It does not log and keeps its own errors. */
+OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
 
-/* All memory goes through these; NULL when the allocator refuses or count x size overflows. Aligned to 64 bytes. */
+/* All memory comes from these, aligned to 64 bytes; NULL if the allocator fails or count x size overflows. */
 OXL_INTERNAL void *oxl_alloc(oxl_context *ctx, size_t count, size_t size);
 OXL_INTERNAL void *oxl_calloc(oxl_context *ctx, size_t count, size_t size);
 /* Keeps min(old, new) elements; on failure `old` stays valid. */
@@ -95,67 +95,68 @@ OXL_INTERNAL oxl_result oxl_reserve(oxl_context *ctx, void **array, size_t *capa
 #endif
 
 /* Stores the text and returns rc: `return oxl_fail(ctx, OXL_ERR_INPUT, "%s:%d: ...", path, line);`
- * A second line that starts with "fix: " says what to do. */
+ * A second line that starts with "fix: " names one action. */
 OXL_INTERNAL oxl_result oxl_fail(oxl_context *ctx, oxl_result rc, const char *format, ...) OXL_PRINTF(3, 4);
 OXL_INTERNAL void       oxl_log(oxl_context *ctx, oxl_log_level level, const char *format, ...) OXL_PRINTF(3, 4);
 
-/* Text that grows. Failure to grow is remembered in `failed` and tested once, at the end. */
+/* Growing text. A failed allocation sets `failed`, which is tested once at the end. */
 struct text {
     oxl_context *ctx;
-    char        *data; /* always terminated once something was added; NULL before */
+    char        *data; /* terminated; NULL before the first addition */
     size_t       size, capacity;
     int          failed;
 };
 OXL_INTERNAL void       text_add(struct text *t, const char *format, ...) OXL_PRINTF(2, 3);
 OXL_INTERNAL void       text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
-OXL_INTERNAL void       text_add_number(struct text *t, double value);       /* shortest that reads back; null when not finite */
-OXL_INTERNAL void       text_add_float(struct text *t, float value);         /* shortest that reads back as this float */
+OXL_INTERNAL void       text_add_number(struct text *t,
+                                        double       value); /* shortest text that parses to the same value; null if not finite */
+OXL_INTERNAL void       text_add_float(struct text *t, float value); /* shortest text that parses to the same float */
 OXL_INTERNAL void       text_free(struct text *t);
-/* Hands the text over as fresh memory and empties t; OXL_ERR_MEMORY when it had failed to grow. */
+/* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
-/* The text of a copy, or NULL. */
+/* A copy of the text, or NULL. */
 OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
-/* "a/b" in fresh memory; a may be "" or end in a slash. */
+/* "a/b", allocated; a may be "" or end in a slash. */
 OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
 
 /* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
 
-/* One decimal number at *cursor, independent of the locale, correct to the last bit as strtod in the C locale; 0 when there is
- * none. Takes signs, exponents, nan and inf in the usual spellings ("-nan(ind)" too). *cursor moves past it. */
+/* Parses one decimal number at *cursor, independent of the locale and correctly rounded, as strtod in the C locale; 0: no number.
+ * Accepts signs, exponents, nan and inf in the usual spellings, also "-nan(ind)". *cursor moves past it. */
 OXL_INTERNAL int parse_double(const char **cursor, const char *end, double *out);
 OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out);
 
-/* The value as %.17g writes it in the "C" locale, which reads back exactly; returns the length. */
+/* The value as %.17g in the "C" locale, which parses to the same value; returns the length. */
 enum { NUMBER_TEXT_MAX = 48 };
 OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value);
 OXL_INTERNAL size_t format_int64(char out[NUMBER_TEXT_MAX], int64_t value);
 OXL_INTERNAL void   format_digits(char out[NUMBER_TEXT_MAX], double value, int precision); /* as %.*g */
-OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value); /* that reads back as the same double */
-OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);     /* that reads back as the same float */
+OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value);              /* parses to the same double */
+OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);                  /* parses to the same float */
 
 /* ---------------------------------------------------------------- context.c again: random numbers */
 
-/* A stateless random number: the same (seed, a, b) gives the same value on every machine (splitmix64's finaliser). */
+/* A stateless random number: a function of (seed, a, b), equal on all machines (finaliser of splitmix64). */
 OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);
 OXL_INTERNAL double   random_unit(uint64_t bits); /* [0,1), 53 bits */
 
 /* ---------------------------------------------------------------- os.c: what C99 lacks; the one file to port */
 
-struct os_file_map { /* a whole file in memory, read-only; one zero byte follows */
+struct os_file_map { /* a whole file in memory, read-only, with one zero byte after it */
     const char *data;
     size_t      size;
 };
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out);
-/* Of a file that does not begin so, a few bytes alone. */
+/* A file that does not begin with `start` is read only as far as its first bytes. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
 
-/* A file piece by piece. `path` is borrowed. */
+/* A file read in pieces. `path` is borrowed. */
 struct os_reader {
     FILE       *file;
     const char *path;
-    uint64_t    size; /* a hint: a pipe has none, and a file may grow */
+    uint64_t    size; /* a hint: 0 for a pipe, and a file may grow */
 };
 OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out);
 OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, void *data, size_t size,
@@ -163,9 +164,9 @@ OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, vo
 OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset);
 OXL_INTERNAL void       os_reader_close(struct os_reader *r);
 
-/* Whole or not at all: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
+/* Atomic: temporary name in the same folder, write, fsync, rename, fsync of the folder. */
 OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const void *data, size_t size);
-/* Removes what a killed process left in a folder of files that it was writing. Nobody else may be writing there. */
+/* Removes temporary files that a killed process left in a folder. No other process may be writing there. */
 OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder);
 
 /* The same for a file that is produced piece by piece. */
@@ -175,32 +176,58 @@ struct os_writer {
     int   error; /* errno of os_writer_sync */
 };
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
-OXL_INTERNAL void       os_writer_sync(struct os_writer *writer); /* waits for the disk; a failure is told by os_writer_close */
+OXL_INTERNAL void       os_writer_sync(struct os_writer *writer); /* fsync; os_writer_close reports a failure */
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc); /* rc != OXL_OK: discard */
 
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode);
-OXL_INTERNAL int   os_rename(const char *from, const char *to); /* over what `to` was; 0: done */
-OXL_INTERNAL int   os_remove(const char *path);                 /* 0: done */
+OXL_INTERNAL int   os_rename(const char *from, const char *to); /* replaces `to`; 0: success */
+OXL_INTERNAL int   os_remove(const char *path);                 /* 0: success */
+
+/* A lock on a file, exclusive or shared between processes; see lock.c. */
+enum os_locked {
+    OS_LOCK_TAKEN,
+    OS_LOCK_BUSY,    /* `holder` has it; the file is closed, or the lock stays as it was */
+    OS_LOCK_REMOVED, /* taken, but its last holder has removed the file; closed */
+    OS_LOCK_NONE,    /* the file system has no locks; the file is open */
+    OS_LOCK_FAILED   /* the file cannot be opened: errno */
+};
+struct os_lock {
+    intptr_t file;
+    long     process;     /* that has it, as the system says; 0: unknown */
+    char     holder[128]; /* "process 17 on reef": of BUSY who has it, of TAKEN who had it and was killed; "": unknown */
+};
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
+OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
+OXL_INTERNAL void           os_lock_sign(const struct os_lock *lock);                /* writes this process into the file */
+OXL_INTERNAL oxl_result     os_lock_fail(oxl_context *ctx, const char *path);        /* from errno */
+OXL_INTERNAL void           os_lock_close(struct os_lock *lock, const char *remove); /* releases it; remove: its path, or NULL */
 
 #ifdef OXL_VULKAN
-/* A library that is loaded at run time; NULL: there is none of that name. */
+/* A library loaded at run time; NULL: not found. */
 OXL_INTERNAL void *os_library_open(const char *name);
 OXL_INTERNAL void  os_library_symbol(void *library, const char *name, void *out, size_t size); /* out: a function pointer */
 OXL_INTERNAL void  os_library_close(void *library);
 #endif
 
-OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; there already: fine */
-/* A symbolic link at `path` to the folder `target`, in place of an older link but of nothing else; 0: none could be made. */
+OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; an existing folder is no error */
+/* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
 OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char *path);
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
-OXL_INTERNAL int64_t    os_modified(const char *path); /* when, in a unit of the system; 0: unknown */
+OXL_INTERNAL int64_t    os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 OXL_INTERNAL double     os_seconds(void);              /* monotonic clock */
 OXL_INTERNAL size_t     os_peak_rss(void);             /* bytes; 0 when unknown */
-OXL_INTERNAL size_t     os_memory_free(void);          /* bytes that can be taken without swapping; 0 when unknown */
-/* Calls `visit` with the name of each entry of a folder, in no order. */
+OXL_INTERNAL size_t     os_memory_free(void);          /* bytes available without swapping; 0: unknown */
+/* Calls `visit` with the name of each entry of a folder, in any order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
                                        void *user);
+
+/* ---------------------------------------------------------------- lock.c: a folder that one process writes to at a time */
+
+/* oxl_lock_folder; shared: beside other processes that share it. */
+OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
+/* OXL_ERR_FAILED: another process has it, and the lock stays as it was. */
+OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
 
 /* ---------------------------------------------------------------- ply.c: a small PLY reader */
 
@@ -216,11 +243,11 @@ struct ply_property {
 };
 struct ply_element {
     char                 name[PLY_NAME];
-    uint64_t             rows; /* the file holds at least the bytes that so many rows need */
+    uint64_t             rows; /* the file is checked to hold at least this many rows */
     struct ply_property *property;
     int                  properties, has_list;
     size_t               capacity;
-    size_t               row_bytes; /* in binary files; with lists: the least */
+    size_t               row_bytes; /* in binary files; the minimum if there are lists */
 };
 struct ply {
     char               *path;
@@ -235,16 +262,16 @@ struct ply {
     int                 comments;
     size_t              comment_capacity;
 };
-/* Where a property's values (rows) go, converted; both NULL: nowhere. Lists are always skipped. */
+/* Destination of a property's values (rows), converted; both NULL: skipped. Lists are always skipped. */
 struct ply_target {
     float  *as_float;
     double *as_double;
 };
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out); /* reads and checks the header */
-/* target: one for each of the element's properties. */
+/* target: (properties of the element). */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target);
 OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);
-OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);              /* -1: not there */
-OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: not there, or a list */
+OXL_INTERNAL int        ply_find_element(const struct ply *ply, const char *name);              /* -1: none */
+OXL_INTERNAL int        ply_find_property(const struct ply_element *element, const char *name); /* -1: none, or a list */
 
 #endif

@@ -8,7 +8,7 @@ static const char *json_blank(const char *at)
     return at + strspn(at, " \t\r\n");
 }
 
-/* Past the string that begins here. */
+/* Skips the string at p. */
 static const char *json_past_string(const char *at)
 {
     for (at++; *at && *at != '"'; at++)
@@ -31,7 +31,7 @@ static const char *json_past(const char *at)
     return at;
 }
 
-const char *oxl_json_fault(const char *text)
+const char *oxl_json_error(const char *text)
 {
     const char *at    = json_blank(text);
     int         depth = 0;
@@ -49,7 +49,7 @@ const char *oxl_json_fault(const char *text)
     return depth == 0 && *at == 0 ? NULL : at;
 }
 
-/* What stands after the comma, or NULL at the end of the object or array. */
+/* The value after the comma, or NULL at the end of the object or array. */
 const char *oxl_json_next(const char *value)
 {
     const char *at = value ? json_blank(json_past(value)) : "";
@@ -108,7 +108,7 @@ int oxl_json_is_true(const char *object, const char *name)
 
 /* ---------------------------------------------------------------- strings */
 
-/* One character of up to 16 bits as UTF-8; returns its length, at most half of what its escape took. */
+/* Writes a 16-bit character as UTF-8; returns its length, at most half of the escape's. */
 static size_t json_put(char *out, unsigned long code)
 {
     if (code < 0x80) {

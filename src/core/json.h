@@ -1,30 +1,30 @@
-/* json.h - a cursor over JSON text, without a tree: for what the library writes and for what other programs write about surveys.
+/* json.h - reads JSON text through a cursor, without building a tree. The library and the program use it.
  *
- * A value is a pointer to its first byte within the text, and NULL is the value that is not there: it has no members, no number.
- * The functions are no part of the API; they are not OXL_INTERNAL, since the program reads JSON by them too.
- * Invariant: no function reads past the 0 at the text's end, whatever the text holds.
+ * A value is a pointer to its first byte in the text; NULL is a missing value, without members or number.
+ * The functions are not public API; they are not OXL_INTERNAL because the program calls them.
+ * Invariant: no function reads past the terminating 0, for any text.
  */
 #ifndef OXL_JSON_H
 #define OXL_JSON_H
 
 #include <stddef.h>
 
-/* NULL when brackets and strings are closed and nothing follows; else where the text goes wrong or ends too early. */
-const char *oxl_json_fault(const char *text);
+/* NULL if brackets and strings are balanced and nothing follows; otherwise the position of the error. */
+const char *oxl_json_error(const char *text);
 
-/* The first element of an array, the first key of an object; what follows an element, or the value of a key; what a key names. */
+/* The first element of an array or first key of an object; the element after one, or the key after a value; the value of a key. */
 const char *oxl_json_first(const char *value);
 const char *oxl_json_next(const char *value);
 const char *oxl_json_value(const char *key);
 
 const char *oxl_json_member(const char *object, const char *name);
-double      oxl_json_number_at(const char **cursor); /* past it; NAN when there is none */
+double      oxl_json_number_at(const char **cursor); /* moves past it; NAN: no number */
 double      oxl_json_number(const char *object, const char *name);
 int         oxl_json_is_true(const char *object, const char *name);
 
-/* The string, unescaped and terminated, into `size` bytes; its length, or 0 when it is none or does not fit. A string never becomes
- * longer than it stands. */
+/* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or does not fit. The result
+ * is never longer than the source. */
 size_t oxl_json_text(const char *value, char *out, size_t size);
-size_t oxl_json_room(const char *value); /* bytes that oxl_json_text may need */
+size_t oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
 
 #endif

@@ -1,12 +1,12 @@
-/* number.c - decimal text to numbers and back: the same in every locale, and right to the last bit.
+/* number.c - decimal text to numbers and back, independent of the locale and correctly rounded.
  *
- * A decimal number is w x 10^e with an integer w. Three ways lead to the nearest double; the quickest that is exact is taken:
+ * A decimal number is w x 10^e with an integer w. Of three methods the fastest exact one is used:
  *
  *     w <= 2^53, |e| <= 22    both are doubles without error, so one division or product rounds once (Clinger 1990)
- *     w < 2^64, |e| <= 27     5^|e| has 63 bits: 128-bit integers hold all that rounding must know
- *     the rest                strtod, on text without a decimal point, which every locale reads alike
+ *     w < 2^64, |e| <= 27     5^|e| has 63 bits: 128-bit integers hold all digits that rounding needs
+ *     otherwise               strtod on text without a decimal point, which is the same in every locale
  *
- * Invariant: what strtod gives in the "C" locale; hexadecimal numbers and leading blanks are not taken.
+ * Invariant: equal to strtod in the "C" locale; hexadecimal numbers and leading blanks are not accepted.
  */
 #include "core.h"
 
@@ -37,7 +37,7 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
     for (first = p; p < end && number_is_digit(*p); p++) w = 10 * w + (uint64_t)(*p - '0');
     if (p == first) return 0;
     if (p - first > 18 && !number_fits(first, p, (uint64_t)INT64_MAX + (uint64_t)negative)) return 0;
-    *out    = negative && w > 0 ? -(int64_t)(w - 1) - 1 : (int64_t)w; /* INT64_MIN has no positive twin */
+    *out    = negative && w > 0 ? -(int64_t)(w - 1) - 1 : (int64_t)w; /* -INT64_MIN is not an int64_t */
     *cursor = p;
     return 1;
 }
@@ -45,8 +45,8 @@ OXL_INTERNAL int parse_int64(const char **cursor, const char *end, int64_t *out)
 /* ---------------------------------------------------------------- w x 10^e to the nearest double */
 
 enum {
-    NUMBER_DIGITS_MAX  = 19,  /* any so many fit 64 bits */
-    NUMBER_DIGITS_KEPT = 800, /* no point half-way between two doubles has more than 767 digits: further ones only break ties */
+    NUMBER_DIGITS_MAX  = 19,  /* always fit into 64 bits */
+    NUMBER_DIGITS_KEPT = 800, /* a midpoint between two doubles has at most 767 digits; further digits only break ties */
     NUMBER_POWER10_MAX = 22,  /* the last power of 10 that is a double */
     NUMBER_POWER5_MAX  = 27   /* the last power of 5 below 2^63 */
 };
@@ -75,7 +75,7 @@ static double number_by_strtod(const char *digits, const char *end, int64_t expo
         text[size++] = '1';
         exponent--;
     }
-    exponent = OXL_CLAMP(exponent, -9999, 9999); /* beyond, it is 0 or infinity anyway */
+    exponent = OXL_CLAMP(exponent, -9999, 9999); /* beyond, the result is 0 or infinity */
     snprintf(text + size, sizeof text - size, "e%d", (int)exponent);
     return strtod(text, NULL);
 }
@@ -101,8 +101,8 @@ static double number_power2(int exponent) /* -1022 .. 1023 */
     return value;
 }
 
-/* With w and 5^|e| shifted to their top bits, product or quotient fills 63 or 64 bits; what falls off below is one sticky bit,
- * and the conversion to double rounds once. The rest is a power of 2, exact: no result comes near 2^-1022 or 2^1023. */
+/* With w and 5^|e| shifted to their top bits, the product or quotient fills 63 or 64 bits; lower bits become one sticky bit,
+ * and the conversion to double rounds once. The remaining power of 2 is exact: results stay away from 2^-1022 and 2^1023. */
 static double number_scale_wide(uint64_t w, int e)
 {
     const uint64_t power = number_power5[e < 0 ? -e : e];
@@ -121,10 +121,10 @@ static double number_scale_wide(uint64_t w, int e)
 #endif
 
 #ifndef FLT_EVAL_METHOD
-#define FLT_EVAL_METHOD -1 /* a compiler that does not say */
+#define FLT_EVAL_METHOD -1 /* not defined by the compiler */
 #endif
 
-/* w is the value of the digits (modulo 2^64, when there are more than NUMBER_DIGITS_MAX). */
+/* w: value of the digits, modulo 2^64 if there are more than NUMBER_DIGITS_MAX. */
 static double number_scale(uint64_t w, const char *digits, const char *end, int count, int64_t exponent)
 {
     const int64_t size = exponent < 0 ? -exponent : exponent;
@@ -140,8 +140,8 @@ static double number_scale(uint64_t w, const char *digits, const char *end, int 
 
 /* ---------------------------------------------------------------- the text of a double */
 
-/* Behind `word`, in capitals or not; NULL when it is not there. */
-static const char *number_past_word(const char *p, const char *end, const char *word)
+/* The position after `word`, ignoring case; NULL: no match. */
+static const char *number_skip_word(const char *p, const char *end, const char *word)
 {
     for (; *word; word++, p++)
         if (p == end || (*p | 0x20) != *word) return NULL;
@@ -151,7 +151,7 @@ static const char *number_past_word(const char *p, const char *end, const char *
 /* nan, nan(...), inf, infinity. */
 static const char *number_parse_name(const char *p, const char *end, double *out)
 {
-    const char *past = number_past_word(p, end, "nan");
+    const char *past = number_skip_word(p, end, "nan");
     *out             = NAN;
     if (past) {
         p = past;
@@ -162,14 +162,14 @@ static const char *number_parse_name(const char *p, const char *end, double *out
         return past;
     }
     *out = INFINITY;
-    past = number_past_word(p, end, "infinity");
-    return past ? past : number_past_word(p, end, "inf");
+    past = number_skip_word(p, end, "infinity");
+    return past ? past : number_skip_word(p, end, "inf");
 }
 
 /* Visual C++ before 2015 printed 1.#INF, 1.#IND00, 1.#QNAN; p is at the '#'. */
 static const char *number_parse_sharp(const char *p, const char *end, double *out)
 {
-    *out = number_past_word(p + 1, end, "inf") ? INFINITY : NAN;
+    *out = number_skip_word(p + 1, end, "inf") ? INFINITY : NAN;
     for (p++; p < end && (number_is_digit(*p) || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')); p++) {}
     return p;
 }
@@ -235,7 +235,7 @@ static const char number_pairs[] = "00010203040506070809101112131415161718192021
                                    "40414243444546474849505152535455565758596061626364656667686970717273747576777879"
                                    "8081828384858687888990919293949596979899";
 
-/* Writes digits so that they end before `end`, two at a time; returns where they begin. */
+/* Writes the digits before `end`, two at a time; returns their start. */
 static char *number_put_digits(char *end, uint64_t w)
 {
     for (; w >= 100; w /= 100) memcpy(end -= 2, number_pairs + 2 * (w % 100), 2);
@@ -272,7 +272,7 @@ static uint64_t number_scale_up(uint64_t m, int e, int scale)
     return q + (rest > half || (rest == half && (q & 1)));
 }
 
-/* The 17 significant digits of a positive number from 1e-5 to 1e16 and the exponent of the first; 0: out of that range. */
+/* The 17 significant digits of a positive number in 1e-5 .. 1e16 and the exponent of the first; 0: out of range. */
 static int number_digits(double value, char digits[17], int *exponent)
 {
     const uint64_t limit = UINT64_C(100000000000000000); /* 10^17 */
@@ -283,7 +283,7 @@ static int number_digits(double value, char digits[17], int *exponent)
     memcpy(&bits, &value, sizeof bits);
     e     = (int)(bits >> 52) - 1075;
     bits  = (bits & (((uint64_t)1 << 52) - 1)) | (uint64_t)1 << 52;
-    guess = (e + 52) * 0.30102999; /* log10 2, rather less: the guess is right or one too low */
+    guess = (e + 52) * 0.30102999; /* below log10(2): the guess is exact or one too low */
     ten   = (int)guess - (guess < 0);
     w     = number_scale_up(bits, e, 16 - ten);
     if (w >= limit) w = number_scale_up(bits, e, 16 - ++ten);
@@ -292,7 +292,7 @@ static int number_digits(double value, char digits[17], int *exponent)
     return 1;
 }
 
-/* As %.17g: no zeros at the end of the fraction. Only where that writes no exponent; 0: elsewhere. */
+/* As %.17g without trailing zeros of the fraction; 0: %.17g would write an exponent. */
 static size_t number_format_plain(char *out, double value)
 {
     char digits[17], *p = out;
@@ -300,7 +300,7 @@ static size_t number_format_plain(char *out, double value)
     if (!number_digits(value, digits, &ten) || ten < -4 || ten > 16) return 0;
     while (count > 1 && digits[count - 1] == '0') count--;
     if (ten < 0) {
-        memcpy(p, "0.000", 5); /* as many of its zeros as there are to be */
+        memcpy(p, "0.000", 5); /* up to four zeros, as needed */
         p += 1 - ten;
     }
     memcpy(p, digits, 17);
@@ -309,7 +309,7 @@ static size_t number_format_plain(char *out, double value)
         p[ten + 1] = '.';
         count++;
     }
-    p += OXL_MAX(count, ten + 1); /* a large whole number keeps its zeros */
+    p += OXL_MAX(count, ten + 1); /* a large integer keeps its zeros */
     *p = 0;
     return (size_t)(p - out);
 }
@@ -325,7 +325,7 @@ OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
 {
     char         text[48];
     size_t       size  = value < 0;
-    const size_t plain = number_format_plain(out + size, value < 0 ? -value : value); /* a tenth of snprintf's time */
+    const size_t plain = number_format_plain(out + size, value < 0 ? -value : value); /* ten times as fast as snprintf */
     if (plain) {
         if (size) out[0] = '-';
         return size + plain;
@@ -334,7 +334,7 @@ OXL_INTERNAL size_t format_double(char out[NUMBER_TEXT_MAX], double value)
     snprintf(text, sizeof text, "%.17g", value);
     for (const char *p = text; *p; p++) {
         if (number_is_digit(*p) || *p == '-' || *p == '+' || ((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z')) out[size++] = *p;
-        else if (size == 0 || out[size - 1] != '.') out[size++] = '.'; /* the locale's decimal point has one byte or more */
+        else if (size == 0 || out[size - 1] != '.') out[size++] = '.'; /* the locale's decimal point can have several bytes */
     }
     out[size] = 0;
     return size;

@@ -1,15 +1,14 @@
-/* os.c - what C99 lacks: files that appear whole or not at all, folders, a clock, memory use. The one file to port.
+/* os.c - operating system: atomic file writes, folders, clock, memory use. The one file to port.
  *
- * The first half is written twice, for POSIX and for Windows: a dozen small primitives that set errno. The second half is
- * plain C on top of them.
+ * The first half exists for POSIX and for Windows: small primitives that set errno. The second half is C99 on top of them.
  *
- * Invariant: after a failed or interrupted write, the path holds what it held before.
+ * Invariant: after a failed or interrupted write, the file at the path is unchanged.
  */
 #include "core.h" /* asks for POSIX before any system header */
 
 #include <errno.h>
 
-enum { OS_START = 64 }; /* bytes that tell what a file is */
+enum { OS_START = 64 }; /* bytes that identify a format */
 
 enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
 
@@ -60,7 +59,7 @@ OXL_INTERNAL int os_remove(const char *path)
     return unlink(path);
 }
 
-/* Some network file systems cannot sync and say EINVAL; there is nothing better to do there. */
+/* Some network file systems cannot sync and return EINVAL, which is ignored. */
 static int os_sync(FILE *file)
 {
     return fsync(fileno(file)) == 0 || errno == EINVAL ? 0 : -1;
@@ -93,7 +92,7 @@ static int os_working_folder(char *out, size_t size)
     return getcwd(out, size) ? 0 : -1;
 }
 
-/* Makes the rename itself last through a power cut. Not every file system allows it; the data are safe by then. */
+/* Makes the rename durable. Errors are ignored: not all file systems support it, and the data are on disk already. */
 static void os_sync_folder(const char *path)
 {
     const int fd = open(path, O_RDONLY);
@@ -115,23 +114,6 @@ static long os_process(void)
 int oxl_is_terminal(int stream)
 {
     return isatty(stream) != 0;
-}
-
-#define OS_SPINS "500" /* looks before a thread sleeps (docs/log/SPEED.md) */
-
-void oxl_wait_asleep(char **argv)
-{
-#ifdef _OPENMP
-    char          self[4096];
-    const char   *wanted = getenv("OMP_WAIT_POLICY"); /* empty: as if it were not there */
-    const ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
-    if (length <= 0 || (wanted && *wanted)) return;
-    self[length] = 0;
-    if (setenv("OMP_WAIT_POLICY", "passive", 1) != 0 || setenv("GOMP_SPINCOUNT", OS_SPINS, 0) != 0) return;
-    execv(self, argv); /* returns only where it could not */
-#else
-    (void)argv;
-#endif
 }
 
 OXL_INTERNAL double os_seconds(void)
@@ -176,13 +158,59 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
     return OXL_OK;
 }
 
+/* ---- locks: fcntl's, of the whole file; the kernel releases them when the process ends */
+
+static enum os_locked os_lock_try(struct os_lock *lock, int shared)
+{
+    struct flock l = {.l_type = shared ? F_RDLCK : F_WRLCK, .l_whence = SEEK_SET};
+    struct stat  s;
+    lock->process = 0;
+    if (fcntl((int)lock->file, F_SETLK, &l) == 0)
+        return fstat((int)lock->file, &s) == 0 && s.st_nlink == 0 ? OS_LOCK_REMOVED : OS_LOCK_TAKEN;
+    if (errno != EACCES && errno != EAGAIN) return OS_LOCK_NONE;
+    if (fcntl((int)lock->file, F_GETLK, &l) == 0 && l.l_type != F_UNLCK) lock->process = (long)l.l_pid;
+    return OS_LOCK_BUSY;
+}
+
+/* Users with different umask take over each other's: the mode is for all. */
+static int os_lock_file(const char *path, struct os_lock *lock)
+{
+    const int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    lock->file     = file;
+    if (file >= 0 && fchmod(file, 0666) != 0) errno = 0; /* it is another user's */
+    return file >= 0 ? 0 : -1;
+}
+
+static size_t os_lock_read(const struct os_lock *lock, char *text, size_t size)
+{
+    const ssize_t got = pread((int)lock->file, text, size, 0);
+    return got > 0 ? (size_t)got : 0;
+}
+
+static void os_lock_write(const struct os_lock *lock, const char *text)
+{
+    if (ftruncate((int)lock->file, 0) != 0 || pwrite((int)lock->file, text, strlen(text), 0) < 0) errno = 0; /* a full disk */
+}
+
+OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
+{
+    if (remove) unlink(remove); /* while it is locked */
+    close((int)lock->file);
+}
+
+static void os_host(char *out, size_t size)
+{
+    if (gethostname(out, size) != 0) snprintf(out, size, "this machine");
+    out[size - 1] = 0;
+}
+
 #ifdef OXL_VULKAN
 OXL_INTERNAL void *os_library_open(const char *name)
 {
     return dlopen(name, RTLD_NOW | RTLD_LOCAL);
 }
 
-/* ISO C has no cast from an object's address to a function's; POSIX promises that the bits serve. */
+/* ISO C has no cast from an object pointer to a function pointer; POSIX guarantees equal bits. */
 OXL_INTERNAL void os_library_symbol(void *library, const char *name, void *out, size_t size)
 {
     void *symbol = dlsym(library, name);
@@ -202,7 +230,7 @@ OXL_INTERNAL void os_library_close(void *library)
 #include <windows.h>
 #include <io.h>
 #include <psapi.h> /* link with -lpsapi */
-#undef near        /* words of 16-bit times that are names here */
+#undef near        /* macros of 16-bit Windows */
 #undef far
 
 enum { OS_PATH_MAX = 4096 };
@@ -282,7 +310,7 @@ OXL_INTERNAL int os_rename(const char *from, const char *to)
 
 static int os_make_link(const char *target, const char *path)
 {
-    (void)target, (void)path; /* asks for rights that few programs have */
+    (void)target, (void)path; /* needs rights that programs rarely have */
     return -1;
 }
 
@@ -317,11 +345,6 @@ static long os_process(void)
 int oxl_is_terminal(int stream)
 {
     return _isatty(stream) != 0;
-}
-
-void oxl_wait_asleep(char **argv)
-{
-    (void)argv;
 }
 
 OXL_INTERNAL double os_seconds(void)
@@ -360,6 +383,53 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
     } while (FindNextFileW(find, &data));
     FindClose(find);
     return OXL_OK;
+}
+
+/* ---- locks: of a byte that no file reaches, so that the text stays readable; Windows releases them when the process ends */
+
+static enum os_locked os_lock_try(struct os_lock *lock, int shared)
+{
+    OVERLAPPED  place = {.Offset = 0x7fffffff};
+    const DWORD how   = LOCKFILE_FAIL_IMMEDIATELY | (shared ? 0 : LOCKFILE_EXCLUSIVE_LOCK);
+    lock->process     = 0;
+    UnlockFileEx((HANDLE)lock->file, 0, 1, 0, &place); /* what this handle holds: it cannot be changed */
+    if (LockFileEx((HANDLE)lock->file, how, 0, 1, 0, &place)) return OS_LOCK_TAKEN;
+    return GetLastError() == ERROR_LOCK_VIOLATION || GetLastError() == ERROR_IO_PENDING ? OS_LOCK_BUSY : OS_LOCK_NONE;
+}
+
+static int os_lock_file(const char *path, struct os_lock *lock)
+{
+    wchar_t wide[OS_PATH_MAX];
+    lock->file = (intptr_t)CreateFileW(os_wide(path, wide), GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_WRITE,
+                                       NULL, OPEN_ALWAYS, FILE_ATTRIBUTE_NORMAL, NULL); /* nobody removes it while it is open */
+    return os_done((HANDLE)lock->file != INVALID_HANDLE_VALUE);
+}
+
+static size_t os_lock_read(const struct os_lock *lock, char *text, size_t size)
+{
+    DWORD got = 0;
+    SetFilePointer((HANDLE)lock->file, 0, NULL, FILE_BEGIN);
+    return ReadFile((HANDLE)lock->file, text, (DWORD)size, &got, NULL) ? got : 0;
+}
+
+static void os_lock_write(const struct os_lock *lock, const char *text)
+{
+    DWORD put = 0;
+    SetFilePointer((HANDLE)lock->file, 0, NULL, FILE_BEGIN);
+    SetEndOfFile((HANDLE)lock->file);
+    WriteFile((HANDLE)lock->file, text, (DWORD)strlen(text), &put, NULL);
+}
+
+OXL_INTERNAL void os_lock_close(struct os_lock *lock, const char *remove)
+{
+    CloseHandle((HANDLE)lock->file);
+    if (remove) os_remove(remove); /* fails where another process has opened it */
+}
+
+static void os_host(char *out, size_t size)
+{
+    DWORD length = (DWORD)size;
+    if (!GetComputerNameA(out, &length)) snprintf(out, size, "this machine");
 }
 
 #ifdef OXL_VULKAN
@@ -402,7 +472,7 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
     for (size_t i = 1; i <= size && rc == OXL_OK; i++) {
         if (i < size && !os_is_separator(part[i])) continue;
         part[i] = 0;
-        /* a parent that is there may refuse mkdir for other reasons than being there (read-only disk, "C:") */
+        /* mkdir of an existing parent can fail with other errors than EEXIST (read-only disk, "C:") */
         if (os_make_one_folder(part) != 0) {
             const int error = errno;
             if (!os_is_folder(part)) rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot make the folder: %s", part, strerror(error));
@@ -425,6 +495,50 @@ OXL_INTERNAL int os_link(oxl_context *ctx, const char *target, const char *path)
     return made;
 }
 
+/* ---------------------------------------------------------------- locks */
+
+/* "process N on HOST" of the text in the file; of another process than that, N alone. */
+static void os_lock_holder(struct os_lock *lock)
+{
+    const size_t size                           = os_lock_read(lock, lock->holder, sizeof lock->holder - 1);
+    long         named                          = 0;
+    lock->holder[size]                          = 0;
+    lock->holder[strcspn(lock->holder, "\r\n")] = 0;
+    if (sscanf(lock->holder, "process %ld", &named) != 1) lock->holder[0] = 0;
+    if (lock->process > 0 && named != lock->process) snprintf(lock->holder, sizeof lock->holder, "process %ld", lock->process);
+}
+
+OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out)
+{
+    enum os_locked got;
+    *out = (struct os_lock){0};
+    if (os_lock_file(path, out) != 0) return OS_LOCK_FAILED;
+    got = os_lock_try(out, shared);
+    os_lock_holder(out);
+    if (got == OS_LOCK_BUSY || got == OS_LOCK_REMOVED) os_lock_close(out, NULL);
+    return got;
+}
+
+OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared)
+{
+    const enum os_locked got = os_lock_try(lock, shared);
+    if (got == OS_LOCK_BUSY) os_lock_holder(lock);
+    return got;
+}
+
+OXL_INTERNAL void os_lock_sign(const struct os_lock *lock)
+{
+    char host[64], text[128];
+    os_host(host, sizeof host);
+    snprintf(text, sizeof text, "process %ld on %s\n", os_process(), host);
+    os_lock_write(lock, text);
+}
+
+OXL_INTERNAL oxl_result os_lock_fail(oxl_context *ctx, const char *path)
+{
+    return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s\nfix: choose a folder that you may write to", path, strerror(errno));
+}
+
 /* ---------------------------------------------------------------- reading */
 
 OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct os_file_map *out)
@@ -437,7 +551,7 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
     oxl_result rc       = OXL_OK;
     char      *data     = NULL;
     size_t     capacity = 0, size = 0, got = 0;
-    uint64_t   expected = 0; /* a hint: the file may grow meanwhile, and a pipe has no size */
+    uint64_t   expected = 0; /* a hint: the file may grow, and a pipe has no size */
     FILE      *file     = os_open(path, "rb");
     *out                = (struct os_file_map){0};
     if (!file) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot open: %s", path, strerror(errno));
@@ -446,9 +560,8 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: too large for this machine's addresses", path);
         goto done;
     }
-    capacity =
-        (start[0] ? OS_START : (size_t)expected) + 2; /* the zero byte, and one more so that the end is met without growing */
-    data = oxl_alloc(ctx, capacity, 1);
+    capacity = (start[0] ? OS_START : (size_t)expected) + 2; /* the zero byte, and one byte to detect the end without growing */
+    data     = oxl_alloc(ctx, capacity, 1);
     if (!data) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for %zu bytes", path, capacity);
         goto done;
@@ -484,7 +597,7 @@ OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struc
     *out = (struct os_reader){.file = os_open(path, "rb"), .path = path};
     if (!out->file) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot open: %s", path, strerror(errno));
     if (os_kind_of(path, &out->size) != OS_FILE) out->size = 0;
-    setvbuf(out->file, NULL, _IONBF, 0); /* pieces are large: no copy between */
+    setvbuf(out->file, NULL, _IONBF, 0); /* pieces are large: no buffer needed */
     return OXL_OK;
 }
 
@@ -522,7 +635,7 @@ OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struc
     oxl_result  rc   = OXL_OK;
     struct text name = {.ctx = ctx};
     *out             = (struct os_writer){.path = oxl_strdup(ctx, path)};
-    text_add(&name, "%s.%ld.tmp", path, os_process()); /* processes that share an output folder stay apart */
+    text_add(&name, "%s.%ld.tmp", path, os_process()); /* unique among processes that share an output folder */
     out->temporary = name.data;
     if (!out->path || name.failed) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to write it", path);
@@ -553,7 +666,7 @@ OXL_INTERNAL void os_writer_sync(struct os_writer *writer)
 OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writer, oxl_result rc)
 {
     int failed = rc != OXL_OK, error = 0;
-    if (!writer->file) return rc; /* was never opened, or is closed already */
+    if (!writer->file) return rc; /* not open */
     if (!failed) {
         errno  = writer->error;
         failed = writer->error || ferror(writer->file) || fflush(writer->file) != 0 || os_sync(writer->file) != 0;
@@ -568,7 +681,7 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
         error  = errno;
     }
     if (failed) os_remove(writer->temporary);
-    if (failed && rc == OXL_OK) /* an error of an earlier fwrite has lost its errno; a full disk is the likeliest */
+    if (failed && rc == OXL_OK) /* errno of an earlier fwrite is lost; a full disk is the most likely cause */
         rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s", writer->path,
                       error ? strerror(error) : "an earlier write failed, the disk may be full");
     if (!failed) os_sync_parent(writer->path);

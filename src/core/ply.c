@@ -1,9 +1,9 @@
-/* ply.c - a small PLY reader: any property order and type, lists, ascii and both endians.
+/* ply.c - a small PLY reader: any property order and type, lists, ascii and both byte orders.
  *
- * Source: Turk, "The PLY Polygon File Format" (1994), and what writers make of it: int8..float64 as type names, CR LF,
- * `obj_info`. Usage: ply_open reads the header, ply_read one element's columns, ply_close.
- * Invariant: nothing is believed of the header until ply_open has compared it with the bytes that are there: who asks for
- * memory by `rows` afterwards asks for no more than a multiple of the file.
+ * Source: Turk, "The PLY Polygon File Format" (1994), and common extensions: int8..float64 as type names, CR LF, `obj_info`.
+ * Usage: ply_open reads the header, ply_read the columns of one element, ply_close.
+ * Invariant: ply_open compares the header with the size of the file, so memory allocated by `rows` is at most a multiple of
+ * the file size.
  */
 #include "core.h"
 
@@ -28,10 +28,10 @@ static size_t ply_size(enum ply_type type)
 struct ply_header {
     oxl_context *ctx;
     struct ply  *ply;
-    const char  *cursor, *end; /* of what is still to be read */
+    const char  *cursor, *end; /* the rest of the file */
     const char  *line_start, *line_end;
     int          line;
-    const char  *word[6]; /* of the line; words past six are not looked at */
+    const char  *word[6]; /* of the line; only the first six are read */
     size_t       length[6];
     int          words;
 };
@@ -46,7 +46,7 @@ static int ply_is(const struct ply_header *h, int word, const char *text)
     return word < h->words && strlen(text) == h->length[word] && !memcmp(text, h->word[word], h->length[word]);
 }
 
-/* Some bytes of a file, made fit for a message. */
+/* Bytes of a file, printable in a message. */
 static const char *ply_show(const char *from, const char *end, char out[48])
 {
     size_t n = 0;
@@ -206,7 +206,7 @@ static oxl_result ply_read_header(oxl_context *ctx, struct ply *ply)
     return rc;
 }
 
-/* Compares what the header announces with what is there; in double, which cannot overflow and is exact below 2^53. */
+/* Compares the header with the size of the file; in double, which does not overflow and is exact below 2^53. */
 static oxl_result ply_check_size(oxl_context *ctx, const struct ply *ply)
 {
     const double there = (double)(ply->file.size - ply->data);
@@ -214,9 +214,9 @@ static oxl_result ply_check_size(oxl_context *ctx, const struct ply *ply)
     for (int e = 0; e < ply->elements; e++) {
         const struct ply_element *element = &ply->element[e];
         const double              row =
-            ply->format == PLY_ASCII ? 2.0 * element->properties /* a digit, a blank */ : (double)element->row_bytes;
+            ply->format == PLY_ASCII ? 2.0 * element->properties /* one digit and one blank */ : (double)element->row_bytes;
         need += (double)element->rows * row;
-        if (need > there + (ply->format == PLY_ASCII)) /* the last line may lack its end */
+        if (need > there + (ply->format == PLY_ASCII)) /* the last line may have no newline */
             return oxl_fail(ctx, OXL_ERR_INPUT,
                             "%s: element %s announces %llu rows, with which the data need at least %.0f bytes; there are %.0f\n"
                             "fix: the file was cut short or its header is wrong; copy or export it again",
@@ -265,8 +265,8 @@ static void ply_store(const struct ply_target *target, size_t row, double value)
     if (target->as_double) target->as_double[row] = value;
 }
 
-/* What the three walks share: an element's bytes from `cursor`; targets (properties), or NULL to skip over it. */
-struct ply_walk {
+/* State of the three readers: bytes of an element from `cursor`; targets (properties), or NULL to skip the element. */
+struct ply_rows {
     oxl_context              *ctx;
     const struct ply         *ply;
     const struct ply_element *element;
@@ -274,7 +274,7 @@ struct ply_walk {
     const char               *cursor, *end;
 };
 
-static oxl_result ply_cut_short(const struct ply_walk *w, uint64_t row)
+static oxl_result ply_cut_short(const struct ply_rows *w, uint64_t row)
 {
     return oxl_fail(w->ctx, OXL_ERR_INPUT,
                     "%s: byte %zu: the file ends in row %llu of %llu of element %s\nfix: copy or export it again", w->ply->path,
@@ -282,14 +282,15 @@ static oxl_result ply_cut_short(const struct ply_walk *w, uint64_t row)
                     w->element->name);
 }
 
-/* Rows of one size, by tiles that stay in the first cache while each column is taken out of them. */
-static oxl_result ply_walk_fixed(struct ply_walk *w)
+/* Rows of fixed size, in tiles that stay in the L1 cache while their columns are extracted. */
+static oxl_result ply_read_fixed(struct ply_rows *w)
 {
     enum { TILE = 64 };
     const struct ply_element *element    = w->element;
     const size_t              rows       = (size_t)element->rows; /* fits: ply_check_size */
     const int                 big_endian = w->ply->format == PLY_BIG;
-    if ((size_t)(w->end - w->cursor) / element->row_bytes < rows) return ply_cut_short(w, 0); /* lists before it took the room */
+    if ((size_t)(w->end - w->cursor) / element->row_bytes < rows)
+        return ply_cut_short(w, 0); /* lists of earlier elements used the bytes */
     for (size_t first = 0; w->target && first < rows; first += TILE) {
         const size_t         last = OXL_MIN(first + TILE, rows);
         const unsigned char *tile = (const unsigned char *)w->cursor + first * element->row_bytes;
@@ -299,7 +300,7 @@ static oxl_result ply_walk_fixed(struct ply_walk *w)
             const unsigned char    *value  = tile;
             tile += ply_size(type);
             if (!target.as_float && !target.as_double) continue;
-            if (type == PLY_FLOAT32 && !big_endian && !target.as_double) { /* nearly all files; several times as fast */
+            if (type == PLY_FLOAT32 && !big_endian && !target.as_double) { /* the common case, several times as fast */
                 for (size_t i = first; i < last; i++, value += element->row_bytes) target.as_float[i] = ply_float(value, 0);
                 continue;
             }
@@ -311,8 +312,8 @@ static oxl_result ply_walk_fixed(struct ply_walk *w)
     return OXL_OK;
 }
 
-/* Binary rows that hold lists, and so differ in size. */
-static oxl_result ply_walk_lists(struct ply_walk *w)
+/* Binary rows with lists, of variable size. */
+static oxl_result ply_read_lists(struct ply_rows *w)
 {
     const int big_endian = w->ply->format == PLY_BIG;
     for (uint64_t row = 0; row < w->element->rows; row++) {
@@ -335,7 +336,7 @@ static oxl_result ply_walk_lists(struct ply_walk *w)
     return OXL_OK;
 }
 
-static oxl_result ply_ascii_fail(const struct ply_walk *w, uint64_t row, const char *wanted)
+static oxl_result ply_ascii_fail(const struct ply_rows *w, uint64_t row, const char *wanted)
 {
     char seen[48];
     int  line = w->ply->data_line;
@@ -345,14 +346,14 @@ static oxl_result ply_ascii_fail(const struct ply_walk *w, uint64_t row, const c
                     w->ply->path, line, (unsigned long long)row, w->element->name, ply_show(w->cursor, w->end, seen), wanted);
 }
 
-static int ply_ascii_number(struct ply_walk *w, double *out)
+static int ply_ascii_number(struct ply_rows *w, double *out)
 {
     while (w->cursor < w->end && ply_blank(*w->cursor)) w->cursor++;
     return parse_double(&w->cursor, w->end, out) && (w->cursor == w->end || ply_blank(*w->cursor) || *w->cursor == '\n');
 }
 
-/* One row a line, as the format demands: a missing value is found where it is missing. */
-static oxl_result ply_walk_ascii(struct ply_walk *w)
+/* One row per line, as the format requires, so an error names the row with a missing value. */
+static oxl_result ply_read_ascii(struct ply_rows *w)
 {
     for (uint64_t row = 0; row < w->element->rows; row++) {
         double value;
@@ -374,12 +375,12 @@ static oxl_result ply_walk_ascii(struct ply_walk *w)
     return OXL_OK;
 }
 
-static oxl_result ply_walk(struct ply_walk *w)
+static oxl_result ply_rows(struct ply_rows *w)
 {
-    if (w->element->properties == 0) return OXL_OK; /* rows without bytes, however many */
-    if (w->ply->format == PLY_ASCII) return ply_walk_ascii(w);
-    if (w->element->has_list) return ply_walk_lists(w);
-    return ply_walk_fixed(w);
+    if (w->element->properties == 0) return OXL_OK; /* rows without bytes */
+    if (w->ply->format == PLY_ASCII) return ply_read_ascii(w);
+    if (w->element->has_list) return ply_read_lists(w);
+    return ply_read_fixed(w);
 }
 
 /* ---------------------------------------------------------------- the door */
@@ -403,12 +404,12 @@ done:
 
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target)
 {
-    struct ply_walk w = {.ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};
+    struct ply_rows w = {.ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};
     for (int e = 0; e <= element; e++) {
         oxl_result rc;
         w.element = &ply->element[e];
         w.target  = e == element ? target : NULL;
-        rc        = ply_walk(&w);
+        rc        = ply_rows(&w);
         if (rc != OXL_OK) return rc;
     }
     return OXL_OK;

@@ -1,4 +1,4 @@
-/* simd.h - run-time choice of the instruction set, and the arithmetic that vectorises.
+/* simd.h - run-time selection of the instruction set, and arithmetic that vectorises.
  *
  * A kernel is written once, as an always-inlined body over a struct of its arguments:
  *
@@ -6,8 +6,8 @@
  *     SIMD_DISPATCH(static, blur, struct blur)      makes   static void blur(int isa, const struct blur *job)
  *
  * Each wrapper is compiled for its own target. `fused` is a constant there: 1 where the target has fused multiply-add.
- * Invariant: AVX2 and AVX-512 (and every machine with FMA) give the same bytes, whatever the vector width: no sum is left to
- * the compiler's choice of order, and every fused operation is written out.
+ * Invariant: AVX2 and AVX-512 (and every machine with FMA) give the same bytes for any vector width: all sums have a fixed order,
+ * and every fused operation is explicit.
  */
 #ifndef OXL_SIMD_H
 #define OXL_SIMD_H
@@ -26,7 +26,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
 #endif
 #define SIMD_BODY SIMD_INLINE
 
-/* aarch64, and x86 built with -mfma: the baseline itself fuses. */
+/* aarch64, and x86 with -mfma: the baseline has FMA. */
 #ifdef __FP_FAST_FMAF
 #define SIMD_BASE_FUSED 1
 #else
@@ -39,7 +39,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
 #ifdef __clang__
 #define SIMD_TARGET_AVX512 __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl"), min_vector_width(512)))
 #else
-/* tune: gcc's generic costs make it load a vector again for each of its uses, even across cache lines, rather than keep it. */
+/* tune: with generic costs gcc reloads a vector at each use, even across cache lines, instead of keeping it in a register. */
 #define SIMD_TARGET_AVX512 \
     __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512,tune=skylake-avx512")))
 #endif
@@ -72,7 +72,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
     }
 #endif
 
-/* Index of the lowest bit that is set; bits is not 0. */
+/* Index of the lowest set bit; bits is not 0. */
 SIMD_INLINE int simd_lowest_bit(uint32_t bits)
 {
 #ifdef __GNUC__
@@ -84,7 +84,7 @@ SIMD_INLINE int simd_lowest_bit(uint32_t bits)
 #endif
 }
 
-/* Asks for the line of memory at `at`, which will be read soon. For lines far apart, which the processor does not foresee by itself. */
+/* Prefetches the cache line at `at`, for access patterns that the hardware prefetcher does not detect. */
 SIMD_INLINE void simd_prefetch(const void *at)
 {
 #ifdef __GNUC__

@@ -1,10 +1,10 @@
 /* vecmath.h - exp, log, sin, cos, sigmoid and logit in double that give the same bits everywhere.
  *
- * libm's differ between machines and versions, so nothing that training depends on may call them. These use + - * /, casts and
- * moves of bits alone, which IEEE 754 fixes to the last bit as long as nothing is contracted (-ffp-contract=off).
+ * libm's functions differ between machines and versions, so training does not call them. These use only + - * /, casts and
+ * bit operations, which IEEE 754 defines exactly without contraction (-ffp-contract=off).
  *
- * Sources: range reduction after Cody & Waite 1980; series in the form that keeps the rounding of the leading term.
- * Errors were measured against libm in tests/test_vecmath.c; "ulp" is 2.2e-16 of the value.
+ * Sources: range reduction after Cody & Waite 1980; the series preserve the rounding of the leading term.
+ * tests/test_vecmath.c compares with libm; "ulp" is 2.2e-16 of the value.
  */
 #ifndef OXL_VECMATH_H
 #define OXL_VECMATH_H
@@ -35,12 +35,12 @@ static inline double vecmath_power_of_two(int k) /* -1022 <= k <= 1023 */
     return vecmath_from_bits((uint64_t)(k + 1023) << 52);
 }
 
-/* e^x within 1 ulp; 2^k e^r with |r| <= ln 2 / 2. Subnormal results are rounded once, as they should be. */
+/* e^x within 1 ulp; 2^k e^r with |r| <= ln 2 / 2. Subnormal results are rounded once. */
 static inline double vecmath_exp(double x)
 {
     double r, p;
     int    k;
-    if (!(x < 710.0)) return x != x ? x : HUGE_VAL; /* ln of the largest double is 709.78: the rest overflows below */
+    if (!(x < 710.0)) return x != x ? x : HUGE_VAL; /* ln of the largest double is 709.78: larger results overflow below */
     if (x < -746.0) return 0;
     k = (int)(x * 1.44269504088896340736 + (x < 0 ? -0.5 : 0.5)); /* 1 / ln 2 */
     r = (x - k * VECMATH_LN2_HIGH) - k * VECMATH_LN2_LOW;
@@ -60,7 +60,7 @@ static inline double vecmath_exp(double x)
     return p * vecmath_power_of_two(k / 2) * vecmath_power_of_two(k - k / 2); /* in two steps: k reaches 1024 and -1076 */
 }
 
-/* Natural logarithm within 1 ulp; -inf at 0, not-a-number below. x = 2^k (1 + f) with 1 + f between sqrt(1/2) and sqrt(2);
+/* Natural logarithm within 1 ulp; -inf at 0, NaN below. x = 2^k (1 + f) with 1 + f between sqrt(1/2) and sqrt(2);
  * log(1 + f) = 2 atanh(s) with s = f / (2 + f), written as f - f^2/2 + s (f^2/2 + R) so that f itself is not rounded. */
 static inline double vecmath_log(double x)
 {
@@ -103,7 +103,7 @@ static inline int vecmath_quarters(double x, double *rest)
 {
     const double turn = 6.28318530717958647693;
     double       quarter;
-    if (!(fabs(x) < 1e6)) x = fmod(x, turn); /* exact, but of a rounded turn; infinity becomes not-a-number */
+    if (!(fabs(x) < 1e6)) x = fmod(x, turn); /* exact for the rounded value of 2 pi; infinity gives NaN */
     if (x != x) {
         *rest = x;
         return 0;
@@ -141,7 +141,7 @@ static inline double vecmath_cos_rest(double x)
     return 1 - (0.5 * z - z * z * p);
 }
 
-/* Absolute error below 3e-16 for |x| < 1e6; past that it grows as 4e-17 |x|. */
+/* Absolute error below 3e-16 for |x| < 1e6; above, it grows as 4e-17 |x|. */
 static inline double vecmath_sin(double x)
 {
     double       r;
@@ -158,14 +158,14 @@ static inline double vecmath_cos(double x)
     return (quarter + 1) & 2 ? -y : y;
 }
 
-/* 1 / (1 + e^-x), accurate at both ends: no overflow, no loss where it is close to 0. */
+/* 1 / (1 + e^-x) without overflow and without cancellation near 0. */
 static inline double vecmath_sigmoid(double x)
 {
     const double e = vecmath_exp(x < 0 ? x : -x);
     return (x < 0 ? e : 1) / (1 + e);
 }
 
-/* The inverse of sigmoid; -inf at 0, inf at 1, not-a-number outside. */
+/* The inverse of sigmoid; -inf at 0, inf at 1, NaN outside. */
 static inline double vecmath_logit(double p)
 {
     return vecmath_log(p / (1 - p));

@@ -207,17 +207,17 @@ static struct block_record block_record_of(const struct block *b, const oxl_mode
 /* Trains the block, or goes on with it. */
 static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct block_record *record, oxl_model *model)
 {
-    int                      trained = 0;
-    const struct block_task *task    = b->task;
-    const struct train_place place   = {.folder    = task->folder,
-                                        .key       = task->key,
-                                        .log       = &b->log,
-                                        .notes     = &b->notes,
-                                        .decisions = &b->decisions,
-                                        .start     = task->start,
-                                        .nonfinite = &b->nonfinite,
-                                        .trained   = &trained};
-    oxl_result               rc, written;
+    int                       trained = 0;
+    const struct block_task  *task    = b->task;
+    const struct train_output place   = {.folder    = task->folder,
+                                         .key       = task->key,
+                                         .log       = &b->log,
+                                         .notes     = &b->notes,
+                                         .decisions = &b->decisions,
+                                         .start     = task->start,
+                                         .nonfinite = &b->nonfinite,
+                                         .trained   = &trained};
+    oxl_result                rc, written;
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
     rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &place, model);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
@@ -279,8 +279,8 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 {
     const oxl_train_options o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
     struct text             key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
-    struct train_place      place = {
-             .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .nonfinite = &b->nonfinite};
+    struct train_output     place = {
+            .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .nonfinite = &b->nonfinite};
     oxl_model  plain = {0};
     oxl_result rc;
     *done     = 0;

@@ -1,6 +1,6 @@
 /* budget.c - fits the training of a block into the memory that it is given (--ram), by the arithmetic of survey_report.c.
  *
- * What gives way first is the cache of photographs, then trials (which copy the model: nothing is decided by `auto`, weights by depth
+ * What gives way first is the cache of images, then trials (which copy the model: nothing is decided by `auto`, weights by depth
  * stay as they are), then the number of Gaussians that is expected, then the size of the blocks.
  * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
  * what this machine has or had free.
@@ -8,7 +8,7 @@
 #include "job.h"
 
 #define BUDGET_MARGIN 0.9  /* of the budget is planned with: the arithmetic is right within about 10 % */
-#define BUDGET_CACHE  0.25 /* of the budget at most goes to photographs */
+#define BUDGET_CACHE  0.25 /* of the budget at most goes to images */
 #define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
 
@@ -50,7 +50,7 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct survey_load *lo
 {
     oxl_job_options fitted = *o;
     const double    most =
-        (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train); /* photographs allow no more */
+        (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train); /* images allow no more */
     const double needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, most);
     double       gaussians;
     if (o->ram == 0) return 1;
@@ -81,7 +81,7 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load
 {
     const double needed = budget_needed(ctx, load, o);
     return oxl_fail(ctx, OXL_ERR_BUDGET,
-                    "%.2f GB do not suffice for %zu points and photographs of %.1f megapixels: %.2f GB would\n"
+                    "%.2f GB do not suffice for %zu points and images of %.1f megapixels: %.2f GB would\n"
                     "fix: --ram %.0fM, or a smaller --max-side, or --sh-degree 0",
                     (double)o->ram / 1e9, load->points, load->largest / 1e6, needed * 1048576 / 1e9, needed);
 }

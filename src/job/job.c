@@ -28,6 +28,7 @@ struct job {
     int                 refined;     /* blocks/together has them all */
     double              begun;
     uint64_t            seed; /* of the context, to be given back */
+    oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
 };
 
 /* ---------------------------------------------------------------- files of OUT */
@@ -181,6 +182,17 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 /* ---------------------------------------------------------------- what is there already */
 
+static oxl_result job_lock(struct job *job)
+{
+    return lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
+}
+
+/* A run of a single block: it replaces what OUT held only when no other process is at work there. */
+static oxl_result job_lock_alone(struct job *job, int alone)
+{
+    return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, !alone) : OXL_OK;
+}
+
 static void job_see_block(void *user, const char *name)
 {
     *(int *)user += name[0] >= '0' && name[0] <= '9';
@@ -247,12 +259,15 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
 /* The work of another run is not thrown away by a slip of the hand; a finished one of this survey has given what it had to give. */
 static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
 {
+    oxl_result rc;
     if (run->finished && job_is_of_another_survey(job, run) && !job->options.restart)
         return oxl_fail(job->ctx, OXL_ERR_USAGE,
                         "%s holds the finished result of another survey, %s\n"
                         "fix: name another folder by -o; --restart replaces it",
                         job->out, run->scene);
     if (!run->finished && job_has_blocks(job) && !job->options.restart) return job_refuse(job, run);
+    rc = job_lock_alone(job, 1);
+    if (rc != OXL_OK) return rc;
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run)) job_drop_checkpoints(job);
     job_remove(job, "run.json");
     job_remove(job, "metrics.json");
@@ -329,7 +344,7 @@ static oxl_result job_cut(struct job *job)
     return rc;
 }
 
-/* A block's own text files, the survey's photographs and masks. Views held out are not in it. */
+/* A block's own text files, the survey's images and masks. Views held out are not in it. */
 static oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out)
 {
     oxl_context      *ctx = job->ctx;
@@ -352,7 +367,7 @@ static double job_refinement(const struct job *job)
     return job->partition.block_count > 1 ? job->options.refine : 0;
 }
 
-static int job_steps_together(const struct job *job)
+static int job_merged_steps(const struct job *job)
 {
     return (int)OXL_CLAMP(job_refinement(job) * job->partition.block_count * job->options.train.iterations, 1, INT_MAX);
 }
@@ -450,8 +465,11 @@ static oxl_result job_train_block(struct job *job, const char *folder)
 static oxl_result job_block(struct job *job, int block)
 {
     char               *folder = job_block_path(job, block, NULL);
+    oxl_lock           *lock   = NULL;
     struct block_record record;
-    oxl_result          rc = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY, trained = OXL_OK;
+    oxl_result          rc = folder ? OXL_OK : OXL_ERR_MEMORY, trained = OXL_OK;
+    if (rc == OXL_OK && job->options.block >= 0) rc = oxl_lock_folder(job->ctx, folder, &lock);
+    if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc != OXL_OK) goto done;
     job->block = block;
     if (!record.finished) {
@@ -464,6 +482,7 @@ static oxl_result job_block(struct job *job, int block)
     if (rc == OXL_OK) job_add_record(job, &record);
     if (rc == OXL_OK) rc = trained;
 done:
+    oxl_unlock_folder(job->ctx, &lock);
     oxl_free(job->ctx, folder);
     return rc;
 }
@@ -501,6 +520,7 @@ static oxl_result job_join_gains(struct job *job, double (*shift)[3], struct ima
     const double none[] = {0, 0, 0};
     oxl_result   rc     = imaging_create(job->ctx, views, out);
     double       mean[3];
+    if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
     if (rc == OXL_OK && !count) rc = job_no_memory(job);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         char          *path = job_block_path(job, k, "imaging.txt");
@@ -565,7 +585,7 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 /* ---------------------------------------------------------------- all blocks together
  *
  * Each has learned beside its own copies of what lies around it, and merging takes those away: what one block put in front of its
- * neighbour's ground was never seen together with that ground. So what is merged is refined, all of it on all photographs, in a
+ * neighbour's ground was never seen together with that ground. So what is merged is refined, all of it on all images, in a
  * folder beside the blocks' (docs/SCALE.md has what that mends).
  */
 
@@ -576,8 +596,8 @@ static double job_start_bytes(const oxl_model *merged)
     return merged->lobes > 0 ? 2 * rows + 6 * 4.0 * (OXL_PLANES - OXL_LOBE) * (double)merged->lobes : rows;
 }
 
-/* Whether the whole fits into the memory allowed; if so, the cache of photographs is as large as it may be. */
-static int job_fits_together(struct job *job, const oxl_model *merged, struct block_task *task)
+/* Whether the whole fits into the memory allowed; if so, the cache of images is as large as it may be. */
+static int job_fits_merged(struct job *job, const oxl_model *merged, struct block_task *task)
 {
     struct survey_load load = survey_load(job->scene);
     oxl_job_options    o    = job->options;
@@ -596,16 +616,16 @@ static int job_fits_together(struct job *job, const oxl_model *merged, struct bl
 }
 
 /* *fits: 0 when nothing was done for want of memory. */
-static oxl_result job_train_together(struct job *job, struct block_task *task, int *fits)
+static oxl_result job_train_merged(struct job *job, struct block_task *task, int *fits)
 {
     oxl_model  merged = {0};
     oxl_result rc     = job->scene ? OXL_OK : job_load(job);
     if (rc == OXL_OK) rc = job_merge(job, 0, &merged);
     if (rc != OXL_OK) goto done;
     task->start = &merged;
-    task->train = block_refinement(&job->options.train, merged.sh_degree, job_steps_together(job));
+    task->train = block_refinement(&job->options.train, merged.sh_degree, job_merged_steps(job));
     job_limit_time(job, &task->train);
-    *fits = job_fits_together(job, &merged, task);
+    *fits = job_fits_merged(job, &merged, task);
     if (!*fits) goto done;
     oxl_log(job->ctx, OXL_LOG_INFO, "all blocks together: %d steps", task->train.iterations);
     rc = block_train(job->ctx, job->scene, task);
@@ -625,7 +645,7 @@ static oxl_result job_refine(struct job *job, struct block_task *task)
     int                 fits    = 1;
     oxl_result          trained = OXL_OK, rc = block_read(job->ctx, task->folder, task->key, &record);
     if (rc == OXL_OK && !record.finished) {
-        trained = job_train_together(job, task, &fits);
+        trained = job_train_merged(job, task, &fits);
         rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
         if (rc == OXL_OK) rc = block_read(job->ctx, task->folder, task->key, &record);
     }
@@ -635,7 +655,7 @@ static oxl_result job_refine(struct job *job, struct block_task *task)
 }
 
 /* When all blocks are finished. */
-static oxl_result job_together(struct job *job)
+static oxl_result job_merged(struct job *job)
 {
     const int          number   = job->partition.block_count;
     const oxl_callback callback = {job_progress, job};
@@ -644,7 +664,7 @@ static oxl_result job_together(struct job *job)
     char              *folder;
     oxl_result         rc;
     if (!(job_refinement(job) > 0) || job->options.block >= 0 || job->unfinished) return OXL_OK;
-    text_add(&key, "\"together\": %d, %s", job_steps_together(job), job->key.data);
+    text_add(&key, "\"together\": %d, %s", job_merged_steps(job), job->key.data);
     folder      = job_block_path(job, number, NULL);
     job->block  = number;
     task.folder = folder;
@@ -767,10 +787,10 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     nonfinite_add_json(t, &job->total.nonfinite);
 }
 
-static oxl_result job_judge_training(struct job *job, struct text *t)
+static oxl_result job_check_training_views(struct job *job, struct text *t)
 {
     char            *folder = oxl_path_join(job->ctx, job->out, "training_views");
-    const oxl_result rc     = folder ? training_views_judge(job->ctx, &job->model, job->scene, job->total.iterations, t,
+    const oxl_result rc     = folder ? training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, t,
                                                         job->options.renders ? folder : NULL)
                                      : job_no_memory(job);
     oxl_free(job->ctx, folder);
@@ -799,7 +819,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
         rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
     if (rc != OXL_OK) goto done;
     if (job->partition.block_count > 1) seam_add_json(&t, &seam);
-    rc = job_judge_training(job, &t);
+    rc = job_check_training_views(job, &t);
     if (rc != OXL_OK) goto done;
     rc = metrics_write_json(job->ctx, &t, job->scene, &m);
     text_add(&t, "}\n");
@@ -812,11 +832,11 @@ done:
 
 static oxl_result job_draw(struct job *job)
 {
-    const oxl_pictures what   = {job_split(job), 1, 0, 0, 0};
-    char              *folder = oxl_path_join(job->ctx, job->out, "renders");
-    int                drawn;
-    const oxl_result   rc =
-        folder ? oxl_render_views(job->ctx, &job->model, job->scene, &what, folder, &drawn) : job_no_memory(job);
+    const oxl_render_output what   = {job_split(job), 1, 0, 0, 0};
+    char                   *folder = oxl_path_join(job->ctx, job->out, "renders");
+    int                     rendered;
+    const oxl_result        rc =
+        folder ? oxl_render_views(job->ctx, &job->model, job->scene, &what, folder, &rendered) : job_no_memory(job);
     oxl_free(job->ctx, folder);
     return rc;
 }
@@ -892,6 +912,7 @@ static void job_end(struct job *job)
 {
     job->ctx->options.seed = job->seed;
     job->ctx->notes        = NULL;
+    oxl_unlock_folder(job->ctx, &job->lock);
     partition_free(job->ctx, &job->partition);
     oxl_model_free(job->ctx, &job->model);
     oxl_scene_free(job->ctx, job->scene);
@@ -923,7 +944,8 @@ static oxl_result job_prepare(struct job *job, int *done)
                 job->out);
     if (rc != OXL_OK || *done) return rc;
     rc = job_cut(job);
-    return rc == OXL_OK ? job_write_run(job, 0) : rc;
+    if (rc == OXL_OK) rc = job_write_run(job, 0);
+    return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
 }
 
 /* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
@@ -951,11 +973,12 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc != OXL_OK) return rc;
     job_begin(&job, ctx, scene, out, options, callback);
     rc = job_check(&job);
+    if (rc == OXL_OK) rc = job_lock(&job);
     if (rc == OXL_OK) rc = job_prepare_block(&job, &ready);
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
         rc = job_blocks(&job);
-        if (rc == OXL_OK) rc = job_together(&job);
+        if (rc == OXL_OK) rc = job_merged(&job);
         rc = job_conclude(&job, rc);
     }
     job_end(&job);
@@ -985,22 +1008,28 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
 {
     oxl_job_options     options = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct oxl_manifest run     = {0};
+    oxl_lock           *lock    = NULL;
     struct job          job;
     int                 done = 0;
     oxl_result          rc   = backend_begin(ctx);
+    if (rc == OXL_OK && os_is_folder(out)) rc = oxl_lock_folder(ctx, out, &lock);
     if (rc == OXL_OK) rc = manifest_read(ctx, out, &run);
     if (rc == OXL_OK && (!run.line || !run.scene))
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s holds no run.json of a run\nfix: oceanxl train SCENE -o %s --block K comes first",
                       out, out);
-    if (rc != OXL_OK) return rc;
+    if (rc != OXL_OK) {
+        oxl_unlock_folder(ctx, &lock);
+        return rc;
+    }
     manifest_options(&run, &options);
     options.scene.allow_cut = 1; /* as its training was allowed to */
     if (refine >= 0) options.refine = refine;
     job_begin(&job, ctx, run.scene, out, &options, callback);
-    rc = job_check(&job);
+    job.lock = lock;
+    rc       = job_check(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) rc = job_collect(&job);
-    if (rc == OXL_OK && !done) rc = job_together(&job);
+    if (rc == OXL_OK && !done) rc = job_merged(&job);
     if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
     job_end(&job);
     manifest_free(ctx, &run);

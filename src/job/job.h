@@ -58,8 +58,8 @@ struct metrics_sum {
     double error, weight; /* sum of squared differences, and of what they are divided by */
     size_t pixels;        /* that count */
 };
-/* The i-th pixel of both, three channels, by the photograph's weight. */
-OXL_INTERNAL void       metrics_add_pixel(const oxl_image *drawn, const oxl_image *photograph, size_t i, struct metrics_sum *sum);
+/* The i-th pixel of both, three channels, by the image's weight. */
+OXL_INTERNAL void       metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum);
 /* Adds the members "psnr", "cc_psnr", "ssim", "ms_ssim", "count" and "views" (name and the four each) of a JSON object, without its braces. */
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
@@ -78,12 +78,12 @@ OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam); /* a m
 /* ---------------------------------------------------------------- render_files.c, training_views.c */
 
 /* oxl_render_views of these views. */
-OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                         const char *folder, const int *view, int asked, int *count);
 /* Adds a member of metrics.json, "training", and its comma; logs the views that fit far worse than their neighbours, after
- * enough iterations. The worst are drawn
+ * enough iterations. The worst are rendered
  * beside their images into `folder`; NULL: none. */
-OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
                                              struct text *json, const char *folder);
 
 /* ---------------------------------------------------------------- survey_report.c: what a survey holds, what training it would take */
@@ -93,7 +93,7 @@ struct survey_load {
     size_t points, observations; /* to start from; of a point in a view */
     int    views;
     double pixels, schedule_pixels, largest; /* of all views; of the training views; of one */
-    double largest_file;                     /* pixels of a photograph as the file has it */
+    double largest_file;                     /* pixels of an image as the file has it */
 };
 struct survey_cost {
     double gaussians, memory, seconds; /* at the end; peak in bytes; on ctx's threads */
@@ -105,7 +105,7 @@ OXL_INTERNAL struct survey_cost survey_cost(const oxl_context *ctx, const oxl_jo
                                             const struct survey_load *load);
 /* Peak in bytes, of a run that ends with so many Gaussians. */
 OXL_INTERNAL double             survey_memory(const oxl_job_options *options, const struct survey_load *load, double gaussians);
-/* closely: each photograph and mask is looked at, too, as far as that goes without decoding it. */
+/* closely: each image and mask is looked at, too, as far as that goes without decoding it. */
 OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
                                         oxl_survey *out);
 /* An object without a newline at its end; its lines after the first start with `indent`. */

@@ -1,4 +1,4 @@
-/* metrics.c - PSNR, with and without the photograph's exposure, SSIM, MS-SSIM, evaluation.
+/* metrics.c - PSNR, with and without the image's exposure, SSIM, MS-SSIM, evaluation.
  *
  * Sources: SSIM of Wang et al. 2004 with the window of 3DGS (11 x 11 Gaussian of sigma 1.5, zero padding); multi-scale SSIM of
  * Wang et al. 2003, with whole windows alone, as there. Both are written here plainly and in double, apart from the training loss
@@ -28,12 +28,12 @@ OXL_INTERNAL double metrics_decibel(double error, double weight)
     return error > 0 ? OXL_MIN(METRICS_BEST_PSNR, -10 / 2.302585092994045684 * vecmath_log(error / weight)) : METRICS_BEST_PSNR;
 }
 
-OXL_INTERNAL void metrics_add_pixel(const oxl_image *drawn, const oxl_image *photograph, size_t i, struct metrics_sum *sum)
+OXL_INTERNAL void metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum)
 {
-    const size_t plane  = (size_t)drawn->width * drawn->height;
-    const double weight = photograph->weight ? photograph->weight[i] : 1;
+    const size_t plane  = (size_t)rendered->width * rendered->height;
+    const double weight = image->weight ? image->weight[i] : 1;
     for (int c = 0; c < 3; c++) {
-        const double d = metrics_shown(drawn->rgb[c * plane + i]) - metrics_shown(photograph->rgb[c * plane + i]);
+        const double d = metrics_shown(rendered->rgb[c * plane + i]) - metrics_shown(image->rgb[c * plane + i]);
         sum->error += weight * d * d;
     }
     sum->weight += 3 * weight;
@@ -43,9 +43,8 @@ OXL_INTERNAL void metrics_add_pixel(const oxl_image *drawn, const oxl_image *pho
 static oxl_result metrics_check(oxl_context *ctx, const oxl_image *a, const oxl_image *b)
 {
     if (a->rgb && b->rgb && a->width == b->width && a->height == b->height && a->width > 0 && a->height > 0) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE,
-                    "images of %d x %d and %d x %d px cannot be compared\nfix: render at the photograph's size", a->width,
-                    a->height, b->width, b->height);
+    return oxl_fail(ctx, OXL_ERR_USAGE, "images of %d x %d and %d x %d px cannot be compared\nfix: render at the image's size",
+                    a->width, a->height, b->width, b->height);
 }
 
 static oxl_result metrics_fail_masked(oxl_context *ctx, const char *what)
@@ -419,51 +418,51 @@ struct metrics_bands { /* what is summed over all views */
     struct metrics_sum sum[3];
 };
 
-static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_image *drawn,
-                                    const oxl_image *photograph, struct metrics_bands *b)
+static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, int view, const oxl_image *rendered,
+                                    const oxl_image *image, struct metrics_bands *b)
 {
-    const size_t pixels = (size_t)drawn->width * (size_t)drawn->height;
+    const size_t pixels = (size_t)rendered->width * (size_t)rendered->height;
     uint8_t     *band   = oxl_alloc(ctx, pixels, 1);
     oxl_result   rc     = band ? depth_bands_of_view(ctx, &b->of, scene, view, band)
                                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %zu px", pixels);
     for (size_t i = 0; i < pixels && rc == OXL_OK; i++)
-        if (band[i]) metrics_add_pixel(drawn, photograph, i, &b->sum[band[i] - 1]);
+        if (band[i]) metrics_add_pixel(rendered, image, i, &b->sum[band[i] - 1]);
     oxl_free(ctx, band);
     return rc;
 }
 
 static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene,
-                                  const oxl_image *photograph, oxl_view_metrics *row, struct metrics_bands *bands)
+                                  const oxl_image *image, oxl_view_metrics *row, struct metrics_bands *bands)
 {
-    const oxl_camera  *camera  = &oxl_scene_view(scene, row->view)->camera;
-    oxl_render_options options = oxl_render_options_default();
-    oxl_image          drawn   = {0};
+    const oxl_camera  *camera   = &oxl_scene_view(scene, row->view)->camera;
+    oxl_render_options options  = oxl_render_options_default();
+    oxl_image          rendered = {0};
     oxl_result         rc;
     options.near_plane = (float)scene_near_plane(scene);
     renderer_set_medium(r, &scene_imaging(scene)->medium);
-    rc = renderer_draw(ctx, r, model, camera, &options, &drawn, NULL);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), row->view, &drawn);
-    if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->plain_psnr);
-    if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &drawn, photograph, &row->half_psnr);
-    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &drawn);
-    if (rc == OXL_OK) rc = oxl_psnr(ctx, &drawn, photograph, &row->psnr);
-    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, &drawn, photograph, &row->cc_psnr);
-    if (rc == OXL_OK) rc = oxl_ssim(ctx, &drawn, photograph, &row->ssim);
-    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &drawn, photograph, &row->ms_ssim);
-    if (rc == OXL_OK) rc = metrics_add_bands(ctx, scene, row->view, &drawn, photograph, bands);
-    oxl_image_free(ctx, &drawn);
+    rc = renderer_draw(ctx, r, model, camera, &options, &rendered, NULL);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), row->view, &rendered);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->plain_psnr);
+    if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &rendered, image, &row->half_psnr);
+    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &rendered);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->psnr);
+    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, &rendered, image, &row->cc_psnr);
+    if (rc == OXL_OK) rc = oxl_ssim(ctx, &rendered, image, &row->ssim);
+    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &rendered, image, &row->ms_ssim);
+    if (rc == OXL_OK) rc = metrics_add_bands(ctx, scene, row->view, &rendered, image, bands);
+    oxl_image_free(ctx, &rendered);
     return rc;
 }
 
-/* A photograph that cannot be read or is masked all over is said and left out, as in training. */
+/* An image that cannot be read or is masked all over is said and left out, as in training. */
 static oxl_result metrics_add_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
                                    oxl_metrics *out, struct metrics_bands *bands)
 {
-    oxl_image        photograph = {0};
-    oxl_view_metrics row        = {.view = view};
-    oxl_result       rc         = oxl_scene_image(ctx, scene, view, &photograph);
-    if (rc == OXL_OK) rc = metrics_of_view(ctx, r, model, scene, &photograph, &row, bands);
-    oxl_image_free(ctx, &photograph);
+    oxl_image        image = {0};
+    oxl_view_metrics row   = {.view = view};
+    oxl_result       rc    = oxl_scene_image(ctx, scene, view, &image);
+    if (rc == OXL_OK) rc = metrics_of_view(ctx, r, model, scene, &image, &row, bands);
+    oxl_image_free(ctx, &image);
     if (rc == OXL_OK) out->views[out->count++] = row;
     if (rc != OXL_ERR_INPUT) return rc;
     oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation", oxl_scene_view(scene, view)->name,

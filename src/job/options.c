@@ -32,7 +32,7 @@
 /* clang-format off */
 static const oxl_option OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
-{"preset", "draft|standard|paper", OXL_OPTION_PRESET, 0, 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets all other options to its defaults: fast, longer, as in the paper", NULL},
+{"preset", "draft|standard|paper", OXL_OPTION_PRESET, 0, 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets all other options to its defaults: fast; longer; the paper's method (BSP, UCD, pruning to half, selective lobes)", NULL},
 {"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("2000", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each", NULL},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after 90s, 20m or 8h; 0: no limit", NULL},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians, all blocks together; 0: one for every 60 training pixels", NULL},
@@ -56,14 +56,15 @@ static const oxl_option OPTIONS[] = {
 {"partition", "auto|2d|3d|none", OXL_OPTION_CHOICE, OPTION_AT(partition.kind), 0, 3, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "2d: never split along the third principal axis; auto: 2d for a flat survey; none: one block", NULL},
 {"split", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "balanced: equal numbers of points on both sides; midpoint: the baseline", NULL},
 {"refine", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(refine), 0, 1000, EACH("0.1"), OXL_TIER_ADVANCED, TRAINING | OXL_OPTION_OF_MERGE, "Blocks", "steps on the merged model and all images, as a share of the blocks' steps; 0: none", NULL},
-{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "denser where water takes contrast: gradient weights of the middle and far depth band, searched from MID,FAR (MID,FAR,fixed: no search); auto: on if contrast fades with depth", NULL},
+{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "on"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "denser where water takes contrast: gradient weights of the middle and far depth band, searched from MID,FAR (MID,FAR,fixed: no search); auto: on if contrast fades with depth", NULL},
 {"ucd-bands", "thirds|quantiles|fading", OXL_OPTION_CHOICE, OPTION_AT(train.ucd.bands), 0, 2, EACH("thirds"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "limits of the depth bands: thirds of the largest depth, thirds of the points, or contrast of 4/5 and 1/2", NULL},
-{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, EACH("all"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss", NULL},
+{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss", NULL},
 {"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "brightness and white balance that differ from image to image; auto: on, if validation views gain", NULL},
 {"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "a light that moves with the camera: a smooth gain over the image, falloff with distance (CPU, one block); auto: on, if validation views gain", NULL},
 {"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the water's attenuation and backscatter, nine parameters (CPU, one block); auto: on, if validation views gain", NULL},
+{"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "on", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it saw", NULL},
 {"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "do not learn what only one image of a place shows: fish, divers", "robust"},
-{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "difference-of-Gaussians lobes; auto: selective, if validation views gain", NULL},
+{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "difference-of-Gaussians lobes; auto: selective, if validation views gain", NULL},
 {"dog-threshold", "T|SHARE%", OXL_OPTION_LIMIT, OPTION_AT(train.dog_threshold), 1e-9, 1e15, EACH("0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "selective: a lobe above this mean gradient, in half images; or the share that stays without, as 90%", NULL},
 {"dog-from", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.dog_from), 0, 1, EACH("0.55"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "share of the run after which lobes are added", NULL},
 {"dog-opacity-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_opacity_factor), 1e-6, 0.999999, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "opacity of a new lobe, relative to its Gaussian", NULL},
@@ -211,7 +212,7 @@ static int option_read_rgb(const oxl_option *o, const char *text, float *out)
     return 1;
 }
 
-static int option_read_place(const char *text, double *out)
+static int option_read_point(const char *text, double *out)
 {
     double v[3];
     if (!option_three(text, v)) return 0;
@@ -326,7 +327,7 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     case OXL_OPTION_SEED: return option_read_seed(text, field);
     case OXL_OPTION_CHOICE: return option_read_choice(o, text, field);
     case OXL_OPTION_RGB: return option_read_rgb(o, text, field);
-    case OXL_OPTION_PLACE: return option_read_place(text, field);
+    case OXL_OPTION_POINT: return option_read_point(text, field);
     case OXL_OPTION_SIZE: return option_read_size(o, text, field);
     case OXL_OPTION_PRESET: return option_read_preset(o, text, options);
     case OXL_OPTION_UCD: return option_read_ucd(text, field);
@@ -486,7 +487,7 @@ const char *oxl_option_get(const oxl_option *o, const void *options, char *out, 
     case OXL_OPTION_CHOICE: option_get_choice(o->value, *(const int *)field, out, size); break;
     case OXL_OPTION_BYTES: option_get_bytes(*(const size_t *)field, out, size); break;
     case OXL_OPTION_RGB: option_get_three((const double[3]){f[0], f[1], f[2]}, 1, out, size); break;
-    case OXL_OPTION_PLACE: option_get_three(field, 0, out, size); break;
+    case OXL_OPTION_POINT: option_get_three(field, 0, out, size); break;
     case OXL_OPTION_SIZE: snprintf(out, size, "%dx%d", ((const int *)field)[0], ((const int *)field)[1]); break;
     case OXL_OPTION_UCD: option_get_ucd(field, out, size); break;
     case OXL_OPTION_KEEP: option_get_keep(field, out, size); break;

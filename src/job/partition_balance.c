@@ -12,14 +12,14 @@ OXL_INTERNAL struct survey_load partition_load(const struct partition *p, int bl
 {
     const struct partition_plan *plan = p->plan;
     struct survey_load           load = {.points = p->block[block].start_points};
-    for (size_t v = 0; v < plan->sight->views; v++) {
+    for (size_t v = 0; v < plan->visibility->views; v++) {
         const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
-        if (plan->role[(size_t)block * plan->sight->views + v] == PARTITION_OUT) continue;
+        if (plan->role[(size_t)block * plan->visibility->views + v] == PARTITION_OUT) continue;
         load.views++;
         load.pixels += (double)c->width * c->height;
         load.largest      = OXL_MAX(load.largest, (double)c->width * c->height);
         load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
-        load.observations += plan->sight->first[v + 1] - plan->sight->first[v];
+        load.observations += plan->visibility->first[v + 1] - plan->visibility->first[v];
     }
     load.schedule_pixels = load.pixels;
     return load;
@@ -122,7 +122,7 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
 
 /* ---------------------------------------------------------------- the command */
 
-/* Text files alone are enough when the photographs are elsewhere. */
+/* Text files alone are enough when the images are elsewhere. */
 static oxl_result balance_look_for_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
 {
     char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");
@@ -142,14 +142,17 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     oxl_scene           *scene = NULL;
     struct partition     p     = {0};
     oxl_partition_report own   = {0};
+    oxl_lock            *lock  = NULL;
     oxl_result           rc    = balance_look_for_images(ctx, scene_path, &o.scene);
     if (report) *report = own;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
+    if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);
     if (rc == OXL_OK) rc = partition_make(ctx, scene, &o.partition, &p);
     if (rc == OXL_OK && report) rc = partition_report(ctx, &p, &o, &own);
     if (rc == OXL_OK) rc = partition_export(ctx, &p, out);
     if (rc == OXL_OK && report) *report = own;
     else oxl_partition_report_free(ctx, &own);
+    oxl_unlock_folder(ctx, &lock);
     partition_free(ctx, &p);
     oxl_scene_free(ctx, scene);
     return rc;

@@ -158,7 +158,7 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
     step[2] *= (double)count / (double)timed;
     seconds = step[0] + predict_time_grown(o, (double)points, (double)count) * (step[2] - step[0]);
     seconds *= o->iterations * (step[0] > 0 && coarse > 0 ? 1 - coarse * (1 - step[1] / step[0]) : 1);
-    seconds = PREDICT_TIME_TRAINED * (seconds + step[2] * selection_steps_beside(o, schedule_training_views(scene)));
+    seconds = PREDICT_TIME_TRAINED * (seconds + step[2] * selection_trial_steps(o, schedule_training_views(scene)));
     oxl_log(ctx, OXL_LOG_DEBUG, "timed: %.3f ms a step at the start, %.3f ms with %zu Gaussians: %.1f s", 1e3 * step[0],
             1e3 * step[2], count, seconds);
     range[0] = seconds / PREDICT_TIME_WITHIN;

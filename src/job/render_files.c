@@ -1,11 +1,11 @@
-/* render_files.c - what the model draws where the photographs were taken, as files to look at and to measure with.
+/* render_files.c - what the model draws where the images were taken, as files to look at and to measure with.
  *
- * Invariant: no name of a photograph leads out of the folder.
+ * Invariant: no name of an image leads out of the folder.
  */
 #include "job.h"
 
 /* FOLDER/NAME + suffix, with the folders that NAME asks for, none of them outside FOLDER; NULL with the error set. */
-static char *pictures_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
+static char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
 {
     struct text t = {.ctx = ctx};
     char       *path, *slash;
@@ -27,22 +27,22 @@ static char *pictures_path(oxl_context *ctx, const char *folder, const char *nam
     return path;
 }
 
-static oxl_result pictures_write_image(oxl_context *ctx, const char *folder, const char *name, const char *suffix,
-                                       const oxl_image *image)
+static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, const char *name, const char *suffix,
+                                          const oxl_image *image)
 {
-    char            *path = pictures_path(ctx, folder, name, suffix);
+    char            *path = render_file_path(ctx, folder, name, suffix);
     const oxl_result rc   = path ? oxl_image_write(ctx, path, image) : ctx->failed;
     oxl_free(ctx, path);
     return rc;
 }
 
 /* Portable float map: rows from the bottom, the sign of the scale tells the byte order. */
-static oxl_result pictures_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
-                                     int height)
+static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
+                                        int height)
 {
     const uint16_t   one    = 1;
     const int        small  = *(const unsigned char *)&one; /* little endian */
-    char            *path   = pictures_path(ctx, folder, name, ".depth.pfm");
+    char            *path   = render_file_path(ctx, folder, name, ".depth.pfm");
     struct os_writer writer = {0};
     oxl_result       rc     = path ? os_writer_open(ctx, path, &writer) : ctx->failed;
     if (rc != OXL_OK) goto done;
@@ -55,11 +55,11 @@ done:
 }
 
 /* Thousandths, so millimetres where depth is in metres; 0: nothing there, 65535: that or more. */
-static oxl_result pictures_write_depth16(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
-                                         int height)
+static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
+                                            int height)
 {
     const size_t pixels = (size_t)width * (size_t)height;
-    char        *path   = pictures_path(ctx, folder, name, ".depth16.png");
+    char        *path   = render_file_path(ctx, folder, name, ".depth16.png");
     uint16_t    *value  = oxl_alloc(ctx, pixels, sizeof *value);
     oxl_result   rc     = path ? OXL_OK : ctx->failed;
     if (rc == OXL_OK && !value) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", width, height);
@@ -72,8 +72,8 @@ static oxl_result pictures_write_depth16(oxl_context *ctx, const char *folder, c
 }
 
 /* A picture of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
-static oxl_result pictures_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
-                                       int height)
+static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
+                                          int height)
 {
     const size_t pixels  = (size_t)width * height;
     oxl_image    picture = {0};
@@ -87,124 +87,126 @@ static oxl_result pictures_write_depth(oxl_context *ctx, const char *folder, con
         const float mean = (float)(met ? sum / (double)met : 1), v = depth[i] > 0 ? mean / (mean + depth[i]) : 0;
         for (int c = 0; c < 3; c++) picture.rgb[c * pixels + i] = v;
     }
-    rc = pictures_write_image(ctx, folder, name, ".depth.png", &picture);
-    if (rc == OXL_OK) rc = pictures_write_pfm(ctx, folder, name, depth, width, height);
-    if (rc == OXL_OK) rc = pictures_write_depth16(ctx, folder, name, depth, width, height);
+    rc = render_file_write_image(ctx, folder, name, ".depth.png", &picture);
+    if (rc == OXL_OK) rc = render_file_write_pfm(ctx, folder, name, depth, width, height);
+    if (rc == OXL_OK) rc = render_file_write_depth16(ctx, folder, name, depth, width, height);
     oxl_image_free(ctx, &picture);
     return rc;
 }
 
-/* ---------------------------------------------------------------- drawn one after the other, written side by side */
+/* ---------------------------------------------------------------- rendered one after the other, written side by side */
 
 enum {
-    PICTURES_AT_ONCE = 16,
-    PICTURES_BYTES   = 40 /* a pixel, until it is on disk: two images, depth, a PNG on its way */
+    RENDER_FILES_AT_ONCE = 16,
+    RENDER_FILES_BYTES   = 40 /* a pixel, until it is on disk: two images, depth, a PNG on its way */
 };
 
 /* What is written of a view. */
-struct picture {
+struct render_file {
     const char *name;
     int         width, height;
-    oxl_image   drawn, photograph; /* photograph: empty when not asked for, or not to be had */
-    float      *depth;             /* (H,W) or NULL */
-    oxl_context own;               /* of the thread that writes it */
+    oxl_image   rendered, image; /* image: empty when not asked for, or not to be had */
+    float      *depth;           /* (H,W) or NULL */
+    oxl_context own;             /* of the thread that writes it */
 };
 
-static void picture_free(oxl_context *ctx, struct picture *p)
+static void render_file_free(oxl_context *ctx, struct render_file *p)
 {
-    oxl_image_free(ctx, &p->drawn);
-    oxl_image_free(ctx, &p->photograph);
+    oxl_image_free(ctx, &p->rendered);
+    oxl_image_free(ctx, &p->image);
     oxl_free(ctx, p->depth);
 }
 
-static oxl_result picture_reserve_depth(oxl_context *ctx, struct picture *p)
+static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file *p)
 {
     p->depth = oxl_alloc(ctx, (size_t)p->width * (size_t)p->height, sizeof *p->depth);
     return p->depth ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", p->width, p->height);
 }
 
-/* One that cannot be read is not drawn: the evaluation has said so. */
-static oxl_result picture_take_photograph(oxl_context *ctx, oxl_scene *scene, int view, struct picture *p)
+/* One that cannot be read is not rendered: the evaluation has said so. */
+static oxl_result render_file_take_image(oxl_context *ctx, oxl_scene *scene, int view, struct render_file *p)
 {
-    const oxl_result rc = oxl_scene_image(ctx, scene, view, &p->photograph);
+    const oxl_result rc = oxl_scene_image(ctx, scene, view, &p->image);
     return rc == OXL_ERR_INPUT ? OXL_OK : rc;
 }
 
-static oxl_result picture_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
-                               const oxl_pictures *what, struct picture *out)
+static oxl_result render_file_render(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
+                                     const oxl_render_output *what, struct render_file *out)
 {
     const oxl_view    *of      = oxl_scene_view(scene, view);
     oxl_render_options options = oxl_render_options_default();
     oxl_result         rc      = OXL_OK;
     options.near_plane         = (float)scene_near_plane(scene);
-    *out = (struct picture){.name = of->name, .width = of->camera.width, .height = of->camera.height, .own = context_apart(ctx)};
-    if (what->depth) rc = picture_reserve_depth(ctx, out);
+    *out                       = (struct render_file){
+                              .name = of->name, .width = of->camera.width, .height = of->camera.height, .own = context_for_thread(ctx)};
+    if (what->depth) rc = render_file_reserve_depth(ctx, out);
     renderer_set_medium(r, what->clear ? NULL : &scene_imaging(scene)->medium);
-    if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, &of->camera, &options, &out->drawn, out->depth);
-    if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &out->drawn);
-    if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->drawn);
+    if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, &of->camera, &options, &out->rendered, out->depth);
+    if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &out->rendered);
+    if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->rendered);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;
-    if (rc == OXL_OK && what->photographs) rc = picture_take_photograph(ctx, scene, view, out);
-    if (rc != OXL_OK) picture_free(ctx, out);
+    if (rc == OXL_OK && what->images) rc = render_file_take_image(ctx, scene, view, out);
+    if (rc != OXL_OK) render_file_free(ctx, out);
     return rc;
 }
 
-static oxl_result picture_write(struct picture *p, const char *folder)
+static oxl_result render_file_write(struct render_file *p, const char *folder)
 {
-    oxl_result rc = pictures_write_image(&p->own, folder, p->name, ".png", &p->drawn);
-    if (rc == OXL_OK && p->depth) rc = pictures_write_depth(&p->own, folder, p->name, p->depth, p->width, p->height);
-    if (rc == OXL_OK && p->photograph.rgb) rc = pictures_write_image(&p->own, folder, p->name, ".photo.png", &p->photograph);
+    oxl_result rc = render_file_write_image(&p->own, folder, p->name, ".png", &p->rendered);
+    if (rc == OXL_OK && p->depth) rc = render_file_write_depth(&p->own, folder, p->name, p->depth, p->width, p->height);
+    if (rc == OXL_OK && p->image.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".photo.png", &p->image);
     return rc;
 }
 
-/* As many of the views as may be in memory at once: one for each thread, within a quarter of the cache. *drawn: without the one that
+/* As many of the views as may be in memory at once: one for each thread, within a quarter of the cache. *rendered: without the one that
  * failed. */
-static oxl_result pictures_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, const int *view,
-                                int count, const oxl_pictures *what, struct picture *out, int *drawn)
+static oxl_result render_files_render(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene,
+                                      const int *view, int count, const oxl_render_output *what, struct render_file *out,
+                                      int *rendered)
 {
     size_t     bytes = 0;
     oxl_result rc    = OXL_OK;
-    *drawn           = 0;
-    if (what->photographs) image_cache_ahead(ctx, scene, view, count);
-    while (*drawn < OXL_MIN(count, OXL_MIN(ctx->threads, PICTURES_AT_ONCE))) {
-        const oxl_camera *camera = &oxl_scene_view(scene, view[*drawn])->camera;
-        bytes += (size_t)PICTURES_BYTES * (size_t)camera->width * (size_t)camera->height;
-        if (*drawn > 0 && bytes > scene_image_cache(scene)->limit / 4) break;
-        rc = picture_draw(ctx, r, model, scene, view[*drawn], what, &out[*drawn]);
+    *rendered        = 0;
+    if (what->images) image_cache_ahead(ctx, scene, view, count);
+    while (*rendered < OXL_MIN(count, OXL_MIN(ctx->threads, RENDER_FILES_AT_ONCE))) {
+        const oxl_camera *camera = &oxl_scene_view(scene, view[*rendered])->camera;
+        bytes += (size_t)RENDER_FILES_BYTES * (size_t)camera->width * (size_t)camera->height;
+        if (*rendered > 0 && bytes > scene_image_cache(scene)->limit / 4) break;
+        rc = render_file_render(ctx, r, model, scene, view[*rendered], what, &out[*rendered]);
         if (rc != OXL_OK) break;
-        ++*drawn;
+        ++*rendered;
     }
     return rc;
 }
 
 /* *written: before the first that could not be. */
-static oxl_result pictures_write(oxl_context *ctx, struct picture *picture, int count, const char *folder, int *written)
+static oxl_result render_files_write(oxl_context *ctx, struct render_file *picture, int count, const char *folder, int *written)
 {
-    oxl_result rc[PICTURES_AT_ONCE];
+    oxl_result rc[RENDER_FILES_AT_ONCE];
     *written = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads)
-    for (int i = 0; i < count; i++) rc[i] = picture_write(&picture[i], folder);
+    for (int i = 0; i < count; i++) rc[i] = render_file_write(&picture[i], folder);
     while (*written < count && rc[*written] == OXL_OK) ++*written;
     if (*written < count) oxl_fail(ctx, rc[*written], "%s", oxl_error_text(&picture[*written].own));
-    for (int i = 0; i < count; i++) picture_free(ctx, &picture[i]);
+    for (int i = 0; i < count; i++) render_file_free(ctx, &picture[i]);
     return *written < count ? ctx->failed : OXL_OK;
 }
 
-OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                         const char *folder, const int *view, int asked, int *count)
 {
-    struct renderer *r       = NULL;
-    struct picture  *picture = oxl_alloc(ctx, PICTURES_AT_ONCE, sizeof *picture);
-    oxl_result       rc      = os_make_folder(ctx, folder);
-    *count                   = 0;
+    struct renderer    *r       = NULL;
+    struct render_file *picture = oxl_alloc(ctx, RENDER_FILES_AT_ONCE, sizeof *picture);
+    oxl_result          rc      = os_make_folder(ctx, folder);
+    *count                      = 0;
     if (rc == OXL_OK && !picture) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     while (rc == OXL_OK && *count < asked) {
-        int        drawn, written;
+        int        rendered, written;
         oxl_result wrote;
-        rc    = pictures_draw(ctx, r, model, scene, view + *count, asked - *count, what, picture, &drawn);
-        wrote = pictures_write(ctx, picture, drawn, folder, &written);
+        rc    = render_files_render(ctx, r, model, scene, view + *count, asked - *count, what, picture, &rendered);
+        wrote = render_files_write(ctx, picture, rendered, folder, &written);
         *count += written;
         if (wrote != OXL_OK) rc = wrote;
     }
@@ -213,7 +215,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model
     return rc;
 }
 
-oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_pictures *what,
+oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                             const char *folder, int *count)
 {
     int       *view = oxl_alloc(ctx, (size_t)oxl_scene_view_count(scene) + 1, sizeof *view);

@@ -7,8 +7,8 @@
  */
 #include "job.h"
 
-/* The block at home at a place of the frame; `guess`, the neighbouring pixel's, is nearly always right. */
-static int seam_home(const struct partition *p, const double frame[3], int guess)
+/* The block at owner at a place of the frame; `guess`, the neighbouring pixel's, is nearly always right. */
+static int seam_block(const struct partition *p, const double frame[3], int guess)
 {
     if (partition_contains(&p->block[guess].box, frame)) return guess;
     for (int b = 0; b < p->block_count; b++)
@@ -16,7 +16,7 @@ static int seam_home(const struct partition *p, const double frame[3], int guess
     return -1; /* not a number */
 }
 
-/* Within SEAM_WIDTH of a face that the home shares with another block: outer faces are infinite. */
+/* Within SEAM_WIDTH of a face that the owner shares with another block: outer faces are infinite. */
 static int seam_is_near(const struct partition_block *block, const double frame[3])
 {
     int beside = 0;
@@ -42,38 +42,38 @@ struct seam_view {
     const struct partition *partition;
     const oxl_camera       *camera;
     const double           *origin; /* (3) of the scene */
-    const oxl_image        *drawn, *photograph;
+    const oxl_image        *rendered, *image;
     const float            *depth; /* (H,W) camera z; 0: nothing there, and so not near a border */
 };
 
 /* sum[1] is of the pixels near a border, sum[0] of the others. Serial: it takes a tenth of the drawing. */
 static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 {
-    int home = 0;
-    for (int y = 0; y < v->drawn->height; y++)
-        for (int x = 0; x < v->drawn->width; x++) {
-            const size_t i      = (size_t)y * v->drawn->width + x;
+    int owner = 0;
+    for (int y = 0; y < v->rendered->height; y++)
+        for (int x = 0; x < v->rendered->width; x++) {
+            const size_t i      = (size_t)y * v->rendered->width + x;
             int          beside = 0;
             if (v->depth[i] > 0) {
                 double world[3], frame[3];
                 seam_unproject(v->camera, v->origin, x, y, v->depth[i], world);
                 partition_to_frame(v->partition, world, frame);
-                home   = seam_home(v->partition, frame, OXL_MAX(home, 0));
-                beside = home >= 0 && seam_is_near(&v->partition->block[home], frame);
+                owner  = seam_block(v->partition, frame, OXL_MAX(owner, 0));
+                beside = owner >= 0 && seam_is_near(&v->partition->block[owner], frame);
             }
-            metrics_add_pixel(v->drawn, v->photograph, i, &sum[beside]);
+            metrics_add_pixel(v->rendered, v->image, i, &sum[beside]);
         }
 }
 
-/* A photograph that cannot be read is left out, as in the evaluation, which has said so. */
+/* An image that cannot be read is left out, as in the evaluation, which has said so. */
 static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p, const oxl_model *model,
                                  oxl_scene *scene, int view, struct metrics_sum sum[2])
 {
-    const oxl_camera  *camera  = &oxl_scene_view(scene, view)->camera;
-    oxl_render_options options = oxl_render_options_default();
-    oxl_image          drawn = {0}, photograph = {0};
+    const oxl_camera  *camera   = &oxl_scene_view(scene, view)->camera;
+    oxl_render_options options  = oxl_render_options_default();
+    oxl_image          rendered = {0}, image = {0};
     float             *depth = NULL;
-    oxl_result         rc    = oxl_scene_image(ctx, scene, view, &photograph);
+    oxl_result         rc    = oxl_scene_image(ctx, scene, view, &image);
     if (rc == OXL_ERR_INPUT) return OXL_OK;
     if (rc != OXL_OK) return rc;
     depth = oxl_alloc(ctx, (size_t)camera->width * camera->height, sizeof *depth);
@@ -83,15 +83,15 @@ static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const str
     }
     options.near_plane = (float)scene_near_plane(scene);
     renderer_set_medium(r, &scene_imaging(scene)->medium);
-    rc = renderer_draw(ctx, r, model, camera, &options, &drawn, depth);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &drawn);
-    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), view, &drawn);
+    rc = renderer_draw(ctx, r, model, camera, &options, &rendered, depth);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &rendered);
+    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), view, &rendered);
     if (rc != OXL_OK) goto done;
-    seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &drawn, &photograph, depth}, sum);
+    seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &rendered, &image, depth}, sum);
 done:
     oxl_free(ctx, depth);
-    oxl_image_free(ctx, &drawn);
-    oxl_image_free(ctx, &photograph);
+    oxl_image_free(ctx, &rendered);
+    oxl_image_free(ctx, &image);
     return rc;
 }
 

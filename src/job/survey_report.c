@@ -50,10 +50,10 @@ OXL_INTERNAL double survey_memory(const oxl_job_options *o, const struct survey_
 {
     const int    degree = o->train.sh_degree < 0 ? 3 : o->train.sh_degree;
     const double planes = OXL_SH + 3.0 * (degree + 1) * (degree + 1);
-    const double photos = image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
+    const double cache  = image_cache_bytes((double)o->scene.image_cache_bytes, load->pixels, load->largest_file);
     const int    sets   = schedule_may_try(&o->train) ? 10 : 4;
     /* planes of 4 bytes: parameters, gradient and two moments; all but the gradient twice more while a trial goes on */
-    return SURVEY_PROGRAM_BYTES + photos + load->largest * SURVEY_PIXEL_BYTES +
+    return SURVEY_PROGRAM_BYTES + cache + load->largest * SURVEY_PIXEL_BYTES +
            gaussians * (sets * 4 * planes + SURVEY_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track);
 }
 
@@ -172,7 +172,7 @@ static void survey_write_warnings(oxl_survey *s)
     if (s->images_missing > 0)
         survey_say(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing, s->images);
     if (s->unusable > 0) survey_say(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
-    if (s->missed > LINT_DOUBT)
+    if (s->missed > LINT_MISSED_SURVEY)
         survey_say(s,
                    "warning: %.0f %% of the track entries project outside their images; check that cameras.txt, images.txt and "
                    "points3D.txt are of one model and that poses are world to camera\n",

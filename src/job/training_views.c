@@ -40,7 +40,7 @@ struct training_views {
 /* ---------------------------------------------------------------- neighbours */
 
 /* Distance in extents, and how differently they look: 2 for opposite ways. */
-static double training_apart(const struct training_views *t, int a, int b)
+static double training_distance(const struct training_views *t, int a, int b)
 {
     const oxl_camera *x = &oxl_scene_view(t->scene, t->m->views[a].view)->camera,
                      *y = &oxl_scene_view(t->scene, t->m->views[b].view)->camera;
@@ -60,7 +60,7 @@ static int training_nearest(const struct training_views *t, int of, int out[TRAI
     double apart[TRAINING_NEIGHBOURS];
     int    count = 0;
     for (int i = 0; i < t->m->count; i++) {
-        const double d  = i == of ? 0 : training_apart(t, of, i);
+        const double d  = i == of ? 0 : training_distance(t, of, i);
         int          at = count;
         if (i == of || (count == TRAINING_NEIGHBOURS && d >= apart[count - 1])) continue;
         if (count < TRAINING_NEIGHBOURS) count++;
@@ -129,12 +129,12 @@ static void training_reduce(const oxl_image *image, int n, float *out)
 }
 
 /* Share of the squared difference of two pictures that one shift of the whole explains [Lucas & Kanade 1981]. */
-static double training_shift(const float *drawn, const float *image, int w, int h)
+static double training_shift(const float *rendered, const float *image, int w, int h)
 {
     double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, det;
     for (int y = 1; y + 1 < h; y++)
         for (int x = 1; x + 1 < w; x++) {
-            const float *d  = drawn + y * w + x;
+            const float *d  = rendered + y * w + x;
             const double gx = 0.5 * (d[1] - d[-1]), gy = 0.5 * (d[w] - d[-w]), e = image[y * w + x] - d[0];
             xx += gx * gx, xy += gx * gy, yy += gy * gy, xe += gx * e, ye += gy * e, ee += e * e;
         }
@@ -147,13 +147,13 @@ static double training_shift(const float *drawn, const float *image, int w, int 
 static oxl_result training_displaced(struct training_views *t, const oxl_model *model, int at, double *out)
 {
     oxl_render_options options = oxl_render_options_default();
-    oxl_image          image = {0}, drawn = {0};
+    oxl_image          image = {0}, rendered = {0};
     const int          view = t->m->views[at].view;
     float             *work = NULL;
     oxl_result         rc   = oxl_scene_image(t->ctx, t->scene, view, &image);
     *out                    = 0;
     options.near_plane      = (float)scene_near_plane(t->scene);
-    if (rc == OXL_OK) rc = oxl_render(t->ctx, model, &oxl_scene_view(t->scene, view)->camera, &options, &drawn, NULL);
+    if (rc == OXL_OK) rc = oxl_render(t->ctx, model, &oxl_scene_view(t->scene, view)->camera, &options, &rendered, NULL);
     if (rc == OXL_OK) work = oxl_alloc(t->ctx, 2 * (size_t)image.width * (size_t)image.height, sizeof *work);
     if (rc == OXL_OK && !work)
         rc = oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to compare %s", oxl_scene_view(t->scene, view)->name);
@@ -161,12 +161,12 @@ static oxl_result training_displaced(struct training_views *t, const oxl_model *
         const int w = image.width / n, h = image.height / n;
         if (OXL_MAX(w, h) > TRAINING_LARGEST) continue;
         training_reduce(&image, n, work);
-        training_reduce(&drawn, n, work + (size_t)w * (size_t)h);
+        training_reduce(&rendered, n, work + (size_t)w * (size_t)h);
         *out = OXL_MAX(*out, training_shift(work + (size_t)w * (size_t)h, work, w, h));
     }
     oxl_free(t->ctx, work);
     oxl_image_free(t->ctx, &image);
-    oxl_image_free(t->ctx, &drawn);
+    oxl_image_free(t->ctx, &rendered);
     return rc;
 }
 
@@ -216,7 +216,7 @@ static int training_order(const void *a, const void *b)
     return x->at - y->at;
 }
 
-/* Is a flagged neighbour so much worse that this view may suffer by it? Views beside a displaced one are drawn after its mistakes. */
+/* Is a flagged neighbour so much worse that this view may suffer by it? Views beside a displaced one are rendered after its mistakes. */
 static int training_suffers(const struct training_views *t, const struct training_row *row, const struct training_row *end)
 {
     int       near[TRAINING_NEIGHBOURS];
@@ -250,7 +250,7 @@ static oxl_result training_flag(struct training_views *t, const oxl_model *model
 
 /* ---------------------------------------------------------------- what is said */
 
-static void training_tell(const struct training_views *t)
+static void training_report(const struct training_views *t)
 {
     static const char *const kinds[] = {"pose", "exposure", "blur"};
     for (size_t k = 0; k < OXL_COUNT(kinds); k++)
@@ -283,7 +283,7 @@ static void training_add_json(const struct training_views *t, struct text *out)
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
 }
 
-OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
+OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, int iterations,
                                              struct text *json, const char *folder)
 {
     oxl_metrics           m = {0};
@@ -300,10 +300,11 @@ OXL_INTERNAL oxl_result training_views_judge(oxl_context *ctx, const oxl_model *
     if (iterations >= TRAINING_STEPS * m.count) rc = training_flag(&t, model);
     if (rc != OXL_OK) goto done;
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
-    training_tell(&t);
+    training_report(&t);
     training_add_json(&t, json);
     for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++) shown[count] = m.views[t.row[count].at].view;
-    if (folder) rc = render_files_of(ctx, model, scene, &(oxl_pictures){OXL_SPLIT_ALL, 1, 0, 0, 0}, folder, shown, count, &count);
+    if (folder)
+        rc = render_files_of(ctx, model, scene, &(oxl_render_output){OXL_SPLIT_ALL, 1, 0, 0, 0}, folder, shown, count, &count);
 done:
     oxl_free(ctx, t.row);
     oxl_free(ctx, t.work);

@@ -1,14 +1,14 @@
-/* gltf.c - models as a binary glTF file (GLB) with the extension KHR_gaussian_splatting, written.
+/* gltf.c - writes models as binary glTF files (GLB) with the extension KHR_gaussian_splatting.
  *
  * Source: the glTF 2.0 specification, 5.20 "GLB"; KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting (release candidate).
  *
  *     "glTF" 2 length | length "JSON" text, padded with blanks | length "BIN\0" the arrays, one after the other
  *
- * All attributes are float: places, unit quaternions x y z w, scales and opacities as they are drawn (not raw), harmonics by degree
- * and order, whose signs are those of the standard PLY. The frame is turned (frame_flip.h), and the origin is the node's
- * translation, in 17 digits. There is no place for second lobes.
+ * All attributes are float: positions, unit quaternions x y z w, activated scales and opacities, harmonics by degree and order with the
+ * signs of the standard PLY. The frame is converted (frame_flip.h); the origin is the node's translation, in 17 digits, and the model's
+ * scale, if any, is extras.scale of the node. The format has no second lobes.
  *
- * Invariant: what leaves is valid: unit rotations, opacities in 0..1, finite scales, the bounds of the places.
+ * Invariant: valid files: unit rotations, opacities in 0..1, finite scales, bounds of the positions.
  */
 #include "model.h"
 
@@ -84,13 +84,13 @@ static void gltf_write_array(FILE *file, const oxl_model *model, int array)
                 gltf_put_u32(bytes + 4 * (i * (size_t)width + (size_t)k), bits);
             }
         }
-        fwrite(bytes, 4 * (size_t)width, rows, file); /* os_writer_close notices what failed */
+        fwrite(bytes, 4 * (size_t)width, rows, file); /* os_writer_close reports errors */
     }
 }
 
 /* ---------------------------------------------------------------- the text */
 
-/* Bounds of the places, which the specification wants of them. */
+/* Bounds of the positions, required by the specification. */
 static void gltf_add_bounds(struct text *t, const oxl_model *model)
 {
     double low[3] = {0}, high[3] = {0};
@@ -125,6 +125,11 @@ static void gltf_add_origin(struct text *t, const oxl_model *model)
         text_add(t, "%s%s", i ? "," : "", text);
     }
     text_add(t, "]");
+    if (model->scale > 0) {
+        text_add(t, ",\"extras\":{\"scale\":");
+        text_add_number(t, model->scale);
+        text_add(t, "}");
+    }
 }
 
 static oxl_result gltf_text(oxl_context *ctx, const oxl_model *model, uint64_t bytes, struct text *t)

@@ -1,16 +1,17 @@
-/* model.c - planes of Gaussians: create, grow, copy, give some a second lobe, start from points.
+/* model.c - planes of Gaussians: create, grow, copy, assign second lobes, initialise from points.
  *
- * Sources: Kerbl 2023 (the start from points); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
- * Invariant: one allocation holds all planes, one after the other, each `capacity` floats long. Capacity is a multiple of
- * MODEL_PACK, so each plane starts on a 64-byte line and kernels may read and write whole packs of rows up to capacity.
- * The planes of the second lobe follow, each as long as the packs that hold rows 0..lobes-1.
- * Rows from count to capacity are finite: model_clear_rows fills them when they are made, and who lowers count leaves rows
- * that were Gaussians once.
+ * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
+ * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts on
+ * a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as long
+ * as the packs of rows 0..lobes-1.
+ * Rows from count to capacity are finite: model_clear_rows initialises new rows, and a smaller count leaves valid rows.
  */
 #include "model.h"
 #include "../core/vecmath.h"
 
 /* ---------------------------------------------------------------- memory */
+
+#define MODEL_SCALE_ROUNDED 1e-12 /* a scale this near to 1 was multiplied back to it */
 
 enum { MODEL_PACK = 16 }; /* rows: 64 bytes of float, the widest vector */
 
@@ -30,6 +31,20 @@ void oxl_model_move_origin(oxl_model *model, const double origin[3])
     }
 }
 
+void oxl_model_rescale(oxl_model *model, double factor)
+{
+    const float  shift = (float)vecmath_log(factor);
+    const double scale = (model->scale > 0 ? model->scale : 1) * factor;
+    for (int a = 0; a < 3; a++) {
+        model->origin[a] *= factor;
+        for (size_t i = 0; i < model->count; i++) {
+            model->plane[OXL_MEAN + a][i] *= (float)factor;
+            model->plane[OXL_LOG_SCALE + a][i] += shift;
+        }
+    }
+    model->scale = fabs(scale - 1) > MODEL_SCALE_ROUNDED ? scale : 0;
+}
+
 OXL_INTERNAL void model_clear_rows(oxl_model *model, size_t first, size_t end)
 {
     const int planes = oxl_model_planes(model);
@@ -45,7 +60,7 @@ static size_t model_whole_packs(size_t rows)
     return (rows + MODEL_PACK - 1) / MODEL_PACK * MODEL_PACK;
 }
 
-/* Points the lobes' planes at `memory` and takes over what `from` has of them. */
+/* Sets the lobes' planes to `memory` and copies those of `from`. */
 static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *from)
 {
     const size_t rows = model_whole_packs(m->lobes), kept = OXL_MIN(m->lobes, from->lobes);
@@ -56,20 +71,21 @@ static void model_lay_out_lobes(oxl_model *m, float *memory, const oxl_model *fr
     }
 }
 
-/* The model in fresh memory with another capacity, degree or number of lobes; on failure the old one stays as it was. */
+/* Reallocates the model with another capacity, degree or number of lobes; on failure it is unchanged. */
 static oxl_result model_lay_out(oxl_context *ctx, oxl_model *model, size_t capacity, int sh_degree, size_t lobes)
 {
     oxl_model m      = {.count = model->count, .lobes = lobes, .sh_degree = sh_degree};
     const int planes = oxl_model_planes(&m);
     float    *memory = NULL;
     if (capacity < SIZE_MAX / (OXL_PLANES * sizeof *memory) - 2 * MODEL_PACK) {
-        /* an odd number of lines: else planes of 2^n rows would all fall into the same set of the cache */
+        /* an odd number of cache lines, so that planes of 2^n rows do not map to the same cache set */
         m.capacity = (((capacity + MODEL_PACK - 1) / MODEL_PACK) | 1) * MODEL_PACK;
         memory     = oxl_alloc(ctx, m.capacity * (size_t)planes + model_whole_packs(lobes) * MODEL_LOBE_PLANES, sizeof *memory);
     }
     if (!memory) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu Gaussians of %d numbers", capacity, planes);
     m.memory = memory;
     memcpy(m.origin, model->origin, sizeof m.origin);
+    m.scale = model->scale;
     for (int p = 0; p < planes; p++) {
         m.plane[p] = memory + (size_t)p * m.capacity;
         if (model->plane[p]) memcpy(m.plane[p], model->plane[p], m.count * sizeof(float));
@@ -94,7 +110,7 @@ oxl_result oxl_model_create(oxl_context *ctx, size_t count, int sh_degree, oxl_m
     *out = (oxl_model){0};
     rc   = model_check_degree(ctx, sh_degree);
     if (rc == OXL_OK) rc = model_lay_out(ctx, out, count, sh_degree, 0);
-    if (rc == OXL_OK) out->count = count; /* these rows are clear already */
+    if (rc == OXL_OK) out->count = count; /* these rows are already cleared */
     return rc;
 }
 
@@ -125,6 +141,7 @@ OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_
     if (rc != OXL_OK) oxl_model_free(ctx, to);
     if (rc != OXL_OK) return rc;
     memcpy(to->origin, from->origin, sizeof to->origin);
+    to->scale = from->scale;
     for (int p = 0; p < oxl_model_planes(from) && from->count; p++)
         memcpy(to->plane[p], from->plane[p], from->count * sizeof(float));
     for (int p = OXL_LOBE; from->lobes && p < OXL_PLANES; p++) memcpy(to->plane[p], from->plane[p], from->lobes * sizeof(float));
@@ -179,7 +196,7 @@ OXL_INTERNAL int model_row_is_finite(const oxl_model *m, size_t i)
     return sum == 0;
 }
 
-/* Active rows first, each part in its order. `other` (count) is scratch. */
+/* Stable partition, active rows first. `other` (count) is scratch. */
 static void model_active_first(oxl_model *model, const uint8_t *active, float *other)
 {
     for (int p = 0; p < oxl_model_planes(model); p++) {
@@ -247,7 +264,7 @@ static uint64_t model_spread_bits(uint64_t x) /* bit i to bit 3 i, for 21 bits *
     return x;
 }
 
-/* Cubic cells: the longest side of the bounding box is cut into 2^21. */
+/* Cubic cells: 2^21 along the longest side of the bounding box. */
 static void model_sort_by_code(const oxl_point *points, size_t count, struct model_key *key)
 {
     double low[3], side = 0;
@@ -306,11 +323,11 @@ static int model_longest_axis(const struct model_site *site, size_t first, size_
 }
 
 /* Hoare's selection: afterwards nothing in [first, nth) is greater and nothing in (nth, end) less than site[nth] along axis.
- * Equal values stop both scans, so that coincident points cost no more than others. */
+ * Equal values stop both scans, so that coincident points do not degrade the run time. */
 static void model_select(struct model_site *site, size_t first, size_t end, size_t nth, int axis)
 {
     while (end - first > 1) {
-        const double pivot = site[first + (end - first - 1) / 2].x[axis]; /* never the last: so both parts are smaller */
+        const double pivot = site[first + (end - first - 1) / 2].x[axis]; /* not the last value, so both parts are smaller */
         size_t       i = first, j = end - 1;
         for (;;) {
             struct model_site swap;
@@ -337,7 +354,7 @@ static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
     }
 }
 
-/* Squared distances in ascending order; the sum of the three is the same in whichever order they were met. */
+/* Squared distances in ascending order, so that their sum does not depend on the search order. */
 struct model_nearest {
     const double *x;
     size_t        self;
@@ -365,7 +382,7 @@ static void model_search(const struct model_tree *tree, size_t first, size_t end
         const double beyond = n->x[axis] - tree->site[middle].x[axis];
         if (beyond < 0) model_search(tree, first, middle, n);
         else model_search(tree, middle + 1, end, n);
-        if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return; /* the other side is further than all three */
+        if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return; /* the other side is farther than all three */
         model_meet(n, &tree->site[middle], middle);
         if (beyond < 0) first = middle + 1;
         else end = middle;
@@ -373,7 +390,7 @@ static void model_search(const struct model_tree *tree, size_t first, size_t end
     for (size_t i = first; i < end; i++) model_meet(n, &tree->site[i], i);
 }
 
-/* square[row] = mean squared distance to the nearest three, or to as many as there are; 0 when alone. */
+/* square[row] = mean squared distance to the nearest three, or fewer if there are fewer; 0 for a single point. */
 static void model_measure(oxl_context *ctx, const struct model_tree *tree, double *square)
 {
     const int     neighbours = (int)OXL_MIN(tree->count - 1, (size_t)MODEL_NEIGHBOURS);
@@ -393,8 +410,8 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
 
 #define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
 
-/* From mean squared distances to log widths. Coincident points would have none: 3DGS floors the square at 1e-7 of its unit; our
- * unit is the survey's own, so the floor is 1 % of the median width (of those above 0). All alone or all in one place: 1. */
+/* Mean squared distances to log widths. Coincident points would have width 0: 3DGS limits the square to 1e-7; our unit is arbitrary, so
+ * the limit is 1 % of the median width (of those above 0). A single point, or all coincident: width 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;

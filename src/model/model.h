@@ -6,7 +6,7 @@
 
 /* ---------------------------------------------------------------- spz.c, gltf.c: compact and exchange formats */
 
-/* All numbers finite, no lobes: model_file.c sees to it. */
+/* All values finite, no lobes: checked in model_file.c. */
 OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *out);
 OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_model *model);
 OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl_model *model);
@@ -17,35 +17,37 @@ OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl
 
 /* One allocation; each plane starts on a 64-byte line. Capacity is a multiple of 16 and at least 16, so kernels may read and
  * write whole packs of 16 rows up to it; rows from count to capacity are finite (fresh ones: zero, identity rotation).
- * model_reserve keeps rows and never shrinks; planes move. `to` of model_copy is overwritten, not freed. */
+ * model_reserve keeps rows and does not shrink; planes move. model_copy overwrites `to` without freeing it. */
 OXL_INTERNAL void       model_clear_rows(oxl_model *model, size_t first, size_t end); /* all zero but rotation w = 1 */
 OXL_INTERNAL oxl_result model_reserve(oxl_context *ctx, oxl_model *model, size_t capacity);
-/* Grows or shrinks the SH bands; new planes are zero. */
+/* Changes the SH degree; new planes are zero. */
 OXL_INTERNAL oxl_result model_set_degree(oxl_context *ctx, oxl_model *model, int sh_degree);
 OXL_INTERNAL oxl_result model_copy(oxl_context *ctx, const oxl_model *from, oxl_model *to);
-OXL_INTERNAL int        model_row_is_finite(const oxl_model *model, size_t row); /* its lobe too */
-/* Keeps the rows whose byte in keep (count) is not 0, in their order, lobes with them; the others are cleared. */
+OXL_INTERNAL int        model_row_is_finite(const oxl_model *model, size_t row); /* including its lobe */
+/* Keeps the rows with keep (count) not 0 in their order, with their lobes; the others are cleared. */
 OXL_INTERNAL void       model_keep_rows(oxl_model *model, const uint8_t *keep);
 
-/* The second lobe. Memory for it is held for the first `lobes` rows alone, up to a whole pack. */
+/* The second lobe, allocated for the first `lobes` rows only, up to a whole pack. */
 enum { MODEL_LOBE_PLANES = OXL_PLANES - OXL_LOBE };
-#define MODEL_OPACITY           0.1    /* of a fresh Gaussian; Kerbl 2023 */
+#define MODEL_OPACITY           0.1    /* of a new Gaussian; Kerbl 2023 */
 #define MODEL_LOBE_RATE_OPACITY 0.025f /* Adam's, of plane OXL_LOBE ["Prune Wisely", code] */
 #define MODEL_LOBE_RATE_SCALE   0.005f /* of OXL_LOBE + 1..3 */
-/* Rows 0..lobes-1 carry one; fresh ones are zero. */
+/* Rows 0..lobes-1 have one; new ones are zero. */
 OXL_INTERNAL oxl_result model_set_lobes(oxl_context *ctx, oxl_model *model, size_t lobes);
 OXL_INTERNAL void       model_drop_lobes(oxl_model *model);
-/* Brings the rows whose byte in active (count) is not 0 to the front of all three, each part in its order, and gives them lobes of
- * these factors and zero moments. first, second: the moments, or both NULL. Done once: the model must have no lobes yet. */
+/* Moves the rows with active (count) not 0 to the front of all three, each part in its order, and gives them lobes with these factors and
+ * zero moments. first, second: the moments, or both NULL. The model must have no lobes. */
 OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model, oxl_model *first, oxl_model *second,
                                              const uint8_t *active, float opacity_factor, float scale_factor);
 
-/* Colours times a factor for each channel: SH bands alike, the 0.5 of band 0 with them. */
+/* Multiplies colours by a factor per channel: all SH coefficients, and the offset 0.5. */
 OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);
 
 /* ---------------------------------------------------------------- model_file.c: models as PLY and .splat */
 
-/* What oxl_model_write does with file_degree 3, lobes included; with the model's own degree only the bands carried are written. */
+/* Origin or scale from a comment of a file; other comments are ignored. */
+OXL_INTERNAL void       model_file_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model);
+/* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes are included. */
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
 
 #endif

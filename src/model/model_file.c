@@ -1,20 +1,20 @@
-/* model_file.c - models as files: the standard 3DGS PLY, with our second element for second lobes, and the 32-byte .splat; and which
- * format a file is (spz.c, gltf.c have the others).
+/* model_file.c - model files: the standard 3DGS PLY, with an element for second lobes, and the 32-byte .splat; selects the format by
+ * extension (others: spz.c, gltf.c).
  *
  * Sources: the PLY of Kerbl 2023's reference code (62 float columns, raw values); antimatter15's .splat.
  *
  *     element dog   byte  0  opacity_factor  float     4  scale_factor  3 float
  *
- * Row i of element dog belongs to vertex i. A file may name the vertex instead, in a property vertex_index (earlier versions did).
+ * Row i of element dog belongs to vertex i, or to the vertex of the property vertex_index (earlier versions).
  *
- * Invariant: a number that is not finite goes neither in nor out. Reading drops such rows and says how many; writing refuses
- * them, since they are the trainer's fault, to be mended there.
+ * Invariant: values that are not finite are neither read nor written. Reading drops such rows and logs their number; writing fails,
+ * since training must not produce them.
  */
 #include "model.h"
 
 #include "../core/vecmath.h"
 
-#define MODEL_FILE_ORIGIN_MOST 1e15 /* as far as a survey may lie */
+#define MODEL_FILE_ORIGIN_MOST 1e15 /* limit of |origin| */
 
 enum {
     MODEL_FILE_COLUMNS     = 62,  /* of the standard layout */
@@ -159,6 +159,10 @@ static oxl_result model_file_write_header(oxl_context *ctx, const struct os_writ
         text_add(&t, " ");
         text_add_number(&t, model->origin[i]);
     }
+    if (model->scale > 0) {
+        text_add(&t, "\ncomment scale ");
+        text_add_number(&t, model->scale);
+    }
     if (model->lobes)
         text_add(&t, "\ncomment dog: a second lobe, alpha = min(.99, o G) - min(.99, o' G'); raw factors: "
                      "o' = o sigmoid(opacity_factor), s' = s exp(scale_factor)");
@@ -217,24 +221,29 @@ OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path,
 
 /* ---------------------------------------------------------------- PLY in */
 
-/* "origin X Y Z" among the comments. */
-static void model_file_read_origin(oxl_context *ctx, const struct ply *ply, double origin[3])
+/* So many finite numbers after blanks; 0: there are others. */
+static int model_file_read_numbers(const char *text, double *value, int count)
 {
-    for (int i = 0; i < ply->comments; i++) {
-        const char *c = ply->comment[i], *end = c + strlen(c);
-        double      value[3];
-        int         n = 0;
-        if (strncmp(c, "origin ", 7)) continue;
-        c += 7;
-        for (; n < 3; n++) {
-            while (*c == ' ') c++;
-            if (!parse_double(&c, end, &value[n]) || !(fabs(value[n]) <= MODEL_FILE_ORIGIN_MOST)) break;
-        }
-        if (n == 3) memcpy(origin, value, sizeof value);
-        else
-            oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted origin X Y Z, each within %g", ply->path,
-                    ply->comment[i], MODEL_FILE_ORIGIN_MOST);
+    const char *end = text + strlen(text);
+    for (int n = 0; n < count; n++) {
+        while (*text == ' ') text++;
+        if (!parse_double(&text, end, &value[n]) || !(fabs(value[n]) <= MODEL_FILE_ORIGIN_MOST)) return 0;
     }
+    return 1;
+}
+
+/* "origin X Y Z" and "scale S". */
+OXL_INTERNAL void model_file_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
+{
+    const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
+    double    value[3];
+    if (is_origin && model_file_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
+    else if (is_scale && model_file_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_FILE_ORIGIN_MOST)
+        model->scale = value[0] == 1 ? 0 : value[0];
+    else if (is_origin || is_scale)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted %s, %s%g", path, comment,
+                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ",
+                MODEL_FILE_ORIGIN_MOST);
 }
 
 static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex,
@@ -253,7 +262,7 @@ static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply
     return rc;
 }
 
-/* The degree that the number of f_rest columns speaks of. */
+/* The SH degree for a number of f_rest columns. */
 static oxl_result model_file_read_degree(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex, int *degree)
 {
     int rest = 0;
@@ -288,7 +297,7 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     return rc;
 }
 
-/* The rows of element dog: index (rows) as double, the row itself where the file has no vertex_index; factor (4, rows). */
+/* The rows of element dog: index (rows) as double, the row number without vertex_index; factor (4, rows). */
 static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index, float *factor)
 {
     const struct ply_element *dog    = &ply->element[element];
@@ -318,7 +327,7 @@ done:
     return rc;
 }
 
-/* Marks the vertices that element dog names; each at most once. */
+/* Marks the vertices of element dog; each at most once. */
 static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply, const double *index, size_t rows,
                                         size_t vertices, uint8_t *active)
 {
@@ -339,18 +348,19 @@ static oxl_result model_file_mark_lobes(oxl_context *ctx, const struct ply *ply,
 
 static oxl_result model_file_read_lobes(oxl_context *ctx, const struct ply *ply, int element, oxl_model *model)
 {
-    const uint64_t announced = ply->element[element].rows; /* rows without properties cost no bytes: any number can stand there */
-    const size_t   vertices = model->count, rows = (size_t)OXL_MIN(announced, vertices);
-    double        *index  = oxl_alloc(ctx, rows + 1, sizeof *index);
-    float         *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
-    uint8_t       *active = oxl_calloc(ctx, vertices + 1, 1);
-    size_t        *row    = oxl_alloc(ctx, vertices + 1, sizeof *row); /* of a vertex, when it has a lobe */
-    oxl_result     rc     = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
-    if (rc == OXL_OK && announced > vertices)
+    const uint64_t declared =
+        ply->element[element].rows; /* rows without properties need no bytes, so the header can state any number */
+    const size_t vertices = model->count, rows = (size_t)OXL_MIN(declared, vertices);
+    double      *index  = oxl_alloc(ctx, rows + 1, sizeof *index);
+    float       *factor = oxl_alloc(ctx, rows + 1, MODEL_LOBE_PLANES * sizeof *factor);
+    uint8_t     *active = oxl_calloc(ctx, vertices + 1, 1);
+    size_t      *row    = oxl_alloc(ctx, vertices + 1, sizeof *row); /* (vertices) row in dog, for vertices with a lobe */
+    oxl_result   rc     = index && factor && active && row ? OXL_OK : model_file_no_memory(ctx, ply->path);
+    if (rc == OXL_OK && declared > vertices)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: element dog announces %llu rows for %zu vertices, wanted at most one each\n"
                       "fix: write the file again with oceanxl, or leave element dog out",
-                      ply->path, (unsigned long long)announced, vertices);
+                      ply->path, (unsigned long long)declared, vertices);
     if (rc == OXL_OK) rc = model_file_read_factors(ctx, ply, element, index, factor);
     if (rc == OXL_OK) rc = model_file_mark_lobes(ctx, ply, index, rows, vertices, active);
     if (rc == OXL_OK) rc = model_activate_lobes(ctx, model, NULL, NULL, active, 0.5f, 1);
@@ -381,7 +391,7 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
                       ply.elements);
     if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
-    if (rc == OXL_OK) model_file_read_origin(ctx, &ply, out->origin);
+    for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_file_read_comment(ctx, path, ply.comment[i], out);
     ply_close(ctx, &ply);
     return rc;
 }
@@ -418,8 +428,8 @@ static void model_file_put_splat(const oxl_model *model, size_t row, unsigned ch
     }
 }
 
-/* Bytes at the ends stand for values that the raw form cannot hold: alpha 0 and 255 become a quarter of a step inside, a scale
- * of 0 the least normal float, so that both come back as the same byte. */
+/* Limits have no finite raw value: alpha 0 and 255 move inwards by a quarter step, scale 0 becomes the smallest normal float, so that
+ * both convert back to the same byte. */
 static void model_file_get_splat(const unsigned char *p, oxl_model *model, size_t row)
 {
     const double alpha = OXL_CLAMP(p[27], 0.25, 254.75) / 255;
@@ -447,7 +457,25 @@ static int model_file_by_weight(const void *a, const void *b)
     return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* The most visible first, as viewers that load a .splat piece by piece expect. */
+/* A .splat stores neither origin nor scale. */
+static void model_file_warn_place(oxl_context *ctx, const char *path, const oxl_model *model)
+{
+    const double *o = model->origin;
+    char          text[3][NUMBER_TEXT_MAX];
+    for (int i = 0; i < 3; i++) format_shortest(text[i], o[i]);
+    if (o[0] != 0 || o[1] != 0 || o[2] != 0)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: a .splat cannot store the origin %s %s %s: eval and render will not match the survey's cameras\n"
+                "fix: keep the .ply or an .spz, too",
+                path, text[0], text[1], text[2]);
+    else if (model->scale > 0)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: a .splat cannot store the scale %g: eval and render will not match the survey's cameras\n"
+                "fix: keep the .ply or an .spz, too",
+                path, model->scale);
+}
+
+/* Most visible first, for viewers that load a .splat progressively. */
 static oxl_result model_file_write_splat(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     struct model_file_rank *rank = NULL;
@@ -462,8 +490,8 @@ static oxl_result model_file_write_splat(oxl_context *ctx, const char *path, con
         rank[i] = (struct model_file_rank){vecmath_exp(sum) * vecmath_sigmoid(model->plane[OXL_OPACITY][i]), i};
     }
     qsort(rank, model->count, sizeof *rank, model_file_by_weight);
-    if (model->sh_degree > 0 || model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0)
-        oxl_log(ctx, OXL_LOG_INFO, "%s: a .splat has no place for the origin and for harmonics past degree 0", path);
+    if (model->sh_degree > 0) oxl_log(ctx, OXL_LOG_INFO, "%s: a .splat has no place for harmonics past degree 0", path);
+    model_file_warn_place(ctx, path, model);
     rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
         for (size_t i = 0; rc == OXL_OK && i < model->count; i++) {
@@ -514,13 +542,13 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     return rc;
 }
 
-/* The model without its lobes; it borrows the planes. */
+/* The model without its lobes, with borrowed planes. */
 static oxl_model model_file_standard(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     oxl_model plain = *model;
     if (model->lobes)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format has no place for the second lobes of %zu of %zu Gaussians", path,
-                model->lobes, model->count);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: this format cannot store the second lobes of %zu of %zu Gaussians", path, model->lobes,
+                model->count);
     model_drop_lobes(&plain);
     return plain;
 }

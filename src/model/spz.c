@@ -8,25 +8,25 @@
  *     rotations (N) u32: the index of the largest of x y z w, then the others as sign and 9 bits of 511 q sqrt(2); version 2: x y z, u8
  *     harmonics past degree 0 (N, coefficients, 3) u8 = 128 c + 128, written in buckets of 2 (degree 1) and 4
  *
- * The frame is turned (frame_flip.h). There is no place for the origin, and none for second lobes.
+ * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952, 2.3.1), "origin X Y Z" and
+ * "scale S" separated by a newline, which other readers skip. The format has no second lobes.
  *
- * Invariant: no length is believed before the bytes for it are there; deflate gives at most 1032 bytes for one.
+ * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most 1032 bytes.
  */
 #include "model.h"
 
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
-#define SPZ_COLOUR       0.15 /* so that colours a little past black and white have a place */
-#define SPZ_DEFLATE_MOST 1032 /* bytes that one byte of deflate can become (258 in 2 bits) */
+#define SPZ_COLOUR       0.15 /* range for colours slightly below 0 and above 1 */
+#define SPZ_DEFLATE_MOST 1032 /* largest expansion of deflate (258 bytes from 2 bits) */
 
 enum {
     SPZ_HEADER    = 16,
     SPZ_BITS_MOST = 20, /* fractional; the reference writes 12 */
-    SPZ_BUCKET_1 =
-        2, /* of 1/128; the reference has 8 and 16, which a reader need not know: they cost 0.7 dB of a model of degree 3 */
-    SPZ_BUCKET  = 4, /* these cost 0.07 dB, at 1.6 times the size */
-    SPZ_DEGREES = 4  /* the reference knows degree 4; its coefficients are left out */
+    SPZ_BUCKET_1  = 2,  /* of 1/128; the reference has 8 and 16, which lose 0.7 dB for a model of degree 3 */
+    SPZ_BUCKET    = 4,  /* these lose 0.07 dB, at 1.6 times the size */
+    SPZ_DEGREES   = 4   /* the reference has degree 4, whose coefficients are skipped */
 };
 
 /* ---------------------------------------------------------------- gzip (RFC 1952) */
@@ -58,14 +58,16 @@ static oxl_result spz_wrong(oxl_context *ctx, const char *path, const char *seen
                     seen, wanted);
 }
 
-/* Where the deflate data begin; 0: the header runs past the end. */
-static size_t spz_gzip_header(const unsigned char *p, size_t size)
+/* Offset of the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */
+static size_t spz_gzip_header(const unsigned char *p, size_t size, size_t *comment)
 {
     const int flags = p[3];
     size_t    at    = 10;
+    *comment        = 0;
     if (flags & 4) at += 2 + (size_t)(p[10] | p[11] << 8);
     for (int i = 8; i <= 16; i *= 2) { /* a file's name, a comment */
         if (!(flags & i)) continue;
+        if (i == 16) *comment = at;
         while (at < size && p[at]) at++;
         at++;
     }
@@ -73,16 +75,16 @@ static size_t spz_gzip_header(const unsigned char *p, size_t size)
     return at + 8 < size ? at : 0;
 }
 
-/* *out is oxl_alloc's. */
+/* *out by oxl_alloc. */
 static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os_file_map *file, unsigned char **out,
                              size_t *size)
 {
     const unsigned char *p = (const unsigned char *)file->data;
-    size_t               at, packed;
+    size_t               at, packed, comment;
     if (file->size > 4 && memcmp(p, "NGSP", 4) == 0) return spz_wrong(ctx, path, "SPZ version 4 (zstd)", "version 2 or 3 (gzip)");
     if (file->size < 20 || p[0] != 0x1f || p[1] != 0x8b || p[2] != 8)
         return spz_wrong(ctx, path, "no gzip header", "an SPZ file");
-    at     = spz_gzip_header(p, file->size);
+    at     = spz_gzip_header(p, file->size, &comment);
     packed = at ? file->size - at - 8 : 0;
     *size  = spz_u32(p + file->size - 4);
     if (at == 0 || *size < SPZ_HEADER || *size > INT_MAX || *size / SPZ_DEFLATE_MOST > packed || packed > INT_MAX)
@@ -96,18 +98,50 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
     return OXL_OK;
 }
 
-static oxl_result spz_pack(oxl_context *ctx, const char *path, const unsigned char *data, size_t size)
+static void spz_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
 {
-    static const unsigned char head[10] = {0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 255};
-    unsigned char             *all      = NULL;
-    size_t                     deflated = 0;
-    oxl_result                 rc       = image_deflate(ctx, data, size, sizeof head, 8, &all, &deflated);
-    if (rc != OXL_OK) return rc;
-    memcpy(all, head, sizeof head);
-    spz_put_u32(all + sizeof head + deflated, spz_crc(data, size));
-    spz_put_u32(all + sizeof head + deflated + 4, (uint32_t)size);
-    rc = os_write_file(ctx, path, all, sizeof head + deflated + 8);
+    char line[128];
+    while (*comment) {
+        const size_t length = strcspn(comment, "\n");
+        snprintf(line, sizeof line, "%.*s", (int)OXL_MIN(length, sizeof line - 1), comment);
+        model_file_read_comment(ctx, path, line, model);
+        comment += length + (comment[length] != 0);
+    }
+}
+
+/* The header with the comment; without one when there is nothing to say. */
+static void spz_add_header(struct text *t, const oxl_model *model)
+{
+    const int placed = model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0;
+    text_add(t, "\x1f\x8b\x08%c%c%c%c%c%c\xff", placed || model->scale > 0 ? 16 : 0, 0, 0, 0, 0, 0);
+    for (int i = 0; placed && i < 3; i++) {
+        text_add(t, i ? " " : "origin ");
+        text_add_number(t, model->origin[i]);
+    }
+    if (model->scale > 0) {
+        text_add(t, placed ? "\nscale " : "scale ");
+        text_add_number(t, model->scale);
+    }
+    if (placed || model->scale > 0) text_add(t, "%c", 0);
+}
+
+static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *model, const unsigned char *data, size_t size)
+{
+    struct text    head     = {.ctx = ctx};
+    unsigned char *all      = NULL;
+    size_t         deflated = 0;
+    oxl_result     rc;
+    spz_add_header(&head, model);
+    rc = head.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its header", path)
+                     : image_deflate(ctx, data, size, head.size, 8, &all, &deflated);
+    if (rc == OXL_OK) {
+        memcpy(all, head.data, head.size);
+        spz_put_u32(all + head.size + deflated, spz_crc(data, size));
+        spz_put_u32(all + head.size + deflated + 4, (uint32_t)size);
+        rc = os_write_file(ctx, path, all, head.size + deflated + 8);
+    }
     oxl_free(ctx, all);
+    text_free(&head);
     return rc;
 }
 
@@ -225,12 +259,16 @@ OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *
     struct os_file_map file = {0};
     struct spz_layout  l    = {0};
     unsigned char     *data = NULL;
-    size_t             size = 0;
-    oxl_result         rc   = os_read_file(ctx, path, &file);
+    size_t             size = 0, comment = 0;
+    oxl_result         rc = os_read_file(ctx, path, &file);
     if (rc == OXL_OK) rc = spz_unpack(ctx, path, &file, &data, &size);
     if (rc == OXL_OK) rc = spz_read_header(ctx, path, data, size, &l);
     if (rc == OXL_OK) rc = oxl_model_create(ctx, l.count, OXL_MIN(l.degree, 3), out);
     for (size_t i = 0; rc == OXL_OK && i < l.count; i++) spz_get(data, &l, out, i);
+    if (rc == OXL_OK) {
+        spz_gzip_header((const unsigned char *)file.data, file.size, &comment);
+        if (comment) spz_read_comment(ctx, path, file.data + comment, out);
+    }
     if (rc == OXL_OK && l.degree > 3) oxl_log(ctx, OXL_LOG_WARNING, "%s: harmonics of degree 4 are left out", path);
     os_release_file(ctx, &file);
     oxl_free(ctx, data);
@@ -244,7 +282,7 @@ static unsigned char spz_byte(double x)
     return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
 }
 
-/* In buckets, so that gzip has less to keep; 0 is in the middle of one. */
+/* Quantised, for better compression; 0 is the centre of a bucket. */
 static unsigned char spz_coefficient(double value, int bucket)
 {
     const int q = (int)(OXL_CLAMP(value, -2, 2) * 128 + 128.5 + 1024) - 1024; /* rounded, below 0 too */
@@ -275,7 +313,7 @@ static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t r
                 frame_flip_sh[k] * (double)model->plane[OXL_SH + 3 * (k + 1) + c][row], k < 3 ? SPZ_BUCKET_1 : SPZ_BUCKET);
 }
 
-/* As many fractional bits as the farthest Gaussian leaves room for; -1: it lies too far. */
+/* The largest number of fractional bits for the farthest Gaussian; -1: out of range. */
 static int spz_bits(const oxl_model *model)
 {
     float farthest = 0;
@@ -305,10 +343,7 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
     data[12] = (unsigned char)l.degree;
     data[13] = (unsigned char)l.bits;
     for (size_t i = 0; i < l.count; i++) spz_put(model, &l, i, data);
-    if (model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0)
-        oxl_log(ctx, OXL_LOG_INFO, "%s: an .spz has no place for the origin %.17g %.17g %.17g", path, model->origin[0],
-                model->origin[1], model->origin[2]);
-    rc = spz_pack(ctx, path, data, l.end);
+    rc = spz_pack(ctx, path, model, data, l.end);
     oxl_free(ctx, data);
     return rc;
 }

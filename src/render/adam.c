@@ -1,15 +1,15 @@
-/* adam.c - the step that follows the gradient (Kingma & Ba 2015), for the rows that the view has seen.
+/* adam.c - Adam step (Kingma & Ba 2015) for the rows visible in the view.
  *
- * Rows out of sight have no gradient; classical Adam would let them drift along their old momentum. They rest here instead, as in
- * Taming 3DGS (Mallick et al. 2024): it saves reading and writing them, and PAPER.md has what it changes.
+ * Invisible rows have no gradient and are not updated, as in Taming 3DGS (Mallick et al. 2024); classical Adam would move them by their
+ * momentum. This saves memory traffic; PAPER.md lists it as a deviation.
  *
- * Invariants: a row whose bit in `visible` is 0 is not written; one with a number or a gradient that is not finite loses its bit.
+ * Invariants: a row with bit 0 in `visible` is not written; the bit of a row with a value or gradient that is not finite is cleared.
  */
 #include "kernels.h"
 
 #define ADAM_EPSILON ((real)1e-15)
 
-/* One pack of one plane (MATH 17). The square is capped where float would overflow: a gradient of 1e20 is a step of `rate`, not a NaN. */
+/* One pack of one plane (MATH 17). The square is clamped against float overflow: a gradient of 1e20 gives a step of `rate`, not a NaN. */
 SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned seen, real rate, real *restrict parameter,
                            real *restrict first, real *restrict second, const real *restrict gradient)
 {
@@ -26,8 +26,8 @@ SIMD_INLINE void adam_pack(const int fused, const struct adam_job *job, unsigned
     }
 }
 
-/* The rows of a pack all of whose gradients and numbers are finite: 0 x anything finite is 0, 0 x inf and 0 x nan are not, and stay so
- * in a sum. */
+/* The rows of a pack whose gradients and values are all finite: 0 x finite is 0, 0 x inf and 0 x nan are NaN, which a sum
+ * preserves. */
 SIMD_INLINE unsigned adam_finite(const struct adam_job *job, int planes, size_t at)
 {
     real     sum[PACK] = {0};
@@ -41,7 +41,7 @@ SIMD_INLINE unsigned adam_finite(const struct adam_job *job, int planes, size_t 
     return finite;
 }
 
-/* At degree 3 a pack is 236 lines of memory, each in a page of its own: more streams than the processor foresees by itself. */
+/* At degree 3 a pack has 236 cache lines, each in its own page: more streams than the hardware prefetcher tracks. */
 SIMD_INLINE void adam_prefetch(const struct adam_job *job, int planes, size_t at)
 {
     for (int k = 0; k < planes; k++) {

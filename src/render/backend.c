@@ -1,7 +1,7 @@
-/* backend.c - which machine draws: the CPU, or a Vulkan device in a build that has that backend.
+/* backend.c - selects the CPU, or a Vulkan device in builds with that backend.
  *
- * Invariant: a build without it, a machine without a loader and one without a device each say so in one line; none of them fails where
- * the CPU would do.
+ * Invariant: a build without the backend, a missing loader and a missing device are reported in one line each; with --backend auto the
+ * CPU is used.
  */
 #include "render.h"
 #ifdef OXL_VULKAN
@@ -16,7 +16,7 @@ OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx)
     if (ctx->vulkan || ctx->options.backend == OXL_BACKEND_CPU) return OXL_OK;
     if (vulkan_open(ctx, ctx->options.device, wants, &ctx->vulkan) == OXL_OK) return OXL_OK;
     if (wants) return ctx->failed;
-    ctx->options.backend = OXL_BACKEND_CPU; /* looked for once */
+    ctx->options.backend = OXL_BACKEND_CPU; /* search once */
     oxl_log(ctx, OXL_LOG_INFO, "the CPU draws: %s", ctx->error);
     return OXL_OK;
 }

@@ -1,17 +1,16 @@
-/* bin.c - which tile sees which splat, in depth order, and which of its 4 x 4 blocks.
+/* bin.c - lists of splats per tile, in depth order, with the 4 x 4 blocks that each covers.
  *
- * One radix sort of the visible splats by depth; then the splats go to their tiles in that order, which leaves every tile's list
- * sorted: no sort per tile. A splat's footprint is the ellipse alpha = 1/255 itself, cut into rows of blocks (compare Speedy-Splat's
- * AccuTile, Hanson et al. 2025, which cuts it into rows of tiles). With a second lobe it is the hull of both ellipses in each row.
+ * One radix sort of the visible splats by depth; the splats are then scattered to their tiles in that order, so each tile's list is
+ * sorted. A splat's footprint is the ellipse alpha = 1/255, divided into rows of blocks (Speedy-Splat's AccuTile, Hanson et al.
+ * 2025, divides it into rows of tiles). With a second lobe it is the hull of both ellipses in each row.
  *
- * Invariants: every pixel with alpha >= 1/255 lies in a listed block. The lists depend on neither the number of threads nor the
- * parts that the work is cut into.
+ * Invariants: every pixel with alpha >= 1/255 lies in a listed block. The lists do not depend on the number of threads or parts.
  */
 #include "kernels.h"
 
-#define BIN_PARTS      64  /* of the depth order, at most; each is counted and scattered on its own */
-#define BIN_PART_LEAST 128 /* splats of a part, about, if there are more than one: each part has a counter for each tile */
-#define BIN_NARROW     6   /* columns of tiles: of a wider box it pays to ask which of them a splat reaches */
+#define BIN_PARTS      64  /* limit of parts of the depth order; each is counted and scattered independently */
+#define BIN_PART_LEAST 128 /* approximate minimum of splats per part, since each part has a counter per tile */
+#define BIN_NARROW     6   /* columns of tiles: wider boxes are tested column by column */
 #define BIN_RADIX_BITS 11
 #define BIN_RADIX      (1 << BIN_RADIX_BITS)
 
@@ -20,7 +19,7 @@ struct bin_key {
     uint32_t row;
 };
 
-struct bin_staged { /* a pair before it is brought to its tile; its index is its slot */
+struct bin_staged { /* a pair before the scatter; its index is its slot */
     uint32_t tile;
     uint32_t splat;
     uint32_t blocks;
@@ -29,7 +28,7 @@ struct bin_staged { /* a pair before it is brought to its tile; its index is its
 struct bin_scratch {
     struct bin_key    *key, *other;
     struct bin_staged *staged;
-    uint32_t          *count; /* (BIN_PARTS, tiles) pairs, then where each part writes */
+    uint32_t          *count; /* (BIN_PARTS, tiles) number of pairs, then write position of each part */
     uint32_t          *pack_start;
     size_t key_capacity, other_capacity, staged_capacity, count_capacity, order_capacity, pair_capacity, start_capacity,
         pack_capacity;
@@ -81,8 +80,8 @@ static oxl_result bin_collect(oxl_context *ctx, struct bins *b)
     return OXL_OK;
 }
 
-/* Least significant digit first, three digits of 11 bits; stable, so equal depths stay in row order. A pass in which all keys
- * share the digit is skipped, and that is common for the highest one. */
+/* Least significant digit first, three digits of 11 bits; stable, so equal depths stay in row order. A pass with equal digits in all
+ * keys is skipped, which is common for the highest one. */
 static void bin_sort(struct bins *b)
 {
     struct bin_scratch *s = b->scratch;
@@ -118,7 +117,7 @@ static uint32_t bin_box_tiles(const struct splat *s)
 
 /* The contour a (x + k y)^2 + e y^2 = r around a splat. */
 struct bin_contour {
-    real r;       /* log2(255 o), a little widened: the alpha test at each pixel decides, this only must not lose any */
+    real r;       /* log2(255 o), slightly enlarged: conservative, the alpha test at each pixel is exact */
     real inverse; /* 1 / a */
     real extreme; /* y of its leftmost point; the rightmost one is at -extreme */
     real slack;   /* px */
@@ -138,8 +137,8 @@ SIMD_INLINE struct bin_contour bin_contour(const struct splat *s, real cut)
     return c;
 }
 
-/* In the slab of a block row's pixel centres the contour reaches furthest left at its leftmost point or, when that lies outside,
- * at the nearer edge of the slab, since an ellipse is convex; and likewise to the right. block_row: the first of PACK. */
+/* Within a block row, the contour's leftmost point is that of the ellipse or, if that is outside the row, at the nearer edge, since
+ * an ellipse is convex; likewise on the right. block_row: the first of PACK. */
 SIMD_INLINE void bin_block_rows(const struct splat *s, const struct bin_contour *c, int block_row, int width,
                                 struct bin_spans *out)
 {
@@ -174,7 +173,7 @@ SIMD_INLINE void bin_join(struct bin_spans *spans, const struct bin_spans *other
     }
 }
 
-/* A splat with another shape in the same place. */
+/* A splat with another shape at the same position. */
 SIMD_INLINE struct splat bin_reshaped(const struct splat *s, const struct lobe *lobe)
 {
     struct splat other = *s;
@@ -197,7 +196,7 @@ struct bin_columns { /* of tiles, inclusive */
     int first, last;
 };
 
-/* Those of the splat's box that its spans reach. Of a narrow box all are taken: to look would cost more than it saves. */
+/* Columns of the splat's box that its spans reach; all columns of a narrow box, where the test costs more than it saves. */
 SIMD_INLINE struct bin_columns bin_columns(const struct splat *s, const struct bin_spans *spans)
 {
     struct bin_columns c     = {s->tile_x0, s->tile_x1};
@@ -209,8 +208,8 @@ SIMD_INLINE struct bin_columns bin_columns(const struct splat *s, const struct b
     return c;
 }
 
-/* The splat's pairs, four rows of tiles after four, in them column by column; returns how many were written to `out`. lobe: its second, or
- * the constant NULL. Rounding may differ from the box's by a tile: the box bounds the room. */
+/* Writes the splat's pairs in groups of four rows of tiles, column by column; returns their number. lobe: its second lobe, or the
+ * constant NULL. Pairs outside the box, possible by rounding, are skipped, since the box determines the number of slots. */
 SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lobe, uint32_t row, const struct bins *b, int width,
                                    struct bin_staged *out)
 {
@@ -246,14 +245,14 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
 
 /* ---------------------------------------------------------------- to the tiles */
 
-/* Room for the splat's pairs and as much again for its second lobe's sums. */
+/* Slots for the splat's pairs, and as many for the sums of its second lobe. */
 static uint32_t bin_room(const struct bins *b, uint32_t row)
 {
     const uint32_t tiles = bin_box_tiles(&b->splat[row]);
     return row < b->lobes ? 2 * tiles : tiles;
 }
 
-/* Slots are laid out in depth order by the boxes; the parts have about equal numbers of them. */
+/* Slots are assigned in depth order, by the boxes; parts have about equal numbers of slots. */
 static oxl_result bin_lay_out(oxl_context *ctx, struct bins *b)
 {
     struct bin_scratch *s    = b->scratch;
@@ -314,7 +313,7 @@ static void bin_scatter_part(struct bins *b, int part)
     }
 }
 
-/* Counts become the places where each part writes into each tile's list. */
+/* Converts counts to the write position of each part in each tile's list. */
 static size_t bin_prefix(struct bins *b)
 {
     const size_t tiles = (size_t)(b->tiles_x * b->tiles_y);

@@ -2,7 +2,7 @@
  *
  * Model (Schonberger 2016, reduced to a gain; LichtFeld Studio PR 1892):  y = exp(a_c) x,  a_c the image's log gain of channel c.
  *
- * Invariant: sums go pixel by pixel in blocks of fixed length, so the number of threads does not show in them.
+ * Invariant: sums are over blocks of fixed length, in pixel order, so they do not depend on the number of threads.
  */
 #include "render.h"
 

@@ -1,7 +1,7 @@
-/* kernels.h - the types that the kernels speak in, and their doors, for whichever `real` is in force.
+/* kernels.h - types and functions of the kernels.
  *
- * The kernels (project.c, bin.c, raster.c, loss.c, adam.c) are written over `real`: float in the library. tests/wide_kernels.c builds
- * the same files with real = double (OXL_REFERENCE), which shows what float costs.
+ * The kernels (project.c, bin.c, raster.c, loss.c, adam.c) use the type `real`: float in the library. tests/wide_kernels.c compiles
+ * the same files with real = double (OXL_REFERENCE), to measure the error of float.
  */
 #ifndef OXL_KERNELS_H
 #define OXL_KERNELS_H
@@ -15,16 +15,16 @@
 
 /* ---------------------------------------------------------------- constants of the forward pass */
 
-#define PACK        16 /* rows that the projection takes at once, and pixels of a block: one vector of AVX-512 */
+#define PACK        16 /* rows per projection step, and pixels of a block: one AVX-512 vector */
 #define TILE        16 /* px: a tile is TILE x TILE pixels, 16 blocks of 4 x 4 */
 #define TILE_PIXELS 256
 #define TILE_BLOCKS 16
 
 #define LOG2_255          ((real)7.9943534368588578) /* a contribution below alpha = 1/255 is skipped [Kerbl 2023] */
 #define ALPHA_MAX         ((real)0.99)               /* [Kerbl 2023] */
-#define TRANSMITTANCE_MIN ((real)1e-4) /* the splat that would take a pixel below it is not drawn, and ends it [Kerbl 2023] */
+#define TRANSMITTANCE_MIN ((real)1e-4)        /* a splat that reduces T below it is skipped and ends the pixel [Kerbl 2023] */
 #define ALPHA_MIN         ((real)(1.0 / 255)) /* the same skip for a difference of Gaussians: of |alpha| */
-#define TRANSMITTANCE_MAX ((real)16)  /* negative alpha lets T grow; from here on it is skipped, so T < 32 [OceanXL is silent] */
+#define TRANSMITTANCE_MAX ((real)16)          /* negative alpha increases T; skipped from here on, so T < 32 [not in OceanXL] */
 #define LOW_PASS          ((real)0.3) /* px^2 added to the 2D covariance: no splat is narrower than a pixel [Kerbl 2023] */
 #define FRUSTUM_CLAMP     1.3         /* the Jacobian is evaluated at most this far outside the image [Kerbl 2023] */
 #define LOG2_E            ((real)1.4426950408889634)
@@ -50,7 +50,7 @@ SIMD_INLINE real real_abs(real x)
 #endif
 }
 
-/* The smaller of two numbers that are not negative: their bits sort as they do, and of whole numbers every compiler makes one instruction. */
+/* The smaller of two non-negative numbers, compared as integers, which every compiler vectorises. */
 SIMD_INLINE real real_least(real a, real b)
 {
 #ifdef OXL_REFERENCE
@@ -120,10 +120,10 @@ SIMD_INLINE real real_exp(const int fused, real x)
                 low    = 1.92596299e-8f; /* log2 e in two parts: the product's rounding would cost 1e-6 at x = 20 */
     const float magic  = 12582912.0f;
     const float inside = OXL_CLAMP(x, -87.0f, 88.0f);
-    const float shift  = inside * high + magic; /* a variable: rounded to float where a machine would keep more */
+    const float shift  = inside * high + magic; /* a variable, so that excess precision is rounded to float */
     const float n      = shift - magic;
     const float f      = muladd(fused, inside, low, muladd(fused, inside, high, -n));
-    const float whole  = n == n ? n : 0; /* of NaN is NaN: to cast it would be undefined */
+    const float whole  = n == n ? n : 0; /* NaN stays 0: casting NaN is undefined */
     const float p      = real_exp2(fused, f);
     int32_t     bits;
     float       out;
@@ -164,7 +164,8 @@ SIMD_INLINE real real_log2(const int fused, real x)
 
 struct vec3 {
     real x, y, z;
-    real unused[2]; /* past 16 bytes: clang passes smaller ones packed in a register, and then cannot vectorise over lanes */
+    real unused
+        [2]; /* more than 16 bytes: clang passes smaller structs packed in a register and then cannot vectorise over lanes */
 };
 struct mat3 { /* rows */
     struct vec3 x, y, z;
@@ -207,13 +208,13 @@ SIMD_INLINE struct vec3 mat3_transposed_times(struct mat3 m, struct vec3 v)
 
 /* ---------------------------------------------------------------- what goes in */
 
-struct gaussians {       /* an oxl_model seen by the kernels; planes are readable up to the next multiple of PACK */
+struct gaussians {       /* an oxl_model for the kernels; planes are readable up to the next multiple of PACK */
     size_t count, lobes; /* rows 0..lobes-1 have a second lobe */
     int    sh_degree;    /* bands evaluated */
     real  *plane[OXL_PLANES];
 };
 
-struct kernel_camera { /* an oxl_camera in the kernels' numbers */
+struct kernel_camera { /* an oxl_camera in `real` */
     int         width, height;
     real        fx, fy, cx, cy; /* px */
     struct mat3 rotation;       /* world to camera */
@@ -225,8 +226,8 @@ struct kernel_camera { /* an oxl_camera in the kernels' numbers */
 
 /* ---------------------------------------------------------------- project.c: Gaussians onto the image plane, and back */
 
-/* A Gaussian on the image plane. Its inverse covariance is kept factored, which stays accurate for needles where the usual
- * A dx^2 + 2 B dx dy + C dy^2 cancels, and the exponent is in base 2 with the opacity in it. So a pixel at (dx, dy) costs
+/* A Gaussian on the image plane. Its inverse covariance is factored, which is accurate for needles, where
+ * A dx^2 + 2 B dx dy + C dy^2 cancels; the exponent is in base 2 and includes the opacity. A pixel at (dx, dy) needs
  *     w = dx + k dy,   alpha = 2^(peak - a w^2 - e dy^2).
  * One cache line in float. */
 struct splat {
@@ -241,8 +242,8 @@ struct splat {
     uint32_t first_slot, slots; /* its (tile, splat) pairs in the binning's order */
 };
 
-/* The second lobe of a row on the image plane; centre and colour are the splat's, whose box holds both contours. Kept apart from it: a
- * scene without lobes never touches one. */
+/* The second lobe of a row on the image plane; centre and colour are the splat's, whose box contains both contours. Separate from the
+ * splat, so that scenes without lobes do not access it. */
 struct lobe {
     real a, k, e, peak;  /* as in struct splat */
     real half_x, half_y; /* px: half the box around this lobe's contour o' G' = 1/255 */
@@ -260,12 +261,12 @@ struct lobe {
 
 struct project_job {
     struct gaussians            in;
-    const struct kernel_camera *lens;
+    const struct kernel_camera *kernel_camera;
     size_t                      first_pack, end_pack; /* packs of PACK rows */
     struct splat               *splat;                /* (count) written for visible rows */
     struct lobe                *lobe;                 /* (lobes) written for visible rows */
     uint16_t                   *visible;              /* (packs) a bit a row */
-    /* backward alone: */
+    /* backward only: */
     const real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) */
     struct gaussians out;           /* dL/d(parameter), overwritten for visible packs (0 in their invisible rows) */
     real            *dmean2d;       /* (count) |dL/d(u,v)| in units of half an image, for visible rows */
@@ -277,18 +278,18 @@ OXL_INTERNAL void project_backward(int isa, const struct project_job *job);
 
 struct pair {
     uint32_t splat;  /* row of the model */
-    uint32_t slot;   /* where its gradient sums go; those of a second lobe go to slot + the splat's slots */
+    uint32_t slot;   /* index of its gradient sums; those of a second lobe are at slot + the splat's slots */
     uint32_t blocks; /* bit 4 by + bx: the contour touches this 4 x 4 block of the tile */
 };
 
 struct bins {
     int                 tiles_x, tiles_y;
-    real                alpha_min, cut; /* of the lens */
+    real                alpha_min, cut; /* of the camera */
     size_t              packs;
     struct splat       *splat;   /* (count) in: written by project_forward; first_slot and slots are filled in */
     const uint16_t     *visible; /* (packs) in */
     const struct lobe  *lobe;    /* (lobes) in */
-    size_t              lobes;   /* rows 0..lobes-1 have one: their footprint is that of both, and they get twice the slots */
+    size_t              lobes;   /* rows 0..lobes-1 have one: footprint of both lobes, twice the slots */
     uint32_t           *order;   /* (visible_count) rows by depth, ties by row */
     size_t              visible_count;
     struct pair        *pair; /* (pair_count) tile by tile, each in depth order */
@@ -307,12 +308,12 @@ struct raster_job {
     int                width, height, tile;
     real               background[3];
     real              *rgb;           /* (3,H,W) */
-    real              *transmittance; /* (H,W) what is left of the light behind the last splat */
+    real              *transmittance; /* (H,W) T after the last splat */
     /* backward and score: */
     const real        *drgb; /* (3,H,W) dL/d(rgb) */
     /* backward alone: */
     real (*sums)[SPLAT_SUMS]; /* (slots, SPLAT_SUMS) written for each of the tile's pairs */
-    /* score alone, with drgb = dS/d(rgb): */
+    /* score only, with drgb = dS/d(rgb): */
     real *score; /* (slots) sum of (o dS/dalpha)^2, written for each of the tile's pairs */
 };
 OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job);
@@ -320,8 +321,8 @@ OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job);
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job);
 
 #ifndef OXL_REFERENCE
-OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane);  /* renderer.c */
-OXL_INTERNAL void                 render_set_alpha_min(struct kernel_camera *lens, float alpha_min); /* no less than ALPHA_MIN */
+OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *camera, float near_plane); /* renderer.c */
+OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, float alpha_min);       /* at least ALPHA_MIN */
 #endif
 
 /* ---------------------------------------------------------------- medium.c: water between the camera and the Gaussians */
@@ -330,10 +331,10 @@ OXL_INTERNAL void                 render_set_alpha_min(struct kernel_camera *len
 struct medium_job {
     const struct medium        *medium;
     struct gaussians            in;
-    const struct kernel_camera *lens;
+    const struct kernel_camera *kernel_camera;
     size_t                      first_pack, end_pack;
     const uint16_t             *visible; /* (packs) */
-    struct splat               *splat;   /* (count) colours: through the water after forward, clear again after backward */
+    struct splat               *splat;   /* (count) colours: with the medium after forward, without it after backward */
     float                      *clear;   /* (count,3) */
     float                      *drange;  /* (count) dL/dr / r */
     real (*sums)[SPLAT_SUMS];            /* (slots, SPLAT_SUMS) */
@@ -351,17 +352,17 @@ OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmitt
 struct loss_job {
     int         width, height;
     real        ssim_weight; /* loss = (1 - w) L1 + w (1 - SSIM); 0: SSIM is not computed */
-    const real *x, *y;       /* (3,H,W) drawn, photographed */
+    const real *x, *y;       /* (3,H,W) rendered, image */
     const real *weight;      /* (H,W) 1 or 0, or NULL */
     real       *dx;          /* (3,H,W) dL/dx, overwritten */
 };
 struct loss_value {
-    double total, l1, ssim, mse; /* means over the pixels that count, of the three channels */
+    double total, l1, ssim, mse; /* means over unmasked pixels and three channels */
 };
-struct loss_scratch { /* kept between steps, so that the steady state allocates nothing */
+struct loss_scratch { /* kept between steps, to avoid allocations */
     void  *strip, *rows, *sums, *whole;
     size_t strip_capacity, rows_capacity, sums_capacity, whole_capacity;
-    size_t cleared; /* values of the rows that were cleared, */
+    size_t cleared; /* number of values cleared, */
     int    width;   /* for this width */
 };
 OXL_INTERNAL oxl_result loss_forward_backward(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch,
@@ -371,14 +372,14 @@ OXL_INTERNAL void       loss_free(oxl_context *ctx, struct loss_scratch *scratch
 /* ---------------------------------------------------------------- adam.c: the step that follows the gradient */
 
 struct adam_job {
-    size_t    first_pack, end_pack;
-    uint16_t *visible;             /* (packs) rows that are stepped; the bit of one with a number that is not finite is cleared */
-    int       planes, lobe_planes; /* of every row; behind them those of second lobes, up to the end of the last pack with one */
-    size_t    lobe_packs;
-    real     *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
+    size_t      first_pack, end_pack;
+    uint16_t   *visible;             /* (packs) rows to step; the bit of a row with a value that is not finite is cleared */
+    int         planes, lobe_planes; /* of every row; then those of second lobes, up to the end of the last pack with one */
+    size_t      lobe_packs;
+    real       *parameter[OXL_PLANES], *first[OXL_PLANES], *second[OXL_PLANES]; /* planes: value, mean, mean square */
     const real *gradient[OXL_PLANES];
-    real        rate[OXL_PLANES];   /* with the bias correction of the first moment in it */
-    real        beta1, beta2;       /* what is left of the two moments after a step */
+    real        rate[OXL_PLANES];   /* including the bias correction of the first moment */
+    real        beta1, beta2;       /* decay of the two moments per step */
     real        inverse_correction; /* 1 / sqrt(1 - beta2^t) */
 };
 OXL_INTERNAL void adam_step(int isa, const struct adam_job *job);

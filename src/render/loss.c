@@ -1,24 +1,24 @@
-/* loss.c - (1 - w) L1 + w (1 - SSIM) between a drawn image and a photograph, and its gradient in the drawn image.
+/* loss.c - (1 - w) L1 + w (1 - SSIM) between the rendered image x and the image y, and its gradient in x.
  *
  * SSIM is Wang et al. 2004: with mu, sigma the moments under an 11 x 11 Gaussian window of sigma 1.5, zero padding,
  *     S = (2 mx my + C1)(2 sxy + C2) / ((mx^2 + my^2 + C1)(sxx + syy + C2)).
- * Only the sum sxx + syy occurs, so four blurred maps serve: x, y, x^2 + y^2, xy. With D the derivatives of S in the blurred x,
+ * Only the sum sxx + syy occurs, so four blurred maps suffice: x, y, x^2 + y^2, xy. With D the derivatives of S in the blurred x,
  * x^2 + y^2 and xy,
  *     dS/dx = blur(D_x) + 2 x blur(D_xx) + y blur(D_xy).
  *
- * Both blurs are fused in one sweep down a strip of rows, a band of eight rows at a time. Rings hold the rows that a band reaches:
- * those of x and y, which are blurred down, then along, into a row of derivatives; and those of the derivatives, which are blurred
- * along, then down, into the gradient. Everything stays in the cache, and strips can be cut anywhere.
+ * Both blurs are fused in one pass over a strip of rows, eight rows at a time. Ring buffers hold the rows in reach: x and y, blurred
+ * vertically, then horizontally, into a row of derivatives; and the derivatives, blurred horizontally, then vertically, into the
+ * gradient. All data stay in the cache, and strips can start at any row.
  *
- * Invariant: each pixel's result and each row's sum is computed alike, wherever the strips are cut.
+ * Invariant: each pixel's result and each row's sum is independent of the strips.
  */
 #include "kernels.h"
 
-#define LOSS_HALF        5 /* px: the window reaches this far */
-#define LOSS_BAND        8 /* rows blurred down together: each row that is loaded serves all whose windows hold it */
-#define LOSS_REACH       (LOSS_BAND + 2 * LOSS_HALF) /* rows that the windows of a band reach */
+#define LOSS_HALF        5                           /* px: half width of the window */
+#define LOSS_BAND        8                           /* rows blurred vertically together, which share loaded rows */
+#define LOSS_REACH       (LOSS_BAND + 2 * LOSS_HALF) /* rows in reach of a band's windows */
 #define LOSS_PHASES      4                           /* see loss_columns */
-#define LOSS_GAP         2                           /* zeros that a blur along reaches past the end of a phase */
+#define LOSS_GAP         2                           /* zeros read past the end of a phase by the horizontal blur */
 #define LOSS_MAPS        4                           /* of x and y: */
 #define LOSS_X           0
 #define LOSS_Y           1
@@ -37,8 +37,8 @@ static const real LOSS_WINDOW[LOSS_HALF + 1] = {/* exp(-i^2 / (2 x 1.5^2)) for i
 struct loss_strip {
     const struct loss_job *job;
     const real            *window_ok;           /* (H,W) 1 where the whole SSIM window counts, or NULL */
-    real                   l1_scale;            /* (1 - w) / number of values that count */
-    real                   ssim_scale;          /* w / number of windows that count */
+    real                   l1_scale;            /* (1 - w) / number of unmasked values */
+    real                   ssim_scale;          /* w / number of unmasked windows */
     int                    channel, first, end; /* rows */
     size_t                 one;                 /* 1, see loss_blur_along */
     real                  *scratch;             /* loss_scratch_size(width) */
@@ -47,15 +47,15 @@ struct loss_strip {
 
 /* ---------------------------------------------------------------- rows in the scratch */
 
-/* A row lies there in LOSS_PHASES phases: pixels 0, 4, 8..., then 1, 5, 9..., and so on. In a blur along the row each shifted load
- * then serves four pixels, and those loads, across cache lines, would limit it. Each phase ends in LOSS_GAP zeros or more; a pack of
- * zeros stands before the row and one behind it. */
-static size_t loss_columns(int width) /* of a phase that are computed: whole packs */
+/* A row is stored in LOSS_PHASES phases: pixels 0, 4, 8..., then 1, 5, 9..., and so on. In the horizontal blur each shifted load then
+ * serves four pixels; unaligned loads are its bottleneck. Each phase ends in at least LOSS_GAP zeros; a pack of zeros is before
+ * and after the row. */
+static size_t loss_columns(int width) /* computed columns of a phase: whole packs */
 {
     return ((size_t)width + LOSS_PHASES * PACK - 1) / (LOSS_PHASES * PACK) * PACK;
 }
 
-static size_t loss_phase(int width) /* from one phase to the next */
+static size_t loss_phase(int width) /* distance between phases */
 {
     const size_t used = ((size_t)width + LOSS_PHASES - 1) / LOSS_PHASES;
     return (used + LOSS_GAP + PACK - 1) / PACK * PACK;
@@ -71,7 +71,7 @@ static size_t loss_scratch_size(int width)
     return loss_stride(width) * ((2 + LOSS_DERIVATIVES) * LOSS_REACH + LOSS_MAPS * LOSS_BAND + LOSS_MAPS + LOSS_DERIVATIVES + 2);
 }
 
-struct loss_rows { /* the scratch, cut up */
+struct loss_rows { /* layout of the scratch memory */
     size_t columns, phase, stride;
     real  *x, *y;      /* (LOSS_REACH, stride) rings */
     real  *down;       /* (LOSS_MAPS, LOSS_BAND, stride) maps of a band, blurred down; later its derivatives */
@@ -104,7 +104,7 @@ SIMD_INLINE real *loss_ring(const struct loss_rows *r, real *ring, int row)
     return ring + (size_t)(row + LOSS_REACH) % LOSS_REACH * r->stride;
 }
 
-/* The rows of a ring that the windows of the band reach. */
+/* The rows of a ring in reach of the band's windows. */
 SIMD_INLINE void loss_window(const struct loss_rows *r, real *ring, int band, const real *rows[LOSS_REACH])
 {
     for (int k = 0; k < LOSS_REACH; k++) rows[k] = loss_ring(r, ring, band - LOSS_HALF + k);
@@ -142,7 +142,7 @@ SIMD_INLINE size_t loss_at(const struct loss_strip *s, int row)
     return ((size_t)s->channel * (size_t)s->job->height + (size_t)row) * (size_t)s->job->width;
 }
 
-/* A row of a weight map; without one the counts stay as loss_open left them. */
+/* A row of a weight map; without one the counts of loss_open stay. */
 SIMD_INLINE void loss_fill_counts(const struct loss_strip *s, const struct loss_rows *r, const real *map, int row)
 {
     if (map) loss_split(map + (size_t)row * (size_t)s->job->width, s->job->width, r->phase, r->counts);
@@ -168,8 +168,7 @@ SIMD_INLINE real loss_fold(const int fused, real r0, real r1, real r2, real r3, 
     return muladd(fused, LOSS_WINDOW[5], r5, sum);
 }
 
-/* Columns of all phases. `one` is 1, but the compiler must not know: clang would carry loads from one column to the next, and then
- * cannot vectorise. */
+/* Columns of all phases. `one` is 1 but not a constant: otherwise clang reuses loads between columns and does not vectorise. */
 SIMD_INLINE void loss_blur_along(const int fused, const size_t one, const struct loss_rows *r, const real *row,
                                  real *restrict out)
 {
@@ -196,7 +195,7 @@ SIMD_INLINE real loss_map(const int fused, const int map, real x, real y)
     return map == LOSS_X ? x : map == LOSS_Y ? y : map == LOSS_SQUARES ? muladd(fused, x, x, y * y) : x * y;
 }
 
-/* A pack of columns of a map, blurred down for the rows of a band; x[k], y[k]: the k-th row that their windows reach. */
+/* A pack of columns of a map, blurred vertically for the rows of a band; x[k], y[k]: the k-th row in reach. */
 SIMD_INLINE void loss_blur_down(const int fused, const int map, const real *const x[LOSS_REACH], const real *const y[LOSS_REACH],
                                 size_t j0, size_t stride, real *restrict out)
 {
@@ -306,7 +305,7 @@ SIMD_INLINE void loss_return_row(const int fused, const struct loss_strip *s, co
     if (row >= s->first && row < s->end) s->sums[row][1] = sum;
 }
 
-/* The same outside of the image: nothing returns from there. */
+/* Outside the image: derivatives are 0. */
 SIMD_INLINE void loss_return_nothing(const struct loss_rows *r, int row)
 {
     for (size_t k = 0; k < LOSS_DERIVATIVES; k++)
@@ -326,7 +325,7 @@ SIMD_INLINE void loss_blur_derivatives(const int fused, const struct loss_rows *
 }
 
 /* Stage 5: the gradient of a row of the band, with the part of L1. */
-SIMD_INLINE void loss_give_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
+SIMD_INLINE void loss_emit_row(const int fused, const struct loss_strip *s, const struct loss_rows *r, int band, int row)
 {
     const real *restrict x = loss_ring(r, r->x, row), *restrict y = loss_ring(r, r->y, row);
     const real *restrict dx = r->down + (size_t)(row - band) * r->stride;
@@ -361,7 +360,7 @@ SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
     for (int row = start - LOSS_HALF; row < start + LOSS_HALF; row++) loss_take_row(s, &r, row);
     for (int row = start - LOSS_HALF; row < start; row++) loss_return_nothing(&r, row);
     for (int band = start; band < s->end + LOSS_HALF; band += LOSS_BAND) {
-        const int given = band - LOSS_HALF; /* the band whose windows end with this one */
+        const int given = band - LOSS_HALF; /* the band whose windows end in this band */
         for (int row = band + LOSS_HALF; row < band + LOSS_HALF + LOSS_BAND; row++) loss_take_row(s, &r, row);
         if (band < below) loss_blur_maps(fused, &r, band);
         for (int row = band; row < band + LOSS_BAND; row++) {
@@ -370,13 +369,13 @@ SIMD_BODY void loss_strip_body(const int fused, const struct loss_strip *s)
         }
         if (given + LOSS_BAND > s->first) loss_blur_derivatives(fused, &r, given);
         for (int row = OXL_MAX(given, s->first); row < OXL_MIN(given + LOSS_BAND, s->end); row++)
-            loss_give_row(fused, s, &r, given, row);
+            loss_emit_row(fused, s, &r, given, row);
     }
 }
 
 SIMD_DISPATCH(static, loss_strip, struct loss_strip)
 
-/* What is left of the sweep when SSIM has no weight. */
+/* The pass without SSIM (weight 0). */
 static void loss_l1_strip(const struct loss_strip *s)
 {
     const size_t width = (size_t)s->job->width;
@@ -397,7 +396,7 @@ static void loss_l1_strip(const struct loss_strip *s)
 
 /* ---------------------------------------------------------------- the whole image */
 
-/* 1 where the window counts along the row. Returns how many pixels of the row count. */
+/* 1 where the horizontal window is unmasked. Returns the number of unmasked pixels of the row. */
 static int64_t loss_whole_along(const real *restrict weight, int width, real *restrict out)
 {
     int64_t count = 0;
@@ -410,7 +409,7 @@ static int64_t loss_whole_along(const real *restrict weight, int width, real *re
     return count;
 }
 
-/* 1 where all rows of the window do so too. Returns how many. */
+/* 1 where all rows of the window are unmasked. Returns their number. */
 static int64_t loss_whole_down(const real *along, const struct loss_job *job, int row, real *restrict out)
 {
     int64_t count = 0;
@@ -423,7 +422,7 @@ static int64_t loss_whole_down(const real *along, const struct loss_job *job, in
     return count;
 }
 
-/* scratch->whole (2,H,W): first 1 where all of the 11 x 11 window inside the image counts; then the same along rows alone. */
+/* scratch->whole (2,H,W): 1 where the 11 x 11 window inside the image is unmasked; then the same for its row only. */
 static oxl_result loss_whole_windows(oxl_context *ctx, const struct loss_job *job, struct loss_scratch *scratch, double *values,
                                      double *windows)
 {
@@ -444,7 +443,7 @@ static oxl_result loss_whole_windows(oxl_context *ctx, const struct loss_job *jo
     return OXL_OK;
 }
 
-/* Each piece is a span of rows in all three channels: where a thread's tiles are as well (renderer.c), about. */
+/* Each piece is a span of rows in all three channels, close to the thread's tiles (renderer.c), for cache locality. */
 static int loss_cut(int height, int pieces, struct loss_strip *strip)
 {
     int count = 0;
@@ -470,7 +469,7 @@ static void loss_add_up(const struct loss_job *job, const double (*sums)[LOSS_SU
     out->total = (1 - (double)job->ssim_weight) * out->l1 + (double)job->ssim_weight * (1 - out->ssim);
 }
 
-/* What stands around the rows must be 0; nobody writes there, so that is needed once for a width and a number of strips. */
+/* The padding around rows must be 0. It is not written, so it is cleared once per width and number of strips. */
 static void loss_clear(struct loss_scratch *scratch, int width, size_t count)
 {
     if (scratch->width != width || scratch->cleared < count) memset(scratch->rows, 0, count * sizeof(real));

@@ -1,22 +1,23 @@
-/* medium.c - water between the camera and the Gaussians: what it takes of their colours, and what it adds.
+/* medium.c - water between the camera and the Gaussians: attenuation and backscatter.
  *
- * Per Gaussian, with the range r from the eye to its centre, and for the light that passes all Gaussians (Akkaynak & Treibitz 2018, as in
- * SeaSplat, arXiv 2409.17345, there per pixel):
+ * Per Gaussian, with the range r from the camera to its centre, and for the background (Akkaynak & Treibitz 2018; SeaSplat, arXiv
+ * 2409.17345, applies it per pixel):
  *     c' = J (r0 / r)^p exp(-bD r) + Binf (1 - exp(-bB r)),     background = Binf.
- * (r0 / r)^p: a lamp that moves with the camera, p from 0 to 2, r0 the survey's median range.
- * Between project and raster forward, between raster and project backward: the sums of a splat's pairs hold dL/dc', and become dL/dJ.
- * Range and not depth z: it is what light travels, and does not change when the camera turns.
+ * (r0 / r)^p: a lamp that moves with the camera, p from 0 to 2, r0 the median range of the survey.
+ * Forward between project and raster; backward between raster and project: the sums of a splat's pairs hold dL/dc', and become dL/dJ.
+ * The range, unlike depth z, does not change when the camera rotates.
  *
- * Invariant: exact gradients, of the nine parameters, of p, and of the centre through r. Sums have a written order: task by task of packs, row by
- * row, pair by pair, and pixel by pixel for the background.
+ * Invariant: exact gradients of the nine parameters, of p, and of the centre through r. Sums have a fixed order: by task of packs, row and
+ * pair, and by pixel for the background.
  */
 #include "kernels.h"
 #include "../core/vecmath.h"
 
 static float medium_range(const struct medium_job *job, size_t i)
 {
-    const float x = job->in.plane[OXL_MEAN][i] - job->lens->eye.x, y = job->in.plane[OXL_MEAN + 1][i] - job->lens->eye.y;
-    const float z = job->in.plane[OXL_MEAN + 2][i] - job->lens->eye.z;
+    const float x = job->in.plane[OXL_MEAN][i] - job->kernel_camera->eye.x,
+                y = job->in.plane[OXL_MEAN + 1][i] - job->kernel_camera->eye.y;
+    const float z = job->in.plane[OXL_MEAN + 2][i] - job->kernel_camera->eye.z;
     return real_sqrt(x * x + y * y + z * z);
 }
 
@@ -64,7 +65,7 @@ static float medium_row(const struct medium_job *job, size_t i, float range, con
     return dr;
 }
 
-/* sums become those of the clear colours, and so do the splats' colours again. */
+/* Converts sums and the splats' colours to those without the medium. */
 OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIUM_SUMS])
 {
     memset(sum, 0, MEDIUM_SUMS * sizeof *sum);
@@ -86,10 +87,10 @@ OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIU
         }
 }
 
-/* After project_backward: what pulls at the range pulls at the centre. */
+/* After project_backward: adds the gradient of the range to that of the centre. */
 OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out)
 {
-    const float eye[3] = {job->lens->eye.x, job->lens->eye.y, job->lens->eye.z};
+    const float eye[3] = {job->kernel_camera->eye.x, job->kernel_camera->eye.y, job->kernel_camera->eye.z};
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (unsigned l = 0; l < PACK; l++) {
             const size_t i = pack * PACK + l;

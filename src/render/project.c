@@ -1,13 +1,13 @@
-/* project.c - Gaussians onto the image plane, and their gradients back.
+/* project.c - projects Gaussians onto the image plane, and their gradients back.
  *
  * Zwicker et al. 2001 (EWA splatting) as used by Kerbl et al. 2023: with p = R mu + t in the camera, J the Jacobian of the
  * perspective map at p, and Sigma = M M^T, M = rot(q) diag(exp s), the splat's covariance is (J R) Sigma (J R)^T + 0.3 I.
  *
- * Rows go through in packs of PACK, a lane each; a lane's arithmetic is plain scalar code that the compiler turns into vectors,
- * so it has no branches, only selections. Forward and backward share project_geometry: nothing is stored between them.
+ * Rows are processed in packs of PACK lanes; the code of a lane is scalar C without branches, which the compiler vectorises. Forward
+ * and backward both compute project_geometry: nothing is stored between them.
  *
- * Rows 0..lobes-1 have a second lobe [OceanXL eq. 3-4] of opacity o' = o sigmoid(a) and scales s' = s exp(b); packs with such rows go
- * through a second loop of lanes, the others do not know of it.
+ * Rows 0..lobes-1 have a second lobe [OceanXL eq. 3-4] of opacity o' = o sigmoid(a) and scales s' = s exp(b); packs with such rows run a
+ * second loop over lanes.
  *
  * Invariant: the backward pass is the exact gradient of the forward pass, clamps included: where a clamp holds, its gradient is 0.
  */
@@ -35,15 +35,15 @@ struct project_geometry {
     int         free_x, free_y;     /* 1 where that clamp does not hold */
     struct vec3 t0, t1;             /* rows of J R */
     struct vec3 b0, b1;             /* rows of J R M: the covariance's square root */
-    struct vec3 c0;                 /* b0 + k b1, the part of b0 that y does not explain: see project_lane_backward */
-    real        shrink2;            /* the covariance below is scaled by this, lest float overflow for Gaussians in one's face */
+    struct vec3 c0;                 /* b0 + k b1, the component of b0 orthogonal to b1: see project_lane_backward */
+    real        shrink2;            /* scale of the covariance below, against float overflow close to the camera */
     real        xx, xy, yy;         /* covariance x shrink2, low pass included */
     real        det;                /* its determinant */
 };
 
 #define QUATERNION_MIN ((real)1.2e-38) /* shorter ones count as the identity: the inverse would overflow in float */
 
-/* Quaternions need not be normalised. Dividing by the largest component first keeps huge and tiny ones from overflowing when squared. */
+/* Quaternions need not be normalised. Dividing by the largest component first avoids overflow and underflow of squares. */
 SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project_geometry *g)
 {
     const real mw = real_abs(w), mx = real_abs(x), my = real_abs(y), mz = real_abs(z);
@@ -61,19 +61,22 @@ SIMD_INLINE void project_rotation(real w, real x, real y, real z, struct project
 }
 
 /* The perspective Jacobian at the clamped position, times R (MATH 2). */
-SIMD_INLINE void project_jacobian(const struct kernel_camera *lens, real z, struct project_geometry *g)
+SIMD_INLINE void project_jacobian(const struct kernel_camera *kernel_camera, real z, struct project_geometry *g)
 {
     const real inverse = 1 / z, x = g->p.x * inverse, y = g->p.y * inverse;
-    const real cx = OXL_CLAMP(x, -lens->limit_x, lens->limit_x), cy = OXL_CLAMP(y, -lens->limit_y, lens->limit_y);
-    g->free_x = x == cx;
-    g->free_y = y == cy;
-    g->tx     = z * cx;
-    g->ty     = z * cy;
-    g->t0     = add3(scale3(lens->fx * inverse, lens->rotation.x), scale3(-lens->fx * cx * inverse, lens->rotation.z));
-    g->t1     = add3(scale3(lens->fy * inverse, lens->rotation.y), scale3(-lens->fy * cy * inverse, lens->rotation.z));
+    const real cx = OXL_CLAMP(x, -kernel_camera->limit_x, kernel_camera->limit_x),
+               cy = OXL_CLAMP(y, -kernel_camera->limit_y, kernel_camera->limit_y);
+    g->free_x     = x == cx;
+    g->free_y     = y == cy;
+    g->tx         = z * cx;
+    g->ty         = z * cy;
+    g->t0         = add3(scale3(kernel_camera->fx * inverse, kernel_camera->rotation.x),
+                         scale3(-kernel_camera->fx * cx * inverse, kernel_camera->rotation.z));
+    g->t1         = add3(scale3(kernel_camera->fy * inverse, kernel_camera->rotation.y),
+                         scale3(-kernel_camera->fy * cy * inverse, kernel_camera->rotation.z));
 }
 
-/* MATH 3. Determinant by Cauchy-Binet: a sum of squares, where xx yy - xy^2 would lose every digit for a needle. */
+/* MATH 3. Determinant by Cauchy-Binet, a sum of squares: xx yy - xy^2 cancels for a needle. */
 SIMD_INLINE void project_covariance(struct project_geometry *g)
 {
     const struct vec3 r0 = mat3_transposed_times(g->rotation, g->t0), r1 = mat3_transposed_times(g->rotation, g->t1);
@@ -104,38 +107,38 @@ SIMD_INLINE void project_covariance(struct project_geometry *g)
 }
 
 /* All of it but the covariance. */
-SIMD_INLINE struct project_geometry project_place(const int fused, const struct gaussians *in, const struct kernel_camera *lens,
-                                                  size_t i, int *in_front)
+SIMD_INLINE struct project_geometry project_centre(const int fused, const struct gaussians *in,
+                                                   const struct kernel_camera *kernel_camera, size_t i, int *in_front)
 {
     struct project_geometry g;
     const struct vec3       mean = vec3(in->plane[OXL_MEAN][i], in->plane[OXL_MEAN + 1][i], in->plane[OXL_MEAN + 2][i]);
     real                    z;
-    g.p       = add3(mat3_times(lens->rotation, mean), lens->translation);
-    *in_front = g.p.z > lens->near_plane;
-    z         = *in_front ? g.p.z : 1; /* keep the other lanes finite */
+    g.p       = add3(mat3_times(kernel_camera->rotation, mean), kernel_camera->translation);
+    *in_front = g.p.z > kernel_camera->near_plane;
+    z         = *in_front ? g.p.z : 1; /* keeps other lanes finite */
     g.p.z     = z;
     g.scale.x = real_exp(fused, in->plane[OXL_LOG_SCALE][i]);
     g.scale.y = real_exp(fused, in->plane[OXL_LOG_SCALE + 1][i]);
     g.scale.z = real_exp(fused, in->plane[OXL_LOG_SCALE + 2][i]);
     project_rotation(in->plane[OXL_ROTATION][i], in->plane[OXL_ROTATION + 1][i], in->plane[OXL_ROTATION + 2][i],
                      in->plane[OXL_ROTATION + 3][i], &g);
-    project_jacobian(lens, z, &g);
+    project_jacobian(kernel_camera, z, &g);
     return g;
 }
 
 SIMD_INLINE struct project_geometry project_geometry(const int fused, const struct gaussians *in,
-                                                     const struct kernel_camera *lens, size_t i, int *in_front)
+                                                     const struct kernel_camera *kernel_camera, size_t i, int *in_front)
 {
-    struct project_geometry g = project_place(fused, in, lens, i, in_front);
+    struct project_geometry g = project_centre(fused, in, kernel_camera, i, in_front);
     project_covariance(&g);
     return g;
 }
 
-/* The second lobe's: all alike but the scale. */
+/* The second lobe's: differs only in scale. */
 SIMD_INLINE struct project_geometry project_lobe_geometry(const int fused, const struct gaussians *in,
-                                                          const struct kernel_camera *lens, size_t i, int *in_front)
+                                                          const struct kernel_camera *kernel_camera, size_t i, int *in_front)
 {
-    struct project_geometry g = project_place(fused, in, lens, i, in_front);
+    struct project_geometry g = project_centre(fused, in, kernel_camera, i, in_front);
     g.scale.x                 = real_exp(fused, in->plane[OXL_LOG_SCALE][i] + in->plane[OXL_LOBE + 1][i]);
     g.scale.y                 = real_exp(fused, in->plane[OXL_LOG_SCALE + 1][i] + in->plane[OXL_LOBE + 2][i]);
     g.scale.z                 = real_exp(fused, in->plane[OXL_LOG_SCALE + 2][i] + in->plane[OXL_LOBE + 3][i]);
@@ -196,7 +199,7 @@ SIMD_INLINE void project_basis(int degree, struct project_colour *c)
     }
 }
 
-/* d(sum of basis_k v_k)/d(direction), the direction taken as free: v (16, PACK) -> dx, dy, dz (PACK). */
+/* d(sum of basis_k v_k)/d(direction), without the normalisation: v (16, PACK) -> dx, dy, dz (PACK). */
 SIMD_INLINE void project_basis_backward(int degree, const struct project_colour *c, real v[16][PACK], real *dx, real *dy,
                                         real *dz)
 {
@@ -235,14 +238,14 @@ SIMD_INLINE void project_basis_backward(int degree, const struct project_colour 
     }
 }
 
-/* From the eye to each row, and the basis there. */
-SIMD_INLINE void project_sight(const struct gaussians *in, const struct kernel_camera *lens, size_t first,
-                               struct project_colour *c)
+/* Direction from the camera to each row, and the SH basis. */
+SIMD_INLINE void project_view_direction(const struct gaussians *in, const struct kernel_camera *kernel_camera, size_t first,
+                                        struct project_colour *c)
 {
     const real *mx = in->plane[OXL_MEAN] + first, *my = in->plane[OXL_MEAN + 1] + first, *mz = in->plane[OXL_MEAN + 2] + first;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        const real x = mx[l] - lens->eye.x, y = my[l] - lens->eye.y, z = mz[l] - lens->eye.z;
+        const real x = mx[l] - kernel_camera->eye.x, y = my[l] - kernel_camera->eye.y, z = mz[l] - kernel_camera->eye.z;
         const real length = real_sqrt(x * x + y * y + z * z), inverse = length > 0 ? 1 / length : 0;
         c->x[l] = x * inverse, c->y[l] = y * inverse, c->z[l] = z * inverse;
         c->inverse[l] = inverse;
@@ -250,16 +253,16 @@ SIMD_INLINE void project_sight(const struct gaussians *in, const struct kernel_c
     project_basis(in->sh_degree, c);
 }
 
-SIMD_INLINE void project_colour(const struct gaussians *in, const struct kernel_camera *lens, size_t first,
+SIMD_INLINE void project_colour(const struct gaussians *in, const struct kernel_camera *kernel_camera, size_t first,
                                 struct project_colour *c)
 {
     const int bands = (in->sh_degree + 1) * (in->sh_degree + 1);
     real      red[PACK], green[PACK], blue[PACK];
-    project_sight(in, lens, first, c);
+    project_view_direction(in, kernel_camera, first, c);
     for (int l = 0; l < PACK; l++) red[l] = green[l] = blue[l] = (real)0.5;
     for (int k = 0; k < 16; k++) {
         const real *r, *g, *b, *basis = c->basis[k];
-        if (k == bands) break; /* a second way out of the loop keeps gcc from jamming two rounds into one, with gathers */
+        if (k == bands) break; /* a second loop exit prevents gcc's unroll-and-jam, which uses gathers */
         r = in->plane[OXL_SH + 3 * k] + first, g = in->plane[OXL_SH + 3 * k + 1] + first,
         b = in->plane[OXL_SH + 3 * k + 2] + first;
 #pragma omp simd
@@ -295,7 +298,7 @@ SIMD_INLINE void project_colour_backward(const struct project_job *job, size_t f
     if (degree == 0) return;
     project_basis_backward(degree, c, v, dx, dy, dz);
 #pragma omp simd
-    for (int l = 0; l < PACK; l++) { /* through direction = offset / |offset|: the part along it is lost */
+    for (int l = 0; l < PACK; l++) { /* through direction = offset / |offset|: the component along it is 0 */
         const real along = dx[l] * c->x[l] + dy[l] * c->y[l] + dz[l] * c->z[l];
         dmean[0][l] += (dx[l] - along * c->x[l]) * c->inverse[l];
         dmean[1][l] += (dy[l] - along * c->y[l]) * c->inverse[l];
@@ -310,7 +313,7 @@ struct project_lanes {
     int32_t seen[PACK];
 };
 
-/* sigmoid: both branches of the usual form are one, since e^-|x| never overflows. */
+/* sigmoid without branches: e^-|x| does not overflow. */
 SIMD_INLINE real project_sigmoid(const int fused, real x)
 {
     const real e = real_exp(fused, -real_abs(x)), s = 1 / (1 + e);
@@ -318,11 +321,11 @@ SIMD_INLINE real project_sigmoid(const int fused, real x)
 }
 
 struct project_shape {
-    real a, k, e, reach; /* reach: squared Mahalanobis radius of the contour, below 0 when there is none */
+    real a, k, e, reach; /* reach: squared Mahalanobis radius of the contour, < 0: none */
     real half_x, half_y;
 };
 
-/* MATH 4, 5. Half the contour's box is widened a little: the alpha test at each pixel decides, this only must not lose any. */
+/* MATH 4, 5. The half box is slightly enlarged: conservative, the alpha test at each pixel is exact. */
 SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g, real peak, real cut)
 {
     struct project_shape s;
@@ -336,46 +339,47 @@ SIMD_INLINE struct project_shape project_shape(const struct project_geometry *g,
     return s;
 }
 
-SIMD_INLINE int project_in_view(const struct kernel_camera *lens, real u, real v, real half_x, real half_y)
+SIMD_INLINE int project_in_view(const struct kernel_camera *kernel_camera, real u, real v, real half_x, real half_y)
 {
-    return (u + half_x >= (real)0.5) & (u - half_x <= lens->width - (real)0.5) & (v + half_y >= (real)0.5) &
-           (v - half_y <= lens->height - (real)0.5) & (half_x < (real)1e30) & (half_y < (real)1e30);
+    return (u + half_x >= (real)0.5) & (u - half_x <= kernel_camera->width - (real)0.5) & (v + half_y >= (real)0.5) &
+           (v - half_y <= kernel_camera->height - (real)0.5) & (half_x < (real)1e30) & (half_y < (real)1e30);
 }
 
 SIMD_INLINE void project_lane(const int fused, const struct project_job *job, size_t i, int l, struct project_lanes *out)
 {
-    const struct kernel_camera   *lens = job->lens;
+    const struct kernel_camera   *kernel_camera = job->kernel_camera;
     int                           in_front;
-    const struct project_geometry g       = project_geometry(fused, &job->in, lens, i, &in_front);
+    const struct project_geometry g       = project_geometry(fused, &job->in, kernel_camera, i, &in_front);
     const real                    opacity = project_sigmoid(fused, job->in.plane[OXL_OPACITY][i]);
     const real                    peak = real_log2(fused, opacity), inverse = 1 / g.p.z;
-    const struct project_shape    s = project_shape(&g, peak, lens->cut);
-    const real                    u = lens->fx * g.p.x * inverse + lens->cx, v = lens->fy * g.p.y * inverse + lens->cy;
+    const struct project_shape    s = project_shape(&g, peak, kernel_camera->cut);
+    const real                    u = kernel_camera->fx * g.p.x * inverse + kernel_camera->cx,
+               v                    = kernel_camera->fy * g.p.y * inverse + kernel_camera->cy;
     out->u[l] = u, out->v[l] = v;
     out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e;
     out->peak[l]   = peak;
     out->depth[l]  = g.p.z;
     out->half_x[l] = s.half_x, out->half_y[l] = s.half_y;
-    out->seen[l] = in_front & project_in_view(lens, u, v, s.half_x, s.half_y) & (s.reach >= 0) & (s.a < (real)1e30);
+    out->seen[l] = in_front & project_in_view(kernel_camera, u, v, s.half_x, s.half_y) & (s.reach >= 0) & (s.a < (real)1e30);
 }
 
 struct project_lobe_lanes {
     real a[PACK], k[PACK], e[PACK], peak[PACK], half_x[PACK], half_y[PACK], main_x[PACK], main_y[PACK];
 };
 
-/* Adds the second lobe to a lane: its own shape, and for lanes below `lobes` the box and the sight of both. */
+/* Adds the second lobe to a lane: its shape, and for lanes below `lobes` the box and visibility of both lobes. */
 SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *job, size_t i, int l, int lobes,
                                    struct project_lanes *lanes, struct project_lobe_lanes *out)
 {
     int                           in_front;
-    const struct project_geometry g      = project_lobe_geometry(fused, &job->in, job->lens, i, &in_front);
+    const struct project_geometry g      = project_lobe_geometry(fused, &job->in, job->kernel_camera, i, &in_front);
     const real                    factor = project_sigmoid(fused, job->in.plane[OXL_LOBE][i]);
     const real                    main_x = lanes->half_x[l], main_y = lanes->half_y[l], main_peak = lanes->peak[l];
     const real                    peak   = main_peak + real_log2(fused, factor);
-    const struct project_shape    s      = project_shape(&g, peak, job->lens->cut);
+    const struct project_shape    s      = project_shape(&g, peak, job->kernel_camera->cut);
     const real                    half_x = s.half_x > main_x ? s.half_x : main_x, half_y = s.half_y > main_y ? s.half_y : main_y;
-    const int                     shown = (s.reach >= 0) | (main_peak + job->lens->cut >= 0);
-    const int                     seen = in_front & project_in_view(job->lens, lanes->u[l], lanes->v[l], half_x, half_y) & shown &
+    const int                     shown = (s.reach >= 0) | (main_peak + job->kernel_camera->cut >= 0);
+    const int seen = in_front & project_in_view(job->kernel_camera, lanes->u[l], lanes->v[l], half_x, half_y) & shown &
                      (s.a < (real)1e30) & (lanes->a[l] < (real)1e30);
     out->a[l] = s.a, out->k[l] = s.k, out->e[l] = s.e, out->peak[l] = peak;
     out->half_x[l] = s.half_x, out->half_y[l] = s.half_y;
@@ -388,9 +392,9 @@ SIMD_INLINE void project_lobe_lane(const int fused, const struct project_job *jo
 static void project_store(const struct project_job *job, size_t i, int l, const struct project_lanes *p,
                           const struct project_colour *c)
 {
-    const struct kernel_camera *lens = job->lens;
-    struct splat               *s    = &job->splat[i];
-    const real                  w = lens->width - 1, h = lens->height - 1;
+    const struct kernel_camera *kernel_camera = job->kernel_camera;
+    struct splat               *s             = &job->splat[i];
+    const real                  w = kernel_camera->width - 1, h = kernel_camera->height - 1;
     const real                  x0 = p->u[l] - p->half_x[l], x1 = p->u[l] + p->half_x[l];
     const real                  y0 = p->v[l] - p->half_y[l], y1 = p->v[l] + p->half_y[l];
     s->u = p->u[l], s->v = p->v[l];
@@ -411,7 +415,7 @@ static void project_store_lobe(struct lobe *out, int l, const struct project_lob
     out->main_x = p->main_x[l], out->main_y = p->main_y[l];
 }
 
-/* Harmonics of the pack that comes next, each plane's in a page of its own: colour has 3 of them at degree 0, 48 at degree 3. */
+/* Prefetches the SH coefficients of the next pack, which lie in one page per plane: 3 at degree 0, 48 at degree 3. */
 SIMD_INLINE void project_prefetch(real *const plane[OXL_PLANES], int sh_degree, size_t at)
 {
     const int end = OXL_SH + 3 * (sh_degree + 1) * (sh_degree + 1);
@@ -438,7 +442,7 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
         job->visible[pack] = (uint16_t)seen;
         if (!seen) continue;
         if (pack + 1 < job->end_pack) project_prefetch(job->in.plane, job->in.sh_degree, first + PACK);
-        project_colour(&job->in, job->lens, first, &colour);
+        project_colour(&job->in, job->kernel_camera, first, &colour);
         for (int l = 0; l < PACK; l++)
             if (seen >> l & 1) project_store(job, first + l, l, &lanes, &colour);
         for (int l = 0; l < lobes; l++)
@@ -449,12 +453,12 @@ SIMD_BODY void project_forward_body(const int fused, const struct project_job *j
 /* ---------------------------------------------------------------- one pack: backward */
 
 struct project_gradients {
-    real sums[SPLAT_SUMS][PACK]; /* reduced over the splat's pairs; 0 where it is not visible */
+    real sums[SPLAT_SUMS][PACK]; /* summed over the splat's pairs; 0 if invisible */
     real mean[3][PACK];
     real u[PACK], v[PACK]; /* the centre's */
 };
 
-/* Adds a splat's pairs in the order of their slots: the order of a sum is part of the result. */
+/* Sums a splat's pairs in slot order, which fixes the rounding. */
 static void project_gather(const struct project_job *job, size_t first, unsigned seen, struct project_gradients *d)
 {
     memset(d->sums, 0, sizeof d->sums);
@@ -465,12 +469,12 @@ static void project_gather(const struct project_job *job, size_t first, unsigned
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
             for (int k = 0; k < SPLAT_SUMS; k++) sum[k] += job->sums[slot][k];
         for (int k = 0; k < SPLAT_SUMS; k++) d->sums[k][l] = sum[k];
-        for (int ch = 0; ch < 3; ch++) /* the colour's clamp at 0 stops its gradient */
+        for (int ch = 0; ch < 3; ch++) /* gradient 0 where the clamp of the colour holds */
             if (!(s->colour[ch] > 0)) d->sums[SUM_RED + ch][l] = 0;
     }
 }
 
-/* The same of the second lobes: they lie behind the splat's own. */
+/* The same for the second lobes, whose sums follow the splat's. */
 static void project_gather_lobes(const struct project_job *job, size_t first, unsigned seen, int lobes,
                                  real sums[SPLAT_SUMS][PACK])
 {
@@ -499,12 +503,12 @@ SIMD_INLINE void project_rotation_backward(const struct project_geometry *g, str
 }
 
 /* dL/d(J R) (rows dt0, dt1) and dL/d(u, v) -> dL/d(p), with J = [fx/z, 0, -fx tx/z^2; 0, fy/z, -fy ty/z^2] (MATH 15). */
-SIMD_INLINE struct vec3 project_jacobian_backward(const struct kernel_camera *lens, const struct project_geometry *g,
+SIMD_INLINE struct vec3 project_jacobian_backward(const struct kernel_camera *kernel_camera, const struct project_geometry *g,
                                                   struct vec3 dt0, struct vec3 dt1, real du, real dv)
 {
-    const real  i = 1 / g->p.z, fx = lens->fx * i, fy = lens->fy * i;
-    const real  d00 = dot3(dt0, lens->rotation.x), d02 = dot3(dt0, lens->rotation.z);
-    const real  d11 = dot3(dt1, lens->rotation.y), d12 = dot3(dt1, lens->rotation.z);
+    const real  i = 1 / g->p.z, fx = kernel_camera->fx * i, fy = kernel_camera->fy * i;
+    const real  d00 = dot3(dt0, kernel_camera->rotation.x), d02 = dot3(dt0, kernel_camera->rotation.z);
+    const real  d11 = dot3(dt1, kernel_camera->rotation.y), d12 = dot3(dt1, kernel_camera->rotation.z);
     const real  rx = g->tx * i, ry = g->ty * i; /* clamped x/z, y/z */
     struct vec3 dp;
     dp.x = fx * du - (g->free_x ? fx * i * d02 : 0);
@@ -514,14 +518,14 @@ SIMD_INLINE struct vec3 project_jacobian_backward(const struct kernel_camera *le
     return dp;
 }
 
-/* What a Gaussian on the image plane pulls at. */
+/* Gradients of a splat's geometry. */
 struct project_pull {
     struct vec3 mean, log_scale;
     real        q[4], u, v;
 };
 
 /* MATH 11, 13. sums: those of lane l. */
-SIMD_INLINE struct project_pull project_pull(const struct kernel_camera *lens, const struct project_geometry *geometry,
+SIMD_INLINE struct project_pull project_pull(const struct kernel_camera *kernel_camera, const struct project_geometry *geometry,
                                              real sums[SPLAT_SUMS][PACK], int l)
 {
     const struct project_geometry g = *geometry;
@@ -530,8 +534,8 @@ SIMD_INLINE struct project_pull project_pull(const struct kernel_camera *lens, c
     const real                    A = g.yy / g.det * g.shrink2, k = -g.xy / g.yy, E = g.shrink2 / g.yy;
     const real                    du = A * sums[SUM_W][l], dv = k * du + E * sums[SUM_Y][l];
     const real                    dA = -sums[SUM_WW][l] / 2, dk = -A * sums[SUM_WY][l], dE = -sums[SUM_YY][l] / 2;
-    /* through (A, k, E) to the covariance and on to its root B; written with c0 = b0 + k b1, for in a needle b0 and -k b1 are huge
-     * and equal but for the digits that matter */
+    /* through (A, k, E) to the covariance and its root B; with c0 = b0 + k b1, since for a needle b0 and -k b1 are large and
+     * nearly equal */
     const real                    dxx = -A * A * dA, dxy = -E * dk, dyy = -E * E * dE;
     const struct vec3             db0 = add3(scale3(2 * dxx, g.c0), scale3(dxy, g.b1));
     const struct vec3             db1 = add3(scale3(k, db0), add3(scale3(dxy, g.c0), scale3(2 * dyy, g.b1)));
@@ -541,27 +545,27 @@ SIMD_INLINE struct project_pull project_pull(const struct kernel_camera *lens, c
     const struct vec3 dt0 = mat3_times(g.rotation, dm0), dt1 = mat3_times(g.rotation, dm1);
     const struct mat3 dr = {add3(scale3(g.t0.x, dm0), scale3(g.t1.x, dm1)), add3(scale3(g.t0.y, dm0), scale3(g.t1.y, dm1)),
                             add3(scale3(g.t0.z, dm0), scale3(g.t1.z, dm1))};
-    out.mean             = mat3_transposed_times(lens->rotation, project_jacobian_backward(lens, &g, dt0, dt1, du, dv));
+    out.mean = mat3_transposed_times(kernel_camera->rotation, project_jacobian_backward(kernel_camera, &g, dt0, dt1, du, dv));
     out.u = du, out.v = dv;
     project_rotation_backward(&g, dr, out.q);
     return out;
 }
 
 /* |dL/d(u, v)| in units of half an image. */
-SIMD_INLINE real project_length(const struct kernel_camera *lens, real du, real dv)
+SIMD_INLINE real project_length(const struct kernel_camera *kernel_camera, real du, real dv)
 {
-    const real hx = (real)0.5 * lens->width * du, hy = (real)0.5 * lens->height * dv;
+    const real hx = (real)0.5 * kernel_camera->width * du, hy = (real)0.5 * kernel_camera->height * dv;
     return real_sqrt(hx * hx + hy * hy);
 }
 
 SIMD_INLINE void project_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                        struct project_gradients *d)
 {
-    const struct kernel_camera   *lens = job->lens;
+    const struct kernel_camera   *kernel_camera = job->kernel_camera;
     int                           in_front;
-    const struct project_geometry g    = project_geometry(fused, &job->in, lens, i, &in_front);
-    const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, digits kept */
-    const struct project_pull     p    = project_pull(lens, &g, d->sums, l);
+    const struct project_geometry g    = project_geometry(fused, &job->in, kernel_camera, i, &in_front);
+    const real                    rest = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]); /* 1 - o, without cancellation */
+    const struct project_pull     p    = project_pull(kernel_camera, &g, d->sums, l);
     const int                     ok   = seen >> l & 1;
     d->mean[0][l] += p.mean.x, d->mean[1][l] += p.mean.y, d->mean[2][l] += p.mean.z;
     d->u[l] = p.u, d->v[l] = p.v;
@@ -573,20 +577,20 @@ SIMD_INLINE void project_lane_backward(const int fused, const struct project_job
     job->out.plane[OXL_ROTATION + 2][i]  = ok ? p.q[2] : 0;
     job->out.plane[OXL_ROTATION + 3][i]  = ok ? p.q[3] : 0;
     job->out.plane[OXL_OPACITY][i]       = ok ? d->sums[SUM_G][l] * rest : 0; /* alpha = o G: d alpha/d logit = alpha (1 - o) */
-    job->dmean2d[i]                      = ok ? project_length(lens, p.u, p.v) : 0;
+    job->dmean2d[i]                      = ok ? project_length(kernel_camera, p.u, p.v) : 0;
 }
 
 /* The second lobe's part, added to what project_lane_backward wrote (MATH 16). Product rule: log o' = log o + log sigmoid(a), log s' = log s + b,
- * so what pulls at o' and s' pulls at o and s alike. */
+ * so gradients of o' and s' are also added to those of o and s. */
 SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct project_job *job, unsigned seen, size_t i, int l,
                                             real sums[SPLAT_SUMS][PACK], struct project_gradients *d)
 {
-    const struct kernel_camera   *lens = job->lens;
+    const struct kernel_camera   *kernel_camera = job->kernel_camera;
     int                           in_front;
-    const struct project_geometry g           = project_lobe_geometry(fused, &job->in, lens, i, &in_front);
+    const struct project_geometry g           = project_lobe_geometry(fused, &job->in, kernel_camera, i, &in_front);
     const real                    rest        = project_sigmoid(fused, -job->in.plane[OXL_OPACITY][i]);
     const real                    rest_factor = project_sigmoid(fused, -job->in.plane[OXL_LOBE][i]);
-    const struct project_pull     p           = project_pull(lens, &g, sums, l);
+    const struct project_pull     p           = project_pull(kernel_camera, &g, sums, l);
     const real                    pull        = sums[SUM_G][l];
     const int                     ok          = seen >> l & 1; /* seen: of the rows with a lobe */
     d->mean[0][l] += ok ? p.mean.x : 0, d->mean[1][l] += ok ? p.mean.y : 0, d->mean[2][l] += ok ? p.mean.z : 0;
@@ -602,7 +606,7 @@ SIMD_INLINE void project_lobe_lane_backward(const int fused, const struct projec
     job->out.plane[OXL_LOBE + 1][i] = ok ? p.log_scale.x : 0;
     job->out.plane[OXL_LOBE + 2][i] = ok ? p.log_scale.y : 0;
     job->out.plane[OXL_LOBE + 3][i] = ok ? p.log_scale.z : 0;
-    job->dmean2d[i]                 = ok ? project_length(lens, d->u[l] + p.u, d->v[l] + p.v) : job->dmean2d[i];
+    job->dmean2d[i]                 = ok ? project_length(kernel_camera, d->u[l] + p.u, d->v[l] + p.v) : job->dmean2d[i];
 }
 
 SIMD_BODY void project_backward_body(const int fused, const struct project_job *job)
@@ -619,7 +623,7 @@ SIMD_BODY void project_backward_body(const int fused, const struct project_job *
             project_prefetch(job->out.plane, job->in.sh_degree, first + PACK);
         }
         project_gather(job, first, seen, &d);
-        project_sight(&job->in, job->lens, first, &colour);
+        project_view_direction(&job->in, job->kernel_camera, first, &colour);
         memset(d.mean, 0, sizeof d.mean);
         project_colour_backward(job, first, &colour, d.sums + SUM_RED, d.mean);
 #pragma omp simd

@@ -1,40 +1,40 @@
-/* raster.c - splats to pixels, the pixels' gradients back to the splats, and how much each splat matters.
+/* raster.c - splats to pixels, gradients of pixels back to splats, and the pruning score of each splat.
  *
  * A tile is 16 blocks of 4 x 4 pixels; a block is one vector of AVX-512, two of AVX2. Compositing front to back (Kerbl et al.
  * 2023, eq. 3):
  *     C = sum_i c_i alpha_i T_i + T background,   T_i = product of (1 - alpha_j), j before i.
  *
- * Backward runs in forward order, so it takes the same branches and needs no division to undo T. With g = dL/dC and the pixel's
- * whole light S = g . C known, and s the part of S up to and including splat i,
+ * Backward runs in forward order, with the same branches and no division by (1 - alpha) to recover T. With g = dL/dC, the known total
+ * S = g . C, and s the part of S up to and including splat i,
  *     dL/dalpha_i = T_i (g . c_i) - (S - s) / (1 - alpha_i)      (docs/MATH.md 10).
  * A splat's score is the sum over its pixels of (o_i dS/dalpha_i)^2 ["Prune Wisely, Reconstruct Sharply", arXiv 2602.24136].
  *
- * A splat with a second lobe has alpha = min(.99, o G) - min(.99, o' G') [OceanXL eq. 3], which may be negative: then T grows. The same
- * formulas hold. A tile of a scene without such splats runs code that knows of none.
+ * A splat with a second lobe has alpha = min(.99, o G) - min(.99, o' G') [OceanXL eq. 3], which may be negative; then T increases. The same
+ * formulas hold. Tiles of scenes without such splats run code without second lobes.
  *
- * A pixel ends at the first splat that fails the test T (1 - alpha) >= 1e-4. T goes on falling there, so all that follow fail by themselves;
- * with second lobes, under which T may grow, it falls to 0. What was left when the pixel ended is kept beside it.
+ * A pixel ends at the first splat with T (1 - alpha) < 1e-4. T is still reduced there, so all later splats fail the test as well;
+ * with second lobes, which can increase T, it is set to 0. The transmittance before the end is stored separately.
  *
- * Invariants: every sum has a written order, so the vector width does not show in the result. A splat's sums over a tile go to the pair's own
- * slot: no atomics, and no dependence on which thread took the tile.
+ * Invariants: all sums have a fixed order, independent of the vector width. A splat's sums over a tile are stored in the slot of the
+ * pair: no atomics, and no dependence on the thread of a tile.
  */
 #include "kernels.h"
 
 struct raster_pixels { /* of a tile, block by block, 16 pixels a block */
     real t[TILE_PIXELS];
-    real left[TILE_PIXELS]; /* T after the last splat drawn */
+    real left[TILE_PIXELS]; /* T after the last contributing splat */
     real rgb[3][TILE_PIXELS];
 };
 
 struct raster_gradients {
     real t[TILE_PIXELS];
     real g[3][TILE_PIXELS];   /* dL/dC */
-    real behind[TILE_PIXELS]; /* S - s: light that comes from behind the splats met so far */
+    real behind[TILE_PIXELS]; /* S - s: contribution of the splats behind */
 };
 
 struct raster_tile {
     int                x, y;          /* px of its top-left pixel */
-    int                columns, rows; /* px inside the image: TILE but at its right and lower edge */
+    int                columns, rows; /* px inside the image: TILE, fewer at the right and lower edge */
     const struct pair *pair, *end;
 };
 
@@ -91,7 +91,7 @@ SIMD_INLINE void raster_store(const struct raster_job *job, const struct raster_
         for (int column = 0; column < tile->columns; column++) out[column] = blocks[raster_at(row, column)];
 }
 
-/* Every pixel starts with all of the light to come; those past the image's edge have ended, with T = 0. */
+/* Every pixel starts with S - s = S; those outside the image have ended, with T = 0. */
 SIMD_INLINE void raster_open(const struct raster_tile *tile, real *t)
 {
     for (int i = 0; i < TILE_PIXELS; i++) t[i] = 1;
@@ -119,29 +119,29 @@ SIMD_INLINE uint32_t raster_alive(const real *t)
  * them. Only the sums over a splat's pixels are taken splat by splat, in a second pass over what the first one left.
  */
 
-#define RASTER_BATCH 16 /* splats; between batches the blocks that have ended are dropped */
+#define RASTER_BATCH 16 /* splats; blocks that have ended are removed between batches */
 
-struct raster_splat {   /* what the passes need, next to each other */
+struct raster_splat {   /* inputs of the passes, contiguous */
     real u, v;          /* centre from the tile's first pixel centre, px */
     real a, k, e, peak; /* -a, k, -e and peak of the splat or of its second lobe */
     real colour[3];
-    real spare[7]; /* to a power of two: the n-th is found with a shift */
+    real spare[7]; /* padding to a power of two, so that indexing is a shift */
 };
 
 struct raster_batch {
     const struct pair  *pair;
     int                 count;
-    real                alpha_min, least;                          /* the faintest contribution, and its log2 */
+    real                alpha_min, least;                          /* smallest contribution, and its log2 */
     struct raster_splat splat[RASTER_BATCH], second[RASTER_BATCH]; /* second: of those that have a second lobe */
     uint32_t            lobed;                                     /* bit n: splat n has one */
-    uint32_t            blocks[RASTER_BATCH];                      /* of each splat: the blocks under it that are alive */
-    uint32_t            splats[TILE_BLOCKS];                       /* the same of each block: the splats over it */
+    uint32_t            blocks[RASTER_BATCH];                      /* by splat: its blocks that have not ended */
+    uint32_t            splats[TILE_BLOCKS];                       /* by block: the splats on it */
     real                value[RASTER_BATCH][TILE_BLOCKS][PACK];    /* alpha dL/dalpha; for the score dS/dalpha */
     real                lobe[RASTER_BATCH][TILE_BLOCKS][PACK];     /* o' dL/do' of the second lobe */
     real                weight[RASTER_BATCH][TILE_BLOCKS][PACK];   /* alpha T */
 };
 
-/* lobed: 0 or 1, a constant: 0 leaves nothing of the lobes in the code. */
+/* lobed: constant 0 or 1; 0 removes the code of lobes. */
 SIMD_INLINE void raster_collect(const int lobed, const struct raster_job *job, const struct raster_tile *tile,
                                 const struct pair *pair, uint32_t alive, struct raster_batch *batch)
 {
@@ -179,7 +179,7 @@ SIMD_INLINE int raster_lobed(const int lobed, const struct raster_batch *batch, 
     return lobed && batch->lobed >> n & 1;
 }
 
-/* Where the pixels of a block lie in the tile, by its column and row of blocks. */
+/* Positions of a block's pixels in the tile, from its column and row of blocks. */
 static const real RASTER_X[4][PACK] = {{0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3},
                                        {4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7},
                                        {8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11},
@@ -203,14 +203,14 @@ SIMD_INLINE real raster_value(const int fused, const struct raster_splat *s, rea
     return exponent >= least ? value : 0;
 }
 
-/* What forward and backward must have alike to the bit. The weight alpha T is taken as the difference of T, so the weights of a
- * pixel and what is left sum to 1. With a second lobe alpha and weight may be negative. */
+/* Shared by forward and backward, for equal bits. The weight alpha T is computed as a difference of T, so the weights of a pixel and
+ * its final T sum to 1. With a second lobe alpha and weight may be negative. */
 struct raster_share {
     real value, lobe; /* of the two lobes, see raster_value */
     real alpha;
-    real t;      /* T afterwards */
-    int  drawn;  /* 0: the pixel had ended, or ends here */
-    real weight; /* alpha T, 0 unless drawn */
+    real t;           /* T afterwards */
+    int  contributes; /* 0: the pixel had ended, or ends here */
+    real weight;      /* alpha T, 0 unless contributes */
 };
 
 /* lobed: the splat has a second lobe. mixed: a splat of the tile may have one. Both 0 or 1, constants. */
@@ -226,34 +226,34 @@ SIMD_INLINE struct raster_share raster_share(const int fused, const int mixed, c
         const real alpha = p.value - p.lobe, room = t < TRANSMITTANCE_MAX ? real_abs(alpha) : alpha;
         p.alpha = room >= batch->alpha_min ? alpha : 0;
     }
-    next     = muladd(fused, p.alpha, -t, t);
-    p.drawn  = next >= TRANSMITTANCE_MIN;
-    p.weight = p.drawn ? t - next : 0;
-    p.t      = mixed && !p.drawn ? 0 : next;
+    next          = muladd(fused, p.alpha, -t, t);
+    p.contributes = next >= TRANSMITTANCE_MIN;
+    p.weight      = p.contributes ? t - next : 0;
+    p.t           = mixed && !p.contributes ? 0 : next;
     return p;
 }
 
-/* The T of an ended pixel would fall below the smallest normal number at last: a batch takes at most a factor of 100^RASTER_BATCH. */
-SIMD_INLINE real raster_go_on(real t)
+/* Keeps the T of ended pixels normal: a batch reduces it by a factor of at most 100^RASTER_BATCH. */
+SIMD_INLINE real raster_keep_normal(real t)
 {
     return t >= TRANSMITTANCE_MIN ? t : 0;
 }
 
 /* ---------------------------------------------------------------- forward */
 
-struct raster_lit { /* a block's pixels */
+struct raster_block_state { /* a block's pixels */
     real t[PACK], left[PACK], r[PACK], g[PACK], b[PACK];
 };
 
 SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed, const struct raster_batch *batch, int n,
-                                  const real *restrict x, const real *restrict y, struct raster_lit *out)
+                                  const real *restrict x, const real *restrict y, struct raster_block_state *out)
 {
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
         const struct raster_share p = raster_share(fused, mixed, lobed, batch, n, x[l], y[l], out->t[l]);
-        out->left[l]                = p.drawn ? p.t : out->left[l];
+        out->left[l]                = p.contributes ? p.t : out->left[l];
         out->r[l]                   = muladd(fused, p.weight, red, out->r[l]);
         out->g[l]                   = muladd(fused, p.weight, green, out->g[l]);
         out->b[l]                   = muladd(fused, p.weight, blue, out->b[l]);
@@ -264,29 +264,29 @@ SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lo
 SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const struct raster_batch *batch, int block,
                                         struct raster_pixels *pixels)
 {
-    const int         at = block * PACK;
-    const real       *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
-    struct raster_lit lit;
+    const int                 at = block * PACK;
+    const real               *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
+    struct raster_block_state state;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        lit.t[l]    = raster_go_on(pixels->t[at + l]);
-        lit.left[l] = pixels->left[at + l];
-        lit.r[l]    = pixels->rgb[0][at + l];
-        lit.g[l]    = pixels->rgb[1][at + l];
-        lit.b[l]    = pixels->rgb[2][at + l];
+        state.t[l]    = raster_keep_normal(pixels->t[at + l]);
+        state.left[l] = pixels->left[at + l];
+        state.r[l]    = pixels->rgb[0][at + l];
+        state.g[l]    = pixels->rgb[1][at + l];
+        state.b[l]    = pixels->rgb[2][at + l];
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, x, y, &lit);
-        else raster_composite(fused, lobed, 0, batch, n, x, y, &lit);
+        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, x, y, &state);
+        else raster_composite(fused, lobed, 0, batch, n, x, y, &state);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        pixels->t[at + l]      = lit.t[l];
-        pixels->left[at + l]   = lit.left[l];
-        pixels->rgb[0][at + l] = lit.r[l];
-        pixels->rgb[1][at + l] = lit.g[l];
-        pixels->rgb[2][at + l] = lit.b[l];
+        pixels->t[at + l]      = state.t[l];
+        pixels->left[at + l]   = state.left[l];
+        pixels->rgb[0][at + l] = state.r[l];
+        pixels->rgb[1][at + l] = state.g[l];
+        pixels->rgb[2][at + l] = state.b[l];
     }
 }
 
@@ -323,15 +323,15 @@ SIMD_INLINE void raster_forward_tile(const int fused, const int lobed, const str
  * score: 0 or 1, a constant.
  */
 
-struct raster_slopes { /* a block's pixels */
+struct raster_block_grad { /* a block's pixels */
     real t[PACK], r[PACK], g[PACK], b[PACK], behind[PACK];
 };
 
 /* value: alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), for the score dS/dalpha; with a second lobe value and lobe are
- * o dL/do and o' dL/do'. Each is 0 where its own clamp at ALPHA_MAX holds, all where nothing was drawn. */
+ * o dL/do and o' dL/do'. Each is 0 where its clamp at ALPHA_MAX holds, all are 0 without a contribution. */
 SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
                                       struct raster_batch *batch, int n, int block, const real *restrict x,
-                                      const real *restrict y, struct raster_slopes *d)
+                                      const real *restrict y, struct raster_block_grad *d)
 {
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
@@ -343,15 +343,15 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
         const real                light = muladd(fused, d->r[l], red, muladd(fused, d->g[l], green, d->b[l] * blue)); /* g . c */
         const real                rest  = muladd(fused, -p.weight, light, d->behind[l]);
         if (lobed || score) {
-            const real odds = 1 / (1 - p.alpha), drawn = real_abs(p.weight) > 0 ? odds : 0;
-            const real slope = drawn * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
-            const real plus = score ? slope : slope * p.value, minus = -slope * p.lobe;
+            const real odds = 1 / (1 - p.alpha), contributes = real_abs(p.weight) > 0 ? odds : 0;
+            const real grad = contributes * muladd(fused, p.t, light, -rest); /* dL/dalpha; p.t / (1 - alpha) is T before */
+            const real plus = score ? grad : grad * p.value, minus = -grad * p.lobe;
             value[l] = p.value < ALPHA_MAX ? plus : 0;
             if (lobed) lobe[l] = p.lobe < ALPHA_MAX ? minus : 0;
         } else {
             const real whole = muladd(fused, p.weight, light, -(p.alpha / (1 - p.alpha) * rest));
             const real free  = p.value < ALPHA_MAX ? whole : 0;
-            value[l]         = p.drawn ? free : 0;
+            value[l]         = p.contributes ? free : 0;
         }
         if (!score) weight[l] = p.weight;
         d->behind[l] = rest;
@@ -362,12 +362,12 @@ SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const in
 SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, const int score, struct raster_batch *batch,
                                             int block, struct raster_gradients *tile)
 {
-    const int            at = block * PACK;
-    const real          *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
-    struct raster_slopes d;
+    const int                at = block * PACK;
+    const real              *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
+    struct raster_block_grad d;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
-        d.t[l]      = raster_go_on(tile->t[at + l]);
+        d.t[l]      = raster_keep_normal(tile->t[at + l]);
         d.r[l]      = tile->g[0][at + l];
         d.g[l]      = tile->g[1][at + l];
         d.b[l]      = tile->g[2][at + l];
@@ -406,7 +406,7 @@ SIMD_INLINE void raster_add_lanes(const int count, const real lane[][PACK], real
     for (int sum = 0; sum < count; sum++) out[sum] = (quarter[sum][0] + quarter[sum][2]) + (quarter[sum][1] + quarter[sum][3]);
 }
 
-/* MATH 11. lobe: 1 for those of the second lobe, but for the colour's: those are the splat's. */
+/* MATH 11. lobe: 1: sums of the second lobe, without the colour's, which belong to the splat. */
 SIMD_INLINE void raster_sum(const int fused, const int lobe, const struct raster_batch *batch, int n,
                             const struct raster_gradients *gradients, real *restrict out)
 {
@@ -448,9 +448,9 @@ SIMD_INLINE real raster_square(const int fused, const struct raster_batch *batch
     const real o            = real_exp2(fused, batch->splat[n].peak);
     real       sum[1][PACK] = {{0}}, whole;
     for (uint32_t blocks = batch->blocks[n]; blocks; blocks &= blocks - 1) {
-        const real *restrict slope = batch->value[n][simd_lowest_bit(blocks)];
+        const real *restrict grad = batch->value[n][simd_lowest_bit(blocks)];
 #pragma omp simd
-        for (int l = 0; l < PACK; l++) sum[0][l] = muladd(fused, slope[l], slope[l], sum[0][l]);
+        for (int l = 0; l < PACK; l++) sum[0][l] = muladd(fused, grad[l], grad[l], sum[0][l]);
     }
     raster_add_lanes(1, (const real(*)[PACK])sum, &whole);
     return o * o * whole;
@@ -458,7 +458,7 @@ SIMD_INLINE real raster_square(const int fused, const struct raster_batch *batch
 
 /* ---------------------------------------------------------------- backward and score, a tile */
 
-/* Where the sums of a pair's second lobe go. */
+/* Slot of the sums of a pair's second lobe. */
 SIMD_INLINE uint32_t raster_lobe_slot(const struct raster_job *job, const struct pair *pair)
 {
     return pair->slot + job->bins->splat[pair->splat].slots;
@@ -479,7 +479,7 @@ SIMD_INLINE void raster_open_backward(const struct raster_job *job, const struct
     }
 }
 
-/* What the batch found out about splat n, to its slot. */
+/* Stores the sums of splat n of the batch in its slot. */
 SIMD_INLINE void raster_flush(const int fused, const int lobed, const int score, const struct raster_job *job,
                               const struct raster_batch *batch, int n, const struct raster_gradients *d)
 {
@@ -492,7 +492,7 @@ SIMD_INLINE void raster_flush(const int fused, const int lobed, const int score,
     if (lobed && batch->lobed >> n & 1) raster_sum(fused, 1, batch, n, d, job->sums[raster_lobe_slot(job, pair)]);
 }
 
-/* The same for a splat behind the last that any pixel saw. */
+/* The same for a splat behind the last one that contributes to any pixel. */
 SIMD_INLINE void raster_zero_sums(const int lobed, const int score, const struct raster_job *job, const struct pair *pair)
 {
     if (score) job->score[pair->slot] = 0;

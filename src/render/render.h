@@ -6,53 +6,53 @@
 
 /* ---------------------------------------------------------------- backend.c: which machine draws */
 
-/* Opens the device that the context's options ask for, once; NULL, and OXL_OK: the CPU it is. */
+/* Opens the device of the context's options, once; *out NULL with OXL_OK: the CPU. */
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx);
 OXL_INTERNAL void       backend_end(oxl_context *ctx);
 
 /* ---------------------------------------------------------------- renderer.c: the kernels behind one door */
 
-struct renderer; /* scratch of one view at a time, kept between views: the steady state allocates nothing */
+struct renderer; /* state of one view, kept between views to avoid allocations */
 
 OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out);
 OXL_INTERNAL void       renderer_free(oxl_context *ctx, struct renderer *r);
 
-/* Draws; the image stays in the renderer until the next call. sh_degree as in oxl_render_options. */
+/* Renders; the image stays in the renderer until the next call. sh_degree as in oxl_render_options. */
 OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                          const oxl_render_options *options);
 OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, const float **out); /* (3,H,W) */
 
-/* oxl_render for many views of a model that nobody changes meanwhile: a device takes it once. options: not NULL. */
+/* oxl_render for many views of an unchanged model, which is uploaded once to a device. options: not NULL. */
 OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                       const oxl_render_options *options, oxl_image *out, float *depth);
 
-/* The photograph of a view, at half its sides if `halved`: what renderer_loss compares with where it is given none. A device keeps
- * photographs, as far as a share of its memory goes: `photo` may be NULL where renderer_has_image says so. */
+/* Sets the image of a view, at half resolution if `halved`, for renderer_loss with rgb NULL. A device caches images in a share of its
+ * memory: `image` may be NULL if renderer_has_image returns 1. */
 OXL_INTERNAL int        renderer_has_image(const struct renderer *r, int view);
-OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *photo,
+OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
                                             int halved);
 
-/* Loss of the drawn image against rgb (3,H,W) with weight (H,W) or NULL, or against the photograph that was taken last where rgb is
- * NULL; keeps its gradient for renderer_backward. */
+/* Loss of the rendered image against rgb (3,H,W) with weight (H,W) or NULL, or, with rgb NULL, against the image of
+ * renderer_take_image; keeps its gradient for renderer_backward. */
 struct renderer_loss {
     double total, l1, ssim, mse;
 };
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out);
 
-/* The gradient of the model that was drawn last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
- * rows of packs out of sight are left alone. A device keeps it to itself until renderer_gradient. */
+/* The gradient of the model rendered last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
+ * rows of invisible packs are not written. On a device it is downloaded by renderer_gradient. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
 OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient);
 
-/* How much each Gaussian matters to S = the sum over pixels and channels of drgb (3,H,W) x the image drawn last: adds to score[row], for
- * each row seen, the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
+/* Pruning score, with S = sum over pixels and channels of drgb (3,H,W) x the rendered image: adds to score[row] of each visible row
+ * the sum over its pixels of (o dS/dalpha)^2. No loss is needed. */
 OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, const float *drgb, float *score);
 
 struct adam_params {
     float  rate[OXL_PLANES]; /* of each plane at this step */
-    double beta[2];          /* what is left after a step of the mean gradient, and of its mean square */
-    int    step;             /* of the run, not of the row; from 1: both means begin at 0, which is made up for */
+    double beta[2];          /* decay of the first and second moment */
+    int    step;             /* of the run, not of the row; from 1; for bias correction */
 };
 #define RENDERER_BETAS \
     {                  \
@@ -61,50 +61,50 @@ struct adam_params {
 struct renderer_nonfinite {
     size_t rows, first; /* how many; the first of them */
 };
-/* Adam on the rows seen by the last view, but for those of which a number or its gradient is not finite: these count as not
- * seen from then on. */
+/* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated and count as
+ * invisible from then on. */
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out);
 
-/* Adds to the statistics of density control what the last view, walked back, tells of each row that it saw. */
+/* After the backward pass: adds the last view's gradients of visible rows to the statistics of density control. */
 struct renderer_sums {
     size_t count;
     int    banded;
-    float  z_near, z_far;         /* where the bands meet, camera z */
-    float *gradient, *mid, *far_; /* (count) of |dL/d(u,v)|, in units of half an image; mid, far_: banded alone */
-    float *views;                 /* (count) how many saw it */
+    float  z_near, z_far;         /* limits of the bands, camera z */
+    float *gradient, *mid, *far_; /* (count) sums of |dL/d(u,v)|, in units of half an image; mid, far_: of that band only */
+    float *views;                 /* (count) number of views that see the row */
 };
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
 
-/* Between steps a device holds the model, its moments and the statistics. This brings home what was stepped and observed since: to
- * be called before the host reads or changes any of them. The next renderer_forward takes the model as the host has it then. */
+/* Between steps a device holds the model, its moments and the statistics. Downloads them; must be called before the host reads or changes
+ * any of them. The next renderer_forward uploads the host's model. */
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r);
 
-OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r); /* as if the last view had seen nothing */
-/* What the last view saw of row i; on a device, as it was when renderer_download_rows was called. */
+OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r); /* marks all rows invisible in the last view */
+/* Results of the last view for row i; on a device, as of renderer_download_rows. */
 OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer *r);
-OXL_INTERNAL int        renderer_drew_finite(const struct renderer *r, size_t row); /* 1 too when it did not see it */
-OXL_INTERNAL int        renderer_saw(const struct renderer *r, size_t row);
+OXL_INTERNAL int        renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
+OXL_INTERNAL int        renderer_row_visible(const struct renderer *r, size_t row);
 OXL_INTERNAL float      renderer_mean_gradient(const struct renderer *r, size_t row); /* |dL/d(u,v)| in units of half an image */
 OXL_INTERNAL float      renderer_depth(const struct renderer *r, size_t row);         /* camera z of its centre */
 
 struct renderer_counts {                   /* of the last view */
-    size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image that the footprints ask for */
+    size_t visible, pairs, blocks, pixels; /* pixels: alpha evaluations inside the image */
 };
 OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r);
 
 struct splat;
-/* What a device does in the place of the CPU's kernels, door by door as above. */
+/* Functions of a device, each as the renderer function above. */
 struct renderer_device {
     oxl_result (*create)(oxl_context *ctx, void **out);
     void (*free)(void *device);
     oxl_result (*forward)(void *device, const oxl_model *model, const oxl_camera *camera, const oxl_render_options *options);
-    /* (3,H,W) drawn; depths: the sums of alpha T z and of alpha T in its place. */
+    /* (3,H,W) rendered; depths: the sums of alpha T z and of alpha T instead. */
     oxl_result (*image)(void *device, int depths, float *rgb);
     int (*has_image)(const void *device, int view);
-    oxl_result (*take_image)(void *device, int view, const struct training_image *photo, int halved);
-    /* The image taken last, as (3,H,W) and (H,W); returns its pixels, 0 on failure. rgb NULL: its pixels alone. */
+    oxl_result (*take_image)(void *device, int view, const struct training_image *image, int halved);
+    /* The image of take_image, as (3,H,W) and (H,W); returns its number of pixels, 0 on failure. rgb NULL: the number only. */
     size_t (*target)(void *device, float *rgb, float *weight, int *masked);
     oxl_result (*loss)(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out);
     oxl_result (*backward)(void *device, const float *drgb);
@@ -115,11 +115,11 @@ struct renderer_device {
     oxl_result (*observe)(void *device, const struct renderer_sums *sums);
     oxl_result (*fetch)(void *device);
     oxl_result (*forget)(void *device);
-    /* What the last view saw: of each row that it saw its splat, a bit, |dL/d(u,v)| as in struct renderer. */
+    /* Results of the last view, as in struct renderer: splats of visible rows, visibility bits, |dL/d(u,v)|. */
     oxl_result (*rows)(void *device, struct splat *splat, uint16_t *visible, float *dmean2d);
 };
 #ifdef OXL_VULKAN
-OXL_INTERNAL const struct renderer_device *vulkan_doors(void);
+OXL_INTERNAL const struct renderer_device *vulkan_functions(void);
 #endif
 
 struct archive; /* checkpoint.c */
@@ -135,7 +135,7 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
 /* The model as viewers are to show it, without imaging.txt: through water and falloff at the ranges of the scene's views. */
 OXL_INTERNAL void          medium_bake(const struct medium *medium, oxl_scene *scene, oxl_model *model);
 OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
-/* From the next forward on; on a device there is none. */
+/* From the next forward on; CPU only. */
 OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);
 /* (10) of the last backward: by direct, scatter and veil, and by the falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);

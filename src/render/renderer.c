@@ -1,17 +1,16 @@
-/* renderer.c - the kernels behind one door: draw a view, compare it, walk the error back, step.
+/* renderer.c - chains the kernels: forward pass of a view, loss, backward pass, optimizer step.
  *
- * The doors are the CPU's, unless the context has a device: then each hands over to its own (backends/vulkan/renderer.c).
+ * The functions run on the CPU, or call those of a device (backends/vulkan/renderer.c).
  *
- * Invariant: everything here runs in parallel over packs, strips or tiles that are independent of each other, so the result does
- * not depend on the number of threads.
+ * Invariant: parallel loops are over independent packs, strips or tiles, so the result does not depend on the number of threads.
  */
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-#define RENDER_TASK      64 /* packs of rows a task: 1024 Gaussians, so that a plane's part is a page */
-#define RENDER_TILE_COST 16 /* pairs: what an empty tile takes */
+#define RENDER_TASK      64 /* packs per task: 1024 Gaussians, one page of a plane */
+#define RENDER_TILE_COST 16 /* cost of an empty tile, in pairs */
 
-/* Tiles, one after the other, that a thread begins with. */
+/* Consecutive tiles that a thread starts with. */
 struct render_share {
     int  next, end;
     char apart[64 - 2 * sizeof(int)]; /* on a cache line of its own */
@@ -19,9 +18,9 @@ struct render_share {
 
 struct renderer {
     const struct renderer_device *backend; /* of `device` */
-    void                         *device;  /* NULL: the CPU draws, with what follows */
+    void                         *device;  /* NULL: the CPU renders, with the members below */
 
-    struct kernel_camera lens;
+    struct kernel_camera kernel_camera;
     float                background[3];
     struct gaussians     in;
     struct splat        *splat;   /* (count) */
@@ -41,7 +40,7 @@ struct renderer {
     float             *lamp_map; /* (H,W) the lamp's gain; after the loss: dL/d(its logarithm) */
     double             dlog_gain[3], dlamp[LAMP_TERMS];
     size_t             exposed_capacity, lamp_capacity;
-    float             *target, *weight; /* the photograph that was taken last: (3,H,W), and (H,W) when it is masked */
+    float             *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
     int                masked;
     float (*sums)[SPLAT_SUMS];
     float               *score; /* (slots) */
@@ -66,7 +65,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
 #ifdef OXL_VULKAN
     if (ctx->vulkan) {
-        (*out)->backend = vulkan_doors();
+        (*out)->backend = vulkan_functions();
         rc              = (*out)->backend->create(ctx, &(*out)->device);
     }
 #endif
@@ -162,8 +161,8 @@ static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t co
 
 /* ---------------------------------------------------------------- from a device to the CPU */
 
-/* The image taken last comes along: the loss is still to be computed. */
-static oxl_result render_take_target_home(oxl_context *ctx, struct renderer *r)
+/* Copies the image of renderer_take_image, since the loss is not computed yet. */
+static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
 {
     const size_t pixels = r->backend->target(r->device, NULL, NULL, &r->masked);
     oxl_result   rc     = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
@@ -172,14 +171,13 @@ static oxl_result render_take_target_home(oxl_context *ctx, struct renderer *r)
     return rc;
 }
 
-/* With --backend auto a device without enough memory is no reason to stop: from here on the CPU does it. Returns rc where that is not
- * the case. */
+/* With --backend auto, a device without enough memory is replaced by the CPU. Returns rc in all other cases. */
 static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_result rc)
 {
     char why[160];
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO) return rc;
     snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
-    rc = render_take_target_home(ctx, r);
+    rc = render_download_target(ctx, r);
     if (rc == OXL_OK) rc = r->backend->fetch(r->device);
     if (rc != OXL_OK) return rc;
     r->backend->free(r->device);
@@ -197,15 +195,15 @@ static int64_t render_tasks(const struct renderer *r)
 
 static struct project_job render_project_job(struct renderer *r, int64_t task)
 {
-    return (struct project_job){.in         = r->in,
-                                .lens       = &r->lens,
-                                .first_pack = (size_t)task * RENDER_TASK,
-                                .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
-                                .splat      = r->splat,
-                                .lobe       = r->lobe,
-                                .visible    = r->visible,
-                                .sums       = (const float(*)[SPLAT_SUMS])r->sums,
-                                .dmean2d    = r->dmean2d};
+    return (struct project_job){.in            = r->in,
+                                .kernel_camera = &r->kernel_camera,
+                                .first_pack    = (size_t)task * RENDER_TASK,
+                                .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
+                                .splat         = r->splat,
+                                .lobe          = r->lobe,
+                                .visible       = r->visible,
+                                .sums          = (const float(*)[SPLAT_SUMS])r->sums,
+                                .dmean2d       = r->dmean2d};
 }
 
 static void render_project(oxl_context *ctx, struct renderer *r)
@@ -227,16 +225,16 @@ static int render_has_medium(const struct renderer *r)
 
 static struct medium_job render_medium_job(struct renderer *r, int64_t task)
 {
-    return (struct medium_job){.medium     = &r->medium,
-                               .in         = r->in,
-                               .lens       = &r->lens,
-                               .first_pack = (size_t)task * RENDER_TASK,
-                               .end_pack   = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
-                               .visible    = r->visible,
-                               .splat      = r->splat,
-                               .clear      = r->clear,
-                               .drange     = r->drange,
-                               .sums       = r->sums};
+    return (struct medium_job){.medium        = &r->medium,
+                               .in            = r->in,
+                               .kernel_camera = &r->kernel_camera,
+                               .first_pack    = (size_t)task * RENDER_TASK,
+                               .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
+                               .visible       = r->visible,
+                               .splat         = r->splat,
+                               .clear         = r->clear,
+                               .drange        = r->drange,
+                               .sums          = r->sums};
 }
 
 static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
@@ -269,7 +267,7 @@ static void render_medium_backward(oxl_context *ctx, struct renderer *r, const f
     memset(r->dmedium, 0, sizeof r->dmedium);
     for (int64_t task = 0; task < tasks; task++)
         for (int k = 0; k < MEDIUM_SUMS; k++) r->dmedium[k] += r->medium_sum[task][k];
-    medium_backward_veil(drgb, r->transmittance, r->lens.width, r->lens.height, r->dmedium);
+    medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
@@ -292,8 +290,8 @@ typedef void render_tile_fn(int isa, const struct raster_job *job);
 static struct raster_job render_raster_job(struct renderer *r, int tile, const float *drgb)
 {
     return (struct raster_job){.bins          = &r->bins,
-                               .width         = r->lens.width,
-                               .height        = r->lens.height,
+                               .width         = r->kernel_camera.width,
+                               .height        = r->kernel_camera.height,
                                .tile          = tile,
                                .background    = {r->background[0], r->background[1], r->background[2]},
                                .rgb           = r->rgb,
@@ -303,8 +301,8 @@ static struct raster_job render_raster_job(struct renderer *r, int tile, const f
                                .score         = r->score};
 }
 
-/* Shares of about equal work. A thread has the same part of the image from stage to stage, in its own cache, and no two threads
- * write to one cache line but where shares meet. */
+/* Shares of about equal work. A thread keeps the same part of the image in all stages, for its cache, and threads share cache lines
+ * only at the borders of shares. */
 static void render_share_tiles(const oxl_context *ctx, struct renderer *r)
 {
     const int      tiles = r->bins.tiles_x * r->bins.tiles_y;
@@ -331,7 +329,7 @@ static void render_work_off(struct renderer *r, struct render_share *share, int 
     }
 }
 
-/* Each thread takes its own share, then helps the others with theirs. */
+/* Each thread processes its own share, then tiles of other shares. */
 static void render_each_tile(oxl_context *ctx, struct renderer *r, const float *drgb, render_tile_fn *work)
 {
     render_share_tiles(ctx, r);
@@ -340,18 +338,18 @@ static void render_each_tile(oxl_context *ctx, struct renderer *r, const float *
         for (int k = 0; k < ctx->threads; k++) render_work_off(r, &r->share[(own + k) % ctx->threads], ctx->isa, drgb, work);
 }
 
-/* Everything that forward needs before its first parallel region. */
+/* Allocates and prepares for the parallel regions of forward. */
 static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                const oxl_render_options *options)
 {
     const oxl_result rc = render_reserve(ctx, r, model->count, model->lobes, (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
-    r->lens = render_kernel_camera(camera, options->near_plane);
-    r->in   = render_gaussians(model, options->sh_degree);
+    r->kernel_camera = render_kernel_camera(camera, options->near_plane);
+    r->in            = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
-    render_set_alpha_min(&r->lens, options->alpha_min);
-    r->bins.alpha_min = r->lens.alpha_min;
-    r->bins.cut       = r->lens.cut;
+    render_set_alpha_min(&r->kernel_camera, options->alpha_min);
+    r->bins.alpha_min = r->kernel_camera.alpha_min;
+    r->bins.cut       = r->kernel_camera.cut;
     r->bins.packs     = render_packs(model->count);
     r->bins.splat     = r->splat;
     r->bins.lobe      = r->lobe;
@@ -366,9 +364,9 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
     const size_t     pixels = (size_t)camera->width * (size_t)camera->height;
     const oxl_result rc     = oxl_reserve(ctx, (void **)&r->rgb, &r->rgb_capacity, 3 * pixels, sizeof *r->rgb);
     if (rc != OXL_OK) return rc;
-    r->lens       = render_kernel_camera(camera, options->near_plane);
-    r->in         = render_gaussians(model, options->sh_degree);
-    r->bins.packs = render_packs(model->count);
+    r->kernel_camera = render_kernel_camera(camera, options->near_plane);
+    r->in            = render_gaussians(model, options->sh_degree);
+    r->bins.packs    = render_packs(model->count);
     return r->backend->forward(r->device, model, camera, options);
 }
 
@@ -405,23 +403,23 @@ OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view)
     return r->device && r->backend->has_image(r->device, view);
 }
 
-OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *photo,
+OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
                                             int halved)
 {
     size_t     pixels;
     oxl_result rc;
     if (r->device) {
-        rc = r->backend->take_image(r->device, view, photo, halved);
-        if (photo) rc = render_leave_device(ctx, r, rc);
+        rc = r->backend->take_image(r->device, view, image, halved);
+        if (image) rc = render_leave_device(ctx, r, rc);
         if (rc != OXL_OK || r->device) return rc;
     }
-    pixels    = (size_t)photo->width * (size_t)photo->height;
+    pixels    = (size_t)image->width * (size_t)image->height;
     rc        = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
-    r->masked = photo->mask != NULL;
+    r->masked = image->mask != NULL;
     if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc != OXL_OK) return rc;
-    image_from_training(ctx, photo, r->target, r->masked ? r->weight : NULL);
-    if (halved) image_halve(photo->width, photo->height, r->target, r->masked ? r->weight : NULL);
+    image_from_training(ctx, image, r->target, r->masked ? r->weight : NULL);
+    if (halved) image_halve(image->width, image->height, r->target, r->masked ? r->weight : NULL);
     return OXL_OK;
 }
 
@@ -455,7 +453,7 @@ OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
 /* y (3,n) times the lamp's gain, which lamp_map keeps. */
 static void render_lamp_forward(struct renderer *r, size_t pixels, float *y)
 {
-    lamp_gain(r->lamp->shape, r->lens.width, r->lens.height, r->lamp_map);
+    lamp_gain(r->lamp->shape, r->kernel_camera.width, r->kernel_camera.height, r->lamp_map);
     for (size_t c = 0; c < 3; c++)
 #pragma omp simd
         for (size_t i = 0; i < pixels; i++) y[c * pixels + i] *= r->lamp_map[i];
@@ -472,23 +470,24 @@ static void render_lamp_backward(struct renderer *r, const float gain[3], size_t
         dx[i] *= r->lamp_map[i], dx[g] *= r->lamp_map[i], dx[b] *= r->lamp_map[i];
         r->lamp_map[i] = slope;
     }
-    lamp_project(r->lamp_map, r->lens.width, r->lens.height, r->dlamp);
+    lamp_project(r->lamp_map, r->kernel_camera.width, r->kernel_camera.height, r->dlamp);
 }
 
-/* The loss of the exposed image, by the CPU: a device gives its image and takes the gradient of it. */
+/* The loss with exposure gains and lamp, on the CPU: a device's image is downloaded and the gradient uploaded. */
 static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct loss_value *out)
 {
-    const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
-    const float  one[3] = {1, 1, 1}, *gain = r->has_gain ? r->gain : one, *drawn = NULL;
-    oxl_result   rc = renderer_image(ctx, r, &drawn);
+    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const float  one[3] = {1, 1, 1}, *gain = r->has_gain ? r->gain : one, *rendered = NULL;
+    oxl_result   rc = renderer_image(ctx, r, &rendered);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
     if (rc == OXL_OK && r->lamp) rc = oxl_reserve(ctx, (void **)&r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
     if (rc != OXL_OK) return rc;
-    exposure_forward(gain, drawn, pixels, r->exposed);
+    exposure_forward(gain, rendered, pixels, r->exposed);
     if (r->lamp) render_lamp_forward(r, pixels, r->exposed);
     rc = loss_forward_backward(
-        ctx, &(struct loss_job){r->lens.width, r->lens.height, ssim_weight, r->exposed, rgb, weight, r->drgb}, &r->loss, out);
+        ctx, &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->exposed, rgb, weight, r->drgb},
+        &r->loss, out);
     if (rc == OXL_OK) exposure_backward(gain, r->exposed, r->drgb, pixels, r->drgb, r->dlog_gain);
     if (rc == OXL_OK && r->lamp) render_lamp_backward(r, gain, pixels, r->exposed, r->drgb);
     return rc;
@@ -497,7 +496,7 @@ static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, cons
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out)
 {
-    const size_t      pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    const size_t      pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
     struct loss_value value;
     oxl_result        rc;
     if (r->device && !render_exposes(r)) return r->backend->loss(r->device, rgb, weight, ssim_weight, out);
@@ -505,7 +504,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
     if (rc == OXL_OK && render_exposes(r)) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, &value);
     else if (rc == OXL_OK) {
-        const struct loss_job job = {r->lens.width, r->lens.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
+        const struct loss_job job = {r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
         rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
     if (rc == OXL_OK) *out = (struct renderer_loss){value.total, value.l1, value.ssim, value.mse};
@@ -564,7 +563,7 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
     if (rc != OXL_OK) return rc;
     render_each_tile(ctx, r, drgb, raster_score);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* slots in their order: part of the result */
+    for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* in slot order, which fixes the rounding */
         const struct splat *s   = &r->splat[r->bins.order[i]];
         float               sum = 0;
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++) sum += r->score[slot];
@@ -582,7 +581,7 @@ struct render_step {
     double           correction; /* of the first moment's bias */
 };
 
-/* Planes of the model from first_plane on become those of the job from `at` on. */
+/* Assigns the model's planes from first_plane on to those of the job from `at` on. */
 static void render_step_planes(const struct render_step *s, int first_plane, int planes, int at, struct adam_job *out)
 {
     for (int k = first_plane; k < first_plane + planes; k++, at++) {
@@ -594,7 +593,7 @@ static void render_step_planes(const struct render_step *s, int first_plane, int
     }
 }
 
-/* Rows of a pack that were seen before the step and are no longer: those that it put aside. */
+/* Rows of a pack whose visibility bit the step cleared: values that were not finite. */
 static void render_count_aside(unsigned before, unsigned after, size_t pack, struct renderer_nonfinite *out)
 {
     for (unsigned l = 0; before != after && l < PACK; l++)
@@ -639,7 +638,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
     return OXL_OK;
 }
 
-/* Where a gradient seen from this depth is added. */
+/* Statistics for gradients at this depth. */
 static float *render_band(const struct renderer_sums *s, float depth)
 {
     return !s->banded || depth < s->z_near ? s->gradient : depth < s->z_far ? s->mid : s->far_;
@@ -651,7 +650,7 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
     if (r->device) return r->backend->observe(r->device, s);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)s->count; i++)
-        if (renderer_saw(r, (size_t)i)) {
+        if (renderer_row_visible(r, (size_t)i)) {
             render_band(s, renderer_depth(r, (size_t)i))[i] += renderer_mean_gradient(r, (size_t)i);
             s->views[i] += 1;
         }
@@ -664,7 +663,7 @@ OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r)
     return r->device ? r->backend->fetch(r->device) : OXL_OK;
 }
 
-OXL_INTERNAL int renderer_saw(const struct renderer *r, size_t row)
+OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row)
 {
     return r->visible[row / PACK] >> (row % PACK) & 1;
 }
@@ -688,10 +687,10 @@ OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer
     return rc == OXL_OK ? r->backend->rows(r->device, r->splat, r->visible, r->dmean2d) : rc;
 }
 
-OXL_INTERNAL int renderer_drew_finite(const struct renderer *r, size_t row)
+OXL_INTERNAL int renderer_row_finite(const struct renderer *r, size_t row)
 {
     const struct splat *s = &r->splat[row];
-    if (!renderer_saw(r, row)) return 1;
+    if (!renderer_row_visible(r, row)) return 1;
     return 0 * (s->u + s->v + s->a + s->k + s->e + s->peak + s->colour[0] + s->colour[1] + s->colour[2]) == 0;
 }
 
@@ -709,7 +708,8 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
 {
     struct renderer_counts c = {.visible = r->bins.visible_count, .pairs = r->bins.pair_count};
     for (int tile = 0; tile < r->bins.tiles_x * r->bins.tiles_y; tile++) {
-        const int left = r->lens.width - tile % r->bins.tiles_x * TILE, below = r->lens.height - tile / r->bins.tiles_x * TILE;
+        const int left  = r->kernel_camera.width - tile % r->bins.tiles_x * TILE,
+                  below = r->kernel_camera.height - tile / r->bins.tiles_x * TILE;
         for (uint32_t i = r->bins.tile_start[tile]; i < r->bins.tile_start[tile + 1]; i++)
             for (uint32_t blocks = r->bins.pair[i].blocks; blocks; blocks &= blocks - 1) {
                 const int block = simd_lowest_bit(blocks);
@@ -723,7 +723,7 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
 
 /* ---------------------------------------------------------------- the public doors */
 
-/* The same splats again with (depth, 1, 0) for a colour: the sums of alpha T z and of alpha T fall out of the same kernel. */
+/* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha T. */
 static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
 {
     for (size_t i = 0; i < r->bins.visible_count; i++) {
@@ -738,7 +738,7 @@ static void render_depth_tiles(oxl_context *ctx, struct renderer *r)
 
 static oxl_result render_depth(oxl_context *ctx, struct renderer *r, float *depth)
 {
-    const size_t pixels = (size_t)r->lens.width * (size_t)r->lens.height;
+    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
     oxl_result   rc     = OXL_OK;
     if (r->device) rc = r->backend->image(r->device, 1, r->rgb);
     else render_depth_tiles(ctx, r);

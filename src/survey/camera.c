@@ -1,4 +1,4 @@
-/* camera.c - COLMAP's camera models, and the ideal pinhole camera that stands for a distorted one.
+/* camera.c - COLMAP's camera models, and the pinhole camera of the undistorted image.
  *
  * Source: the model definitions in COLMAP's documentation (camera models), which follow OpenCV's calib3d; the fisheye models
  * are Kannala & Brandt 2006. Every model maps a direction (u, v) = (x/z, y/z) to a pixel:
@@ -11,9 +11,9 @@
  *     EUCM          (u, v) s, s = 1 / (a sqrt(1 + b r^2) + 1 - a) [Khomutenko 2016]
  *     pixel         (fx x + cx, fy y + cy)
  *
- * Invariant: no pixel of an undistorted camera looks where the real camera did not. A polynomial lens folds back beyond some
- * radius (its outer directions would show the inner picture once more); what lies beyond the fold counts as not seen.
- * There is no libm transcendental here: the same bytes on every machine.
+ * Invariant: all pixels of an undistorted camera lie inside the field of view of the real one. A distortion polynomial is not
+ * monotonic beyond some radius; directions beyond it are outside the field of view.
+ * No libm transcendental is used: the same bytes on every machine.
  */
 #include "survey.h"
 
@@ -110,7 +110,7 @@ static double camera_tan(double x)
     return t;
 }
 
-/* omega: the lens's field of view; from half a turn on it describes none. */
+/* omega: field of view of the lens, below pi. */
 static double camera_fov_scale(double omega, double r)
 {
     const double w = fabs(omega);
@@ -128,7 +128,7 @@ static void camera_thin_prism(const double *k, double *x, double *y)
     *y += v * radial + 2 * k[3] * u * v + k[2] * (r2 + 2 * v * v) + k[7] * r2;
 }
 
-/* k: k0-k5 p0 p1 s0-s3; the terms that are not radial are of the radially distorted place. */
+/* k: k0-k5 p0 p1 s0-s3; terms that are not radial are evaluated at the radially distorted point. */
 static void camera_rad_tan(const double *k, double *x, double *y)
 {
     const double theta2 = *x * *x + *y * *y;
@@ -185,7 +185,7 @@ OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
     if (m->kind == CAMERA_EUCM) return camera->parameter[4] != 0;
     if (m->kind == CAMERA_FISHEYE || m->kind == CAMERA_THIN_PRISM || m->kind == CAMERA_RAD_TAN_THIN_PRISM ||
         m->kind == CAMERA_SPHERE)
-        return 1; /* even with all k = 0 it is no pinhole */
+        return 1; /* not a pinhole even with all k = 0 */
     for (int i = m->focal_count + 2; i < m->parameter_count; i++)
         if (camera->parameter[i] != 0) return 1;
     return 0;
@@ -194,19 +194,19 @@ OXL_INTERNAL int camera_is_distorted(const struct colmap_camera *camera)
 /* ---------------------------------------------------------------- the ideal camera */
 
 enum {
-    CAMERA_SIDE_MAX = 32768, /* px; the same limit as for photographs */
+    CAMERA_SIDE_MAX = 32768, /* px; the same limit as for images */
     CAMERA_SIDE_MIN = 16,
-    CAMERA_RAYS     = 128, /* towards each side of the picture */
-    CAMERA_STEPS    = 32,  /* along a ray, to find the first direction that was not seen */
-    CAMERA_SHRINK   = 64   /* px by which a side may be corrected in the end */
+    CAMERA_RAYS     = 128, /* towards each side of the image */
+    CAMERA_STEPS    = 32,  /* along a ray, to find the first direction outside the field of view */
+    CAMERA_SHRINK   = 64   /* px by which a side may be corrected at the end */
 };
 #define CAMERA_FOCAL_MIN 0.002 /* x the longer side: 179.5 degrees */
-#define CAMERA_GROWTH    2.0   /* a side is at most so many times farther out than the photograph's: COLMAP's limit too */
+#define CAMERA_GROWTH    2.0   /* largest distance of a side relative to the image's; COLMAP uses the same limit */
 
 enum camera_side { CAMERA_LEFT, CAMERA_RIGHT, CAMERA_TOP, CAMERA_BOTTOM, CAMERA_FOLD };
 
-/* Was this direction seen: within the centres of the outermost pixels, and before the fold? */
-static int camera_saw(const struct colmap_camera *camera, const double direction[2], double pixel[2])
+/* 1: the direction is inside the field of view: within the centres of the outermost pixels, and where the polynomial is monotonic. */
+static int camera_covers(const struct colmap_camera *camera, const double direction[2], double pixel[2])
 {
     const double farther[2] = {direction[0] * 1.001, direction[1] * 1.001};
     double       k[4], beyond[2], r2, beyond2;
@@ -219,19 +219,19 @@ static int camera_saw(const struct colmap_camera *camera, const double direction
            beyond2 > r2;
 }
 
-/* Walks from the axis towards `target`; where sight ends goes to `end`. Returns what ended it, or -1: nothing did. */
-static int camera_walk(const struct colmap_camera *camera, const double target[2], double end[2])
+/* Steps from the axis towards `target`; `end` receives the limit of the field of view. Returns the kind of limit, or -1: none. */
+static int camera_trace(const struct colmap_camera *camera, const double target[2], double end[2])
 {
     double pixel[2], good = 0, bad = 0;
     for (int i = 1; i <= CAMERA_STEPS && bad == 0; i++) {
         const double t = i * (1.0 / CAMERA_STEPS), direction[2] = {t * target[0], t * target[1]};
-        if (camera_saw(camera, direction, pixel)) good = t;
+        if (camera_covers(camera, direction, pixel)) good = t;
         else bad = t;
     }
     if (bad == 0) return -1;
     for (int i = 0; i < 40; i++) {
         const double t = 0.5 * (good + bad), direction[2] = {t * target[0], t * target[1]};
-        if (camera_saw(camera, direction, pixel)) good = t;
+        if (camera_covers(camera, direction, pixel)) good = t;
         else bad = t;
     }
     end[0] = bad * target[0];
@@ -244,9 +244,8 @@ static int camera_walk(const struct colmap_camera *camera, const double target[2
     return CAMERA_FOLD;
 }
 
-/* Distance in px from the principal point to each side of a rectangle that holds no direction where sight ends.
- * Where a border of the photograph ended it, the side of that name must stay nearer; where the fold did, which is a curve
- * around the axis, all four are drawn in alike until the rectangle is inside of it. */
+/* Distance in px from the principal point to each side of a rectangle inside the field of view. Where the image border is the limit,
+ * that side moves inwards; where the polynomial is (a curve around the axis), all four sides move inwards by the same factor. */
 static void camera_rectangle(const struct colmap_camera *camera, double side[4])
 {
     double       k[4], folded = 1, fold_at[4 * CAMERA_RAYS][2];
@@ -259,10 +258,10 @@ static void camera_rectangle(const struct colmap_camera *camera, double side[4])
     side[CAMERA_BOTTOM] = CAMERA_GROWTH * (h - k[3]);
     for (int i = 0; i < 4 * CAMERA_RAYS; i++) {
         const double along = (i / 4 + 0.5) / CAMERA_RAYS;
-        const double x     = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the photograph's border */
+        const double x     = (i % 4 < 2 ? along : i % 4 - 2) * w - k[2]; /* a point on the image's border */
         const double y     = (i % 4 < 2 ? i % 4 : along) * h - k[3];
         double       end[2], target[2] = {CAMERA_GROWTH * x / k[0], CAMERA_GROWTH * y / k[1]};
-        switch (camera_walk(camera, target, end)) {
+        switch (camera_trace(camera, target, end)) {
         case CAMERA_LEFT: side[CAMERA_LEFT] = OXL_MIN(side[CAMERA_LEFT], -k[0] * end[0]); break;
         case CAMERA_RIGHT: side[CAMERA_RIGHT] = OXL_MIN(side[CAMERA_RIGHT], k[0] * end[0]); break;
         case CAMERA_TOP: side[CAMERA_TOP] = OXL_MIN(side[CAMERA_TOP], -k[1] * end[1]); break;
@@ -282,7 +281,7 @@ static void camera_rectangle(const struct colmap_camera *camera, double side[4])
     for (int i = 0; i < 4; i++) side[i] *= folded;
 }
 
-/* Whole pixels; what is left over is shared by both sides. */
+/* Whole pixels; the remainder is divided between both sides. */
 static void camera_round(const double side[4], oxl_camera *c)
 {
     c->width  = (int)OXL_CLAMP(side[CAMERA_LEFT] + side[CAMERA_RIGHT], 0, 2 * CAMERA_SIDE_MAX);
@@ -291,25 +290,25 @@ static void camera_round(const double side[4], oxl_camera *c)
     c->cy     = side[CAMERA_TOP] - 0.5 * (side[CAMERA_TOP] + side[CAMERA_BOTTOM] - c->height);
 }
 
-static int camera_saw_pixel(const struct colmap_camera *camera, const oxl_camera *c, int x, int y)
+static int camera_covers_pixel(const struct colmap_camera *camera, const oxl_camera *c, int x, int y)
 {
     const double direction[2] = {(x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy};
     double       pixel[2];
-    return camera_saw(camera, direction, pixel);
+    return camera_covers(camera, direction, pixel);
 }
 
-/* The rays were few: walks along the border pixel by pixel and takes a pixel off each side that holds one not seen.
- * Returns 1 when there was none. */
+/* Checks all border pixels and removes a pixel row or column from each side that has one outside the field of view.
+ * Returns 1 if there was none. */
 static int camera_shrink(const struct colmap_camera *camera, const oxl_camera *c, double side[4])
 {
     int bad[4] = {0, 0, 0, 0};
     for (int y = 0; y < c->height; y++) {
-        bad[CAMERA_LEFT] |= !camera_saw_pixel(camera, c, 0, y);
-        bad[CAMERA_RIGHT] |= !camera_saw_pixel(camera, c, c->width - 1, y);
+        bad[CAMERA_LEFT] |= !camera_covers_pixel(camera, c, 0, y);
+        bad[CAMERA_RIGHT] |= !camera_covers_pixel(camera, c, c->width - 1, y);
     }
     for (int x = 0; x < c->width; x++) {
-        bad[CAMERA_TOP] |= !camera_saw_pixel(camera, c, x, 0);
-        bad[CAMERA_BOTTOM] |= !camera_saw_pixel(camera, c, x, c->height - 1);
+        bad[CAMERA_TOP] |= !camera_covers_pixel(camera, c, x, 0);
+        bad[CAMERA_BOTTOM] |= !camera_covers_pixel(camera, c, x, c->height - 1);
     }
     for (int i = 0; i < 4; i++) side[i] -= bad[i];
     return !(bad[0] || bad[1] || bad[2] || bad[3]);

@@ -1,13 +1,13 @@
-/* colmap.c - the three text files of a COLMAP model (cameras.txt, images.txt, points3D.txt) as they are, and which of text and binary
- * files to read where a folder holds both.
+/* colmap.c - reads the text files of a COLMAP model (cameras.txt, images.txt, points3D.txt), and chooses between text and binary files
+ * where a folder holds both.
  *
- * Source: "Output Format" in COLMAP's documentation, and what other programs that write these files make of it: CR LF, tabs,
- * a missing line of 2D points, decimal commas, -nan(ind). What can be mended is, with a warning; the rest is an error that
- * names file:line, what was seen, what was wanted, and one fix.
+ * Source: "Output Format" in COLMAP's documentation, and variants of other programs: CR LF, tabs, a missing line of 2D points,
+ * decimal commas, -nan(ind). Recoverable deviations are read with a warning; others are an error that names file:line, the value
+ * found, the value expected, and a fix.
  *
- * Invariants of what colmap_read gives: ids are unique in their file; each image's camera and each track's image is there;
- * all numbers are finite (an unknown reprojection error is -1, as COLMAP writes it); no name leads out of the image folder.
- * Not promised: that points which observations name, and observations which tracks name, are there.
+ * Invariants of colmap_read's result: ids are unique; each image's camera and each track's image exist; all numbers are finite (an
+ * unknown reprojection error is -1, as in COLMAP); no image name points outside the image folder.
+ * Not guaranteed: that points named by observations, and observations named by tracks, exist.
  */
 #include "colmap.h"
 
@@ -26,7 +26,7 @@ static oxl_result colmap_read_model(struct colmap_reader *r, struct colmap_camer
             r->ctx, OXL_ERR_INPUT,
             "%s:%d: seen %s for the camera model, wanted one of %s\n"
             "fix: let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path OUT",
-            r->path, r->line, colmap_seen(token, r->end, buffer), camera_model_list());
+            r->path, r->line, colmap_printable(token, r->end, buffer), camera_model_list());
     c->parameter_count = camera_model_at(c->model)->parameter_count;
     return OXL_OK;
 }
@@ -123,7 +123,7 @@ OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const dou
     return OXL_OK;
 }
 
-/* Nobody's files outside the image folder: no absolute path, no drive, no ".." between slashes of either kind. */
+/* Rejects paths outside the image folder: absolute paths, drives, ".." between slashes of either kind. */
 static int colmap_name_is_safe(const char *name, const char *end)
 {
     const char *part = name;
@@ -143,7 +143,7 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
     size_t         size;
     oxl_result     rc;
     colmap_skip_blanks(r);
-    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same photograph */
+    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same image */
         for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
     size = (size_t)(r->end - r->cursor);
     if (size == 0) return colmap_wrong(r, r->cursor, "NAME", "a file in the image folder");
@@ -200,7 +200,7 @@ static oxl_result colmap_read_observations(struct colmap_reader *r, struct colma
         if (rc == OXL_OK) rc = colmap_real(r, "Y of a 2D point (X Y POINT3D_ID)", &o->y);
         if (rc == OXL_OK) rc = colmap_read_match(r, &o->point);
         if (rc == OXL_OK && !(fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX)) {
-            *o = (struct colmap_observation){.point = -1}; /* keeps its place: tracks count on it */
+            *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
             colmap_warn(r, ODD_OBSERVATION);
         }
         out->observation_count++;
@@ -230,15 +230,15 @@ static size_t colmap_count_fields(const char *p, const char *end)
     return count;
 }
 
-/* Is a line that should hold 2D points an image's first line? That has an integer, 7 numbers, an integer, and a name. Most
- * names are no numbers, which settles it. A name of digits alone leaves nothing but numbers: then it is an image when they
- * do not come in threes, begin with a rotation, and name a camera that is there. */
+/* 1: a line at the position of 2D points is the first line of an image: an integer, 7 numbers, an integer, and a name. Most names are
+ * not numbers, which decides. With a numeric name, it is an image if the number of fields is not a multiple of 3, the rotation is
+ * plausible and the camera exists. */
 static int colmap_is_pose(const struct colmap_reader *r)
 {
     const char *p = r->cursor;
     int64_t     image, camera;
     double      v[7], name, square;
-    if (!colmap_peek_whole(&p, r->end, &image)) return 0; /* almost every line of 2D points leaves here, at its 1st number */
+    if (!colmap_peek_whole(&p, r->end, &image)) return 0; /* nearly all lines of 2D points return here, at the first number */
     for (int i = 0; i < 7; i++)
         if (!colmap_peek_real(&p, r->end, &v[i])) return 0;
     if (!colmap_peek_whole(&p, r->end, &camera) || p == r->end) return 0;
@@ -247,7 +247,7 @@ static int colmap_is_pose(const struct colmap_reader *r)
     return fabs(square - 1) < 1e-2 && colmap_knows_camera(r, camera) && colmap_count_fields(r->cursor, r->end) % 3 != 0;
 }
 
-/* The second line. When it is missing, the reader stays before the line that stands in its place. */
+/* The second line of an image. If it is missing, the reader does not advance. */
 static oxl_result colmap_read_second_line(struct colmap_reader *r, int keep, struct colmap_image *image)
 {
     if (!colmap_next_line(r)) return r->rc;
@@ -292,9 +292,9 @@ enum { COLMAP_FILES = 3 };
 static const char *const colmap_names[2][COLMAP_FILES] = {{"cameras.txt", "images.txt", "points3D.txt"},
                                                           {"cameras.bin", "images.bin", "points3D.bin"}};
 
-struct colmap_found { /* of the three files of one format */
+struct colmap_found { /* the three files of one format */
     int         count;
-    const char *missing;  /* the first that is not there */
+    const char *missing;  /* the first missing file */
     int64_t     modified; /* of the newest */
 };
 
@@ -315,7 +315,7 @@ static oxl_result colmap_look(oxl_context *ctx, const char *folder, enum colmap_
     return OXL_OK;
 }
 
-/* Text where both are of one age: that a person may have edited it is the likelier. */
+/* Text if both have the same age: text files may have been edited. */
 static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colmap_format *out)
 {
     struct colmap_found text, binary;

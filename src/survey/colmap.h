@@ -1,7 +1,7 @@
-/* colmap.h - what the readers of COLMAP's three files share: a window on a file, its lines, their fields, tables of ids.
+/* colmap.h - shared by the readers of COLMAP's files: a window on a file, its lines, their fields, tables of ids.
  *
- * The doors are those of colmap_text.c, but for the last. colmap.c reads cameras.txt and images.txt, colmap_points.c the third, and
- * colmap_binary.c the three that are not text.
+ * Functions are in colmap_text.c unless stated. colmap.c reads cameras.txt and images.txt, colmap_points.c points3D.txt, and
+ * colmap_binary.c the binary files.
  */
 #ifndef OXL_COLMAP_H
 #define OXL_COLMAP_H
@@ -28,43 +28,44 @@ struct colmap_reader {
     struct colmap      *out;
     char               *path;
     struct os_reader    file;
-    oxl_result          rc;           /* of reading: not OXL_OK when the lines ended for another reason than the file's end */
-    char               *window;       /* a part of the file; a zero byte follows */
-    size_t              room;         /* bytes that the window can hold, with that zero */
+    oxl_result          rc;           /* of reading: not OXL_OK if the lines ended before the end of the file */
+    char               *window;       /* a part of the file, followed by a zero byte */
+    size_t              room;         /* capacity of the window in bytes, with the zero */
     size_t              window_size;  /* bytes of a file to hold at a time; a longer line widens the window */
     uint64_t            offset;       /* of the window, in the file */
-    int                 at_end;       /* the window holds all that was left of the file */
-    const char         *limit;        /* end of what the window holds */
+    int                 at_end;       /* the window holds the end of the file */
+    const char         *limit;        /* end of the data in the window */
     const char         *next;         /* first byte after this line */
-    const char         *cursor, *end; /* what is left of this line, without blanks at its ends */
+    const char         *cursor, *end; /* rest of this line, without blanks at its ends */
     int                 line;         /* from 1; in a binary file, the record */
-    uint64_t            announced;    /* rows, by the comment that COLMAP begins its files with; 0: it says nothing */
-    int                 is_quiet;     /* what there is to report is not said: `heard` is set instead */
-    int                 heard;
+    uint64_t            declared;     /* rows stated by COLMAP's comment at the start of the file; 0: not stated */
+    int                 is_quiet;     /* 1: no messages; `suppressed` is set instead */
+    int                 suppressed;
     size_t              odd[ODD_COUNT];
     struct colmap_index cameras, images;
     size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
 };
 
-/* Begins with a file of the folder. colmap_compare: whether it held as many rows as it announces, or was cut. colmap_close says how many oddities went unsaid, and lets go of the file. */
+/* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated. colmap_close: reports the number of
+ * suppressed warnings and closes the file. */
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name);
 OXL_INTERNAL void       colmap_compare(struct colmap_reader *r, const char *what, size_t count);
 OXL_INTERNAL void       colmap_close(struct colmap_reader *r);
 
-OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* the file's first window; once more after a seek to 0 */
+OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r); /* fills the first window; repeated after a seek to 0 */
 
-/* Moves the window on, so that it begins at `next`; widens it when it is full from there on. */
+/* Moves the window so that it begins at `next`; enlarges it if it is full from there on. */
 OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r);
 OXL_INTERNAL oxl_result colmap_widen(struct colmap_reader *r, size_t room); /* to `room` bytes */
-OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);          /* 0: there is none, or r->rc */
-OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next line that is neither blank nor a comment */
+OXL_INTERNAL int        colmap_next_line(struct colmap_reader *r);          /* 0: end of file, or see r->rc */
+OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next line that is not blank and not a comment */
 
-/* What is wrong with the field at `token`: "seen ..., wanted WHAT, KIND". */
+/* The error of the field at `token`: "seen ..., wanted WHAT, KIND". */
 OXL_INTERNAL oxl_result  colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind);
 OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_oddity kind);
-OXL_INTERNAL const char *colmap_seen(const char *p, const char *end, char out[64]); /* a field as messages show it */
+OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64]); /* a field, printable in a message */
 
-/* Fields. Readers leave the cursor behind theirs. */
+/* Fields. Each function moves the cursor past its field. */
 OXL_INTERNAL int        colmap_is_blank(char c);
 OXL_INTERNAL void       colmap_skip_blanks(struct colmap_reader *r);
 OXL_INTERNAL int        colmap_at_field_end(const struct colmap_reader *r);
@@ -73,21 +74,21 @@ OXL_INTERNAL oxl_result colmap_finite(struct colmap_reader *r, const char *what,
 OXL_INTERNAL oxl_result colmap_whole(struct colmap_reader *r, const char *what, int64_t low, int64_t high, int64_t *out);
 OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int64_t *out);
 
-/* Where the id is, or the empty slot where it belongs. */
+/* The slot of the id, or the empty slot for it. */
 OXL_INTERNAL uint32_t  *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride, int64_t id);
-/* Enters the last of `count` + 1 rows; an id that is there already is an error. */
+/* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
 OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
                                      size_t count, const char *what);
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id); /* the error, at this line */
 
-/* colmap.c: what both kinds of files hold. The name lies from r->cursor to r->end. */
+/* colmap.c: used for text and binary files. The name is at r->cursor .. r->end. */
 OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4]);
 OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
 
-/* colmap_points.c: the whole of points3D.txt, which is open. */
+/* colmap_points.c: reads the open file points3D.txt. */
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
-/* The first row whose id an earlier row has; point_count when there is none. */
+/* The first row with the id of an earlier row; point_count if there is none. */
 OXL_INTERNAL oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row);
 
 /* colmap_binary.c: the three files of a folder. */

@@ -8,8 +8,8 @@
  *
  * rigs.bin and frames.bin of COLMAP 3.12 and later are not read: images.bin has each image's own pose.
  *
- * Invariant: what is read is what the text export of the same model reads as, but for the order of rows (colmap_order), and messages
- * name the record where those name the line. A count is compared with what the file can hold before memory is taken for it.
+ * Invariant: the result equals that of the text export of the same model, except for the order of rows (colmap_order); messages name
+ * the record instead of the line. A count is compared with the size of the file before memory is allocated for it.
  */
 #include "colmap.h"
 
@@ -49,15 +49,15 @@ static double binary_f64(const char *p)
     return value;
 }
 
-/* Of the first byte that was not taken, in the file. */
-static uint64_t binary_place(const struct colmap_reader *r)
+/* Offset in the file of the first unread byte. */
+static uint64_t binary_offset(const struct colmap_reader *r)
 {
     return r->offset + (uint64_t)(r->next - r->window);
 }
 
 static uint64_t binary_left(const struct colmap_reader *r)
 {
-    return r->file.size > binary_place(r) ? r->file.size - binary_place(r) : 0;
+    return r->file.size > binary_offset(r) ? r->file.size - binary_offset(r) : 0;
 }
 
 static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...) OXL_PRINTF(4, 5);
@@ -72,13 +72,13 @@ static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char 
                     r->line, seen, what);
 }
 
-/* The next `size` bytes, which stay until the next call. */
+/* The next `size` bytes, valid until the next call. */
 static oxl_result binary_take(struct colmap_reader *r, size_t size, const char *what, const char **out)
 {
     while ((size_t)(r->limit - r->next) < size && !r->at_end)
         if (colmap_fill(r) != OXL_OK) return r->rc;
     if ((size_t)(r->limit - r->next) < size)
-        return binary_wrong(r, binary_place(r) + (uint64_t)(r->limit - r->next), what, "the end of the file");
+        return binary_wrong(r, binary_offset(r) + (uint64_t)(r->limit - r->next), what, "the end of the file");
     *out = r->next;
     r->next += size;
     return OXL_OK;
@@ -86,7 +86,7 @@ static oxl_result binary_take(struct colmap_reader *r, size_t size, const char *
 
 static oxl_result binary_skip(struct colmap_reader *r, uint64_t size)
 {
-    const uint64_t to = binary_place(r) + size;
+    const uint64_t to = binary_offset(r) + size;
     if (size <= (uint64_t)(r->limit - r->next)) {
         r->next += size;
         return OXL_OK;
@@ -101,7 +101,7 @@ static oxl_result binary_skip(struct colmap_reader *r, uint64_t size)
 static oxl_result binary_count(struct colmap_reader *r, const char *what, size_t least, uint64_t *out)
 {
     const char      *p  = NULL;
-    const uint64_t   at = binary_place(r);
+    const uint64_t   at = binary_offset(r);
     const oxl_result rc = binary_take(r, 8, what, &p);
     if (rc != OXL_OK) return rc;
     *out = binary_u64(p);
@@ -112,7 +112,7 @@ static oxl_result binary_count(struct colmap_reader *r, const char *what, size_t
 static oxl_result binary_finite(struct colmap_reader *r, const char *p, const char *what, double *out)
 {
     *out = binary_f64(p);
-    return fabs(*out) <= DBL_MAX ? OXL_OK : binary_wrong(r, binary_place(r), what, "%g", *out);
+    return fabs(*out) <= DBL_MAX ? OXL_OK : binary_wrong(r, binary_offset(r), what, "%g", *out);
 }
 
 static oxl_result binary_open(struct colmap_reader *r, const char *folder, const char *name)
@@ -130,7 +130,7 @@ static oxl_result binary_open(struct colmap_reader *r, const char *folder, const
     return colmap_fill(r);
 }
 
-/* What follows the last record belongs to nothing. */
+/* Bytes after the last record are an error. */
 static void binary_end(struct colmap_reader *r)
 {
     if (binary_left(r) == 0) return;
@@ -147,7 +147,7 @@ static oxl_result binary_parameters(struct colmap_reader *r, struct colmap_camer
     for (int i = 0; i < c->parameter_count && rc == OXL_OK; i++) {
         rc = binary_finite(r, p + 8 * i, "a finite parameter", &c->parameter[i]);
         if (rc == OXL_OK && i < camera_model_at(c->model)->focal_count && !(c->parameter[i] > 0))
-            rc = binary_wrong(r, binary_place(r), "a focal length of more than 0 px", "%g", c->parameter[i]);
+            rc = binary_wrong(r, binary_offset(r), "a focal length of more than 0 px", "%g", c->parameter[i]);
     }
     return rc;
 }
@@ -155,7 +155,7 @@ static oxl_result binary_parameters(struct colmap_reader *r, struct colmap_camer
 static oxl_result binary_camera(struct colmap_reader *r, struct colmap_camera *c)
 {
     const char    *p  = NULL;
-    const uint64_t at = binary_place(r);
+    const uint64_t at = binary_offset(r);
     uint64_t       width, height;
     oxl_result     rc = binary_take(r, 24, "a camera", &p);
     if (rc != OXL_OK) return rc;
@@ -201,7 +201,7 @@ static oxl_result binary_cameras(struct colmap_reader *r)
 
 /* ---------------------------------------------------------------- images.bin */
 
-/* Through colmap_read_name, with blanks at its ends left out as a line of text has it; a line end in it would be none in text. */
+/* Read by colmap_read_name, without blanks at the ends, as in text; a newline in it is an error. */
 static oxl_result binary_name(struct colmap_reader *r, size_t *name)
 {
     const char *zero, *p = NULL;
@@ -211,11 +211,11 @@ static oxl_result binary_name(struct colmap_reader *r, size_t *name)
            r->limit - r->next <= BINARY_NAME_LONGEST)
         if (colmap_fill(r) != OXL_OK) return r->rc;
     if (!zero || zero - r->next > BINARY_NAME_LONGEST)
-        return binary_wrong(r, binary_place(r), "a name that ends in a zero byte", "%zu bytes without one",
+        return binary_wrong(r, binary_offset(r), "a name that ends in a zero byte", "%zu bytes without one",
                             (size_t)OXL_MIN(r->limit - r->next, (ptrdiff_t)BINARY_NAME_LONGEST));
     size = (size_t)(zero - r->next);
     if (memchr(r->next, '\n', size) || memchr(r->next, '\r', size))
-        return binary_wrong(r, binary_place(r), "a name of one line", "a line end in a name");
+        return binary_wrong(r, binary_offset(r), "a name of one line", "a line end in a name");
     rc = binary_take(r, size + 1, "a name", &p);
     if (rc != OXL_OK) return rc;
     r->cursor = p;
@@ -240,13 +240,13 @@ static oxl_result binary_pose(struct colmap_reader *r, struct colmap_image *imag
     return rc;
 }
 
-/* An id past 2^63 is that of no point; 2^64 - 1 says so. */
+/* Ids from 2^63 on mean no point; COLMAP writes 2^64 - 1. */
 static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_t *out)
 {
     const uint64_t id = binary_u64(p);
     *out              = id == UINT64_MAX ? -1 : (int64_t)(id & INT64_MAX);
     return id == UINT64_MAX || id <= INT64_MAX ? OXL_OK
-                                               : binary_wrong(r, binary_place(r), "a point id below 2^63", "%" PRIu64, id);
+                                               : binary_wrong(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
 }
 
 static oxl_result binary_observation(struct colmap_reader *r, struct colmap_observation *o)
@@ -258,7 +258,7 @@ static oxl_result binary_observation(struct colmap_reader *r, struct colmap_obse
     o->x = binary_f64(p);
     o->y = binary_f64(p + 8);
     if (fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX) return OXL_OK;
-    *o = (struct colmap_observation){.point = -1}; /* keeps its place: tracks count on it */
+    *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
     colmap_warn(r, ODD_OBSERVATION);
     return OXL_OK;
 }
@@ -268,7 +268,7 @@ static oxl_result binary_observations(struct colmap_reader *r, int keep, struct 
     struct colmap *out   = r->out;
     uint64_t       count = 0;
     oxl_result     rc    = binary_count(r, "the number of 2D points", BINARY_OBSERVATION, &count);
-    image->points_at     = binary_place(r);
+    image->points_at     = binary_offset(r);
     image->points_size   = (size_t)count * BINARY_OBSERVATION;
     if (rc != OXL_OK || !keep) return rc == OXL_OK ? binary_skip(r, image->points_size) : rc;
     rc = oxl_reserve(r->ctx, (void **)&out->observation, &r->observation_capacity, out->observation_count + (size_t)count,
@@ -322,7 +322,7 @@ static oxl_result binary_track(struct colmap_reader *r, uint64_t length, struct 
     return OXL_OK;
 }
 
-/* more: points that follow this one. A track that leaves them no room would overrun what was taken for all tracks. */
+/* more: number of points after this one. A track that leaves no bytes for them would overrun the array of tracks. */
 static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct colmap_point *point, uint64_t *length)
 {
     const char *p  = NULL;
@@ -334,7 +334,7 @@ static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct co
     point->error = binary_f64(p + 35);
     rc           = binary_count(r, "the length of a track", BINARY_TRACK, length);
     if (rc == OXL_OK && *length * BINARY_TRACK + more * BINARY_POINT > binary_left(r))
-        rc = binary_wrong(r, binary_place(r) - 8, "the length of a track",
+        rc = binary_wrong(r, binary_offset(r) - 8, "the length of a track",
                           "the number %" PRIu64 " where %" PRIu64 " bytes and as many points as %" PRIu64 " follow", *length,
                           binary_left(r), more);
     return rc;
@@ -363,7 +363,7 @@ static oxl_result binary_add_point(struct colmap_reader *r, uint64_t more)
     return OXL_OK;
 }
 
-/* What is left beside the points are tracks: so memory for both is taken once. */
+/* The bytes beside the points are tracks, so memory for both is allocated once. */
 static oxl_result binary_points(struct colmap_reader *r)
 {
     struct colmap *out   = r->out;

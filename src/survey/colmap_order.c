@@ -1,9 +1,9 @@
 /* colmap_order.c - cameras, images and points of a COLMAP model by id.
  *
- * COLMAP keeps them in hash tables and writes them as they come: its text and its binary export of one model differ in nothing but
- * this order. Gaussians start in the order of the points, and sums are taken in it: so order is a part of the result.
+ * COLMAP writes rows in the order of its hash tables, so its text and binary exports of one model differ in this order. The result
+ * depends on it: Gaussians and sums follow the order of the points.
  *
- * Invariant: two models that differ in the order of their rows alone are the same afterwards, but for where observations and tracks lie.
+ * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of observations and tracks.
  */
 #include "colmap.h"
 
@@ -15,7 +15,7 @@ static int order_compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Rank among the ids, by one bit for each id from the least on. */
+/* Rank of an id, from one bit per possible id. */
 struct order_ranks {
     int64_t   low;
     uint64_t *met;    /* (words) */
@@ -24,7 +24,7 @@ struct order_ranks {
 
 static int order_ones(uint64_t x)
 {
-    x = x - (x >> 1 & UINT64_C(0x5555555555555555)); /* the classic sum of bits, in pairs, in fours, in bytes */
+    x = x - (x >> 1 & UINT64_C(0x5555555555555555)); /* population count: pairs, fours, bytes */
     x = (x & UINT64_C(0x3333333333333333)) + (x >> 2 & UINT64_C(0x3333333333333333));
     x = (x + (x >> 4)) & UINT64_C(0x0f0f0f0f0f0f0f0f);
     return (int)(x * UINT64_C(0x0101010101010101) >> 56);
@@ -36,13 +36,13 @@ static size_t order_rank(const struct order_ranks *k, int64_t id)
     return k->before[at / 64] + (size_t)order_ones(k->met[at / 64] & ((UINT64_C(1) << (at & 63)) - 1));
 }
 
-/* In place: a second array would be half a gigabyte for 10^7 points. First into buckets of as many rows as a cache holds, then each
- * swap within a bucket brings a point to its place. */
+/* In place: a second array would take half a gigabyte for 10^7 points. First into buckets of cache size; then each swap within a
+ * bucket puts one point in its final position. */
 static void order_points_by_rank(struct colmap *c, const struct order_ranks *k)
 {
     enum { BUCKETS = 512 };
     const size_t size = c->point_count / BUCKETS + 1;
-    size_t       next[BUCKETS]; /* first row of the bucket that may belong to another */
+    size_t       next[BUCKETS]; /* first row of the bucket that may belong elsewhere */
     for (size_t b = 0; b < BUCKETS; b++) next[b] = b * size;
     for (size_t b = 0; b < BUCKETS; b++)
         while (next[b] < OXL_MIN((b + 1) * size, c->point_count)) {
@@ -68,7 +68,7 @@ static oxl_result order_points(oxl_context *ctx, struct colmap *c)
         high  = OXL_MAX(high, c->point[i].id);
     }
     if (((uint64_t)high - (uint64_t)k.low) / 64 > c->point_count || c->point_count > UINT32_MAX) {
-        qsort(c->point, c->point_count, sizeof *c->point, order_compare); /* ids far apart: none of COLMAP's */
+        qsort(c->point, c->point_count, sizeof *c->point, order_compare); /* sparse ids, not from COLMAP */
         return OXL_OK;
     }
     words    = (size_t)(((uint64_t)high - (uint64_t)k.low) / 64) + 1;
@@ -97,7 +97,7 @@ struct order_image {
 static oxl_result order_images(oxl_context *ctx, struct colmap *c)
 {
     struct order_image *by_id = oxl_alloc(ctx, c->image_count + 1, sizeof *by_id);
-    uint32_t           *now   = oxl_alloc(ctx, c->image_count + 1, sizeof *now); /* where an image has gone */
+    uint32_t           *now   = oxl_alloc(ctx, c->image_count + 1, sizeof *now); /* new index of each image */
     const oxl_result rc = by_id && now ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu images", c->image_count);
     for (size_t i = 0; i < c->image_count && rc == OXL_OK; i++) by_id[i] = (struct order_image){c->image[i].id, (uint32_t)i};
     if (rc == OXL_OK) qsort(by_id, c->image_count, sizeof *by_id, order_compare);

@@ -1,10 +1,10 @@
-/* colmap_points.c - points3D.txt, the file that grows without bounds, by several threads.
+/* colmap_points.c - points3D.txt, the largest file, read by several threads.
  *
  *     POINT3D_ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)*
  *
- * What the window holds is cut at line ends into a fixed number of pieces, which are read side by side, each into rows of its
- * own. There nothing is said and nothing allocated: a piece that meets an error or an oddity stops. Then, in the file's order, a
- * piece that stopped is read once more, aloud, by one thread, and the rows of all are joined.
+ * The window is divided at line ends into a fixed number of pieces, which are parsed in parallel, each into its own rows, without
+ * messages or allocation. A piece with an error or a warning stops. Then, in file order, stopped pieces are parsed again by one
+ * thread with messages, and all rows are joined.
  *
  * Invariant: rows, messages and their line numbers do not depend on threads, pieces or the size of the window.
  */
@@ -13,15 +13,15 @@
 enum { POINTS_PIECES = 16, POINTS_TEXT_LEAST = 16, POINTS_TRACK_LEAST = 4 }; /* bytes: "0 0 0 0 0 0 0 0\n", "0 0 " */
 
 struct points_piece {
-    struct colmap_reader reader; /* a copy: the same tables of ids, but lines of its own */
+    struct colmap_reader reader; /* a copy with the same tables of ids and its own lines */
     oxl_result           rc;
     struct colmap_point *point; /* (points) first_track counts from the piece's first */
     struct colmap_track *track; /* (tracks) */
     size_t               points, tracks;
-    size_t               point_row, track_row; /* where they go in colmap */
+    size_t               point_row, track_row; /* destination in colmap */
 };
 
-struct points_rows { /* room for what the window can hold at most; piece by piece in it */
+struct points_rows { /* capacity for a full window, divided into pieces */
     struct colmap_point *point;
     struct colmap_track *track;
     size_t               point_capacity, track_capacity;
@@ -29,7 +29,7 @@ struct points_rows { /* room for what the window can hold at most; piece by piec
 
 /* ---------------------------------------------------------------- a line */
 
-/* A number of at most 9 digits, as nearly all of a track are. 0: not that plain; the cursor stays. */
+/* Fast path: an integer of at most 9 digits. 0: any other field; the cursor stays. */
 static inline int points_plain(const char **cursor, const char *end, uint32_t *out)
 {
     const char *p     = *cursor, *first;
@@ -42,7 +42,7 @@ static inline int points_plain(const char **cursor, const char *end, uint32_t *o
     return 1;
 }
 
-static oxl_result points_read_sighting(struct colmap_reader *r, int64_t *image, uint32_t *observation)
+static oxl_result points_read_track_entry(struct colmap_reader *r, int64_t *image, uint32_t *observation)
 {
     const char *p = r->cursor;
     uint32_t    plain;
@@ -65,7 +65,7 @@ static oxl_result points_read_track(struct colmap_reader *r, struct points_piece
     while (rc == OXL_OK && r->cursor < r->end) {
         int64_t  image = 0;
         uint32_t observation, slot;
-        rc = points_read_sighting(r, &image, &observation);
+        rc = points_read_track_entry(r, &image, &observation);
         if (rc != OXL_OK) break;
         slot = *colmap_index_slot(&r->images, r->out->image, sizeof *r->out->image, image);
         if (slot == 0) {
@@ -117,27 +117,27 @@ static oxl_result points_read_record(struct colmap_reader *r, struct points_piec
 
 /* ---------------------------------------------------------------- the pieces of a window */
 
-/* `lines`: those before the piece, where a reader that speaks must know them. */
+/* `lines`: number of lines before the piece, for messages. */
 static void points_read_piece(struct points_piece *p, const char *begin, int is_quiet, int lines)
 {
-    p->reader.next     = begin;
-    p->reader.line     = lines;
-    p->reader.is_quiet = is_quiet;
-    p->reader.heard    = 0;
-    p->rc              = OXL_OK;
+    p->reader.next       = begin;
+    p->reader.line       = lines;
+    p->reader.is_quiet   = is_quiet;
+    p->reader.suppressed = 0;
+    p->rc                = OXL_OK;
     p->points = p->tracks = 0;
-    while (p->rc == OXL_OK && !(is_quiet && p->reader.heard) && colmap_next_record(&p->reader))
+    while (p->rc == OXL_OK && !(is_quiet && p->reader.suppressed) && colmap_next_record(&p->reader))
         p->rc = points_read_record(&p->reader, p);
 }
 
-/* Behind the last line end before `to`; `from` when there is none. */
+/* The position after the last newline before `to`; `from` if there is none. */
 static const char *points_line_begin(const char *from, const char *to)
 {
     while (to > from && to[-1] != '\n') to--;
     return to;
 }
 
-/* begin (POINTS_PIECES + 1): pieces are whole lines; the last of the file may lack its end. */
+/* begin (POINTS_PIECES + 1): pieces are whole lines; the last line may have no newline. */
 static void points_cut(const struct colmap_reader *r, const char **begin)
 {
     const char  *end  = r->at_end ? r->limit : points_line_begin(r->next, r->limit);
@@ -173,13 +173,13 @@ static void points_read_pieces(struct colmap_reader *r, const struct points_rows
     }
 }
 
-/* Says what silent pieces had to say, and finds the place of each one's rows. */
-static oxl_result points_hear(struct colmap_reader *r, const char *const *begin, struct points_piece *piece)
+/* Parses stopped pieces again with messages, and assigns the destination of each piece's rows. */
+static oxl_result points_report(struct colmap_reader *r, const char *const *begin, struct points_piece *piece)
 {
     struct colmap *out = r->out;
     for (int i = 0; i < POINTS_PIECES; i++) {
         struct points_piece *p = &piece[i];
-        if (p->reader.heard) {
+        if (p->reader.suppressed) {
             memcpy(p->reader.odd, r->odd, sizeof r->odd);
             points_read_piece(p, begin[i], 0, r->line);
             memcpy(r->odd, p->reader.odd, sizeof r->odd);
@@ -195,7 +195,7 @@ static oxl_result points_hear(struct colmap_reader *r, const char *const *begin,
     return OXL_OK;
 }
 
-/* The first window tells how many there will be, so that nothing needs to grow. */
+/* Estimates the number of points from the first window, so that arrays need not grow. */
 static size_t points_expected(const struct colmap_reader *r, size_t so_far)
 {
     const double read = (double)(r->next - r->window), expected = 1.05 * (double)so_far * ((double)r->file.size / read);
@@ -231,15 +231,15 @@ static oxl_result points_read_window(struct colmap_reader *r, struct points_rows
     if (rc != OXL_OK) return rc;
     points_cut(r, begin);
     points_read_pieces(r, rows, begin, piece);
-    rc      = points_hear(r, begin, piece);
+    rc      = points_report(r, begin, piece);
     r->next = begin[POINTS_PIECES];
     return rc == OXL_OK ? points_join(r, piece) : rc;
 }
 
 /* ---------------------------------------------------------------- ids once */
 
-/* The first row whose id an earlier row has; point_count when there is none. One bit for each id between the least and the
- * largest, unless they lie far apart. */
+/* The first row with the id of an earlier row; point_count if there is none. Uses one bit per id between the smallest and the
+ * largest, unless ids are sparse. */
 OXL_INTERNAL oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row)
 {
     struct colmap_index far = {.slots = 64};
@@ -270,7 +270,7 @@ OXL_INTERNAL oxl_result points_find_repeated(oxl_context *ctx, const struct colm
     return rc;
 }
 
-/* Reads the file once more, line by line, up to the one that gave this row: to name it. */
+/* Reads the file again up to the line of this row, to name it in a message. */
 static oxl_result points_repeated(struct colmap_reader *r, const struct points_rows *rows, size_t row)
 {
     struct points_piece one = {.point = rows->point, .track = rows->track};

@@ -1,9 +1,8 @@
-/* colmap_text.c - how COLMAP's text files are read: a window that moves over the file, its lines, their fields, and what is said
- * of those that are wrong.
+/* colmap_text.c - COLMAP's text files: a window that moves over the file, its lines, their fields, and error messages.
  *
- * Only the window is in memory, so that a file of gigabytes costs no more than what is kept of it.
+ * Only the window is in memory, so a file of several gigabytes needs no more than its parsed rows.
  *
- * Invariant: a message names file:line, what was seen, what was wanted, and one fix. A quiet reader says and allocates nothing.
+ * Invariant: a message names file:line, the value found, the value expected, and a fix. A quiet reader does not log or allocate.
  */
 #include "colmap.h"
 
@@ -103,11 +102,11 @@ static uint64_t colmap_announcement(const struct colmap_reader *r)
 
 OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size_t count)
 {
-    if (r->announced <= count) return;
+    if (r->declared <= count) return;
     oxl_log(r->ctx, OXL_LOG_WARNING,
             "%s: its header announces %" PRIu64 " %s, and %zu are there: was the file cut, or edited?\n"
             "fix: " COLMAP_FIX_EXPORT,
-            r->path, r->announced, what, count);
+            r->path, r->declared, what, count);
     r->out->warnings++;
     r->out->is_cut = 1;
 }
@@ -120,9 +119,9 @@ OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder,
     r->rc = os_reader_open(r->ctx, r->path, &r->file);
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->window;
-    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* the end is met, and a zero byte follows it */
+    wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* one byte to detect the end, and the zero byte */
     if (r->room < wanted && colmap_widen(r, wanted) != OXL_OK) return r->rc;
-    if (colmap_begin(r) == OXL_OK) r->announced = colmap_announcement(r);
+    if (colmap_begin(r) == OXL_OK) r->declared = colmap_announcement(r);
     return r->rc;
 }
 
@@ -157,7 +156,7 @@ OXL_INTERNAL void colmap_close(struct colmap_reader *r)
 
 OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_oddity kind)
 {
-    r->heard = 1;
+    r->suppressed = 1;
     if (r->is_quiet) return;
     if (r->odd[kind]++ < COLMAP_LOGGED_MAX)
         oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_oddity_text[kind]);
@@ -186,7 +185,7 @@ OXL_INTERNAL int colmap_next_record(struct colmap_reader *r)
 }
 
 /* 'text', cut and printable, or "the end of the line". */
-OXL_INTERNAL const char *colmap_seen(const char *p, const char *end, char out[64])
+OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64])
 {
     size_t size = 0;
     if (p == end) return "the end of the line";
@@ -210,8 +209,8 @@ static int colmap_has_comma(const char *p, const char *end)
 OXL_INTERNAL oxl_result colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind)
 {
     char        buffer[64];
-    const char *seen = colmap_seen(token, r->end, buffer);
-    r->heard         = 1;
+    const char *seen = colmap_printable(token, r->end, buffer);
+    r->suppressed    = 1;
     if (r->is_quiet) return OXL_ERR_INPUT;
     if (token < r->end && colmap_has_comma(token, r->end))
         return oxl_fail(r->ctx, OXL_ERR_INPUT,

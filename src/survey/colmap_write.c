@@ -1,6 +1,6 @@
-/* colmap_write.c - the three text files of a COLMAP model, written. Numbers have 17 digits: what is written reads back the same.
+/* colmap_write.c - writes the text files of a COLMAP model. Numbers have 17 digits, so reading them gives the same values.
  *
- * Invariant: a folder never holds a part of a file: os_writer_close notices what failed, and then the old file stays.
+ * Invariant: files are written atomically; after a failure the old file remains.
  */
 #include "survey.h"
 

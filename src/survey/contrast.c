@@ -1,47 +1,46 @@
-/* contrast.c - how fast contrast fades with depth: the water's attenuation, measured where photographs show SfM points.
+/* contrast.c - estimates the attenuation of contrast with depth from image patches around SfM points.
  *
- * Water takes contrast as exp(-beta z) (Akkaynak & Treibitz 2018; the light it adds in return is even). A gradient of the loss is
- * proportional to the picture's contrast and fades alike; so beta says, before the first iteration, whether densification needs
- * help with what is far. With c the log contrast of a patch of pixels around a point, least squares of
+ * Water reduces contrast by exp(-beta z) (Akkaynak & Treibitz 2018; backscatter is smooth). Gradients of the loss are proportional to
+ * image contrast, so beta predicts, before the first iteration, whether densification needs depth weights. With c the log contrast of a
+ * patch around a point, the least-squares fit of
  *     c(point, view) = own(point) - beta z(point, view)
- * compares each point with itself alone, seen from several depths: a dull bottom under a bright reef is not taken for water.
- * A patch shows the same part of the scene in each view, in cells of the same size there: 2 px wide in the farthest view of the
- * point, more in nearer ones. Else the nearer view would show less of the scene, more finely, and clear water would seem to add
- * contrast with depth (measured so: beta = -0.07 on the synthetic orbit without water).
+ * compares each point only with itself at several depths, so texture that varies with depth does not bias beta. A patch covers the same
+ * part of the scene in all views of a point, in cells of equal size in the scene: 2 px wide in the farthest view. With fixed
+ * sizes in pixels, beta would be biased (-0.07 on the synthetic orbit without water).
  *
- * Invariant: a measure is a function of the scene. Sums go by point in the file's order, and by view by name.
+ * Invariant: the estimate is a function of the scene. Sums follow the file order of points and the name order of views.
  */
 #include "survey.h"
 #include "../core/vecmath.h"
 
 enum {
-    CONTRAST_VIEWS  = 128,     /* photographs that are looked at, at most */
-    CONTRAST_SAMPLE = 1 << 18, /* observations, at most */
+    CONTRAST_VIEWS  = 128,     /* limit of images */
+    CONTRAST_SAMPLE = 1 << 18, /* limit of observations */
     CONTRAST_CELLS  = 7,       /* a patch is 7 x 7 of them */
-    CONTRAST_LEAST  = 100      /* observations that a measure takes */
+    CONTRAST_LEAST  = 100      /* minimum of observations */
 };
 #define CONTRAST_CELL      2.0 /* px in the farthest view of a point */
-#define CONTRAST_CELL_MOST 8.0 /* px: nearer views than that are left out */
-#define CONTRAST_FLOOR     1.0 /* 8-bit levels^2 added to a patch's variance: rounding and the sensor's noise are no contrast */
+#define CONTRAST_CELL_MOST 8.0 /* px: nearer views are left out */
+#define CONTRAST_FLOOR     1.0 /* 8-bit levels^2 added to the variance, so that rounding and sensor noise do not count as contrast */
 
-struct contrast_sample { /* one point in one photograph */
+struct contrast_sample { /* one point in one image */
     size_t point;
     int    view, valid;
     double z, value;   /* camera z; log contrast */
-    float  x, y, cell; /* px: where it is, how wide a cell is there */
+    float  x, y, cell; /* px: position, width of a cell */
 };
 struct contrast_work {
-    int                    *view;   /* (images of the COLMAP model) the view that is looked at, or -1 */
+    int                    *view;   /* (images of the COLMAP model) view, or -1: not used */
     int                    *chosen; /* (chosen_count) those views */
     int                     chosen_count;
     struct contrast_sample *sample;
     double                 *by_view;  /* (views of the scene) */
-    uint32_t               *integral; /* (H+1, W+1) of a photograph: the sum of all that lies above and left; may wrap */
+    uint32_t               *integral; /* (H+1, W+1) integral image; may wrap */
     size_t                  integral_capacity;
     size_t                  samples;
 };
 
-/* ---------------------------------------------------------------- which points in which photographs */
+/* ---------------------------------------------------------------- which points in which images */
 
 static void contrast_choose_views(const oxl_scene *scene, const struct colmap *c, struct contrast_work *w)
 {
@@ -55,7 +54,7 @@ static void contrast_choose_views(const oxl_scene *scene, const struct colmap *c
     }
 }
 
-/* Whole points, each with all its chosen views; with many, every k-th point. */
+/* Points with all their chosen views; every k-th point if there are too many. */
 static void contrast_choose_samples(const struct colmap *c, struct contrast_work *w)
 {
     const size_t step = c->track_count / CONTRAST_SAMPLE + 1;
@@ -82,8 +81,7 @@ static void contrast_project(const oxl_scene *scene, struct contrast_sample *s)
     s->y = (float)(c->fy * x[1] / x[2] + c->cy);
 }
 
-/* Cells as wide as they are far: for each view of a point as large in the scene as in the farthest. In pixels of the focal length
- * that the view has. */
+/* Cells of equal size in the scene for all views of a point, in pixels of each view. */
 static void contrast_size_cells(const oxl_scene *scene, struct contrast_work *w)
 {
     for (size_t i = 0; i < w->samples; i++) contrast_project(scene, &w->sample[i]);
@@ -122,7 +120,7 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct training_ima
     return OXL_OK;
 }
 
-/* Log of the standard deviation of the cells' brightness; not valid when the patch is not wholly inside and unmasked. */
+/* Log of the standard deviation of the cells' brightness; invalid unless the patch is inside the image and unmasked. */
 static void contrast_look(const struct training_image *p, const uint32_t *integral, struct contrast_sample *s)
 {
     const size_t stride = (size_t)p->width + 1;
@@ -130,7 +128,7 @@ static void contrast_look(const struct training_image *p, const uint32_t *integr
     const float  side = CONTRAST_CELLS * s->cell;
     const int    n    = CONTRAST_CELLS * CONTRAST_CELLS;
     double       sum = 0, squares = 0;
-    int          x[CONTRAST_CELLS + 1], y[CONTRAST_CELLS + 1]; /* px: where cells begin and end */
+    int          x[CONTRAST_CELLS + 1], y[CONTRAST_CELLS + 1]; /* px: borders of the cells */
     s->valid = left >= 0 && top >= 0 && left + side <= (float)p->width - 1 && top + side <= (float)p->height - 1;
     if (!s->valid) return;
     for (int k = 0; k <= CONTRAST_CELLS; k++) x[k] = (int)(left + k * s->cell + 0.5f), y[k] = (int)(top + k * s->cell + 0.5f);
@@ -146,8 +144,8 @@ static void contrast_look(const struct training_image *p, const uint32_t *integr
     s->value = 0.5 * vecmath_log(OXL_MAX((squares - sum * sum / n) / n, 0) + CONTRAST_FLOOR);
 }
 
-/* All that is seen in one photograph. */
-static void contrast_look_at(const oxl_context *ctx, const struct training_image *photo, int view, struct contrast_work *w)
+/* All samples of one image. */
+static void contrast_look_at(const oxl_context *ctx, const struct training_image *image, int view, struct contrast_work *w)
 {
     const int64_t samples = (int64_t)w->samples;
     (void)ctx; /* without OpenMP */
@@ -155,29 +153,29 @@ static void contrast_look_at(const oxl_context *ctx, const struct training_image
     for (int64_t i = 0; i < samples; i++) {
         struct contrast_sample *s = &w->sample[i];
         if (s->view != view || !s->valid) continue;
-        if (photo) contrast_look(photo, w->integral, s);
+        if (image) contrast_look(image, w->integral, s);
         else s->valid = 0;
     }
 }
 
-/* View by view, so that each photograph is asked for once; one that cannot be read is left out, as training will say. */
+/* View by view, so that each image is loaded once; unreadable images are left out. */
 static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
 {
     oxl_result rc = OXL_OK;
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
-        const struct training_image *photo;
+        const struct training_image *image;
         image_cache_ahead(ctx, scene, w->chosen + k, w->chosen_count - k);
-        photo = image_cache_get(ctx, scene, w->chosen[k]);
-        if (!photo && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
-        if (photo) rc = contrast_integrate(ctx, photo, w);
-        if (rc == OXL_OK) contrast_look_at(ctx, photo, w->chosen[k], w);
+        image = image_cache_get(ctx, scene, w->chosen[k]);
+        if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+        if (image) rc = contrast_integrate(ctx, image, w);
+        if (rc == OXL_OK) contrast_look_at(ctx, image, w->chosen[k], w);
     }
     return rc;
 }
 
 /* ---------------------------------------------------------------- the fit */
 
-/* z and value become differences from their means over the point; points that are seen once tell nothing. */
+/* Subtracts the means of z and value over each point; points with one view are removed. */
 static void contrast_centre(struct contrast_work *w, struct contrast *out)
 {
     for (size_t first = 0, end; first < w->samples; first = end) {
@@ -194,11 +192,11 @@ static void contrast_centre(struct contrast_work *w, struct contrast *out)
     }
 }
 
-/* Neither the errors of one point nor those of one photograph are independent: the larger of the two clustered errors
- * (Liang & Zeger 1986). by_view: zeros, one for each view. */
+/* Errors are correlated within a point and within an image: the larger of the two clustered standard errors
+ * (Liang & Zeger 1986). by_view: (views) zeros. */
 static double contrast_error(const struct contrast_work *w, int views, double beta, double zz)
 {
-    double points = 0, photographs = 0;
+    double points = 0, images = 0;
     for (size_t first = 0, end; first < w->samples; first = end) {
         double sum = 0;
         for (end = first; end < w->samples && w->sample[end].point == w->sample[first].point; end++) {
@@ -209,8 +207,8 @@ static double contrast_error(const struct contrast_work *w, int views, double be
         }
         points += sum * sum;
     }
-    for (int i = 0; i < views; i++) photographs += w->by_view[i] * w->by_view[i];
-    return sqrt(OXL_MAX(points, photographs)) / zz;
+    for (int i = 0; i < views; i++) images += w->by_view[i] * w->by_view[i];
+    return sqrt(OXL_MAX(points, images)) / zz;
 }
 
 static void contrast_fit(struct contrast_work *w, int views, struct contrast *out)
@@ -241,7 +239,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     w.sample  = oxl_alloc(ctx, OXL_MIN(c->track_count, (size_t)CONTRAST_SAMPLE) + 1, sizeof *w.sample);
     w.by_view = oxl_calloc(ctx, (size_t)views + 1, sizeof *w.by_view);
     if (!w.view || !w.chosen || !w.sample || !w.by_view) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d photographs", views);
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to measure the contrast of %d images", views);
         goto done;
     }
     contrast_choose_views(scene, c, &w);

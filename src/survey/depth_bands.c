@@ -1,14 +1,14 @@
-/* depth_bands.c - near, mid or far: the depth of what each pixel of a view shows, as the survey's points tell.
+/* depth_bands.c - assigns pixels of a view to the depth bands near, mid and far, from the survey's points.
  *
- * A pixel is as far as the nearest point (in steps to the four neighbours) that the view saw by its track; farther than BANDS_REACH
- * from all of them it counts for no band. Without tracks (scenes from arrays) a point is seen by every view that has it in its picture.
+ * A pixel has the depth of the nearest point in the image (4-neighbour distance) that the view observes by its track; beyond BANDS_REACH it
+ * has no band. Without tracks (scenes from arrays), a view observes all points that project into its image.
  *
- * Invariant: a function of the scene alone. A model's own depth would make each model choose the pixels that it is judged by.
+ * Invariant: a function of the scene alone, so that metrics by depth use the same pixels for every model.
  */
 #include "survey.h"
 
 #define BANDS_REACH (1.0 / 16) /* of the longer side */
-enum { BANDS_MOST = 1 << 22 }; /* points in views; where there are more, every k-th */
+enum { BANDS_MOST = 1 << 22 }; /* limit of observations; every k-th if there are more */
 
 static void depth_bands_see(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
 {
@@ -24,10 +24,10 @@ static void depth_bands_see(struct depth_bands *b, const oxl_scene *scene, int v
     u = c->fx * x[0] / x[2] + c->cx;
     v = c->fy * x[1] / x[2] + c->cy;
     if (!(u >= 0 && u < c->width && v >= 0 && v < c->height)) return;
-    b->sight[b->count++] = (struct depth_sample){view, (int)v * c->width + (int)u, (float)x[2]};
+    b->sample[b->count++] = (struct depth_sample){view, (int)v * c->width + (int)u, (float)x[2]};
 }
 
-/* view: of an image of the survey; -1: not asked for, or none. */
+/* view: index by survey image; -1: none. */
 static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene, const struct colmap *c, const int *view)
 {
     const size_t step = c->track_count / BANDS_MOST + 1;
@@ -39,7 +39,7 @@ static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene,
         }
 }
 
-static void depth_bands_by_sight(struct depth_bands *b, const oxl_scene *scene, const int *asked, int count)
+static void depth_bands_by_track(struct depth_bands *b, const oxl_scene *scene, const int *asked, int count)
 {
     const size_t views = (size_t)oxl_scene_view_count(scene), step = oxl_scene_point_count(scene) * views / BANDS_MOST + 1;
     for (size_t i = 0; i < oxl_scene_point_count(scene); i += step)
@@ -64,9 +64,9 @@ OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *sce
     const int            tracked = c && c->track_count > 0;
     const size_t         most    = tracked ? c->track_count : oxl_scene_point_count(scene) * (size_t)count;
     int                 *view    = oxl_alloc(ctx, (tracked ? c->image_count : 0) + 1, sizeof *view);
-    *out       = (struct depth_bands){.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
-    out->sight = oxl_alloc(ctx, OXL_MIN(most, BANDS_MOST) + 1, sizeof *out->sight);
-    if (!view || !out->sight) {
+    *out        = (struct depth_bands){.depth = {scene_depth_quantile(scene, 1.0 / 3), scene_depth_quantile(scene, 2.0 / 3)}};
+    out->sample = oxl_alloc(ctx, OXL_MIN(most, BANDS_MOST) + 1, sizeof *out->sample);
+    if (!view || !out->sample) {
         oxl_free(ctx, view);
         depth_bands_free(ctx, out);
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of what %d views saw", count);
@@ -74,25 +74,25 @@ OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *sce
     for (size_t i = 0; tracked && i < c->image_count; i++) view[i] = -1;
     for (int k = 0; tracked && k < count; k++) view[scene_source_image(scene, asked[k]) - c->image] = asked[k];
     if (tracked) depth_bands_by_tracks(out, scene, c, view);
-    else depth_bands_by_sight(out, scene, asked, count);
-    qsort(out->sight, out->count, sizeof *out->sight, depth_bands_compare);
+    else depth_bands_by_track(out, scene, asked, count);
+    qsort(out->sample, out->count, sizeof *out->sample, depth_bands_compare);
     oxl_free(ctx, view);
     return OXL_OK;
 }
 
 OXL_INTERNAL void depth_bands_free(oxl_context *ctx, struct depth_bands *b)
 {
-    oxl_free(ctx, b->sight);
+    oxl_free(ctx, b->sample);
     *b = (struct depth_bands){0};
 }
 
-/* The first of the view's; of nearest points in one pixel, the nearer shows. */
+/* Points in the same pixel: the one nearest to the camera is used. */
 static size_t depth_bands_first(const struct depth_bands *b, int view)
 {
     size_t low = 0, high = b->count;
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
-        if (b->sight[middle].view < view) low = middle + 1;
+        if (b->sample[middle].view < view) low = middle + 1;
         else high = middle;
     }
     return low;
@@ -124,8 +124,8 @@ OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth
     size_t            waiting = 0;
     if (!queue) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d x %d px", c->width, c->height);
     memset(band, 0, pixels);
-    for (size_t i = depth_bands_first(b, view); b->depth[0] > 0 && i < b->count && b->sight[i].view == view; i++) {
-        const struct depth_sample *s = &b->sight[i];
+    for (size_t i = depth_bands_first(b, view); b->depth[0] > 0 && i < b->count && b->sample[i].view == view; i++) {
+        const struct depth_sample *s = &b->sample[i];
         if (band[s->pixel]) continue;
         band[s->pixel]   = (uint8_t)(1 + (s->z > b->depth[0]) + (s->z > b->depth[1]));
         queue[waiting++] = s->pixel;

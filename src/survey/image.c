@@ -1,11 +1,10 @@
-/* image.c - photographs in (decode, undistort, reduce, mask), pictures out.
+/* image.c - reads images (decode, undistort, reduce, mask) and writes PNG and JPEG.
  *
- * JPEG and PNG are decoded by stb_image. Its SSE2 and NEON paths are written to give the very bytes of its plain C path
- * (integer IDCT, fixed-point colour), so they stay on; a test holds them to it. stb takes its working memory from malloc,
- * since its hooks know no context; all of it is given back before a function here returns, but for struct pixels, which lives
- * until image_pixels_free.
+ * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which a test
+ * checks. stb allocates with malloc, since its hooks have no context; that memory is freed before a function here returns, except
+ * struct pixels (image_pixels_free).
  *
- * Invariant: a photograph's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
+ * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
  */
 #include "survey.h"
 
@@ -19,15 +18,15 @@
 #pragma GCC diagnostic ignored "-Wsign-compare"
 #pragma GCC diagnostic ignored "-Wmissing-field-initializers"
 #endif
-/* gcc finds functions that a header declares and does not define, past these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, the
- * new name for one that is misspelt where it is defined (stb_image 2.27), and stdio in the writer, which we do not call. */
+/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, a macro for
+ * a function misspelt in stb_image 2.27, and stdio in the writer. */
 #define STB_IMAGE_STATIC
 #define STB_IMAGE_IMPLEMENTATION
 #define STBI_NO_STDIO
 #define STBI_NO_GIF
 #define STBI_ONLY_JPEG
 #define STBI_ONLY_PNG
-#ifdef __TINYC__ /* says that it is x86-64, but has no intrinsics */
+#ifdef __TINYC__ /* defines x86-64 without intrinsics */
 #define STBI_NO_SIMD
 #endif
 #define stbi_set_unpremultiply_on_load_thread stbi__unpremultiply_on_load_thread
@@ -40,9 +39,9 @@
 #endif
 
 enum {
-    IMAGE_SIDE_MAX    = 32768, /* px; a header that claims more is taken for damage */
-    IMAGE_SAMPLES_MAX = 16,    /* a side, for each pixel of an undistorted photograph; 16^2 x 255 x 2^16 fits 32 bits */
-    IMAGE_FRACTION    = 256    /* bilinear weights are whole numbers of 1/256 */
+    IMAGE_SIDE_MAX    = 32768, /* px; larger sizes in a header are an error */
+    IMAGE_SAMPLES_MAX = 16,    /* per side and pixel of an undistorted image; 16^2 x 255 x 2^16 fits 32 bits */
+    IMAGE_FRACTION    = 256    /* bilinear weights are multiples of 1/256 */
 };
 
 /* ---------------------------------------------------------------- decode */
@@ -69,10 +68,10 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* What is wrong with a JPEG, as far as its segments show; NULL: nothing. stb 2.27 trusts the counts of a Huffman table, which
- * then overrun its buffers, and takes a second frame header after it has taken memory for the first; and it calls a file that
- * ends too early "expected marker". Steps from marker to marker; a preview within a segment is stepped over with it. */
-static const char *image_jpeg_fault(const struct os_file_map *file)
+/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), accepts a second
+ * frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the markers; a
+ * preview inside a segment is skipped with it. */
+static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
     int                  frames = 0;
@@ -104,7 +103,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
                         "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
                         "under the same name in images.txt",
                         path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
-    fault = image_is_jpeg(file) ? image_jpeg_fault(file) : NULL; /* before stb sees a byte */
+    fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL; /* before stb sees a byte */
     if (fault)
         return oxl_fail(ctx, OXL_ERR_INPUT, "%s: the JPEG of %zu bytes is damaged: %s\nfix: copy the file again, or remove it",
                         path, file->size, fault);
@@ -113,12 +112,12 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
                         stbi_failure_reason());
     if (*width < 1 || *height < 1 || *width > IMAGE_SIDE_MAX || *height > IMAGE_SIDE_MAX)
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: %d x %d px, wanted 1 to %d a side\nfix: reduce the photograph, or copy it again if it is damaged",
-                        path, *width, *height, IMAGE_SIDE_MAX);
+                        "%s: %d x %d px, wanted 1 to %d a side\nfix: reduce the image, or copy it again if it is damaged", path,
+                        *width, *height, IMAGE_SIDE_MAX);
     return OXL_OK;
 }
 
-/* 16 bits to 8, to the nearest: 0..65535 onto 0..255. In place, the narrow values overtake none of the wide. */
+/* 16 bits to 8, rounded to nearest: 0..65535 to 0..255, in place. */
 static uint8_t *image_narrow(uint16_t *wide, size_t count)
 {
     uint8_t *narrow = (uint8_t *)wide;
@@ -135,11 +134,11 @@ static size_t image_be32(const unsigned char *p)
     return (size_t)p[0] << 24 | (size_t)p[1] << 16 | (size_t)p[2] << 8 | p[3];
 }
 
-/* The chunk that holds the palette of a PNG, from its length on; NULL: there is none before its pixels. */
+/* The palette chunk of a PNG, from its length on; NULL: none before the pixels. */
 static const unsigned char *image_find_palette(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 8, *end = p + file->size - 8;
-    if (!image_is_png(file) || file->size < 26 || file->data[25] != 3) return NULL; /* IHDR: colours by a palette */
+    if (!image_is_png(file) || file->size < 26 || file->data[25] != 3) return NULL; /* IHDR: palette colours */
     while (end - p >= 12 && image_be32(p) <= (size_t)(end - p) - 12 && memcmp(p + 4, "IDAT", 4) != 0) {
         if (memcmp(p + 4, "PLTE", 4) == 0) return p;
         p += 12 + image_be32(p);
@@ -147,8 +146,7 @@ static const unsigned char *image_find_palette(const struct os_file_map *file)
     return NULL;
 }
 
-/* stb 2.27 looks up colours past the end of a short palette, in what happens to lie there. So it is given a file with all 256; those
- * that were missing are black. */
+/* stb 2.27 reads past the end of a short palette, so the palette is extended to 256 entries with black. */
 static oxl_result image_fill_palette(oxl_context *ctx, const char *path, struct os_file_map *file)
 {
     enum { FULL = 3 * 256 };
@@ -236,7 +234,7 @@ static unsigned image_span_weight(const struct image_span *s, int i, int n_out)
     return i == s->first ? s->weight_first : i == s->last ? s->weight_last : (unsigned)n_out;
 }
 
-/* What the rows of a photograph's output have in common: where its columns lie, and a line for each thread to add rows in. */
+/* Shared by all output rows: spans of the columns, and one accumulation row per thread. */
 struct image_reduction {
     const struct pixels         *in;
     const struct training_image *out;
@@ -244,7 +242,7 @@ struct image_reduction {
     uint32_t                    *line;   /* (threads, in->width, 3) */
 };
 
-/* The weighted sum of the rows under the span. Their weights add up to in->height, so 32 bits hold it. */
+/* The weighted sum of the rows in the span. The weights sum to in->height, so 32 bits suffice. */
 static void image_add_rows(const struct image_reduction *r, const struct image_span *rows, uint32_t *restrict line)
 {
     const size_t samples = 3 * (size_t)r->in->width;
@@ -256,7 +254,7 @@ static void image_add_rows(const struct image_reduction *r, const struct image_s
     }
 }
 
-/* The mean of the photograph over each output pixel's area, exact before it is rounded. */
+/* The mean of the image over each output pixel's area, exact before it is rounded. */
 static void image_reduce_row(const struct image_reduction *r, int y)
 {
     const struct image_span rows  = image_span_of(y, r->in->height, r->out->height);
@@ -281,7 +279,7 @@ static oxl_result image_reduce(oxl_context *ctx, const struct pixels *in, const 
     r.column                  = oxl_alloc(ctx, (size_t)out->width, sizeof *r.column);
     r.line                    = oxl_alloc(ctx, 3 * (size_t)in->width * (size_t)ctx->threads, sizeof *r.line);
     if (!r.column || !r.line) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce a photograph of %d x %d px", in->width, in->height);
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to reduce an image of %d x %d px", in->width, in->height);
         goto done;
     }
     for (int x = 0; x < out->width; x++) r.column[x] = image_span_of(x, in->width, out->width);
@@ -293,7 +291,7 @@ done:
     return rc;
 }
 
-/* A pixel that touches a black one of the mask is masked: its colour has part of what is to be ignored. */
+/* A pixel that overlaps a black mask pixel is masked, since its colour contains masked content. */
 static void image_reduce_mask_row(const struct pixels *mask, const struct training_image *out, int y)
 {
     const struct image_span rows = image_span_of(y, mask->height, out->height);
@@ -309,10 +307,10 @@ static void image_reduce_mask_row(const struct pixels *mask, const struct traini
 /* ---------------------------------------------------------------- undistort */
 
 struct image_warp {
-    const struct pixels        *photo, *mask; /* mask->data may be NULL */
+    const struct pixels        *source, *mask; /* mask->data may be NULL */
     const struct colmap_camera *from;
     const oxl_camera           *to;
-    double                      zoom[2]; /* photograph's px per px of `from`: 1 unless the file was resized */
+    double                      zoom[2]; /* image's px per px of `from`: 1 unless the file was resized */
     int                         samples; /* a side of an output pixel */
 };
 
@@ -330,19 +328,19 @@ static void image_add_bilinear(const struct pixels *in, const double p[2], uint3
                   wy * ((IMAGE_FRACTION - wx) * a[down] + wx * a[down + right]);
 }
 
-/* Does the real camera's pixel at p (px of the photograph) lie in the photograph, and is it not masked? */
+/* 1: p (px of the source image) is inside the image and not masked. */
 static int image_counts(const struct image_warp *w, const double p[2])
 {
-    if (!(p[0] >= 0 && p[0] <= w->photo->width && p[1] >= 0 && p[1] <= w->photo->height)) return 0;
+    if (!(p[0] >= 0 && p[0] <= w->source->width && p[1] >= 0 && p[1] <= w->source->height)) return 0;
     if (w->mask->data) {
-        const int x = OXL_MIN((int)(p[0] / w->photo->width * w->mask->width), w->mask->width - 1);
-        const int y = OXL_MIN((int)(p[1] / w->photo->height * w->mask->height), w->mask->height - 1);
+        const int x = OXL_MIN((int)(p[0] / w->source->width * w->mask->width), w->mask->width - 1);
+        const int y = OXL_MIN((int)(p[1] / w->source->height * w->mask->height), w->mask->height - 1);
         return w->mask->data[(size_t)y * w->mask->width + x] != 0;
     }
     return 1;
 }
 
-/* Each pixel is the mean of samples x samples bilinear samples of the photograph, spread evenly over it. */
+/* Each pixel is the mean of samples x samples bilinear samples on a regular grid. */
 static void image_warp_row(const struct image_warp *w, const struct training_image *out, int y)
 {
     const size_t   plane = (size_t)out->width * out->height;
@@ -358,7 +356,7 @@ static void image_warp_row(const struct image_warp *w, const struct training_ima
             p[0] *= w->zoom[0];
             p[1] *= w->zoom[1];
             counts &= image_counts(w, p);
-            if (counts) image_add_bilinear(w->photo, p, sum);
+            if (counts) image_add_bilinear(w->source, p, sum);
         }
         for (int c = 0; c < 3; c++)
             out->rgb[c * plane + (size_t)y * out->width + x] = counts ? (uint8_t)(((uint64_t)sum[c] + total / 2) / total) : 0;
@@ -366,22 +364,22 @@ static void image_warp_row(const struct image_warp *w, const struct training_ima
     }
 }
 
-static struct image_warp image_warp_of(const struct pixels *photo, const struct pixels *mask, const struct colmap_camera *from,
+static struct image_warp image_warp_of(const struct pixels *image, const struct pixels *mask, const struct colmap_camera *from,
                                        const oxl_camera *to)
 {
-    struct image_warp w = {.photo = photo, .mask = mask, .from = from, .to = to};
+    struct image_warp w = {.source = image, .mask = mask, .from = from, .to = to};
     double            k[4], reduction;
     camera_intrinsics(from, k);
-    w.zoom[0] = (double)photo->width / from->width;
-    w.zoom[1] = (double)photo->height / from->height;
-    reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy); /* photograph's px per output px at the axis */
+    w.zoom[0] = (double)image->width / from->width;
+    w.zoom[1] = (double)image->height / from->height;
+    reduction = OXL_MAX(k[0] * w.zoom[0] / to->fx, k[1] * w.zoom[1] / to->fy); /* image's px per output px at the axis */
     w.samples = (int)ceil(OXL_CLAMP(reduction - 0.01, 1, IMAGE_SAMPLES_MAX));
     return w;
 }
 
-/* ---------------------------------------------------------------- a training photograph */
+/* ---------------------------------------------------------------- a training image */
 
-/* The photograph may have been resized after COLMAP saw it, not cropped or turned. */
+/* The image may be resized since the COLMAP run, but not cropped or rotated. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from)
 {
@@ -390,21 +388,21 @@ OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, in
     if (fabs(zx / zy - 1) <= 0.01) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: %d x %d px, but camera %lld (%s:%d) has %d x %d, another shape\nfix: %s", path,
                     width, height, (long long)from->id, from->file, from->line, from->width, from->height,
-                    turned ? "turn the photograph back: COLMAP saw it as it lies in the file"
-                           : "use the photographs that COLMAP was given");
+                    turned ? "turn the image back: COLMAP saw it as it lies in the file"
+                           : "use the images that COLMAP was given");
 }
 
-static oxl_result image_photo_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask, struct training_image *out)
+static oxl_result image_training_alloc(oxl_context *ctx, const oxl_camera *to, int with_mask, struct training_image *out)
 {
     const size_t count = (size_t)to->width * to->height;
     *out               = (struct training_image){.width = to->width, .height = to->height};
     out->rgb           = oxl_alloc(ctx, count, 3);
     if (with_mask) out->mask = oxl_alloc(ctx, count, 1);
     if (out->rgb && (out->mask || !with_mask)) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a photograph of %d x %d px", to->width, to->height);
+    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image of %d x %d px", to->width, to->height);
 }
 
-/* A mask that masks nothing is not kept. */
+/* A mask without black pixels is freed. */
 static void image_drop_empty_mask(oxl_context *ctx, struct training_image *p)
 {
     if (!p->mask || memchr(p->mask, 0, (size_t)p->width * p->height)) return;
@@ -412,12 +410,12 @@ static void image_drop_empty_mask(oxl_context *ctx, struct training_image *p)
     p->mask = NULL;
 }
 
-/* Reduced and undistorted, a mask may be black all over that was not. */
+/* Reduction and undistortion can make a mask completely black. */
 static oxl_result image_check_mask(oxl_context *ctx, const char *path, const struct training_image *p)
 {
     if (!p->mask || memchr(p->mask, 255, (size_t)p->width * p->height)) return OXL_OK;
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%s: all of it is black at %d x %d px, so nothing of the photograph counts\n"
+                    "%s: all of it is black at %d x %d px, so nothing of the image counts\n"
                     "fix: white (255) in a mask means that the pixel counts",
                     path, p->width, p->height);
 }
@@ -426,18 +424,18 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
                                             const struct colmap_camera *from, const oxl_camera *to, struct training_image *out)
 {
     const int         distorted = camera_is_distorted(from);
-    struct pixels     photo = {0}, mask = {0};
+    struct pixels     image = {0}, mask = {0};
     struct image_warp warp;
     oxl_result        rc;
     *out = (struct training_image){0};
-    rc   = image_decode(ctx, path, 3, &photo);
-    if (rc == OXL_OK) rc = image_check_shape(ctx, path, photo.width, photo.height, from);
+    rc   = image_decode(ctx, path, 3, &image);
+    if (rc == OXL_OK) rc = image_check_shape(ctx, path, image.width, image.height, from);
     if (rc == OXL_OK && mask_path) rc = image_decode(ctx, mask_path, 1, &mask);
-    if (rc == OXL_OK) rc = image_photo_alloc(ctx, to, distorted || mask.data, out);
+    if (rc == OXL_OK) rc = image_training_alloc(ctx, to, distorted || mask.data, out);
     if (rc != OXL_OK) goto done;
-    if (!distorted) rc = image_reduce(ctx, &photo, out);
+    if (!distorted) rc = image_reduce(ctx, &image, out);
     if (rc != OXL_OK) goto done;
-    warp = image_warp_of(&photo, &mask, from, to);
+    warp = image_warp_of(&image, &mask, from, to);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int y = 0; y < to->height; y++) {
         if (distorted) image_warp_row(&warp, out, y);
@@ -446,28 +444,28 @@ OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, 
     image_drop_empty_mask(ctx, out);
     if (mask_path) rc = image_check_mask(ctx, mask_path, out);
 done:
-    image_pixels_free(ctx, &photo);
+    image_pixels_free(ctx, &image);
     image_pixels_free(ctx, &mask);
     if (rc != OXL_OK) image_training_free(ctx, out);
     return rc;
 }
 
-OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *photo)
+OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *image)
 {
-    oxl_free(ctx, photo->rgb);
-    oxl_free(ctx, photo->mask);
-    *photo = (struct training_image){0};
+    oxl_free(ctx, image->rgb);
+    oxl_free(ctx, image->mask);
+    *image = (struct training_image){0};
 }
 
-OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *photo, float *rgb, float *weight)
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb, float *weight)
 {
-    const int64_t count = (int64_t)photo->width * photo->height;
+    const int64_t count = (int64_t)image->width * image->height;
 #pragma omp parallel for simd schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < 3 * count; i++) rgb[i] = (float)photo->rgb[i] / 255.0f;
-    for (int64_t i = 0; weight && i < count; i++) weight[i] = !photo->mask || photo->mask[i] ? 1.0f : 0.0f;
+    for (int64_t i = 0; i < 3 * count; i++) rgb[i] = (float)image->rgb[i] / 255.0f;
+    for (int64_t i = 0; weight && i < count; i++) weight[i] = !image->mask || image->mask[i] ? 1.0f : 0.0f;
 }
 
-/* In place, towards the front: a pixel is written when the four that it is the mean of have been read. */
+/* In place: each pixel is written after its four source pixels are read. */
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
 {
     const size_t w = (size_t)width, small_w = w / 2, small_h = (size_t)height / 2;
@@ -487,19 +485,19 @@ OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
 
 static uint8_t image_to_byte(float v)
 {
-    if (!(v > 0)) return 0; /* not-a-number too */
+    if (!(v > 0)) return 0; /* NaN too */
     return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
 }
 
-OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *photo)
+OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to)
 {
     const size_t count = (size_t)image->width * image->height;
-    for (size_t i = 0; i < 3 * count; i++) photo->rgb[i] = image_to_byte(image->rgb[i]);
-    for (size_t i = 0; photo->mask && i < count; i++) photo->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
+    for (size_t i = 0; i < 3 * count; i++) to->rgb[i] = image_to_byte(image->rgb[i]);
+    for (size_t i = 0; to->mask && i < count; i++) to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
 }
 
-/* One filter for all rows and a short search: to try all five and search longer takes 1.6 times as long and saves nothing (docs/log/SPEED.md).
- * stb has these once for the whole program, so they are set once: threads that write PNGs side by side only read them. */
+/* One filter for all rows and a short search: all five filters and a longer search take 1.6 times as long for the same size
+ * (docs/log/SPEED.md). These are globals of stb, set once, so that threads that write PNGs only read them. */
 OXL_INTERNAL void image_begin(void)
 {
     enum { AVERAGE = 3, SEARCH = 5 };
@@ -538,10 +536,10 @@ done:
     return rc;
 }
 
-/* To stb, grey with alpha in 8 bits: the same two bytes a pixel, filtered and packed alike. The header then says 16 bits of grey. */
+/* Encoded by stb as 8-bit grey with alpha, which has the same bytes per pixel; then the header is changed to 16-bit grey. */
 OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height)
 {
-    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 }; /* where they stand in a PNG [RFC 2083] */
+    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 }; /* byte offsets in a PNG [RFC 2083] */
     const size_t   count   = (size_t)width * (size_t)height;
     uint8_t       *bytes   = oxl_alloc(ctx, count, 2);
     unsigned char *encoded = NULL;
@@ -562,7 +560,7 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
     return rc;
 }
 
-/* Where stb hands over the parts of a JPEG. */
+/* Callback of stb: receives the parts of a JPEG. */
 struct image_sink {
     oxl_context *ctx;
     void        *data;
@@ -659,7 +657,7 @@ OXL_INTERNAL int image_inflate(void *out, size_t size, const void *data, size_t 
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
                                       unsigned char **out, size_t *deflated)
 {
-    enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 }; /* bytes that zlib puts around deflate's */
+    enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 }; /* bytes of zlib's header and checksum */
     int            length = 0;
     unsigned char *zlib   = size <= INT_MAX ? stbi_zlib_compress((unsigned char *)data, (int)size, &length, 8) : NULL;
     *out                  = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;

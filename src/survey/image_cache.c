@@ -1,63 +1,62 @@
-/* image_cache.c - which photographs are in memory: read when they are asked for, or ahead of that, and dropped when the cache is full.
+/* image_cache.c - decoded images in memory: loaded on request or ahead of it, and evicted when the cache is full.
  *
- * Those in memory take at most the cache, the one last asked for aside. Invariant: which are there never changes a result.
+ * They take at most the limit, besides the image requested last. Invariant: the state of the cache does not change results.
  */
 #include "survey.h"
 
 enum {
-    IMAGE_CACHE_AHEAD = 16, /* read at once, at most */
+    IMAGE_CACHE_AHEAD = 16, /* limit of images loaded in parallel */
     IMAGE_CACHE_DECODE_BYTES =
         6 /* a pixel of the file: planes and colours of a JPEG; a progressive one and 16 bits take twice that */
 };
 
 OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out)
 {
-    *out = (struct image_cache){.photo = oxl_calloc(ctx, count + 1, sizeof *out->photo),
+    *out = (struct image_cache){.image = oxl_calloc(ctx, count + 1, sizeof *out->image),
                                 .used  = oxl_calloc(ctx, count + 1, sizeof *out->used),
                                 .count = (int)count,
                                 .limit = SIZE_MAX};
-    return out->photo && out->used ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu photographs", count);
+    return out->image && out->used ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of %zu images", count);
 }
 
-OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *photos)
+OXL_INTERNAL void image_cache_free(oxl_context *ctx, struct image_cache *cache)
 {
-    for (int i = 0; photos->photo && i < photos->count; i++) image_training_free(ctx, &photos->photo[i]);
-    oxl_free(ctx, photos->photo);
-    oxl_free(ctx, photos->used);
-    *photos = (struct image_cache){0};
+    for (int i = 0; cache->image && i < cache->count; i++) image_training_free(ctx, &cache->image[i]);
+    oxl_free(ctx, cache->image);
+    oxl_free(ctx, cache->used);
+    *cache = (struct image_cache){0};
 }
 
-static size_t image_cache_size(const struct training_image *photo)
+static size_t image_cache_size(const struct training_image *image)
 {
-    return (size_t)photo->width * photo->height * (photo->mask ? 4 : 3);
+    return (size_t)image->width * image->height * (image->mask ? 4 : 3);
 }
 
-/* Drops the photographs asked for last, until the rest and `keep` fit. Every epoch asks for all of them in a new order, so the one just
- * used is the one that will not be wanted for longest: with room for half of them this finds 50 % in memory, where dropping the oldest
- * finds 15 %. */
+/* Evicts the most recently used images until the rest and `keep` fit. Each epoch uses all images in a new order, so the most recent
+ * one is needed last: with memory for half of the images 50 % of the requests are hits; with LRU 15 %. */
 static void image_cache_make_room(oxl_context *ctx, struct image_cache *p, int keep, size_t limit)
 {
     while (p->held > limit) {
         int latest = -1;
         for (int i = 0; i < p->count; i++)
-            if (i != keep && p->photo[i].rgb && (latest < 0 || p->used[i] > p->used[latest])) latest = i;
+            if (i != keep && p->image[i].rgb && (latest < 0 || p->used[i] > p->used[latest])) latest = i;
         if (latest < 0) return;
-        p->held -= image_cache_size(&p->photo[latest]);
-        image_training_free(ctx, &p->photo[latest]);
+        p->held -= image_cache_size(&p->image[latest]);
+        image_training_free(ctx, &p->image[latest]);
     }
 }
 
 OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view)
 {
     struct image_cache    *p     = scene_image_cache(scene);
-    struct training_image *photo = &p->photo[view];
+    struct training_image *image = &p->image[view];
     p->used[view]                = ++p->clock;
-    if (!photo->rgb) {
-        if (scene_load_image(ctx, scene, view, photo) != OXL_OK) return NULL;
-        p->held += image_cache_size(photo);
+    if (!image->rgb) {
+        if (scene_load_image(ctx, scene, view, image) != OXL_OK) return NULL;
+        p->held += image_cache_size(image);
         image_cache_make_room(ctx, p, view, p->limit);
     }
-    return photo;
+    return image;
 }
 
 OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels)
@@ -66,8 +65,8 @@ OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_p
     return OXL_MIN(3 * pixels + ahead, cache) + one;
 }
 
-/* Chooses of the views asked for, in their order, those to read at once: not in memory, one for each thread, and in a quarter of the
- * cache as they come from the file, which is *bytes. */
+/* Chooses the next views to load in parallel: not in memory, at most one per thread, at most a quarter of the cache at the size
+ * of the files' pixels, which is *bytes. */
 static int image_cache_choose_ahead(const oxl_context *ctx, oxl_scene *scene, const int *view, int count, int *chosen,
                                     size_t *bytes)
 {
@@ -76,7 +75,7 @@ static int image_cache_choose_ahead(const oxl_context *ctx, oxl_scene *scene, co
     *bytes                      = 0;
     for (int i = 0; i < count && n < OXL_MIN(ctx->threads, IMAGE_CACHE_AHEAD); i++) {
         const double more = IMAGE_CACHE_DECODE_BYTES * scene_file_pixels(scene, view[i]);
-        if (p->photo[view[i]].rgb) continue;
+        if (p->image[view[i]].rgb) continue;
         if ((double)*bytes + more > (double)(p->limit / 4)) break;
         *bytes += (size_t)more;
         chosen[n++] = view[i];
@@ -90,8 +89,8 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const in
     struct training_image read[IMAGE_CACHE_AHEAD] = {{0}};
     int                   chosen[IMAGE_CACHE_AHEAD], n;
     size_t                bytes;
-    oxl_context           own = context_apart(ctx); /* its errors nobody hears: who asks for the photograph will */
-    if (!scene_colmap(scene) || count < 1 || p->photo[view[0]].rgb) return;
+    oxl_context           own = context_for_thread(ctx); /* errors are dropped here and reported when the image is requested */
+    if (!scene_colmap(scene) || count < 1 || p->image[view[0]].rgb) return;
     n = image_cache_choose_ahead(ctx, scene, view, count, chosen, &bytes);
     if (n < 2) return;
     image_cache_make_room(ctx, p, -1, p->limit - bytes);
@@ -99,8 +98,8 @@ OXL_INTERNAL void image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const in
     for (int i = 0; i < n; i++) scene_load_image(&own, scene, chosen[i], &read[i]);
     for (int i = 0; i < n; i++) {
         if (!read[i].rgb) continue;
-        p->photo[chosen[i]] = read[i];
-        p->used[chosen[i]]  = 0; /* wanted soon: the last to be dropped */
+        p->image[chosen[i]] = read[i];
+        p->used[chosen[i]]  = 0; /* needed soon: evicted last */
         p->held += image_cache_size(&read[i]);
     }
     image_cache_make_room(ctx, p, -1, p->limit);

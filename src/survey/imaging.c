@@ -1,22 +1,26 @@
-/* imaging.c - what lies between the scene's colours and an image: a gain per channel for each view.
+/* imaging.c - exposure gains per view and channel, and the water medium, between the model's colours and an image.
  *
- * Cameras adapt exposure and white balance as they pass from sand to rock. A view that was not trained on has the gain of its neighbours in
- * file order, which is the order of time in most surveys: a straight line in the logarithm between the trained views before and after.
+ * Cameras adapt exposure and white balance. A view that was not trained has a gain interpolated between the training views of the same
+ * camera before and after it in file order, which is the order of time in most surveys: linear in the logarithm. The two cameras of a
+ * stereo pair, interleaved by name, have gains of their own.
  *
  *     # comment
  *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
  *
- * Invariant: an `imaging` that is off changes nothing. Logarithms are natural, of gains that the rendered image is multiplied by.
+ * Invariant: an `imaging` that is off changes nothing. Logarithms are natural; gains multiply the rendered image.
  */
 #include "survey.h"
 #include "../core/vecmath.h"
+
+#define IMAGING_CAMERA_VIEWS 4 /* that a camera must have in the mean */
 
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out)
 {
     *out          = (struct imaging){.views = views};
     out->log_gain = oxl_calloc(ctx, 3 * (size_t)views + 1, sizeof *out->log_gain);
     out->known    = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->known);
-    if (out->log_gain && out->known) return OXL_OK;
+    out->camera   = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->camera);
+    if (out->log_gain && out->known && out->camera) return OXL_OK;
     imaging_free(ctx, out);
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
 }
@@ -25,6 +29,7 @@ OXL_INTERNAL void imaging_free(oxl_context *ctx, struct imaging *m)
 {
     oxl_free(ctx, m->log_gain);
     oxl_free(ctx, m->known);
+    oxl_free(ctx, m->camera);
     *m = (struct imaging){0};
 }
 
@@ -33,6 +38,7 @@ OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
 {
     memcpy(to->log_gain, from->log_gain, 3 * (size_t)from->views * sizeof *to->log_gain);
     memcpy(to->known, from->known, (size_t)from->views * sizeof *to->known);
+    memcpy(to->camera, from->camera, (size_t)from->views * sizeof *to->camera);
     to->on     = from->on;
     to->medium = from->medium;
 }
@@ -43,19 +49,62 @@ OXL_INTERNAL void imaging_clear(struct imaging *m)
     memset(m->known, 0, (size_t)m->views * sizeof *m->known);
 }
 
+/* ---------------------------------------------------------------- cameras */
+
+static uint64_t imaging_hash(uint64_t hash, unsigned char byte) /* FNV-1a */
+{
+    return (hash ^ byte) * UINT64_C(1099511628211);
+}
+
+/* CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera, L/0012.png and R/0012.png are not. */
+static uint64_t imaging_camera_key(const oxl_scene *scene, int view, int camera_ids)
+{
+    const char    *name = oxl_scene_view(scene, view)->name, *base = survey_find_base_name(name);
+    const uint64_t id   = camera_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
+    uint64_t       hash = UINT64_C(14695981039346656037);
+    for (int k = 0; k < 8; k++) hash = imaging_hash(hash, (unsigned char)(id >> 8 * k & 255));
+    for (const char *c = name; *c; c++)
+        if (c < base || *c < '0' || *c > '9') hash = imaging_hash(hash, (unsigned char)*c);
+    return hash;
+}
+
+static int imaging_compare_keys(const void *a, const void *b)
+{
+    const uint64_t *x = a, *y = b;
+    return (*x > *y) - (*x < *y);
+}
+
+/* Where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where COLMAP gave each image its own, or names are random, the keys
+ * say nothing: all views count as one camera's. */
+OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
+{
+    const struct colmap *from    = scene_colmap(scene);
+    const int            ids     = from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)m->views;
+    uint64_t            *sorted  = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
+    int                  cameras = 0;
+    if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the cameras of %d views", m->views);
+    for (int i = 0; i < m->views; i++) sorted[i] = m->camera[i] = imaging_camera_key(scene, i, ids);
+    qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_keys);
+    for (int i = 0; i < m->views; i++) cameras += i == 0 || sorted[i] != sorted[i - 1];
+    if (cameras * IMAGING_CAMERA_VIEWS > m->views) memset(m->camera, 0, (size_t)m->views * sizeof *m->camera);
+    oxl_free(ctx, sorted);
+    return OXL_OK;
+}
+
 /* ---------------------------------------------------------------- gains */
 
-/* The nearest view of known gain from `view` on, itself left out, in steps of `way`; -1: there is none. */
-static int imaging_neighbour(const struct imaging *m, int view, int way)
+/* The nearest view of known gain after `view`, in steps of `way`, of the same camera or of any; -1: none. */
+static int imaging_neighbour(const struct imaging *m, int view, int way, int any)
 {
     for (int i = view + way; i >= 0 && i < m->views; i += way)
-        if (m->known[i]) return i;
+        if (m->known[i] && (any || m->camera[i] == m->camera[view])) return i;
     return -1;
 }
 
 OXL_INTERNAL void imaging_between(const struct imaging *m, int view, float out[3])
 {
-    const int before = imaging_neighbour(m, view, -1), after = imaging_neighbour(m, view, 1);
+    int before = imaging_neighbour(m, view, -1, 0), after = imaging_neighbour(m, view, 1, 0);
+    if (before < 0 && after < 0) before = imaging_neighbour(m, view, -1, 1), after = imaging_neighbour(m, view, 1, 1);
     for (int c = 0; c < 3; c++) {
         const float a = before >= 0 ? m->log_gain[3 * before + c] : 0, b = after >= 0 ? m->log_gain[3 * after + c] : 0;
         const float t = before >= 0 && after >= 0 ? (float)(view - before) / (float)(after - before) : after >= 0;
@@ -294,7 +343,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
     return rc;
 }
 
-/* Views are ordered by name. -1: there is none of that name. */
+/* Views are ordered by name. -1: none of that name. */
 static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
 {
     for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
@@ -338,6 +387,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
     struct os_file_map map  = {0};
     oxl_result         rc   = imaging_create(ctx, oxl_scene_view_count(scene), out);
     int                line = 0;
+    if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, out);
     if (rc == OXL_OK) rc = os_read_file(ctx, path, &map);
     for (const char *at = map.data, *end = map.data + map.size; rc == OXL_OK && at < end;) {
         const char *stop = memchr(at, '\n', (size_t)(end - at));
@@ -387,8 +437,8 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
  * they differ: the later block's gains are raised, and its colours lowered, by that.
  */
 
-/* The gains of a block join those of the blocks before it. shift (3): what was added to its log gains. `count` (views): blocks that had
- * the view so far. */
+/* Averages the gains of a block with those of earlier blocks. shift (3): added to its log gains. count (views): blocks that
+ * contained the view so far. */
 OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3])
 {
     int shared = 0;

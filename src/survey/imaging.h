@@ -30,9 +30,12 @@ struct imaging {
     int           on;       /* 0: gains are 1 */
     int           views;    /* of the scene */
     float        *log_gain; /* (views,3) */
-    uint8_t      *known;    /* (views) 1: it was trained on; the others are interpolated */
+    uint8_t      *known;    /* (views) 1: trained; others are interpolated */
+    uint64_t     *camera;   /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called */
 };
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
+/* Which views are of one camera, by COLMAP's CAMERA_ID, folder and name without its digits. */
+OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
 OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
 OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void       imaging_clear(struct imaging *m);

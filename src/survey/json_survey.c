@@ -1,7 +1,7 @@
 /* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, as the struct that COLMAP's files give.
  *
- * Invariant: what colmap.c promises of its files holds here: finite numbers, rotations, names inside the image folder, each image's
- * camera is there. There are no 2D points and no tracks: such a survey is one block.
+ * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera exists. There are no
+ * 2D points and no tracks, so such a survey is one block.
  */
 #include "json_survey.h"
 
@@ -18,7 +18,7 @@ OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *pa
     if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", path);
     r->rc = os_read_file(r->ctx, path, map);
     if (r->rc != OXL_OK) return r->rc;
-    fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_fault(map->data);
+    fault = memchr(map->data, 0, map->size) ? map->data + strlen(map->data) : oxl_json_error(map->data);
     if (!fault) return OXL_OK;
     return r->rc =
                oxl_fail(r->ctx, OXL_ERR_INPUT,

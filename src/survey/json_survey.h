@@ -1,4 +1,4 @@
-/* json_survey.h - what the readers of surveys in JSON share. They fill the same struct colmap as COLMAP's files do. */
+/* json_survey.h - shared by the readers of surveys in JSON. They fill struct colmap. */
 #ifndef OXL_JSON_SURVEY_H
 #define OXL_JSON_SURVEY_H
 

@@ -1,26 +1,24 @@
-/* lint.c - faults of a survey whose files can all be read: poses that do not fit the points, images and masks that training
- * cannot use.
+/* lint.c - checks of a readable survey: poses that do not fit the points, images and masks that training cannot use.
  *
- * A track states that an image shows its point, so the point lies in front of that camera and within its frame. Where the poses lead
- * from camera to world, or cameras, poses and points come from different models or scales, many do not; in exports of COLMAP's
- * own, none.
+ * A track states that an image observes a point, so the point projects into that image. If poses are camera to world, or cameras,
+ * poses and points come from different models or scales, many do not; in COLMAP's own exports all do.
  *
- * Invariant: nothing here changes what is trained.
+ * Invariant: no check changes what is trained.
  */
 #include "survey.h"
 
 enum {
-    LINT_SAMPLE = 1 << 16, /* track entries looked at, spread evenly */
-    LINT_LEAST  = 4,       /* of one image, before it is judged */
-    LINT_NAMED  = 10       /* images and masks named, of a kind */
+    LINT_SAMPLE = 1 << 16, /* track entries checked, at a fixed stride */
+    LINT_LEAST  = 4,       /* minimum of entries to judge an image */
+    LINT_NAMED  = 10       /* images or masks named per message */
 };
-#define LINT_MARGIN 0.05 /* of the longer side: a point so far beside the frame still lies in it */
-#define LINT_MISSED 0.5  /* share of its points outside an image, from which on its pose counts as wrong */
+#define LINT_MARGIN 0.05 /* tolerance outside the image, of the longer side */
+#define LINT_MISSED 0.5  /* share of points outside an image from which its pose counts as wrong */
 
 /* ---------------------------------------------------------------- poses and points */
 
 struct lint_view {
-    size_t seen, missed; /* entries looked at; of them outside the image */
+    size_t seen, missed; /* entries checked; of these, outside the image */
 };
 
 static int lint_is_in_frame(const oxl_scene *scene, int view, const double world[3])
@@ -62,7 +60,7 @@ static int lint_is_odd(const struct lint_view *v)
     return v->seen >= LINT_LEAST && (double)v->missed > LINT_MISSED * (double)v->seen;
 }
 
-/* A few poses may be wrong where all others fit; when those do not fit either, the survey as a whole is doubted. */
+/* A few wrong poses are named; if the remaining views do not fit either, the whole survey is reported. */
 static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct lint_view *views, oxl_survey *s)
 {
     const int count = oxl_scene_view_count(scene);
@@ -72,7 +70,7 @@ static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct l
     for (int i = 0; i < count; i++)
         if (2 * odd > count || !lint_is_odd(&views[i])) seen += views[i].seen, missed += views[i].missed;
     s->missed = seen ? (double)missed / (double)seen : 0;
-    for (int i = 0; i < count && s->missed <= LINT_DOUBT; i++)
+    for (int i = 0; i < count && s->missed <= LINT_MISSED_SURVEY; i++)
         if (lint_is_odd(&views[i]) && named++ < LINT_NAMED)
             oxl_log(ctx, OXL_LOG_WARNING,
                     "%s: %.0f %% of the points in its tracks project outside this image, so its pose is wrong\n"
@@ -107,8 +105,8 @@ done:
 
 /* ---------------------------------------------------------------- images and masks */
 
-/* The header and the segments of an image, all of a mask: damage in the pixels themselves is found when they are decoded. */
-static oxl_result lint_photograph(oxl_context *ctx, const oxl_scene *scene, int view)
+/* Checks the header and segments of an image, and all of a mask; damaged pixel data are found on decoding. */
+static oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
 {
     const char *name  = oxl_scene_view(scene, view)->name;
     char       *path  = oxl_path_join(ctx, scene_images_folder(scene), name);
@@ -119,7 +117,7 @@ static oxl_result lint_photograph(oxl_context *ctx, const oxl_scene *scene, int 
     return rc;
 }
 
-/* *counts: the share that is not black. */
+/* *counts: the share of pixels that are not black. */
 static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, int *stretched, double *counts)
 {
     const struct colmap_camera *from   = scene_source_camera(scene, view);
@@ -154,7 +152,7 @@ OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, ox
     int    usable = 0, stretched = 0;
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         double     counts = 1;
-        oxl_result rc     = lint_photograph(ctx, scene, i);
+        oxl_result rc     = lint_image(ctx, scene, i);
         if (rc == OXL_OK) rc = lint_mask(ctx, scene, i, &stretched, &counts);
         masked += 1 - counts;
         usable += rc == OXL_OK && !oxl_scene_view(scene, i)->is_test;

@@ -10,7 +10,7 @@
 
 #include "../core/vecmath.h"
 
-/* Of the frame, or else of the file. */
+/* Of the frame, otherwise of the file. */
 static double nerfstudio_number(const char *json, const char *frame, const char *name, double otherwise)
 {
     double value = oxl_json_number(frame, name);
@@ -126,7 +126,7 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, co
     if (rc == OXL_OK) rc = nerfstudio_pose(r, frame, q, t);
     if (rc != OXL_OK) return rc;
     if (!strchr(survey_find_base_name(path), '.'))
-        memcpy(path + length, ".png", 5), length += 4; /* as Blender's surveys mean it */
+        memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
     if (!strncmp(name, "./", 2)) name += 2;
     if (!r->out->images_beside) name += strlen("images/");
     if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera)) rc = json_survey_add_camera(r, &camera);

@@ -64,7 +64,7 @@ static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
                              "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
 }
 
-/* Its place among the keys of "cameras": the row it has been given. -1: there is none of that name. */
+/* Its index among the keys of "cameras", which is its row; -1: none of that name. */
 static int64_t opensfm_camera_row(const char *cameras, const char *value)
 {
     const size_t length = oxl_json_room(value);

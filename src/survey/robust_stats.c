@@ -1,19 +1,19 @@
-/* robust_stats.c - robust measures of a survey: bounds, the cameras' radius, depths.
+/* robust_stats.c - robust statistics of a survey: bounds, radius of the cameras, depths.
  *
- * Sources: the radius is 3DGS's (Kerbl 2023, reference code), made robust; the depths serve the near plane and the depth bands
- * of UCD (paper eq. 2), which speak of SfM points in the views that saw them. On the pool survey the median depth by tracks is
- * 6.1, of all points in front of a camera 10.7: haze hides most of those.
+ * Sources: the radius is 3DGS's (Kerbl 2023, reference code), made robust. Depths are used for the near plane and the depth bands of UCD
+ * (paper eq. 2), which is defined on SfM points in the views that observe them: on the pool survey the median depth by tracks is
+ * 6.1, and 10.7 over all points in front of a camera.
  *
- * Invariant: large surveys are sampled at a fixed stride, so a measure depends on the survey alone.
+ * Invariant: large surveys are sampled at a fixed stride, so the statistics depend on the survey alone.
  */
 #include "survey.h"
 
 enum {
-    STATS_SAMPLE = 1 << 16, /* values that a quantile is taken of, at most */
+    STATS_SAMPLE = 1 << 16, /* limit of values for a quantile */
     STATS_VIEWS  = 64,      /* without tracks: views and points that depths are sampled from; their product is the sample */
     STATS_POINTS = STATS_SAMPLE / STATS_VIEWS
 };
-#define STATS_OUTLIER 5.0 /* a camera farther out than so many median distances does not count for the radius */
+#define STATS_OUTLIER 5.0 /* cameras beyond this multiple of the median distance are ignored */
 
 /* ---------------------------------------------------------------- quantiles */
 
@@ -33,13 +33,13 @@ OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double
     return count ? ascending[stats_rank(count, quantile)] : 0;
 }
 
-/* Hoare 1961. Equal values stop both scans, so that many of them cost no more than others. */
+/* Hoare 1961. Equal values stop both scans, so that many duplicates do not degrade the run time. */
 OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile)
 {
     const size_t nth   = count ? stats_rank(count, quantile) : 0;
     size_t       first = 0, end = count;
     while (end - first > 1) {
-        const double pivot = value[first + (end - first - 1) / 2]; /* never the last: so both parts are smaller */
+        const double pivot = value[first + (end - first - 1) / 2]; /* not the last value, so both parts are smaller */
         size_t       i = first, j = end - 1;
         for (;;) {
             while (value[i] < pivot) i++;
@@ -81,7 +81,7 @@ static double stats_distance(const double a[3], const double b[3])
     return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
 }
 
-/* Moves those of n centres that stand within the limit to the front; returns how many. */
+/* Moves the centres within the limit to the front; returns their number. */
 static size_t stats_drop_outliers(double *centre, size_t n, const double middle[3], double limit)
 {
     size_t kept = 0;
@@ -155,12 +155,12 @@ static void stats_by_tracks(const struct stats_view *views, size_t count, const 
             const struct stats_view *view, wanted = {.image_row = c->track[c->point[i].first_track + k].image_row};
             if (seen++ % step != 0) continue;
             view = bsearch(&wanted, views, count, sizeof *views, stats_compare_views);
-            if (view) stats_add_depth(d, view->camera, local); /* NULL: a test view, or one that is missing */
+            if (view) stats_add_depth(d, view->camera, local); /* NULL: a test view or a missing image */
         }
     }
 }
 
-static int stats_is_in_sight(const oxl_camera *c, const double p[3])
+static int stats_is_in_image(const oxl_camera *c, const double p[3])
 {
     double x[3];
     for (int i = 0; i < 3; i++) {
@@ -172,13 +172,13 @@ static int stats_is_in_sight(const oxl_camera *c, const double p[3])
            fabs(c->fy * x[1] / x[2] + c->cy - 0.5 * c->height) <= 0.5 * c->height;
 }
 
-static void stats_by_sight(const struct stats_view *views, size_t count, const oxl_point *points, size_t n,
+static void stats_by_image(const struct stats_view *views, size_t count, const oxl_point *points, size_t n,
                            struct stats_depths *d)
 {
     const size_t view_step = count / STATS_VIEWS + 1, step = n / STATS_POINTS + 1;
     for (size_t v = 0; v < count; v += view_step)
         for (size_t i = 0; i < n; i += step)
-            if (stats_is_in_sight(views[v].camera, points[i].position)) stats_add_depth(d, views[v].camera, points[i].position);
+            if (stats_is_in_image(views[v].camera, points[i].position)) stats_add_depth(d, views[v].camera, points[i].position);
 }
 
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
@@ -190,7 +190,7 @@ OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views,
     if (!d.z) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
     if (count) qsort(views, count, sizeof *views, stats_compare_views);
     stats_by_tracks(views, count, c, origin, &d);
-    if (d.count == 0) stats_by_sight(views, count, points, n, &d);
+    if (d.count == 0) stats_by_image(views, count, points, n, &d);
     qsort(d.z, d.count, sizeof *d.z, stats_compare);
     *out_count = d.count;
     return OXL_OK;

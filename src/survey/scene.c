@@ -1,23 +1,23 @@
-/* scene.c - from the files to views, points and photographs.
+/* scene.c - views, points and images of a survey.
  *
- * Everything is read in double and moved to an origin of the scene's own before any of it becomes float, so that a survey in
- * UTM coordinates (4 200 000 m) trains as one near 0 does:  x_local = x_world - origin,  t_local = t + R origin.
+ * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM coordinates (4 200 000 m) lose
+ * no precision:  x_local = x_world - origin,  t_local = t + R origin.
  * The test split and the extent are those of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
  *
- * Invariant: views are sorted by name, bytewise, and so is the test split, whatever the order in images.txt.
+ * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
 #include "survey.h"
 
 enum {
-    SCENE_GREY          = 128, /* of points whose colour is not known */
-    SCENE_NAMED_MISSING = 10,  /* missing photographs that are listed by name */
-    SCENE_HEADERS       = 16   /* cameras of which the first photograph's size is read: some surveys have one camera for each */
+    SCENE_GREY          = 128, /* of points without colour */
+    SCENE_NAMED_MISSING = 10,  /* missing images that are listed by name */
+    SCENE_HEADERS       = 16   /* limit of cameras whose first image's size is read: some surveys have one camera per image */
 };
-#define SCENE_FARTHEST       1e15 /* a point farther from the origin is no place */
+#define SCENE_FARTHEST       1e15 /* farther points are dropped */
 #define SCENE_EXTENT         1.1  /* x the radius of the training cameras [Kerbl 2023] */
-#define SCENE_EXTENT_LEAST   1e-3 /* x the median depth; below it, the cameras stand in one place */
-#define SCENE_NEAR           0.2  /* x the depth before which 1 % of the points lie */
-#define SCENE_NEAR_POINTLESS 0.01 /* x the extent, when there are no points */
+#define SCENE_EXTENT_LEAST   1e-3 /* x the median depth; a smaller radius counts as one position */
+#define SCENE_NEAR           0.2  /* x the 1 % quantile of the depths */
+#define SCENE_NEAR_POINTLESS 0.01 /* x the extent, without points */
 
 struct scene_source { /* indices in colmap.image, colmap.camera */
     size_t image, camera;
@@ -33,15 +33,15 @@ struct oxl_scene {
     double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
     size_t     depth_count;
 
-    struct image_cache photos; /* (view_count) */
+    struct image_cache cache; /* (view_count) */
 
-    struct imaging imaging; /* of the model that was trained on it or read for it */
+    struct imaging imaging; /* of the model trained on this scene or read for it */
 
     struct scene_stats   stats;
     int                  from_files;
-    struct colmap        colmap;         /* from files: kept for the partition; the views' names lie in it */
+    struct colmap        colmap;         /* from files: for the partition; holds the views' names */
     struct scene_source *source;         /* from files: (view_count) */
-    double              *on_disk;        /* from files: (cameras) px of a photograph's side for one in cameras.txt */
+    double              *on_disk;        /* from files: (cameras) px of an image's side for one in cameras.txt */
     char                *images, *masks; /* from files: folders; masks NULL: none */
 };
 
@@ -49,7 +49,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 {
     if (!scene) return;
     for (int i = 0; i < scene->view_count && !scene->from_files; i++) oxl_free(ctx, (char *)scene->view[i].name);
-    image_cache_free(ctx, &scene->photos);
+    image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
     oxl_free(ctx, scene->view);
     oxl_free(ctx, scene->point);
@@ -71,13 +71,13 @@ static oxl_result scene_alloc_views(oxl_context *ctx, oxl_scene *scene, size_t c
 {
     scene->view   = oxl_calloc(ctx, count + 1, sizeof *scene->view);
     scene->source = oxl_calloc(ctx, count + 1, sizeof *scene->source);
-    if (scene->view && scene->source) return image_cache_begin(ctx, count, &scene->photos);
+    if (scene->view && scene->source) return image_cache_begin(ctx, count, &scene->cache);
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for %zu views", count);
 }
 
 /* ---------------------------------------------------------------- look-ups */
 
-struct scene_key { /* for look-ups: ids are sparse and unordered */
+struct scene_key { /* for lookups: ids are sparse and unordered */
     int64_t id;
     size_t  index;
 };
@@ -94,18 +94,18 @@ static const struct scene_key *scene_find_key(const struct scene_key *keys, size
     return bsearch(&wanted, keys, count, sizeof *keys, scene_compare_keys);
 }
 
-/* ---------------------------------------------------------------- photographs that are not there */
+/* ---------------------------------------------------------------- images that are not there */
 
 static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double share)
 {
     char like[256];
     if (!os_is_folder(scene->images))
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: there is no such folder, and the photographs should be in it\nfix: name theirs by --images",
+                        "%s: there is no such folder, and the images should be in it\nfix: name theirs by --images",
                         scene->images);
     survey_find_like(ctx, scene->images, first, like, sizeof like);
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%d of the %zu photographs of images.txt are not in %s, the first is %s; at most %.0f %% may be missing\n"
+                    "%d of the %zu images of images.txt are not in %s, the first is %s; at most %.0f %% may be missing\n"
                     "fix: %s%s%s",
                     scene->stats.images_missing, scene->colmap.image_count, scene->images, first, 100 * share,
                     scene->view_count == 0 ? "name by --images the folder that the names in images.txt start from"
@@ -115,7 +115,7 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
 
 /* ---------------------------------------------------------------- views */
 
-/* Reduced until the longer side is at most max_side, and to the size on disk when the photographs were made smaller. */
+/* Reduced until the longer side is at most max_side, and to the size on disk when the images were made smaller. */
 static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_disk)
 {
     oxl_camera   c       = *ideal;
@@ -130,7 +130,7 @@ static oxl_camera scene_reduce(const oxl_camera *ideal, int max_side, double on_
     return c;
 }
 
-/* Photograph's px per px of its camera in cameras.txt. A photograph that cannot be read is found out later. */
+/* Pixels of the image per pixel of its camera in cameras.txt. Unreadable images are reported later. */
 static double scene_size_on_disk(oxl_context *ctx, const char *path, const struct colmap_camera *camera)
 {
     int w, h;
@@ -138,7 +138,7 @@ static double scene_size_on_disk(oxl_context *ctx, const char *path, const struc
     return OXL_MAX((double)w / camera->width, (double)h / camera->height);
 }
 
-struct scene_order { /* images by name; equal names by their place in the file */
+struct scene_order { /* images by name; equal names by file order */
     const char *name;
     size_t      image;
 };
@@ -150,7 +150,7 @@ static int scene_compare_order(const void *a, const void *b)
     return c ? c : (x->image > y->image) - (x->image < y->image);
 }
 
-struct scene_build { /* what building the views needs beside the scene */
+struct scene_build { /* working data of scene construction */
     const oxl_scene_options *options;
     struct scene_order      *order;  /* (images) */
     struct scene_key        *camera; /* (cameras) by id */
@@ -158,7 +158,7 @@ struct scene_build { /* what building the views needs beside the scene */
     int                      headers;
 };
 
-/* What is wrong with a line of the survey's files begins with the file's name; the folder is put before it. */
+/* Prefixes an error about a line of the survey's files with the folder. */
 static oxl_result scene_say_where(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
 {
     char said[sizeof ctx->error];
@@ -217,14 +217,14 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
     return rc;
 }
 
-/* Of two that have one name, which pose is the photograph's? */
+/* Two images with one name are an error. */
 static oxl_result scene_check_names(oxl_context *ctx, const oxl_scene *scene, const struct scene_order *order)
 {
     const struct colmap *c = &scene->colmap;
     for (size_t i = 1; i < c->image_count; i++)
         if (strcmp(order[i - 1].name, order[i].name) == 0)
             return oxl_fail(ctx, OXL_ERR_INPUT,
-                            "%s/%s:%d: %s was there before, in line %d, wanted each photograph once\n"
+                            "%s/%s:%d: %s was there before, in line %d, wanted each image once\n"
                             "fix: export the model once more, or take one of the two out: colmap image_deleter",
                             c->folder, c->images_file, c->image[order[i].image].line, order[i].name,
                             c->image[order[i - 1].image].line);
@@ -249,7 +249,7 @@ static oxl_result scene_add_views(oxl_context *ctx, oxl_scene *scene, struct sce
     if (rc != OXL_OK) return rc;
     scene->stats.images_missing = missing;
     if (missing > SCENE_NAMED_MISSING)
-        oxl_log(ctx, OXL_LOG_WARNING, "... and %d more; %d of %zu photographs are missing in all", missing - SCENE_NAMED_MISSING,
+        oxl_log(ctx, OXL_LOG_WARNING, "... and %d more; %d of %zu images are missing in all", missing - SCENE_NAMED_MISSING,
                 missing, c->image_count);
     if (missing && (scene->view_count == 0 || missing > b->options->missing_share * (double)c->image_count))
         return scene_fail_missing(ctx, scene, first, b->options->missing_share);
@@ -281,7 +281,7 @@ static oxl_result scene_build_views(oxl_context *ctx, oxl_scene *scene, const ox
     return rc;
 }
 
-/* As 3DGS does: index 0, 8, 16... by name. A single view is for training. */
+/* As in 3DGS: index 0, 8, 16... by name. A single view is a training view. */
 static void scene_split(oxl_scene *scene, int test_every)
 {
     for (int i = 0; i < scene->view_count && scene->view_count > 1 && test_every > 0; i++) {
@@ -324,7 +324,7 @@ static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
 
 /* ---------------------------------------------------------------- origin, extent, depth */
 
-/* The median of the points, or of the camera centres when there are none; then everything moves there. */
+/* The origin: median of the points, or of the camera centres without points. All coordinates are made relative to it. */
 static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
 {
     const struct colmap *c       = &scene->colmap;
@@ -348,10 +348,10 @@ OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const doubl
 {
     double size = 0;
     for (int k = 0; k < 3; k++) size += fabs(point->position[k] - origin[k]);
-    return size <= SCENE_FARTHEST; /* not when it is not a number */
+    return size <= SCENE_FARTHEST; /* false for NaN */
 }
 
-/* GLOMAP and others write 0 0 0 for all. Gaussians that begin black would stay so: the colour's clamp at 0 stops its gradient. */
+/* GLOMAP and others write 0 0 0 for all points. Black Gaussians would stay black, since the clamp of colours at 0 has gradient 0. */
 static void scene_mend_colours(oxl_context *ctx, oxl_scene *scene)
 {
     int coloured = 0;
@@ -397,7 +397,7 @@ static void scene_fill_stats(oxl_scene *scene)
     s->mean_error   = s->points ? errors / (double)s->points : 0;
 }
 
-/* What follows from views and points, wherever they came from. */
+/* Values derived from views and points, for scenes from files and from arrays. */
 static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
 {
     struct stats_view *views = oxl_alloc(ctx, (size_t)scene->view_count + 1, sizeof *views);
@@ -501,7 +501,7 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     if (o.read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
     if (rc == OXL_OK && scene->view_count == 1)
-        oxl_log(ctx, OXL_LOG_WARNING, "only one photograph: there will be no depth in the scene");
+        oxl_log(ctx, OXL_LOG_WARNING, "only one image: there will be no depth in the scene");
 done:
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);
     else *out = scene;
@@ -511,7 +511,7 @@ done:
 static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_view *view, const oxl_image *image)
 {
     const size_t           pixels = (size_t)image->width * image->height;
-    struct training_image *photo  = &scene->photos.photo[scene->view_count];
+    struct training_image *to     = &scene->cache.image[scene->view_count];
     char                  *name   = oxl_strdup(ctx, view->name ? view->name : "");
     if (!name) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a name");
     scene->view[scene->view_count]      = *view;
@@ -523,12 +523,12 @@ static oxl_result scene_copy_view(oxl_context *ctx, oxl_scene *scene, const oxl_
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "view %s: an image of %d x %d px for a camera of %d x %d\nfix: give each view its own image", name,
                         image->rgb ? image->width : 0, image->rgb ? image->height : 0, view->camera.width, view->camera.height);
-    *photo      = (struct training_image){.width = image->width, .height = image->height};
-    photo->rgb  = oxl_alloc(ctx, pixels, 3);
-    photo->mask = image->weight ? oxl_alloc(ctx, pixels, 1) : NULL;
-    if (!photo->rgb || (image->weight && !photo->mask))
+    *to      = (struct training_image){.width = image->width, .height = image->height};
+    to->rgb  = oxl_alloc(ctx, pixels, 3);
+    to->mask = image->weight ? oxl_alloc(ctx, pixels, 1) : NULL;
+    if (!to->rgb || (image->weight && !to->mask))
         return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the image of view %s", name);
-    image_to_training(image, photo);
+    image_to_training(image, to);
     return OXL_OK;
 }
 
@@ -562,16 +562,16 @@ done:
     return rc;
 }
 
-/* ---------------------------------------------------------------- photographs */
+/* ---------------------------------------------------------------- images */
 
 OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene)
 {
-    return &scene->photos;
+    return &scene->cache;
 }
 
 OXL_INTERNAL void scene_set_cache(oxl_scene *scene, size_t bytes)
 {
-    if (scene->from_files) scene->photos.limit = bytes;
+    if (scene->from_files) scene->cache.limit = bytes;
 }
 
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out)
@@ -597,19 +597,19 @@ OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view)
 
 oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_image *out)
 {
-    const struct training_image *photo;
+    const struct training_image *image;
     oxl_result                   rc;
     *out = (oxl_image){0};
     if (view < 0 || view >= scene->view_count)
         return oxl_fail(ctx, OXL_ERR_USAGE, "view %d of a scene that has %d", view, scene->view_count);
-    photo = image_cache_get(ctx, scene, view);
-    if (!photo) return ctx->failed;
-    rc = oxl_image_create(ctx, photo->width, photo->height, out);
-    if (rc == OXL_OK && photo->mask) {
-        out->weight = oxl_alloc(ctx, (size_t)photo->width * photo->height, sizeof *out->weight);
+    image = image_cache_get(ctx, scene, view);
+    if (!image) return ctx->failed;
+    rc = oxl_image_create(ctx, image->width, image->height, out);
+    if (rc == OXL_OK && image->mask) {
+        out->weight = oxl_alloc(ctx, (size_t)image->width * image->height, sizeof *out->weight);
         if (!out->weight) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the mask of %s", scene->view[view].name);
     }
-    if (rc == OXL_OK) image_from_training(ctx, photo, out->rgb, out->weight);
+    if (rc == OXL_OK) image_from_training(ctx, image, out->rgb, out->weight);
     else oxl_image_free(ctx, out);
     return rc;
 }
@@ -689,7 +689,7 @@ OXL_INTERNAL const char *scene_masks_folder(const oxl_scene *scene)
     return scene->masks;
 }
 
-/* By fixed-point iteration: a lens moves a pixel by less than it lies off the axis. */
+/* By fixed-point iteration, which converges because distortion is smaller than the distance from the axis. */
 oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, double x, double y, double start[3], double way[3])
 {
     const struct colmap_camera *camera = scene->from_files ? &scene->colmap.camera[scene->source[view].camera] : NULL;

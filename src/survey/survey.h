@@ -1,4 +1,4 @@
-/* survey.h - a survey: COLMAP files, cameras, images and their cache, the scene, measurements of it. */
+/* survey.h - a survey: COLMAP files, cameras, images and their cache, the scene, statistics. */
 #ifndef OXL_SURVEY_H
 #define OXL_SURVEY_H
 
@@ -9,14 +9,13 @@
 enum { CAMERA_PARAMETERS = 16 }; /* of the model that has most */
 
 struct colmap_camera {
-    int64_t id;
-    int     model; /* index in camera.c's table */
-    int     width, height;
-    int     parameter_count;
-    double  parameter[CAMERA_PARAMETERS];
-    const char
-        *file; /* that it is read from, without its folder, and its line there; in binary files, which record: for messages */
-    int  line;
+    int64_t     id;
+    int         model; /* index in camera.c's table */
+    int         width, height;
+    int         parameter_count;
+    double      parameter[CAMERA_PARAMETERS];
+    const char *file; /* source for messages: file without folder; line, or record of a binary file */
+    int         line;
 };
 
 struct colmap_observation {
@@ -32,12 +31,12 @@ struct colmap_image {
     size_t   name;              /* offset in colmap.names */
     size_t   first_observation; /* in colmap.observation */
     size_t   observation_count;
-    uint64_t points_at;   /* where its 2D points lie in the file of images, as text or as numbers: exports copy them */
+    uint64_t points_at;   /* offset of its 2D points in the file of images, text or binary; exports copy them */
     size_t   points_size; /* bytes; 0: none */
     int      line;
 };
 
-struct colmap_track {   /* one (IMAGE_ID, POINT2D_IDX); small: a large survey has a hundred million */
+struct colmap_track {   /* one (IMAGE_ID, POINT2D_IDX); compact: a large survey has 10^8 */
     uint32_t image_row; /* in colmap.image */
     uint32_t observation;
 };
@@ -71,23 +70,23 @@ struct colmap {
     char                      *folder;
     char                      *names; /* zero-terminated, one after the other */
     size_t                     names_size;
-    size_t                     warnings;      /* oddities that were mended and logged */
-    int                        is_cut;        /* a file holds fewer rows than its header announces */
-    int                        images_beside; /* names start from `folder`, not from the folder of images */
+    size_t                     warnings;      /* deviations that were logged and corrected */
+    int                        is_cut;        /* a file has fewer rows than its header states */
+    int                        images_beside; /* names are relative to `folder`, not to the image folder */
     enum colmap_format         format;
     const char                *images_file; /* "images.txt", without the folder: for messages, and for exports */
 };
 
-/* Reads cameras, images and points3D of a folder, .txt or .bin, the newer where both are there; colmap.c says what is promised of
- * them. keep_observations = 0 skips the 2D points. */
+/* Reads cameras, images and points3D of a folder, .txt or .bin, the newer if both exist; invariants: see colmap.c.
+ * keep_observations = 0 skips the 2D points. */
 OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int keep_observations, struct colmap *out);
-/* The same through a window on the files of another size, in bytes: for tests. */
+/* The same with another window size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
                                                struct colmap *out);
-/* colmap_order.c: cameras, images and points by id. COLMAP writes them in the order of its hash tables, another one in text than
- * in binary: so what a scene is does not depend on it. Observations and tracks stay where they are. */
+/* colmap_order.c: sorts cameras, images and points by id, since text and binary exports differ in order. Observations and tracks are
+ * not moved. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
-/* colmap_write.c: numbers as %.17g writes them. */
+/* colmap_write.c: numbers as %.17g. */
 OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
 /* json_survey.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
@@ -106,7 +105,7 @@ enum camera_kind {
     CAMERA_RAD_TAN_THIN_PRISM,
     CAMERA_DIVISION,
     CAMERA_EUCM,
-    CAMERA_SPHERE /* the whole sphere: no ideal camera stands for it */
+    CAMERA_SPHERE /* the whole sphere: no pinhole camera covers it */
 };
 
 struct camera_model {
@@ -120,14 +119,14 @@ OXL_INTERNAL int camera_model_count(void);
 OXL_INTERNAL const struct camera_model *camera_model_at(int index);
 OXL_INTERNAL const char                *camera_model_list(void); /* "SIMPLE_PINHOLE, PINHOLE, ..." for messages */
 
-/* fx, fy, cx, cy in px, whatever the model. */
+/* fx, fy, cx, cy in px, for any model. */
 OXL_INTERNAL void camera_intrinsics(const struct colmap_camera *camera, double out[4]);
 
 /* Forward model: a direction (x/z, y/z) of the ideal camera to a pixel of the real one. */
 OXL_INTERNAL void camera_distort(const struct colmap_camera *camera, const double direction[2], double pixel[2]);
 OXL_INTERNAL int  camera_is_distorted(const struct colmap_camera *camera);
 
-/* The ideal pinhole camera whose every pixel the real one saw (no blank pixels), same focal length, before --max-side. */
+/* The pinhole camera inside the field of view of the real one (no blank pixels), same focal length, before --max-side. */
 OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap_camera *camera, oxl_camera *out);
 
 /* The same view at half the sides, rounded down. */
@@ -143,13 +142,13 @@ struct pixels { /* 8 bits, interleaved as stb gives them */
     uint8_t *data;
 };
 OXL_INTERNAL oxl_result image_decode(oxl_context *ctx, const char *path, int channels, struct pixels *out);
-OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height); /* header alone */
-/* Fails unless a file of so many pixels may be the camera's, reduced or enlarged: not cropped or turned. */
+OXL_INTERNAL oxl_result image_size(oxl_context *ctx, const char *path, int *width, int *height); /* reads the header only */
+/* Fails unless the file's size is the camera's, reduced or enlarged: not cropped or rotated. */
 OXL_INTERNAL oxl_result image_check_shape(oxl_context *ctx, const char *path, int width, int height,
                                           const struct colmap_camera *from);
 OXL_INTERNAL void       image_pixels_free(oxl_context *ctx, struct pixels *p);
 
-/* A training photograph: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 counts, 0 masked). */
+/* A training image: planar 8-bit (3,H,W), and its mask (H,W) or NULL (255 used, 0 masked). */
 struct training_image {
     int      width, height;
     uint8_t *rgb;
@@ -158,20 +157,20 @@ struct training_image {
 /* Decodes, undistorts (when `from` is distorted) and reduces by area averaging to `to`'s size, masks alike. mask_path may be NULL. */
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct colmap_camera *from, const oxl_camera *to, struct training_image *out);
-OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *photo);
-OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *photo, float *rgb,
+OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *image);
+OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb,
                                             float *weight); /* weight may be NULL */
-/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, that count when all four do; an odd last row or column
- * is dropped. */
+/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, masked if one of the four is; an odd last row or
+ * column is dropped. */
 OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
-/* The other way, into memory that photo has already; weight of 0.5 and less is masked. */
-OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *photo);
+/* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
+OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *to);
 
-OXL_INTERNAL void       image_begin(void); /* with each context: how stb writes PNGs */
+OXL_INTERNAL void       image_begin(void); /* sets stb's PNG parameters */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height);
-/* stb's codec for others: raw deflate data to exactly `size` bytes, or 0; the other way, with room for `before` and `after` bytes
- * around the data (*out is oxl_alloc's). */
+/* stb's codec: inflates raw deflate data to exactly `size` bytes, or returns 0; deflates with `before` and `after` free bytes
+ * around the data (*out by oxl_alloc). */
 OXL_INTERNAL int        image_inflate(void *out, size_t size, const void *data, size_t data_size);
 OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
                                       unsigned char **out, size_t *deflated);
@@ -179,11 +178,11 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
 
 /* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
 
-/* Reads the sub-model with most images: of `sparse`, or of SCENE/sparse, the folders in it, and SCENE. Observations are not kept. */
+/* Reads the sub-model with most images of `sparse`, or of SCENE/sparse, its folders, and SCENE. Observations are not kept. */
 OXL_INTERNAL oxl_result  survey_find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
-/* Path of a file at most 3 folders deep that is called like `name` but for folder, extension and capitals; "" when there is none. */
+/* Path of a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "": none. */
 OXL_INTERNAL void        survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
-OXL_INTERNAL const char *survey_find_base_name(const char *path); /* what follows the last slash */
+OXL_INTERNAL const char *survey_find_base_name(const char *path); /* part after the last slash */
 
 /* ---------------------------------------------------------------- robust_stats.c: robust measures of a survey */
 
@@ -191,30 +190,31 @@ struct stats_view {              /* a training view */
     uint32_t          image_row; /* in colmap.image, for tracks */
     const oxl_camera *camera;
 };
-OXL_INTERNAL double     stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 of none */
-OXL_INTERNAL double     stats_pick(double *value, size_t count, double quantile); /* the same; they lie in another order then */
-/* 1st, 50th and 99th percentile of each coordinate of n positions that lie `stride` bytes apart. */
+OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 without values */
+OXL_INTERNAL double stats_pick(double *value, size_t count,
+                               double quantile); /* the same for unsorted values, which it reorders */
+/* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);
-/* Largest distance from the mean of the camera centres, those left out that stand farther than 5 median distances from their
- * median place (coordinate by coordinate): exactly 3DGS's when there is no such outlier. 0 for one camera. */
+/* Largest distance from the mean of the camera centres, without those farther than 5 median distances from their median (per
+ * coordinate): equal to 3DGS without such outliers. 0 for one camera. */
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius);
-/* An ascending sample of the depths (camera z) of points in the views that saw them by their tracks, or, when there are no
- * tracks (from arrays: points alone), in the views that have them in their picture. Sorts views by image. */
+/* An ascending sample of the depths (camera z) of points in the views of their tracks, or, without tracks (scenes from arrays), in the
+ * views whose image contains them. Sorts views by image. */
 OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
                                      const struct colmap *c, const double origin[3], double **out, size_t *out_count);
 
-/* ---------------------------------------------------------------- scene.c: from the files to views, points and photographs */
+/* ---------------------------------------------------------------- scene.c: from the files to views, points and images */
 
-struct scene_stats { /* what check and the first message say */
+struct scene_stats { /* for `check` and the first message */
     int    images_listed, images_missing, views, test_views, distorted_cameras, masks;
-    size_t points, observations; /* observations: a point seen in an image */
+    size_t points, observations; /* observations: (point, image) pairs */
     double mean_track, mean_error;
     double bounds_min[3], bounds_max[3]; /* local, 1st..99th percentile */
 };
 OXL_INTERNAL const struct scene_stats   *scene_stats_of(const oxl_scene *scene);
 OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
-/* Of a scene from files: where a view comes from, and whether a point is one of the scene's or absurdly far from its origin. */
+/* Of a scene from files: the source of a view, and 1 for a point of the scene, 0 for one too far from its origin. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
 OXL_INTERNAL int64_t                     scene_camera_id(const oxl_scene *scene, int view); /* -1: not of a COLMAP export */
 OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
@@ -222,61 +222,62 @@ OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *sce
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
 OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
-OXL_INTERNAL int        scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* (all views at most) -> how many */
+OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* view (all views); returns their number */
 OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene);
-OXL_INTERNAL void   scene_set_cache(oxl_scene *scene, size_t bytes); /* of decoded photographs; from arrays: nothing is dropped */
-OXL_INTERNAL double scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first photograph; 0: from arrays */
+OXL_INTERNAL void       scene_set_cache(oxl_scene *scene, size_t bytes);     /* of decoded images; scenes from arrays keep all */
+OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */
 /* From the files, undistorted, reduced and masked as the view is; free it with image_training_free. */
 OXL_INTERNAL oxl_result scene_load_image(oxl_context *ctx, const oxl_scene *scene, int view, struct training_image *out);
 /* Depth (camera z) of the scene's points over the training views: the given quantile. */
 OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile);
-/* Where cameras start to see, in the scene's unit: COLMAP's scale is arbitrary, so 3DGS's 0.2 cannot be. */
+/* The near plane, relative to the scene's depths: COLMAP's scale is arbitrary, so 3DGS's constant 0.2 does not apply. */
 OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene);
-/* For a scene that has none: points in front of the cameras, the same for the same seed. Free them with oxl_free. */
+/* For a scene without points: points in front of the cameras, a function of the seed. Free with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
-/* ---------------------------------------------------------------- image_cache.c: which photographs are in memory */
+/* ---------------------------------------------------------------- image_cache.c: which images are in memory */
 
 struct image_cache {
-    struct training_image *photo; /* (count) rgb NULL: not in memory */
-    uint64_t              *used;  /* (count) when it was last asked for */
+    struct training_image *image; /* (count) rgb NULL: not in memory */
+    uint64_t              *used;  /* (count) time of the last request */
     uint64_t               clock;
     int                    count;
     size_t                 held, limit; /* bytes in memory; of the cache */
 };
 OXL_INTERNAL oxl_result image_cache_begin(oxl_context *ctx, size_t count, struct image_cache *out); /* none in memory, no limit */
-OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *photos);
-/* Borrowed until the next call for another view or for photographs ahead; NULL: with the error set. */
+OXL_INTERNAL void       image_cache_free(oxl_context *ctx, struct image_cache *cache);
+/* Borrowed until the next request of another view or image_cache_ahead; NULL: error set. */
 OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, oxl_scene *scene, int view);
-/* Reads photographs that will be asked for next, in that order, one on each thread, when the first of them is not in memory. A
- * quarter of the cache may be on its way, and is made free before. Nothing is said of one that cannot be read, until it is asked for. */
+/* If the first of the next views is not in memory, loads several in parallel, one per thread, in at most a quarter of the cache, which
+ * is evicted before. Errors are reported when an image is requested. */
 OXL_INTERNAL void                         image_cache_ahead(oxl_context *ctx, oxl_scene *scene, const int *view, int count);
-/* Photographs of so many pixels in all, without masks, take at most so much, with what decoding files of file_pixels takes, on however many threads. */
+/* Upper bound of the memory for images of `pixels` in total, without masks, including decoding of files of file_pixels on any number of
+ * threads. */
 OXL_INTERNAL double                       image_cache_bytes(double cache, double pixels, double file_pixels);
 
 /* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */
 
-struct depth_sample { /* a point in a view */
+struct depth_sample { /* an observation */
     int   view, pixel;
     float z; /* camera z */
 };
 struct depth_bands {
-    double               depth[2]; /* a third of the times that a point is seen in training, it lies nearer, and a third beyond */
-    struct depth_sample *sight;    /* (count) by view and pixel, the nearer first */
+    double               depth[2]; /* terciles of the depths of all training observations */
+    struct depth_sample *sample;   /* (count) by view and pixel, the nearer first */
     size_t               count;
 };
-/* Of `count` views asked for. */
+/* Of `count` given views. */
 OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *scene, const int *asked, int count,
                                           struct depth_bands *out);
 OXL_INTERNAL void       depth_bands_free(oxl_context *ctx, struct depth_bands *b);
-/* band: (H,W) 1 near, 2 mid, 3 far; 0: no point tells. */
+/* band: (H,W) 1 near, 2 mid, 3 far; 0: no point nearby. */
 OXL_INTERNAL oxl_result depth_bands_of_view(oxl_context *ctx, const struct depth_bands *b, const oxl_scene *scene, int view,
                                             uint8_t *band);
 
 /* ---------------------------------------------------------------- contrast.c: how fast contrast fades with depth */
 
 struct contrast {
-    int    measured;    /* 0: there were too few points that are seen from several depths */
+    int    measured;    /* 0: too few points observed from several depths */
     double beta, error; /* contrast goes as exp(-beta z), 1/unit of the scene; its standard error */
     size_t points, observations;
 };
@@ -284,8 +285,8 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 
 /* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
 
-#define LINT_DOUBT 0.1 /* share of sightings that are none, from which on the survey as a whole is doubted */
-/* Fills s->missed; s->unusable and s->masked. What is wrong is logged. OXL_ERR_INPUT: no photograph can be trained with. */
+#define LINT_MISSED_SURVEY 0.1 /* share of observations outside their image from which the whole survey is reported */
+/* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 

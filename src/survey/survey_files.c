@@ -1,6 +1,6 @@
-/* survey_files.c - where a survey's files are: which of COLMAP's sub-models to take, and where a photograph that is missed may be.
+/* survey_files.c - paths of a survey's files: choice of COLMAP's sub-model, search for missing images.
  *
- * COLMAP's mapper writes sparse/0, sparse/1, ... when photographs fall apart into groups; the one with most images is the survey.
+ * COLMAP's mapper writes sparse/0, sparse/1, ... for disconnected groups of images; the one with most images is used.
  *
  * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
  */
@@ -36,7 +36,7 @@ static int survey_find_holds(oxl_context *ctx, const char *folder, const char *f
     return held;
 }
 
-/* Reads `folder` and keeps it in *best when it has more images than what is there. */
+/* Reads `folder` and keeps it in *best if it has more images. */
 static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, struct colmap *best, char **best_folder,
                                         int *models)
 {
@@ -77,7 +77,7 @@ static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, i
     return rc;
 }
 
-/* Where there is no COLMAP model: nerfstudio's, or OpenSfM's, in its own folder or in OpenDroneMap's project. */
+/* Without a COLMAP model: nerfstudio's or OpenSfM's file, in its folder or in an OpenDroneMap project. */
 static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, struct colmap *out, int *models)
 {
     static const char *const names[] = {"transforms.json", "reconstruction.json", "opensfm/reconstruction.json"};
@@ -129,13 +129,13 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     return rc;
 }
 
-/* ---------------------------------------------------------------- photographs that are not there */
+/* ---------------------------------------------------------------- images that are not there */
 
 struct survey_find_hunt {
     oxl_context *ctx;
     const char  *folder, *wanted; /* wanted: base name */
     int          depth;
-    char         found[256]; /* path, "" while none */
+    char         found[256]; /* path; "": none yet */
 };
 
 OXL_INTERNAL const char *survey_find_base_name(const char *path)
@@ -144,7 +144,7 @@ OXL_INTERNAL const char *survey_find_base_name(const char *path)
     return slash ? slash + 1 : path;
 }
 
-/* The same but for the extension and for small and capital letters? */
+/* 1: equal except for extension and case. */
 static int survey_find_is_like(const char *a, const char *b)
 {
     const char *end_a = strrchr(a, '.'), *end_b = strrchr(b, '.');

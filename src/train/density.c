@@ -160,11 +160,12 @@ static double density_scale(const oxl_model *m, size_t i)
     return vecmath_exp(OXL_MAX(OXL_MAX(a, b), c));
 }
 
-static enum density_verdict density_judge(const struct density *d, const oxl_model *m, size_t i,
-                                          const struct density_rules *rules)
+static enum density_verdict density_classify(const struct density *d, const oxl_model *m, size_t i,
+                                             const struct density_rules *rules)
 {
     const double mean = d->views[i] > 0 ? d->gradient[i] / d->views[i] : 0;
     if (!model_row_is_finite(m, i)) return DENSITY_REMOVE;
+    if (rules->carved && rules->carved[i]) return DENSITY_REMOVE;
     if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return DENSITY_REMOVE;
     if (rules->split_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_SPLIT;
     if (!(mean >= rules->gradient)) return DENSITY_KEEP;
@@ -236,6 +237,7 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
     if (rc != OXL_OK) oxl_model_free(ctx, &next);
     if (rc != OXL_OK) return rc;
     memcpy(next.origin, model->origin, sizeof next.origin);
+    next.scale = model->scale;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int k = 0; k < oxl_model_planes(model); k++) density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
     for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
@@ -260,7 +262,7 @@ OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl
     *out          = (struct density_change){0};
     if (d->banded) density_weigh(ctx, d, model->count, rules);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_judge(d, model, (size_t)i, rules);
+    for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_classify(d, model, (size_t)i, rules);
     for (size_t i = 0; i < model->count; i++) kept += d->verdict[i] != DENSITY_REMOVE, growing += d->verdict[i] >= DENSITY_CLONE;
     if (model->lobes > 0 && growing > 0)
         return oxl_fail(ctx, OXL_ERR_USAGE, "%zu of %zu Gaussians would be cloned or split while %zu have a second lobe", growing,

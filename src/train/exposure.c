@@ -2,13 +2,13 @@
  *
  * Without them a camera that adapts its exposure teaches the Gaussians fog and seams. The rendered image is multiplied by exp(a_kc)
  * before the loss (render/exposure.c); a_k has an Adam of its own (Kingma & Ba 2015), since each image is visited once an epoch, and a
- * prior that draws it towards the line between its neighbours in file order. After each step the mean over the known training images is
+ * prior that draws it towards the line between its neighbours, of the same camera, in file order. After each step the mean over the known training images is
  * set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and held-out views, which stand at
  * mean exposure, lose dB with it (measured before: 2 to 6).
  *
  * auto: until a tenth of the run gains are only watched: the least squares factor between each training image and the rendered one,
  * as of its last visit. Then the validation views are compared with the rendered images twice, as they are and with the gain
- * that their neighbours foretell. Exposure is on, from the watched gains, where that gains EXPOSURE_EARN and they differ by
+ * that their neighbours foretell. Exposure is on, from the watched gains, where that gains EXPOSURE_MIN_GAIN and they differ by
  * EXPOSURE_DIFFER. Else the run goes on as if nothing had been.
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
@@ -16,14 +16,14 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define EXPOSURE_RATE   0.03 /* of the first step, in log units; docs/WATER.md has what others cost */
-#define EXPOSURE_LAST   0.02 /* of that at the end of the run */
-#define EXPOSURE_BETA1  0.8  /* a mean over 5 visits: a short run has 30 */
-#define EXPOSURE_BETA2  0.95
-#define EXPOSURE_SMOOTH 0.1  /* of the prior: gradient for a log unit off the neighbours' line */
-#define EXPOSURE_WATCH  0.1  /* of the run */
-#define EXPOSURE_EARN   0.03 /* dB on validation views that gains must bring, */
-#define EXPOSURE_DIFFER 0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
+#define EXPOSURE_RATE     0.03 /* of the first step, in log units; docs/WATER.md has what others cost */
+#define EXPOSURE_LAST     0.02 /* of that at the end of the run */
+#define EXPOSURE_BETA1    0.8  /* a mean over 5 visits: a short run has 30 */
+#define EXPOSURE_BETA2    0.95
+#define EXPOSURE_SMOOTH   0.1  /* of the prior: gradient for a log unit off the neighbours' line */
+#define EXPOSURE_WATCH    0.1  /* of the run */
+#define EXPOSURE_MIN_GAIN 0.03 /* dB on validation views that gains must bring, */
+#define EXPOSURE_DIFFER   0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
 
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on)
 {
@@ -33,7 +33,8 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
     if (goes_on) mode = scene_imaging(scene)->on ? OXL_ON : OXL_OFF;
     *e = (struct exposure){.mode = mode};
     if (mode == OXL_OFF) return OXL_OK;
-    rc        = imaging_create(ctx, views, &e->of);
+    rc = imaging_create(ctx, views, &e->of);
+    if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, &e->of);
     e->first  = oxl_calloc(ctx, n + 1, sizeof *e->first);
     e->second = oxl_calloc(ctx, n + 1, sizeof *e->second);
     e->visits = oxl_calloc(ctx, (size_t)views + 1, sizeof *e->visits);
@@ -90,11 +91,11 @@ OXL_INTERNAL int exposure_decides_at(const oxl_train_options *o)
 }
 
 /* What the rendered image has to be multiplied by to come nearest to the target. */
-OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *drawn, const float *target, const float *weight,
+OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *rendered, const float *target, const float *weight,
                                  size_t n)
 {
     double gain[3];
-    exposure_fit(drawn, target, weight, n, gain);
+    exposure_fit(rendered, target, weight, n, gain);
     for (int c = 0; c < 3; c++)
         e->of.log_gain[3 * view + c] = (float)vecmath_log(OXL_CLAMP(gain[c], EXPOSURE_LEAST, 1 / EXPOSURE_LEAST));
     e->of.known[view] = 1;
@@ -133,14 +134,14 @@ OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gaine
         for (int c = 0; c < 3 && e->of.known[i]; c++, known++)
             square += (double)e->of.log_gain[3 * i + c] * e->of.log_gain[3 * i + c];
     e->decided = 1;
-    e->of.on   = views > 0 && gained >= plain + EXPOSURE_EARN && square >= known * EXPOSURE_DIFFER * EXPOSURE_DIFFER;
+    e->of.on   = views > 0 && gained >= plain + EXPOSURE_MIN_GAIN && square >= known * EXPOSURE_DIFFER * EXPOSURE_DIFFER;
     if (!e->of.on) imaging_clear(&e->of);
     if (views > 0)
         snprintf(
             why, size,
             "%d validation views: %.2f dB with the gains of their neighbours, %.2f without; gains of %d training views differ by %.1f %% "
             "(rms); worth it from +%.2g dB and %.2g %%",
-            views, gained, plain, known / 3, 100 * sqrt(known ? square / known : 0), EXPOSURE_EARN, 100 * EXPOSURE_DIFFER);
+            views, gained, plain, known / 3, 100 * sqrt(known ? square / known : 0), EXPOSURE_MIN_GAIN, 100 * EXPOSURE_DIFFER);
     else snprintf(why, size, "too few training views to spare one to judge by");
 }
 

@@ -1,4 +1,4 @@
-/* model_selection.c - model only what the scene requires: SH bands and second lobes are kept where photographs that were not trained on say
+/* model_selection.c - model only what the scene requires: SH bands and second lobes are kept where images that were not trained on say
  * that they pay.
  *
  * Some training views stand aside until the last decision is made, and train from then on like all others. A decision is a trial: a
@@ -6,7 +6,7 @@
  * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
  * decision is noted with its evidence (run.json).
  *
- * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the photographs
+ * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the images
  * that they are trained on.
  *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial makes it again.
@@ -102,13 +102,13 @@ static void selection_release_views(struct train *t)
 /* One that cannot be read is named and cannot judge, from then on: every mean is over the same views. */
 static void selection_drop_view(struct train *t, int slot)
 {
-    nonfinite_of_photo(t->ctx, &t->nonfinite);
+    nonfinite_of_image(t->ctx, &t->nonfinite);
     t->held_views--;
     memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
 }
 
 /* Not a number where no view is left to judge by. */
-OXL_INTERNAL oxl_result selection_judge(struct train *t, double *loss, double *psnr)
+OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;
     oxl_result           rc = OXL_OK;
@@ -148,7 +148,7 @@ static oxl_result selection_try(struct train *t, double *psnr)
         rc = step_on_next_view(t);
         if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
     }
-    return rc == OXL_OK ? selection_judge(t, &loss, psnr) : rc;
+    return rc == OXL_OK ? selection_validate(t, &loss, psnr) : rc;
 }
 
 /* ---------------------------------------------------------------- SH bands */
@@ -211,9 +211,9 @@ static oxl_result selection_exposure(struct train *t)
     oxl_result rc = OXL_OK;
     if (t->step < exposure_decides_at(t->options) || !exposure_watches(&t->exposure)) return OXL_OK;
     imaging_centre(&t->exposure.of, t->exposure.mean);
-    if (t->held_views > 0) rc = selection_judge(t, &loss, &plain);
+    if (t->held_views > 0) rc = selection_validate(t, &loss, &plain);
     t->exposure.of.on = 1;
-    if (rc == OXL_OK && t->held_views > 0) rc = selection_judge(t, &loss, &gained);
+    if (rc == OXL_OK && t->held_views > 0) rc = selection_validate(t, &loss, &gained);
     if (rc != OXL_OK) return rc;
     exposure_decide(&t->exposure, plain, gained, t->held_views, why, sizeof why);
     selection_note(t, "exposure", t->exposure.of.on ? "on" : "off", why);
@@ -241,7 +241,7 @@ static oxl_result selection_threshold(const struct train *t, double *out)
 }
 
 /* Those that the loss still pulls about get a second lobe: decided once [OceanXL sec. 3.2]. */
-static oxl_result selection_give_lobes(struct train *t)
+static oxl_result selection_assign_lobes(struct train *t)
 {
     const oxl_train_options *o         = t->options;
     uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
@@ -279,7 +279,7 @@ static oxl_result selection_lobes(struct train *t)
     if (rc != OXL_OK || t->step < last) return rc;
     t->lobes = LOBES_DECIDED;
     if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
-    return t->options->dog == OXL_DOG_AUTO ? OXL_OK : selection_give_lobes(t);
+    return t->options->dog == OXL_DOG_AUTO ? OXL_OK : selection_assign_lobes(t);
 }
 
 /* ---------------------------------------------------------------- weights by depth (ucd.c) */
@@ -318,7 +318,7 @@ static oxl_result selection_try_point(struct train *t, double *cost)
         if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
     }
     memcpy(t->ucd.f, f, sizeof t->ucd.f);
-    if (rc == OXL_OK) *cost = ucd_tell(&t->ucd, sum / (span / 2), (double)t->model->count / before - 1);
+    if (rc == OXL_OK) *cost = ucd_update(&t->ucd, sum / (span / 2), (double)t->model->count / before - 1);
     return rc;
 }
 
@@ -380,7 +380,7 @@ static oxl_result selection_try_with_density(struct train *t, double *psnr)
         if (rc == OXL_OK) rc = selection_density(t);
         if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
     }
-    return rc == OXL_OK ? selection_judge(t, &loss, psnr) : rc;
+    return rc == OXL_OK ? selection_validate(t, &loss, psnr) : rc;
 }
 
 static void selection_note_imaging(struct train *t, int lamp, int on, const char *why)
@@ -456,7 +456,7 @@ static oxl_result selection_try_lobes(struct train *t, struct train_branch *star
     double     bytes[2];
     oxl_result rc = selection_try(t, &psnr[0]);
     if (rc == OXL_OK) rc = branch_restart(t, start, other);
-    if (rc == OXL_OK) rc = selection_give_lobes(t);
+    if (rc == OXL_OK) rc = selection_assign_lobes(t);
     if (rc == OXL_OK) rc = selection_try(t, &psnr[1]);
     if (rc != OXL_OK) return rc;
     bytes[0] = (double)t->model->count * prune_row_bytes(t->model->sh_degree, 0);
@@ -506,8 +506,8 @@ static int selection_pairs_of_weights(const oxl_train_options *o)
 }
 
 /* In a trial of bands all but one of four ways are trained beside the run, in one of lobes one of two, and one of each pair of weights
- * by depth; half of these count where the photographs have yet to tell whether there are weights at all. */
-OXL_INTERNAL int selection_steps_beside(const oxl_train_options *o, int views)
+ * by depth; half of these count where the images have yet to tell whether there are weights at all. */
+OXL_INTERNAL int selection_trial_steps(const oxl_train_options *o, int views)
 {
     const int each  = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
     const int pairs = selection_pairs_of_weights(o); /* none where a span would not fit into the run, be it longer than an int */
@@ -526,6 +526,8 @@ OXL_INTERNAL void selection_end(struct train *t)
     ucd_describe(&t->ucd, why, sizeof why);
     snprintf(chosen, sizeof chosen, t->ucd.on ? "%.3g,%.3g" : "off", t->ucd.f[0], t->ucd.f[1]);
     selection_note(t, "ucd", chosen, why);
+    free_space_describe(&t->free_space, why, sizeof why);
+    selection_note(t, "carve", t->free_space.view ? "on" : "off", why);
     prune_describe(&t->prune, why, sizeof why);
     snprintf(chosen, sizeof chosen, "%zu", t->model->count);
     selection_note(t, "keep", chosen, why);
@@ -561,7 +563,7 @@ static oxl_result selection_prune(struct train *t)
     double     held = NAN, psnr;
     oxl_result rc   = OXL_OK;
     if (!prune_checks(&t->prune, t->step)) return OXL_OK;
-    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_judge(t, &held, &psnr);
+    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_validate(t, &held, &psnr);
     return rc == OXL_OK ? step_prune(t, held) : rc;
 }
 

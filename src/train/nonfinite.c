@@ -1,8 +1,8 @@
 /* nonfinite.c - numbers that are not finite: noticed in the step in which they appear, traced, put aside, counted.
  *
  *     seen in                 what is done                                                            counted in
- *     a photograph            it cannot be read: named, and left out from then on                     photographs
- *     the loss of a view      Gaussians that hold such a number, or cannot be drawn without, are      steps, cleared
+ *     an image            it cannot be read: named, and left out from then on                     images
+ *     the loss of a view      Gaussians that hold such a number, or cannot be rendered without, are      steps, cleared
  *                             cleared; the view's step is skipped
  *     a Gaussian that a view  its step is skipped, all of it; the other Gaussians take theirs. One    rows, cleared
  *     has seen, its gradient  that holds such a number itself is cleared
@@ -31,9 +31,9 @@ static void nonfinite_name_rows(char out[64], size_t first, size_t rows)
 
 /* ---------------------------------------------------------------- in a step */
 
-OXL_INTERNAL void nonfinite_of_photo(oxl_context *ctx, oxl_nonfinite *f)
+OXL_INTERNAL void nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f)
 {
-    if (f->photographs++ < NONFINITE_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(ctx));
+    if (f->images++ < NONFINITE_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "%s; training goes on without it", oxl_error_text(ctx));
 }
 
 static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float opacity)
@@ -49,7 +49,7 @@ static size_t nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_mo
 {
     size_t rows = 0;
     for (size_t i = 0; i < model->count; i++) {
-        if (model_row_is_finite(model, i) && (!r || renderer_drew_finite(r, i))) continue;
+        if (model_row_is_finite(model, i) && (!r || renderer_row_finite(r, i))) continue;
         if (rows++ == 0) *found = i;
         nonfinite_clear_row(model, i, 1, NONFINITE_OPACITY);
         nonfinite_clear_row(first, i, 0, 0);
@@ -74,17 +74,17 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step
 }
 
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
-                                    struct renderer_nonfinite aside, oxl_model *model, oxl_model *first, oxl_model *second)
+                                    struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second)
 {
     size_t found = 0, cleared;
     char   who[64];
-    if (aside.rows == 0) return;
+    if (skipped.rows == 0) return;
     cleared = nonfinite_clear(NULL, model, first, second, &found);
-    nonfinite_name_rows(who, aside.first, aside.rows);
+    nonfinite_name_rows(who, skipped.first, skipped.rows);
     if (f->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: in %s, %s met a number that is not finite: the step is skipped, %zu cleared",
                 step, view, who, cleared);
-    f->rows += aside.rows;
+    f->rows += skipped.rows;
     f->cleared += cleared;
 }
 
@@ -111,8 +111,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f, oxl_mo
     }
     model_keep_rows(model, keep);
     oxl_free(ctx, keep);
-    if (f->photographs > 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "photographs that could not be read and were left out: %zu", f->photographs);
+    if (f->images > 0) oxl_log(ctx, OXL_LOG_WARNING, "images that could not be read and were left out: %zu", f->images);
     if (f->steps + f->rows + f->cleared > 0)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "numbers that are not finite: %zu steps and %zu steps of single Gaussians skipped, %zu Gaussians cleared",
@@ -125,7 +124,7 @@ OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f, oxl_mo
 
 OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
 {
-    to->photographs += from->photographs;
+    to->images += from->images;
     to->steps += from->steps;
     to->rows += from->rows;
     to->cleared += from->cleared;
@@ -134,7 +133,7 @@ OXL_INTERNAL void nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from)
 
 OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *f)
 {
-    archive_size(a, &f->photographs);
+    archive_size(a, &f->images);
     archive_size(a, &f->steps);
     archive_size(a, &f->rows);
     archive_size(a, &f->cleared);
@@ -145,7 +144,7 @@ OXL_INTERNAL void nonfinite_archive(struct archive *a, oxl_nonfinite *f)
 static const struct nonfinite_member {
     const char *name;
     size_t      at;
-} NONFINITE_MEMBERS[] = {{"photographs_left_out", offsetof(oxl_nonfinite, photographs)},
+} NONFINITE_MEMBERS[] = {{"images_left_out", offsetof(oxl_nonfinite, images)},
                          {"steps_skipped", offsetof(oxl_nonfinite, steps)},
                          {"gaussian_steps_skipped", offsetof(oxl_nonfinite, rows)},
                          {"gaussians_cleared", offsetof(oxl_nonfinite, cleared)},

@@ -6,7 +6,7 @@
  * 1500 of 40 000 iterations have passed in vain.
  *
  * Who goes: those that matter least to the picture,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
- * drawn image, pixels where the photograph has fine detail counting up to 1.3 times. It is the plain sum: divided by the number of
+ * rendered image, pixels where the image has fine detail counting up to 1.3 times. It is the plain sum: divided by the number of
  * views it did worse in 7 of 7 pairs (docs/PAPER.md).
  *
  * Invariants: the window ends with exactly the number asked for (or what there is, when that is less). Rows keep their order. The
@@ -161,7 +161,7 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
     archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
 }
 
-/* ---------------------------------------------------------------- fine detail of a photograph */
+/* ---------------------------------------------------------------- fine detail of an image */
 
 enum {
     PRUNE_FINE   = 1, /* px: half width of the blur that takes away noise, */
@@ -205,7 +205,7 @@ static double prune_detail_row(const struct training_image *p, int y, int32_t *s
     return total;
 }
 
-/* (H,W) energy of fine detail over its mean, at most 3; all 0 for a photograph without detail. */
+/* (H,W) energy of fine detail over its mean, at most 3; all 0 for an image without detail. */
 OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_image *p, float *out)
 {
     const size_t each = 2 * ((size_t)p->width + 1), pixels = (size_t)p->width * (size_t)p->height;
@@ -215,7 +215,7 @@ OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_ima
     float        scale;
     oxl_result   rc = OXL_OK;
     if (!sum || !row) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the detail of a photograph");
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the detail of an image");
         goto done;
     }
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
@@ -246,14 +246,14 @@ static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view,
 {
     const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;
     const size_t                 pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct training_image *photo  = NULL;
+    const struct training_image *image  = NULL;
     oxl_result rc = oxl_reserve(ctx, (void **)&pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
     memset(pass->drgb, 0, pixels * sizeof *pass->drgb);
-    if (detail > 0 && !(photo = image_cache_get(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
-    if (photo) rc = prune_detail(ctx, photo, pass->drgb); /* a photograph that cannot be read was named when it was trained on */
+    if (detail > 0 && !(image = image_cache_get(ctx, scene, view)) && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+    if (image) rc = prune_detail(ctx, image, pass->drgb); /* an image that cannot be read was named when it was trained on */
     for (size_t i = 0; i < pixels; i++) {
-        const int counts = !photo || !photo->mask || photo->mask[i] >= 128;
+        const int counts = !image || !image->mask || image->mask[i] >= 128;
         pass->drgb[i]    = counts ? 1 + detail * pass->drgb[i] : 0;
     }
     for (int c = 1; c < 3; c++) memcpy(pass->drgb + c * pixels, pass->drgb, pixels * sizeof *pass->drgb);

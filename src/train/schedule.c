@@ -8,7 +8,7 @@
 #define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
 #define SCHEDULE_PIXELS_EACH \
     60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
-#define SCHEDULE_COARSE_SIDE 640  /* px: half the sides of smaller photographs cost more than they save (docs/TRADEOFF.md) */
+#define SCHEDULE_COARSE_SIDE 640  /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
 #define SCHEDULE_COARSE_AUTO 0.25 /* of the run, for larger ones */
 #define SCHEDULE_MOMENTUM_ITERATIONS \
     7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
@@ -54,13 +54,13 @@ OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 {
     const oxl_train_options *o                  = t->options;
-    const double             short_run_exponent = schedule_short_run_factor(o), rush = schedule_momentum_factor(o);
+    const double             short_run_exponent = schedule_short_run_factor(o), momentum_factor = schedule_momentum_factor(o);
     const double             progress = (double)(t->step - 1) / OXL_MAX(1, o->iterations - 1);
     const double             first = vecmath_log(o->rate_mean_first), last = vecmath_log(o->rate_mean_last);
     const float mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step};
-    adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_LEAST, 1 - (1 - adam.beta[0]) * rush * rush);
-    adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MOST, 1 - (1 - adam.beta[1]) / (rush * sqrt(rush)));
+    adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_LEAST, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
+    adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MOST, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));
     for (int k = 0; k < OXL_PLANES; k++)
         adam.rate[k] = k < OXL_LOG_SCALE  ? mean
                        : k < OXL_ROTATION ? schedule_scale_rate(o)
@@ -76,7 +76,7 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
 }
 
 /* 3DGS's schedule is one of 30 000 iterations. As shares of the run it shrinks with it, but not what has a time of its own: the first
- * photographs must be learned before gradients say where detail is missing, and a reset must be made up for. */
+ * images must be learned before gradients say where detail is missing, and a reset must be made up for. */
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
     const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(SCHEDULE_WARM_UP, 0.25 * o->iterations));
@@ -132,7 +132,7 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
     return pixels;
 }
 
-/* More Gaussians than the photographs can determine learn the photographs by heart. Never below the number of points. */
+/* More Gaussians than the images can determine learn the images by heart. Never below the number of points. */
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options)
 {
     if (options->max_gaussians > 0) return (size_t)options->max_gaussians;

@@ -3,11 +3,11 @@
  *
  * Pair k shifts both weights at once by c_k times random signs, once there and once back, and asks for the cost of either point;
  * their difference, over the distance of the two points, is the gradient's estimate. To the costs that are told comes one that is
- * known: doubt/2 (f - home)^2. Where the costs are flat, and between few pairs of much noise they are, a search without it stays where
+ * known: doubt/2 (f - prior_mean)^2. Where the costs are flat, and between few pairs of much noise they are, a search without it stays where
  * it began, or wanders. With its curvature known the best gain is so too, a_k = 1 / (doubt (k + 2)) [Spall 1998, III.B: exponent 1]:
- *     f <- project(f - a_k ((cost+ - cost-) / (point+ - point-) + doubt (f - home))),   c_k = c / (k + 1)^0.101,
- * after a first step that forgets where the search began: f is the mean of home and of where each pair alone would put it,
- * home - slope / doubt.
+ *     f <- project(f - a_k ((cost+ - cost-) / (point+ - point-) + doubt (f - prior_mean))),   c_k = c / (k + 1)^0.101,
+ * after a first step that forgets where the search began: f is the mean of prior_mean and of where each pair alone would put it,
+ * prior_mean - slope / doubt.
  * Every second pair goes at a right angle to the one before it, so that what either sees of the other weight cancels (Bhatnagar 2003,
  * "Two-timescale simultaneous perturbation stochastic approximation using deterministic perturbation sequences").
  * Which of the two points is asked for first is random, so a cost that drifts with time favours neither.
@@ -22,7 +22,7 @@
 
 #define SPSA_SHIFT_DECAY    0.101
 #define SPSA_SHIFT          1.0 /* c: what a difference over less tells is lost in the noise of a cost (docs/ABLATION.md) */
-#define SPSA_SWAY           1.0 /* no pair alone puts a weight farther from home: in the first, the loss still falls fast */
+#define SPSA_OFFSET_MAX     1.0 /* no pair alone puts a weight farther from prior_mean: in the first, the loss still falls fast */
 #define SPSA_STREAM         (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
 #define SPSA_DISTANCE_LEAST 0.5 /* x c_k: where the projection left less between the two points, a difference tells nothing */
 
@@ -66,15 +66,15 @@ static void spsa_open_pair(struct spsa *s)
     s->told  = 0;
 }
 
-OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double prior_precision, double cap,
-                             uint64_t seed)
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double prior_mean[2], double prior_precision,
+                             double cap, uint64_t seed)
 {
     memset(s, 0, sizeof *s);
     s->cap             = OXL_MAX(cap, 1.0);
     s->seed            = seed;
     s->prior_precision = prior_precision;
     memcpy(s->f, start, sizeof s->f);
-    memcpy(s->home, home, sizeof s->home);
+    memcpy(s->prior_mean, prior_mean, sizeof s->prior_mean);
     spsa_project(s->cap, s->f);
     spsa_open_pair(s);
 }
@@ -90,12 +90,12 @@ static void spsa_step(struct spsa *s)
     const double  distance[2] = {p[0] - q[0], (p[1] - p[0]) - (q[1] - q[0])}; /* as projected, not as meant */
     for (int i = 0; i < 2; i++) {
         const double slope = fabs(distance[i]) >= least ? (s->cost[0] - s->cost[1]) / distance[i] : 0;
-        s->offset_sum[i] += OXL_CLAMP(-slope / s->prior_precision, -SPSA_SWAY, SPSA_SWAY);
+        s->offset_sum[i] += OXL_CLAMP(-slope / s->prior_precision, -SPSA_OFFSET_MAX, SPSA_OFFSET_MAX);
     }
-    spsa_move(s->cap, s->home, s->offset_sum[0] / (s->pair + 2), s->offset_sum[1] / (s->pair + 2), s->f);
+    spsa_move(s->cap, s->prior_mean, s->offset_sum[0] / (s->pair + 2), s->offset_sum[1] / (s->pair + 2), s->f);
 }
 
-OXL_INTERNAL int spsa_tell(struct spsa *s, double cost)
+OXL_INTERNAL int spsa_update(struct spsa *s, double cost)
 {
     if (!(fabs(cost) <= DBL_MAX)) {
         spsa_skip(s);
@@ -120,7 +120,7 @@ OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
     archive_doubles(a, s->point[0], 4);
     archive_doubles(a, s->cost, 2);
     archive_doubles(a, &s->cap, 1);
-    archive_doubles(a, s->home, 2);
+    archive_doubles(a, s->prior_mean, 2);
     archive_doubles(a, s->offset_sum, 2);
     archive_doubles(a, &s->prior_precision, 1);
     archive_u64(a, &s->seed);

@@ -3,7 +3,7 @@
 #include "../core/vecmath.h"
 
 #define STEP_ORDER      (UINT64_C(0x5649455753) << 24) /* a random stream apart from density control's */
-#define STEP_READ_AHEAD 64   /* views of the epoch looked at for photographs to read ahead: many may be in memory already */
+#define STEP_READ_AHEAD 64   /* views of the epoch looked at for images to read ahead: many may be in memory already */
 #define STEP_SMOOTHING  0.02 /* of loss and PSNR in progress reports: about the last 50 views */
 
 /* Fisher & Yates 1938: every epoch sees every view once, in an order of its own. */
@@ -25,17 +25,17 @@ static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 /* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
 static oxl_result step_load_image_on_host(struct train *t, int view)
 {
-    const struct training_image *photo = image_cache_get(t->ctx, t->scene, view);
+    const struct training_image *image = image_cache_get(t->ctx, t->scene, view);
     oxl_result                   rc;
     size_t                       pixels;
-    if (!photo) return t->ctx->failed;
-    pixels    = (size_t)photo->width * (size_t)photo->height;
+    if (!image) return t->ctx->failed;
+    pixels    = (size_t)image->width * (size_t)image->height;
     rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
-    t->masked = photo->mask != NULL;
+    t->masked = image->mask != NULL;
     if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc != OXL_OK) return rc;
-    image_from_training(t->ctx, photo, t->target, t->masked ? t->weight : NULL);
-    if (t->halved) image_halve(photo->width, photo->height, t->target, t->masked ? t->weight : NULL);
+    image_from_training(t->ctx, image, t->target, t->masked ? t->weight : NULL);
+    if (t->halved) image_halve(image->width, image->height, t->target, t->masked ? t->weight : NULL);
     return OXL_OK;
 }
 
@@ -47,11 +47,11 @@ static int step_compares_on_host(const struct train *t)
 
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
 {
-    const struct training_image *photo = NULL;
+    const struct training_image *image = NULL;
     t->halved                          = step_is_coarse(t, &oxl_scene_view(t->scene, view)->camera);
     if (step_compares_on_host(t)) return step_load_image_on_host(t, view);
-    if (!renderer_has_image(t->renderer, view) && !(photo = image_cache_get(t->ctx, t->scene, view))) return t->ctx->failed;
-    return renderer_take_image(t->ctx, t->renderer, view, photo, t->halved);
+    if (!renderer_has_image(t->renderer, view) && !(image = image_cache_get(t->ctx, t->scene, view))) return t->ctx->failed;
+    return renderer_take_image(t->ctx, t->renderer, view, image, t->halved);
 }
 
 /* From a place in the epoch on, those that a device does not hold. */
@@ -63,7 +63,7 @@ static void step_read_ahead(struct train *t, int slot)
     if (count > 0 && view[0] == t->view[slot]) image_cache_ahead(t->ctx, t->scene, view, count);
 }
 
-/* The next view whose photograph can be read; one that cannot is named and left out from then on. */
+/* The next view whose image can be read; one that cannot is named and left out from then on. */
 static oxl_result step_next_image(struct train *t, int *view)
 {
     while (t->views > 0) {
@@ -74,25 +74,25 @@ static oxl_result step_next_image(struct train *t, int *view)
         step_read_ahead(t, slot);
         rc = step_load_image(t, *view);
         if (rc != OXL_ERR_INPUT) return rc;
-        nonfinite_of_photo(t->ctx, &t->nonfinite);
+        nonfinite_of_image(t->ctx, &t->nonfinite);
         t->view[slot] = t->view[--t->views];
     }
     return oxl_fail(t->ctx, OXL_ERR_INPUT,
-                    "none of the training photographs can be read\nfix: oceanxl check looks at each and says what is wrong");
+                    "none of the training images can be read\nfix: oceanxl check looks at each and says what is wrong");
 }
 
-/* What the photograph has and the scene has not. */
+/* What the image has and the scene has not. */
 static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera)
 {
-    const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    const float *drawn  = NULL;
-    oxl_result   rc     = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    const int    masked = t->masked;
-    t->masked           = 1;
-    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &drawn);
+    const size_t pixels   = (size_t)camera->width * (size_t)camera->height;
+    const float *rendered = NULL;
+    oxl_result   rc       = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
+    const int    masked   = t->masked;
+    t->masked             = 1;
+    if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
     if (rc != OXL_OK) return rc;
-    return transients_weigh(t->ctx, &t->transients, t->scene, camera, t->render.near_plane, drawn, t->target, !t->trial_is_next,
-                            masked, t->weight);
+    return transients_weigh(t->ctx, &t->transients, t->scene, camera, t->render.near_plane, rendered, t->target,
+                            !t->trial_is_next, masked, t->weight);
 }
 
 static void step_set_gain(struct train *t, int view)
@@ -123,15 +123,15 @@ static const struct lamp *step_lamp(const struct train *t, int view)
 /* Gains that are not decided about yet: what this image would need. */
 static oxl_result step_watch_exposure(struct train *t, int view, const oxl_camera *camera)
 {
-    const float     *drawn = NULL;
-    const oxl_result rc    = renderer_image(t->ctx, t->renderer, &drawn);
+    const float     *rendered = NULL;
+    const oxl_result rc       = renderer_image(t->ctx, t->renderer, &rendered);
     if (rc == OXL_OK)
-        exposure_watch(&t->exposure, view, drawn, t->target, t->masked ? t->weight : NULL,
+        exposure_watch(&t->exposure, view, rendered, t->target, t->masked ? t->weight : NULL,
                        (size_t)camera->width * (size_t)camera->height);
     return rc;
 }
 
-/* The model drawn from a view, against its photograph as step_load_image has left it. */
+/* The model rendered from a view, against its image as step_load_image has left it. */
 static oxl_result step_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
     const oxl_camera    *whole  = &oxl_scene_view(t->scene, view)->camera;
@@ -162,7 +162,7 @@ static oxl_result step_on_view(struct train *t, int view)
     const char               *name = oxl_scene_view(t->scene, view)->name;
     struct adam_params        adam;
     struct renderer_loss      loss;
-    struct renderer_nonfinite aside;
+    struct renderer_nonfinite skipped;
     oxl_result                rc;
     t->last_loss        = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
@@ -184,10 +184,10 @@ static oxl_result step_on_view(struct train *t, int view)
         lamp_step(&t->lamp, step_lamp(t, view), (double)t->step / t->options->iterations, renderer_lamp_gradient(t->renderer),
                   renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
-    rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &aside);
-    if (rc == OXL_OK && aside.rows > 0) rc = renderer_download(t->ctx, t->renderer);
+    rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
+    if (rc == OXL_OK && skipped.rows > 0) rc = renderer_download(t->ctx, t->renderer);
     if (rc != OXL_OK) return rc;
-    nonfinite_of_rows(t->ctx, &t->nonfinite, t->step, name, aside, t->model, &t->first, &t->second);
+    nonfinite_of_rows(t->ctx, &t->nonfinite, t->step, name, skipped, t->model, &t->first, &t->second);
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
         const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / t->step);
@@ -226,9 +226,12 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                                       .seed        = t->ctx->options.seed,
                                       .step        = t->step};
     struct density_change    change;
-    oxl_result               rc;
-    rc = renderer_download(t->ctx, t->renderer);
+    uint8_t                 *carved = NULL;
+    oxl_result               rc     = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, t->model, &carved);
+    rules.carved = carved;
     if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    oxl_free(t->ctx, carved);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK && t->model->count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",

@@ -113,6 +113,7 @@ static oxl_result train_begin(struct train *t)
         rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
     if (rc == OXL_OK && t->options->lamp != OXL_OFF)
         lamp_begin(&t->lamp, t->scene, t->place && t->place->start ? scene_imaging(t->scene) : NULL);
+    if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
 
@@ -126,6 +127,7 @@ static void train_end(struct train *t)
     density_free(ctx, t->density);
     transients_free(ctx, &t->transients);
     exposure_free(ctx, &t->exposure);
+    free_space_free(ctx, &t->free_space);
     oxl_free(ctx, t->target);
     oxl_free(ctx, t->weight);
     oxl_free(ctx, t->view);
@@ -310,7 +312,7 @@ static void train_return_decisions(struct train *t)
 }
 
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_place *place, oxl_model *out)
+                                  const oxl_callback *callback, const struct train_output *place, oxl_model *out)
 {
     struct train t  = {.ctx       = ctx,
                        .scene     = scene,

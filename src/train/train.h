@@ -6,12 +6,12 @@
 
 /* ---------------------------------------------------------------- nonfinite.c: numbers that are not finite */
 
-OXL_INTERNAL void nonfinite_of_photo(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
+OXL_INTERNAL void nonfinite_of_image(oxl_context *ctx, oxl_nonfinite *f); /* why it cannot be read is the context's error */
 /* The loss of a view that the renderer drew last is not finite. */
 OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view, const struct renderer *r,
                                     oxl_model *model, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
-                                    struct renderer_nonfinite aside, oxl_model *model, oxl_model *first, oxl_model *second);
+                                    struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
 OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f, oxl_model *model); /* removes; says what there was */
 OXL_INTERNAL void       nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
 OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *f);
@@ -23,13 +23,14 @@ OXL_INTERNAL void       nonfinite_read_json(const char *text, oxl_nonfinite *f);
 struct density; /* statistics since the last control */
 
 struct density_rules {
-    double   gradient;     /* grow at this mean |dL/d(u,v)|, in units of half an image */
-    double   f_mid, f_far; /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
-    double   extent;       /* of the scene */
-    int      split_large;  /* after the first reset interval [Kerbl 2023] */
-    size_t   cap;          /* on the number of Gaussians; 0: none */
-    uint64_t seed;
-    int      step;
+    double gradient;       /* grow at this mean |dL/d(u,v)|, in units of half an image */
+    double f_mid, f_far;   /* weights of what was seen from z_near and from z_far on [paper eq. 2]; read when there are bands */
+    double extent;         /* of the scene */
+    int    split_large;    /* after the first reset interval [Kerbl 2023] */
+    size_t cap;            /* on the number of Gaussians; 0: none */
+    const uint8_t *carved; /* (count) 1: to be removed; or NULL */
+    uint64_t       seed;
+    int            step;
 };
 struct density_change {
     size_t removed, cloned, split;
@@ -87,23 +88,24 @@ OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, 
 /* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
 
 struct spsa {
-    double   f[2];                     /* f_mid, f_far: the estimate */
-    double   home[2], prior_precision; /* where the estimate is drawn to, and how much: the curvature of a cost around it */
-    double   offset_sum[2];            /* how far from home each pair alone would put f_mid and f_far - f_mid: their sums */
-    double   point[2][2];              /* the two points of the pair in progress */
-    double   cost[2];                  /* of them, as told */
-    double   cap;                      /* the most that f may be */
+    double f[2]; /* f_mid, f_far: the estimate */
+    double prior_mean[2],
+        prior_precision;    /* where the estimate is rendered to, and how much: the curvature of a cost around it */
+    double   offset_sum[2]; /* how far from prior_mean each pair alone would put f_mid and f_far - f_mid: their sums */
+    double   point[2][2];   /* the two points of the pair in progress */
+    double   cost[2];       /* of them, as told */
+    double   cap;           /* the most that f may be */
     uint64_t seed, signs;
     int      pair, told; /* pairs finished; costs told of the one in progress */
     int      first;      /* which of the two points is asked for first */
 };
-/* doubt: half of it is what a weight must gain to be believed 1 away from home, in the costs' unit. */
-OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double home[2], double prior_precision, double cap,
-                             uint64_t seed);
+/* doubt: half of it is what a weight must gain to be believed 1 away from prior_mean, in the costs' unit. */
+OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double prior_mean[2], double prior_precision,
+                             double cap, uint64_t seed);
 /* The point to evaluate now; the same until it is told or skipped. */
 OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
-OXL_INTERNAL int  spsa_tell(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
-OXL_INTERNAL void spsa_skip(struct spsa *s);              /* the pair starts again */
+OXL_INTERNAL int  spsa_update(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
+OXL_INTERNAL void spsa_skip(struct spsa *s);                /* the pair starts again */
 OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s);
 
 /* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
@@ -130,7 +132,7 @@ OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size
 OXL_INTERNAL int        ucd_tries(const struct ucd *u);            /* whether the next densification is one to learn from */
 OXL_INTERNAL void       ucd_ask(const struct ucd *u, double f[2]); /* the point to try; told of twice, the next pair begins */
 /* Of the point asked for: the mean log loss at the end of its trial, and dN/N over it. Returns its cost; what is not finite drops the pair. */
-OXL_INTERNAL double     ucd_tell(struct ucd *u, double log_loss, double growth);
+OXL_INTERNAL double     ucd_update(struct ucd *u, double log_loss, double growth);
 OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 
 /* ---------------------------------------------------------------- prune.c: fewer Gaussians, those that matter most */
@@ -138,7 +140,7 @@ OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 struct prune {
     oxl_keep keep;
     double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
-    float    detail;              /* what fine detail adds to a pixel's weight; 0: photographs are not looked at */
+    float    detail;              /* what fine detail adds to a pixel's weight; 0: images are not looked at */
     int      views;               /* a score is taken of at most so many, spread evenly */
     int      start, end;          /* the window: steps */
     int      every, patience;     /* steps between checks; without a drop */
@@ -167,7 +169,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
 OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_image *p, float *out); /* (H,W) 0..3 */
 
-/* ---------------------------------------------------------------- transients.c: what swims through one photograph */
+/* ---------------------------------------------------------------- transients.c: what swims through one image */
 
 struct transients_square { /* of pixels, in the present view */
     float    error;        /* how far off its mean colour is, of white; -1: none of its pixels counts */
@@ -180,14 +182,14 @@ struct transients {
     int32_t                  *place;  /* (points) its square in the present view, or -1 */
     struct transients_square *square;
     size_t                    square_capacity;
-    double                    aside; /* share of the pixels put aside, smoothed over the last photographs */
+    double                    masked_share; /* share of masked pixels, smoothed over the last images */
 };
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on);
 OXL_INTERNAL void       transients_free(oxl_context *ctx, struct transients *r);
-/* weight (H,W): its pixels that are put aside become 0. masked: it holds a mask; else all of it is set. drawn, photo (3,H,W).
+/* weight (H,W): its pixels that are put aside become 0. masked: it holds a mask; else all of it is set. rendered, image (3,H,W).
  * remember 0: what is usual stays as it is, as in the steps of a trial. */
 OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
-                                         double near_plane, const float *drawn, const float *photo, int remember, int masked,
+                                         double near_plane, const float *rendered, const float *image, int remember, int masked,
                                          float *weight);
 OXL_INTERNAL void transients_describe(const struct transients *r, char *out, size_t size); /* what was put aside, in words */
 OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r);
@@ -223,6 +225,25 @@ OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double pr
                             double falloff);
 OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used);
 
+/* ---------------------------------------------------------------- free_space.c: between a camera and the points that it saw */
+
+enum { FREE_SPACE_GRID = 12 }; /* cells along each side of an image */
+
+struct free_space_view {         /* a training view */
+    uint32_t          image_row; /* in colmap.image */
+    const oxl_camera *camera;
+    float             depth[FREE_SPACE_GRID * FREE_SPACE_GRID]; /* camera z up to which a cell is free; 0: not known */
+};
+struct free_space {
+    struct free_space_view *view; /* (views) by image_row; NULL: off */
+    size_t                  views;
+};
+OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene);
+OXL_INTERNAL void       free_space_free(oxl_context *ctx, struct free_space *f);
+OXL_INTERNAL void       free_space_describe(const struct free_space *f, char *out, size_t size); /* what is known, in words */
+/* *carved (count): 1 for each Gaussian in free space; NULL: there is no free space. Free it with oxl_free. */
+OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model, uint8_t **carved);
+
 /* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
 
 struct exposure {
@@ -238,16 +259,16 @@ OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
 OXL_INTERNAL int        exposure_watches(const struct exposure *e);
 OXL_INTERNAL int        exposure_decides_at(const oxl_train_options *options); /* after this step; 0: never */
-OXL_INTERNAL void       exposure_watch(struct exposure *e, int view, const float *drawn, const float *target, const float *weight,
-                                       size_t n);
-OXL_INTERNAL void       exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
-OXL_INTERNAL void       exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size);
-OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
+OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *rendered, const float *target, const float *weight,
+                                 size_t n);
+OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
+OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size);
+OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
 
 /* Where a run keeps its state. */
-struct train_place {
+struct train_output {
     const char      *folder;    /* of the checkpoints */
     const char      *key;       /* what the result depends on */
     struct text     *log;       /* the caller's, kept with the state */
@@ -259,7 +280,7 @@ struct train_place {
 };
 /* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
-                                  const oxl_callback *callback, const struct train_place *place, oxl_model *out);
+                                  const oxl_callback *callback, const struct train_output *place, oxl_model *out);
 
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t     schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
@@ -269,7 +290,7 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
 OXL_INTERNAL float      schedule_scale_rate(const oxl_train_options *options);
 OXL_INTERNAL size_t     schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options);
 OXL_INTERNAL double     schedule_pixels(const oxl_scene *scene); /* of all training views */
-/* Share of the run in which a photograph of this size is halved. */
+/* Share of the run in which an image of this size is halved. */
 OXL_INTERNAL double     schedule_coarse_share(const oxl_train_options *options, int width, int height);
 OXL_INTERNAL int        schedule_densifies_at(const oxl_train_options *options, int step);
 OXL_INTERNAL int        schedule_resets_opacity_at(const oxl_train_options *options, int step);
@@ -277,6 +298,6 @@ OXL_INTERNAL int        schedule_densifications(const oxl_train_options *options
 OXL_INTERNAL int        schedule_may_try(const oxl_train_options *options); /* whether trials, which copy the model, may come */
 OXL_INTERNAL int        schedule_training_views(const oxl_scene *scene);
 /* Steps of a whole run's trials that are none of its iterations, at most; views: that train. */
-OXL_INTERNAL int        selection_steps_beside(const oxl_train_options *options, int views);
+OXL_INTERNAL int        selection_trial_steps(const oxl_train_options *options, int views);
 
 #endif

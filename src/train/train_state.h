@@ -16,41 +16,42 @@ enum train_trial {
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are watched before lobes are given out */
 
 struct train {
-    oxl_context              *ctx;
-    oxl_scene                *scene;
-    const oxl_train_options  *options;
-    oxl_render_options        render;
-    oxl_model                *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
-    struct renderer          *renderer;
-    struct density           *density;
-    struct ucd                ucd;
-    struct prune              prune;
-    struct transients         transients;
-    struct exposure           exposure;
-    struct water              water;
-    struct lamp_fit           lamp;
-    int                       sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
-    int                       lobes;         /* enum train_lobes */
-    int                       trial_is_next; /* enum train_trial: before the next step */
-    int                      *view;          /* (views) training views in this epoch's order */
-    int                       views, step;
-    int                      *held; /* (held_views) training views that stand aside, for decisions to be judged by */
-    int                       held_views;
-    float                    *target, *weight; /* with transients.points: the photograph of this step: (3,H,W), (H,W) */
-    int                       masked;          /* whether weight holds its mask */
-    size_t                    target_capacity, weight_capacity;
-    int                       halved;     /* whether the photograph of this step is reduced to half the sides */
-    double                    loss, psnr; /* smoothed */
-    double                    last_loss;  /* of the last photograph, alike from step to step; not a number: it was put aside */
-    oxl_nonfinite             nonfinite;
-    int                       first_step; /* after which this process took over: 0, or that of a checkpoint */
-    double                    begun;      /* when it did */
-    double                    seconds;    /* that others had spent on the run before */
-    const struct train_place *place;      /* of its checkpoints, or NULL */
-    int                       saved_step; /* of the last checkpoint, */
-    double                    saved_at;   /* and when it was */
-    const oxl_callback       *callback;
-    struct text               decisions; /* members of a JSON object: what was decided, and on what evidence */
+    oxl_context               *ctx;
+    oxl_scene                 *scene;
+    const oxl_train_options   *options;
+    oxl_render_options         render;
+    oxl_model                 *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
+    struct renderer           *renderer;
+    struct density            *density;
+    struct ucd                 ucd;
+    struct prune               prune;
+    struct transients          transients;
+    struct exposure            exposure;
+    struct water               water;
+    struct lamp_fit            lamp;
+    struct free_space          free_space;
+    int                        sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
+    int                        lobes;         /* enum train_lobes */
+    int                        trial_is_next; /* enum train_trial: before the next step */
+    int                       *view;          /* (views) training views in this epoch's order */
+    int                        views, step;
+    int                       *held; /* (held_views) training views that stand aside, for decisions to be judged by */
+    int                        held_views;
+    float                     *target, *weight; /* with transients.points: the image of this step: (3,H,W), (H,W) */
+    int                        masked;          /* whether weight holds its mask */
+    size_t                     target_capacity, weight_capacity;
+    int                        halved;     /* whether the image of this step is reduced to half the sides */
+    double                     loss, psnr; /* smoothed */
+    double                     last_loss;  /* of the last image, alike from step to step; not a number: it was put aside */
+    oxl_nonfinite              nonfinite;
+    int                        first_step; /* after which this process took over: 0, or that of a checkpoint */
+    double                     begun;      /* when it did */
+    double                     seconds;    /* that others had spent on the run before */
+    const struct train_output *place;      /* of its checkpoints, or NULL */
+    int                        saved_step; /* of the last checkpoint, */
+    double                     saved_at;   /* and when it was */
+    const oxl_callback        *callback;
+    struct text                decisions; /* members of a JSON object: what was decided, and on what evidence */
 };
 
 /* ---------------------------------------------------------------- schedule.c */
@@ -99,7 +100,7 @@ OXL_INTERNAL int        selection_holds(int index, int views);
 OXL_INTERNAL oxl_result selection_begin(struct train *t); /* which views train, and which stand aside */
 OXL_INTERNAL oxl_result selection_step(struct train *t);  /* one whole step, with the decisions that are due after it */
 /* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
-OXL_INTERNAL oxl_result selection_judge(struct train *t, double *loss, double *psnr);
+OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL oxl_result
 selection_trial(struct train *t); /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */
 OXL_INTERNAL void selection_end(struct train *t); /* after the last step: the decisions of others */

@@ -1,14 +1,14 @@
-/* transients.c - what swims through one photograph is not learned: where it stays unexplained while the other photographs of the same place
+/* transients.c - what swims through one image is not learned: where it stays unexplained while the other images of the same place
  * are explained, its pixels do not count.
  *
  * From RobustNeRF (Sabour et al. 2023, arXiv 2302.00833, its trimmed least squares) come the residual as the witness, the vote of the
  * neighbourhood, and weights of 0 or 1 made anew in each step. Its threshold, the median of a batch's residuals, is not taken: it puts
  * half of all pixels aside at first, and for good what is hard to model (thin corals, the survey's rim), which so is never learned. A
- * fish and a coral that is not learned yet leave the same residual in one photograph; they differ in the others. So each sparse point
+ * fish and a coral that is not learned yet leave the same residual in one image; they differ in the others. So each sparse point
  * keeps what error is `usual` where it lies, over the views that see it: small behind a fish, for the other views explain the ground;
  * large at the coral until it is learned; and TRANSIENTS_MOST at first, so that little is put aside before there is something to go by.
  *
- * In a step, e being the error of a square of pixels: the channels' mean of |mean of drawn - photograph| (of the signed difference:
+ * In a step, e being the error of a square of pixels: the channels' mean of |mean of rendered - image| (of the signed difference:
  * texture that is not learned yet has next to none, a blot has), and m the largest usual error of the points around it,
  *     odd    e > TRANSIENTS_ERROR, and of TRANSIENTS_VOTES at least of the 3 x 3 squares around
  *     core   odd, and e > TRANSIENTS_TIMES m
@@ -28,7 +28,7 @@
 #define TRANSIENTS_SMOOTHING 0.02  /* of the share that is told at the end: about the last 50 views */
 enum {
     TRANSIENTS_VOTES  = 3,   /* of the 3 x 3 squares, with the one in the middle: noise has none, a thin tail has them */
-    TRANSIENTS_ACROSS = 100, /* squares along the longer side of a photograph, */
+    TRANSIENTS_ACROSS = 100, /* squares along the longer side of an image, */
     TRANSIENTS_SIDE   = 4,   /* px: or fewer, of so many at least */
     TRANSIENTS_NEAR   = 2    /* squares: points that speak for one lie so near */
 };
@@ -38,7 +38,7 @@ OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r,
 {
     *r = (struct transients){.points = on ? oxl_scene_point_count(scene) : 0};
     if (on && r->points == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: what swims through a photograph cannot be told from the rest");
+        oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: what swims through an image cannot be told from the rest");
     if (r->points == 0) return OXL_OK;
     r->usual = oxl_alloc(ctx, r->points, sizeof *r->usual);
     r->place = oxl_alloc(ctx, r->points, sizeof *r->place);
@@ -57,8 +57,8 @@ OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *r)
 
 OXL_INTERNAL void transients_describe(const struct transients *r, char *out, size_t size)
 {
-    snprintf(out, size, "robust: of the photographs' pixels, %.1f %% were put aside of late as what others do not show",
-             100 * r->aside);
+    snprintf(out, size, "robust: of the images' pixels, %.1f %% were put aside of late as what others do not show",
+             100 * r->masked_share);
 }
 
 /* ---------------------------------------------------------------- squares of pixels */
@@ -76,8 +76,8 @@ static struct transients_grid transients_grid(int width, int height)
 }
 
 /* Of the pixels of square (x, y) that count; -1: none does. weight (H,W) may be NULL: all do. */
-static float transients_error(const struct transients_grid *g, const float *drawn, const float *photo, const float *weight, int x,
-                              int y)
+static float transients_error(const struct transients_grid *g, const float *rendered, const float *image, const float *weight,
+                              int x, int y)
 {
     const size_t plane = (size_t)g->width * (size_t)g->height;
     const int    left = x * g->side, right = OXL_MIN(left + g->side, g->width), end = OXL_MIN((y + 1) * g->side, g->height);
@@ -87,7 +87,7 @@ static float transients_error(const struct transients_grid *g, const float *draw
             const size_t at = (size_t)row * (size_t)g->width + (size_t)column;
             const float  w  = weight ? weight[at] : 1;
             count += w;
-            for (size_t c = 0; c < 3; c++) sum[c] += w * (drawn[at + c * plane] - photo[at + c * plane]);
+            for (size_t c = 0; c < 3; c++) sum[c] += w * (rendered[at + c * plane] - image[at + c * plane]);
         }
     return count > 0 ? (fabsf(sum[0]) + fabsf(sum[1]) + fabsf(sum[2])) / (3 * count) : -1;
 }
@@ -133,7 +133,7 @@ static void transients_mark(const struct transients_grid *g, struct transients_s
 /* ---------------------------------------------------------------- points */
 
 /* The square that a point lies in, or -1. */
-static int32_t transients_place(const struct transients_grid *g, const oxl_camera *c, double near_plane, const double *p)
+static int32_t transients_cell(const struct transients_grid *g, const oxl_camera *c, double near_plane, const double *p)
 {
     const double *r = c->rotation, *t = c->translation;
     const double  z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
@@ -151,14 +151,14 @@ static void transients_ask_points(oxl_context *ctx, struct transients *r, const 
     const oxl_point *point = oxl_scene_points(scene);
     (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < (int64_t)r->points; i++) r->place[i] = transients_place(g, camera, near_plane, point[i].position);
+    for (int64_t i = 0; i < (int64_t)r->points; i++) r->place[i] = transients_cell(g, camera, near_plane, point[i].position);
     for (size_t i = 0; i < r->points; i++) {
         struct transients_square *s = r->place[i] < 0 ? NULL : &r->square[r->place[i]];
         if (s) s->usual = OXL_MAX(s->usual, r->usual[i]);
     }
 }
 
-static void transients_tell_points(struct transients *r)
+static void transients_add_points(struct transients *r)
 {
     for (size_t i = 0; i < r->points; i++) {
         const float error = r->place[i] < 0 ? -1 : r->square[r->place[i]].error;
@@ -166,7 +166,7 @@ static void transients_tell_points(struct transients *r)
     }
 }
 
-/* ---------------------------------------------------------------- a photograph */
+/* ---------------------------------------------------------------- an image */
 
 /* Returns how many pixels are aside. */
 static size_t transients_fill(const struct transients_grid *g, const struct transients_square *square, int masked, float *weight)
@@ -183,7 +183,7 @@ static size_t transients_fill(const struct transients_grid *g, const struct tran
 }
 
 OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
-                                         double near_plane, const float *drawn, const float *photo, int remember, int masked,
+                                         double near_plane, const float *rendered, const float *image, int remember, int masked,
                                          float *weight)
 {
     const struct transients_grid g = transients_grid(camera->width, camera->height);
@@ -193,15 +193,15 @@ OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r,
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < n; i++) {
-        r->square[i].error = transients_error(&g, drawn, photo, masked ? weight : NULL, i % g.across, i / g.across);
+        r->square[i].error = transients_error(&g, rendered, image, masked ? weight : NULL, i % g.across, i / g.across);
         r->square[i].usual = -1;
     }
     transients_ask_points(ctx, r, &g, scene, camera, near_plane);
     transients_mark(&g, r->square);
     aside = (double)transients_fill(&g, r->square, masked, weight) / ((double)g.width * g.height);
     if (!remember) return OXL_OK;
-    transients_tell_points(r);
-    r->aside += TRANSIENTS_SMOOTHING * (aside - r->aside);
+    transients_add_points(r);
+    r->masked_share += TRANSIENTS_SMOOTHING * (aside - r->masked_share);
     return OXL_OK;
 }
 
@@ -209,7 +209,7 @@ OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r)
 {
     if (r->points == 0) return; /* off: that follows from the options and the scene */
     archive_floats(a, r->usual, r->points);
-    archive_doubles(a, &r->aside, 1);
+    archive_doubles(a, &r->masked_share, 1);
     for (size_t i = 0; i < r->points; i++) archive_expect(a, r->usual[i] >= 0 && r->usual[i] <= TRANSIENTS_MOST);
-    archive_expect(a, r->aside >= 0 && r->aside <= 1);
+    archive_expect(a, r->masked_share >= 0 && r->masked_share <= 1);
 }

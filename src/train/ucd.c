@@ -2,14 +2,14 @@
  *
  * Water takes contrast with distance, and the gradients that ask for more Gaussians with it. So a gradient seen from between z_near and
  * z_far counts f_mid times, from beyond z_far f_far times: there alone, never in the optimiser. Both are learned during the run by
- * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same photographs (model_selection.c): training goes on with it
+ * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same images (model_selection.c): training goes on with it
  * for UCD_SPANS densifications and up to the next one, and the cost of the point is
  *     mean log loss over the last half of a span  +  UCD_GROWTH x dN / N,
  * dN the Gaussians that came. Without the second term more would always look better. The point of less cost goes on. What is cloned
  * and split hurts at first: judged after one span, growth seems to do harm, and all weights fall to 1 (docs/ABLATION.md).
  *
- * Two trials one after the other, as Spall has it, differ in the photographs, the learning rate and the last opacity reset as well:
- * from two starts the weights stayed far apart so. As far as the costs are flat, the weights are drawn to those of a run without a search.
+ * Two trials one after the other, as Spall has it, differ in the images, the learning rate and the last opacity reset as well:
+ * from two starts the weights stayed far apart so. As far as the costs are flat, the weights are rendered to those of a run without a search.
  *
  * Model only what a scene requires: `auto` turns this on where contrast is seen to fade with depth (contrast.c), and says what it saw.
  *
@@ -18,14 +18,14 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define UCD_GROWTH    0.02 /* what a doubling costs, in log loss: about what it earns in a trial (docs/ABLATION.md) */
-#define UCD_DOUBT     0.01 /* half of it is what a weight must gain to be 1 away from its default, in log loss */
-#define UCD_CAP       5.0  /* on both weights [D] */
-#define UCD_FADE_MIN  0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
-#define UCD_ERRORS    3.0  /* auto: standard errors that it must be away from none */
-#define UCD_DEPTH_MAX 0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
-#define UCD_FRONT     0.10 /* quantiles of depth that auto compares */
-#define UCD_BACK      0.90
+#define UCD_GROWTH          0.02 /* what a doubling costs, in log loss: about what it earns in a trial (docs/ABLATION.md) */
+#define UCD_PRIOR_PRECISION 0.01 /* half of it is what a weight must gain to be 1 away from its default, in log loss */
+#define UCD_CAP             5.0  /* on both weights [D] */
+#define UCD_FADE_MIN        0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
+#define UCD_ERRORS          3.0  /* auto: standard errors that it must be away from none */
+#define UCD_DEPTH_MAX       0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
+#define UCD_FRONT           0.10 /* quantiles of depth that auto compares */
+#define UCD_BACK            0.90
 enum {
     UCD_PAIRS  = 12,           /* where there are densifications enough; spread over them, as each costs another trial */
     UCD_STRIDE = 2 * UCD_SPANS /* at least, so that trials add no more than a half */
@@ -62,7 +62,7 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
 
 /* ---------------------------------------------------------------- where the bands are, and whether */
 
-static void ucd_place_bands(struct ucd *u, const oxl_scene *scene, enum oxl_ucd_bands bands)
+static void ucd_set_bands(struct ucd *u, const oxl_scene *scene, enum oxl_ucd_bands bands)
 {
     const double z_max = scene_depth_quantile(scene, UCD_DEPTH_MAX);
     u->z_near          = z_max / 3;
@@ -87,17 +87,16 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
     u->on = c->measured && fade >= UCD_FADE_MIN && fade >= UCD_ERRORS * error;
     if (!c->measured) snprintf(u->reason, sizeof u->reason, "off: there are no points that were seen from several depths");
     else
-        snprintf(
-            u->reason, sizeof u->reason,
-            "%s: from depth %.3g to %.3g the photographs' contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from %.2f)",
-            u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
+        snprintf(u->reason, sizeof u->reason,
+                 "%s: from depth %.3g to %.3g the images' contrast falls by %.0f %% (log %.2f +- %.2f, %zu points; on from %.2f)",
+                 u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
 }
 
 OXL_INTERNAL void ucd_begin_search(struct ucd *u, int densifications, uint64_t seed)
 {
     const oxl_ucd usual = oxl_ucd_default();
     u->stride           = OXL_MAX(UCD_STRIDE, (densifications + UCD_PAIRS / 2) / UCD_PAIRS);
-    spsa_begin(&u->spsa, u->f, (double[]){usual.f_mid, usual.f_far}, UCD_DOUBT, UCD_CAP, seed);
+    spsa_begin(&u->spsa, u->f, (double[]){usual.f_mid, usual.f_far}, UCD_PRIOR_PRECISION, UCD_CAP, seed);
     memcpy(u->f, u->spsa.f, sizeof u->f);
     u->too_short = u->learns && densifications < UCD_DENSIFICATIONS;
     u->learns    = u->learns && !u->too_short;
@@ -115,7 +114,7 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *sc
     if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_decide(u, scene);
     u->learns = u->learns && u->on;
     if (rc != OXL_OK || !u->on) return rc;
-    ucd_place_bands(u, scene, options->bands);
+    ucd_set_bands(u, scene, options->bands);
     ucd_begin_search(u, densifications, ctx->options.seed);
     return OXL_OK;
 }
@@ -143,10 +142,10 @@ OXL_INTERNAL void ucd_ask(const struct ucd *u, double f[2])
     spsa_ask(&u->spsa, f);
 }
 
-OXL_INTERNAL double ucd_tell(struct ucd *u, double log_loss, double growth)
+OXL_INTERNAL double ucd_update(struct ucd *u, double log_loss, double growth)
 {
     const double cost = log_loss + UCD_GROWTH * growth;
-    if (spsa_tell(&u->spsa, cost)) memcpy(u->f, u->spsa.f, sizeof u->f);
+    if (spsa_update(&u->spsa, cost)) memcpy(u->f, u->spsa.f, sizeof u->f);
     return cost;
 }
 

@@ -2,7 +2,7 @@
  *
  * Each is softplus of a free number (SeaSplat, WaterSplatting); attenuation and backscatter count per median range of the survey's
  * points, so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate WATER_RATE. They start at WATER_FROM of the
- * run from the survey's fit of contrast against depth (survey/contrast.c), and from the mean colour of its points for the veil. What is drawn at the median range stays what it was:
+ * run from the survey's fit of contrast against depth (survey/contrast.c), and from the mean colour of its points for the veil. What is rendered at the median range stays what it was:
  * the Gaussians' colours are taken through the water once, backwards.
  *
  * What it omits: the lamp's own backscatter, which is strongest near the camera; forward scatter, which blurs.

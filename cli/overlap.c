@@ -1,0 +1,118 @@
+/* overlap.c - does a model belong to a survey? Two are compared that would be alike if it does: the boxes that hold nine tenths of the
+ * survey's points and of the model's Gaussians along each axis, and what the survey's cameras see of the model.
+ *
+ * Another origin moves the box away, another scale changes its size, another frame empties the pixels. A warning, never an error: a part of
+ * a survey may be what is asked about.
+ */
+#include "cli.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* Twelve trained models have 1.0 to 1.1 of the diagonal, 95 to 99 % of the points and no empty pixel. */
+#define OVERLAP_SMALL  0.75 /* of the diagonal of the survey's box, at least */
+#define OVERLAP_LARGE  1.5  /* at most: Gaussians of the background lie far out */
+#define OVERLAP_INSIDE 0.6  /* of the survey's points are in the model's box, at least */
+#define OVERLAP_EMPTY  0.5  /* of the pixels show nothing, at most */
+enum {
+    OVERLAP_POINTS = 20, /* fewer have no box */
+    OVERLAP_VIEWS  = 4,  /* are rendered, */
+    OVERLAP_SIDE   = 160 /* reduced to so many px on the longer side */
+};
+
+struct overlap_box {
+    double low[3], high[3];
+};
+
+static int overlap_compare(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* From the 5th to the 95th percentile; value (count) is sorted. */
+static void overlap_axis(struct overlap_box *box, int axis, float *value, size_t count)
+{
+    qsort(value, count, sizeof *value, overlap_compare);
+    box->low[axis]  = (double)value[count / 20];
+    box->high[axis] = (double)value[count - 1 - count / 20];
+}
+
+static double overlap_diagonal(const struct overlap_box *b)
+{
+    double sum = 0;
+    for (int a = 0; a < 3; a++) sum += (b->high[a] - b->low[a]) * (b->high[a] - b->low[a]);
+    return sqrt(sum);
+}
+
+/* Share of the points in the box, which is widened by a tenth of its diagonal. */
+static double overlap_inside(const struct overlap_box *b, const oxl_point *point, size_t count)
+{
+    const double margin = 0.1 * overlap_diagonal(b);
+    size_t       inside = 0;
+    for (size_t i = 0; i < count; i++) {
+        int in = 1;
+        for (int a = 0; a < 3; a++)
+            in &= point[i].position[a] >= b->low[a] - margin && point[i].position[a] <= b->high[a] + margin;
+        inside += (size_t)in;
+    }
+    return (double)inside / (double)count;
+}
+
+/* The pixels of a few views, reduced, in which no Gaussian is met. */
+static oxl_result overlap_empty(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, double *share)
+{
+    const int views = oxl_scene_view_count(scene), asked = views < OVERLAP_VIEWS ? views : OVERLAP_VIEWS;
+    size_t    empty = 0, all = 0;
+    for (int k = 0; k < asked; k++) {
+        oxl_camera   c      = oxl_scene_view(scene, (int)((2 * (long)k + 1) * views / (2 * asked)))->camera;
+        const int    side   = c.width > c.height ? c.width : c.height;
+        const double factor = side > OVERLAP_SIDE ? (double)OVERLAP_SIDE / side : 1;
+        const int    width = (int)ceil(c.width * factor), height = (int)ceil(c.height * factor);
+        oxl_image    image = {0};
+        float       *depth = malloc((size_t)width * (size_t)height * sizeof *depth);
+        oxl_result   rc    = depth ? OXL_OK : OXL_ERR_MEMORY;
+        c.width = width, c.height = height;
+        c.fx *= factor, c.fy *= factor, c.cx *= factor, c.cy *= factor;
+        if (rc == OXL_OK) rc = oxl_render(ctx, model, &c, NULL, &image, depth);
+        for (int i = 0; rc == OXL_OK && i < width * height; i++) empty += depth[i] == 0;
+        all += (size_t)width * (size_t)height;
+        oxl_image_free(ctx, &image);
+        free(depth);
+        if (rc != OXL_OK) return rc;
+    }
+    *share = all ? (double)empty / (double)all : 0;
+    return OXL_OK;
+}
+
+oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name, char *warning,
+                         size_t size)
+{
+    const size_t       points = oxl_scene_point_count(scene);
+    const oxl_point   *point  = oxl_scene_points(scene);
+    const int          boxes  = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS;
+    float             *value  = malloc(((points > model->count ? points : model->count) + 1) * sizeof *value);
+    struct overlap_box its = {{0}, {0}}, own = {{0}, {0}};
+    double             ratio = 1, inside = 1, empty = 0;
+    oxl_result         rc = value ? overlap_empty(ctx, model, scene, &empty) : OXL_ERR_MEMORY;
+    warning[0]            = 0;
+    for (int a = 0; a < 3 && rc == OXL_OK && boxes; a++) {
+        for (size_t i = 0; i < points; i++) value[i] = (float)point[i].position[a];
+        overlap_axis(&its, a, value, points);
+        for (size_t i = 0; i < model->count; i++) value[i] = model->plane[OXL_MEAN + a][i];
+        overlap_axis(&own, a, value, model->count);
+    }
+    free(value);
+    if (rc != OXL_OK) return rc;
+    if (boxes && overlap_diagonal(&its) > 0) {
+        ratio  = overlap_diagonal(&own) / overlap_diagonal(&its);
+        inside = overlap_inside(&own, point, points);
+    }
+    if (model->count > 0 && (ratio < OVERLAP_SMALL || ratio > OVERLAP_LARGE || inside < OVERLAP_INSIDE || empty > OVERLAP_EMPTY))
+        snprintf(warning, size,
+                 "%s does not seem to cover the survey: it is %.2g times as large, %.0f %% of the survey's points lie in it, "
+                 "and %.0f %% of the pixels show nothing\n"
+                 "fix: compare it with the survey that it was trained on, from a file that keeps origin and scale (.ply, .spz)",
+                 name, ratio, 100 * inside, 100 * empty);
+    return OXL_OK;
+}

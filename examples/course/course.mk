@@ -1,0 +1,42 @@
+# course.mk - the course: examples/course/index.html, its checks, the exercises and the ladder. Part of the Makefile.
+
+COURSE := examples/course
+COURSE_PARTS := $(COURSE)/course.html $(COURSE)/course.css $(COURSE)/course.js $(COURSE)/exercises.txt
+WASM_CC ?= clang
+# -nostdinc: only the headers in math/ and wasm/, and the compiler's own (stdint.h, stddef.h).
+WASM_FLAGS := --target=wasm32 -std=c99 -O2 -ffp-contract=off -mbulk-memory -nostdlib -nostdinc -isystem $(COURSE)/math -isystem $(COURSE)/wasm
+.PHONY: course course-page course-check exercises ladder
+
+course: $(BUILD)/course/index.html ## examples/course/index.html, the interactive course (Debian: clang, lld)
+	cp $< $(COURSE)/index.html
+course-page: $(BUILD)/course/index.html
+$(BUILD)/course/course.wasm: $(COURSE)/course.c reference/splat.c src/core/vecmath.h $(wildcard $(COURSE)/math/*.h $(COURSE)/wasm/*.h) $(COURSE)/course.mk
+	@mkdir -p $(@D)
+	$(WASM_CC) $(WASM_FLAGS) -isystem $$($(WASM_CC) -print-resource-dir)/include \
+	  -Wl,--no-entry -Wl,--export-dynamic -Wl,--strip-all -Wl,-z,stack-size=262144 $< -o $@
+$(BUILD)/course/page: $(COURSE)/page.c
+	@mkdir -p $(@D)
+	$(CC) -std=c99 -O1 $(WARN) $< -o $@
+$(BUILD)/course/index.html: $(BUILD)/course/page $(BUILD)/course/course.wasm $(COURSE_PARTS) $(wildcard src/*/*.c)
+	$(BUILD)/course/page $(COURSE)/course.html $(BUILD)/course/course.wasm "$$($(WASM_CC) --version | head -n 1)" > $@
+
+course-check: $(BUILD)/course/numbers $(BUILD)/course/numbers_libm ## the committed course: matches its sources; in a headless browser its numbers are the native build's
+	$(COURSE)/check.sh $(BUILD)/course
+$(BUILD)/course/numbers $(BUILD)/course/numbers_libm: $(COURSE)/numbers.c $(COURSE)/course.c $(COURSE)/math/math.h reference/splat.c src/core/vecmath.h
+	@mkdir -p $(@D)
+	$(CC) -std=c99 -O2 $(FLOATS) $(WARN) $(if $(findstring libm,$@),-DCOURSE_LIBM,-isystem $(COURSE)/math) $< -o $@ -lm
+
+# exercise-N compiles the student's copy of splat.c with its check.
+EXERCISES_AT ?= $(BUILD)/exercises
+EXERCISE := $(addprefix exercise-,1 2 3 4 5 6 7 8 9 10)
+.PHONY: $(EXERCISE)
+exercises: ## the checks of the course's ten exercises (make exercise-1 .. exercise-10): each refuses splat.c and accepts its solution
+	$(COURSE)/exercises.sh $(BUILD)/course/exercises
+$(EXERCISE): exercise-%:
+	@mkdir -p $(EXERCISES_AT)
+	@[ -e $(EXERCISES_AT)/$*.c ] || cp reference/splat.c $(EXERCISES_AT)/$*.c
+	@$(CC) -std=c99 -O1 -DEXERCISE=$* -DSTUDENT='"$(EXERCISES_AT)/$*.c"' -I. $(COURSE)/exercises.c -o $(EXERCISES_AT)/$* -lm
+	@$(EXERCISES_AT)/$* $(COURSE)/exercises.txt
+
+ladder: $(BUILD)/liboceanxl.a ## seven renderers of one scene, from plain loops to the library: times and differences (half a minute)
+	@$(COURSE)/ladder.sh $(BUILD)/ladder $(CC) -std=c99 -O3 $(FLOATS) $(THREADS)

@@ -1,0 +1,131 @@
+/* free_space.c - Gaussians between a camera and the points that it saw are removed.
+ *
+ * The views of a point's track saw it, so nothing stands between them and the point. A Gaussian there explains what one image shows and
+ * veils others. For each training view a grid over its image holds, cell by cell, the least depth of the tracks' points in the cell and its
+ * eight neighbours. At density control a Gaussian goes if its centre projects into a cell of some view at less than FREE_SPACE_SHARE of
+ * that depth. A cell with points in fewer than FREE_SPACE_CELLS of the nine says nothing: thin things without points lie in such cells.
+ *
+ * Invariant: a function of the scene alone, so there is no state to archive. Without tracks nothing is removed.
+ */
+#include "train.h"
+
+#define FREE_SPACE_SHARE 0.7f /* of the least depth: points are off, and surfaces swell towards the camera between them */
+enum {
+    FREE_SPACE_TRACK = 3, /* views that a point must have been seen from: two rays almost always meet somewhere */
+    FREE_SPACE_CELLS = 5
+};
+
+/* The cell that a position falls into, or -1. *z: camera z. */
+static int free_space_cell(const oxl_camera *c, const double p[3], double *z)
+{
+    const double *r = c->rotation, *t = c->translation;
+    double        x, y;
+    *z = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
+    if (!(*z > 0)) return -1;
+    x = (c->cx + c->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / *z) / c->width;
+    y = (c->cy + c->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / *z) / c->height;
+    if (!(x >= 0 && y >= 0 && x < 1 && y < 1)) return -1;
+    return (int)(y * FREE_SPACE_GRID) * FREE_SPACE_GRID + (int)(x * FREE_SPACE_GRID);
+}
+
+static int free_space_compare(const void *a, const void *b)
+{
+    const struct free_space_view *x = a, *y = b;
+    return (x->image_row > y->image_row) - (x->image_row < y->image_row);
+}
+
+/* Least depths of the tracks' points, cell by cell; 0: none. */
+static void free_space_add_points(struct free_space *f, const struct colmap *c, const double origin[3])
+{
+    for (size_t i = 0; i < c->point_count; i++) {
+        const struct colmap_point *point    = &c->point[i];
+        const double              *p        = point->position;
+        const double               local[3] = {p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]};
+        if (point->track_count < FREE_SPACE_TRACK || !scene_takes_point(point, origin)) continue;
+        for (uint32_t k = 0; k < point->track_count; k++) {
+            const struct free_space_view wanted = {.image_row = c->track[point->first_track + k].image_row};
+            struct free_space_view      *view   = bsearch(&wanted, f->view, f->views, sizeof *f->view, free_space_compare);
+            double                       z;
+            const int                    cell = view ? free_space_cell(view->camera, local, &z) : -1;
+            if (cell >= 0 && (view->depth[cell] == 0 || z < view->depth[cell])) view->depth[cell] = (float)z;
+        }
+    }
+}
+
+/* FREE_SPACE_SHARE of the least depth of a cell and its neighbours; 0: not known. */
+static float free_space_limit(const float *depth, int x, int y)
+{
+    float least = FLT_MAX;
+    int   known = 0;
+    for (int row = OXL_MAX(y - 1, 0); row <= OXL_MIN(y + 1, FREE_SPACE_GRID - 1); row++)
+        for (int column = OXL_MAX(x - 1, 0); column <= OXL_MIN(x + 1, FREE_SPACE_GRID - 1); column++) {
+            const float z = depth[row * FREE_SPACE_GRID + column];
+            known += z > 0;
+            if (z > 0) least = OXL_MIN(least, z);
+        }
+    return known >= FREE_SPACE_CELLS ? FREE_SPACE_SHARE * least : 0;
+}
+
+OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene)
+{
+    const struct colmap *c     = scene_colmap(scene);
+    const int            views = oxl_scene_view_count(scene);
+    if (!c || c->track_count == 0) return OXL_OK;
+    f->view = oxl_calloc(ctx, (size_t)views + 1, sizeof *f->view);
+    if (!f->view) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the depths of %d views", views);
+    for (int i = 0; i < views; i++) {
+        if (oxl_scene_view(scene, i)->is_test) continue;
+        f->view[f->views].camera      = &oxl_scene_view(scene, i)->camera;
+        f->view[f->views++].image_row = (uint32_t)(scene_source_image(scene, i) - c->image);
+    }
+    qsort(f->view, f->views, sizeof *f->view, free_space_compare);
+    free_space_add_points(f, c, oxl_scene_origin(scene));
+    for (size_t v = 0; v < f->views; v++) {
+        float depth[FREE_SPACE_GRID * FREE_SPACE_GRID];
+        memcpy(depth, f->view[v].depth, sizeof depth);
+        for (int k = 0; k < FREE_SPACE_GRID * FREE_SPACE_GRID; k++)
+            f->view[v].depth[k] = free_space_limit(depth, k % FREE_SPACE_GRID, k / FREE_SPACE_GRID);
+    }
+    return OXL_OK;
+}
+
+OXL_INTERNAL void free_space_free(oxl_context *ctx, struct free_space *f)
+{
+    oxl_free(ctx, f->view);
+    *f = (struct free_space){0};
+}
+
+static int free_space_holds(const struct free_space *f, const double p[3])
+{
+    for (size_t v = 0; v < f->views; v++) {
+        double    z;
+        const int cell = free_space_cell(f->view[v].camera, p, &z);
+        if (cell >= 0 && z < f->view[v].depth[cell]) return 1;
+    }
+    return 0;
+}
+
+OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model, uint8_t **carved)
+{
+    *carved = f->view ? oxl_alloc(ctx, model->count, sizeof **carved) : NULL;
+    if (!f->view) return OXL_OK;
+    if (!*carved) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look for Gaussians in free space among %zu", model->count);
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t i = 0; i < (int64_t)model->count; i++) {
+        double p[3];
+        for (int a = 0; a < 3; a++) p[a] = model->plane[OXL_MEAN + a][i];
+        (*carved)[i] = (uint8_t)free_space_holds(f, p);
+    }
+    return OXL_OK;
+}
+
+OXL_INTERNAL void free_space_describe(const struct free_space *f, char *out, size_t size)
+{
+    size_t known = 0;
+    for (size_t v = 0; v < f->views; v++)
+        for (int k = 0; k < FREE_SPACE_GRID * FREE_SPACE_GRID; k++) known += f->view[v].depth[k] > 0;
+    if (!f->view) snprintf(out, size, "as asked for, or there are no tracks");
+    else
+        snprintf(out, size, "tracks bound the free space in %.0f %% of the cells of %zu training views",
+                 100.0 * (double)known / (FREE_SPACE_GRID * FREE_SPACE_GRID) / (double)OXL_MAX(f->views, 1), f->views);
+}

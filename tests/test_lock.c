@@ -1,0 +1,78 @@
+/* test_lock.c - a folder is written to by one process at a time. The other process is a child that is killed. */
+#ifndef _WIN32
+#include <sys/wait.h>
+
+/* A child that holds a lock on the folder; killed and waited for by lock_test_kill. */
+static pid_t lock_test_child(const char *folder, int shared)
+{
+    int   ready[2];
+    char  byte;
+    pid_t child;
+    CHECK(pipe(ready) == 0);
+    fflush(stdout);
+    child = fork();
+    if (child == 0) {
+        oxl_lock  *lock;
+        oxl_result rc = lock_folder(test_ctx, folder, shared, &lock);
+        if (write(ready[1], rc == OXL_OK ? "+" : "-", 1) != 1) _exit(1);
+        for (;;) pause();
+    }
+    CHECK(child > 0 && read(ready[0], &byte, 1) == 1 && byte == '+');
+    close(ready[0]);
+    close(ready[1]);
+    return child;
+}
+
+static void lock_test_kill(pid_t child)
+{
+    kill(child, SIGKILL);
+    waitpid(child, NULL, 0);
+}
+
+static char lock_test_said[256];
+
+static void lock_test_log(void *user, oxl_log_level level, const char *text)
+{
+    (void)user, (void)level;
+    snprintf(lock_test_said, sizeof lock_test_said, "%s", text);
+}
+
+TEST(lock_of_a_live_process_is_refused_by_its_number_and_that_of_a_killed_one_is_taken_over)
+{
+    const char *folder = test_path("out");
+    const pid_t child  = lock_test_child(folder, 0);
+    oxl_lock   *lock   = NULL;
+    char        who[64];
+    snprintf(who, sizeof who, "is in use by process %ld on ", (long)child);
+    CHECK(oxl_lock_folder(test_ctx, folder, &lock) == OXL_ERR_FAILED && !lock);
+    CHECK(strstr(oxl_error_text(test_ctx), who) && strstr(oxl_error_text(test_ctx), "\nfix: "));
+    CHECK(lock_folder(test_ctx, folder, 1, &lock) == OXL_ERR_FAILED);
+    lock_test_kill(child);
+    test_ctx->options.log = lock_test_log;
+    CHECK_OK(oxl_lock_folder(test_ctx, folder, &lock));
+    CHECK(strstr(lock_test_said, "its lock is taken over"));
+    oxl_unlock_folder(test_ctx, &lock);
+    lock_test_said[0] = 0;
+    CHECK(!lock && !os_is_file(test_path("out/.lock")));
+    CHECK_OK(oxl_lock_folder(test_ctx, folder, &lock));
+    CHECK(!lock_test_said[0]);
+    oxl_unlock_folder(test_ctx, &lock);
+}
+
+TEST(lock_that_is_shared_lets_others_share_it_and_nobody_have_it_alone)
+{
+    const char *folder = test_path("out");
+    const pid_t child  = lock_test_child(folder, 1);
+    oxl_lock   *lock   = NULL;
+    CHECK(oxl_lock_folder(test_ctx, folder, &lock) == OXL_ERR_FAILED);
+    CHECK_OK(lock_folder(test_ctx, folder, 1, &lock));
+    CHECK(lock_change(test_ctx, lock, folder, 0) == OXL_ERR_FAILED);
+    oxl_unlock_folder(test_ctx, &lock);
+    CHECK(os_is_file(test_path("out/.lock"))); /* the child's still */
+    CHECK_OK(lock_folder(test_ctx, folder, 1, &lock));
+    lock_test_kill(child);
+    CHECK_OK(lock_change(test_ctx, lock, folder, 0));
+    oxl_unlock_folder(test_ctx, &lock);
+    CHECK(!os_is_file(test_path("out/.lock")));
+}
+#endif
