@@ -44,10 +44,19 @@ static void on_signal(int number)
     stop_asked = 1;
 }
 
+static int is_stopped(void *user)
+{
+    (void)user;
+    return stop_asked;
+}
+
 static void catch_signals(void)
 {
     signal(SIGINT, on_signal);
     signal(SIGTERM, on_signal);
+#ifdef SIGHUP
+    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) signal(SIGHUP, on_signal); /* a closed terminal; nohup ignores it */
+#endif
 #ifdef SIGPIPE
     signal(SIGPIPE, SIG_IGN); /* whoever listened has gone; the work goes on */
 #endif
@@ -203,9 +212,11 @@ static void print_results(const struct arguments *a)
 {
     if (!has_file(a->out, "metrics.json")) printf("unfinished %s\n", a->out);
     else if (a->json) print_file(a->out, "metrics.json");
-    else
-        printf("model     %s/scene.ply\nmetrics   %s/metrics.json\npictures  %s/renders\nreport    %s/report.html\n", a->out,
-               a->out, a->out, a->out);
+    else {
+        printf("model     %s/scene.ply\n", a->out);
+        if (has_file(a->out, "scene_standard.ply")) printf("standard  %s/scene_standard.ply, for other viewers\n", a->out);
+        printf("metrics   %s/metrics.json\npictures  %s/renders\nreport    %s/report.html\n", a->out, a->out, a->out);
+    }
 }
 
 static oxl_result run_check_with(oxl_context *ctx, const struct arguments *a, const oxl_job_options *options)
@@ -447,6 +458,7 @@ static oxl_result run_study(const struct arguments *a, struct console *console)
                        .callback      = {on_progress, console}};
     oxl_result    rc;
     o.context.log     = on_log;
+    o.context.stopped = is_stopped;
     o.context.user    = console;
     o.context.backend = (oxl_backend)a->backend;
     o.context.device  = a->device;
@@ -553,12 +565,16 @@ int main(int argc, char **argv)
     if (a.completion) complete_print(stdout, a.completion);
     if (a.help || a.version || a.manual || a.page || a.completion) return EXIT_DONE;
     wait_passively(argv);
+#ifdef SIGXFSZ
+    signal(SIGXFSZ, SIG_IGN); /* past ulimit -f a write fails, as on a full disk */
+#endif
     console.quiet = a.quiet;
     console.json  = a.progress_json;
     console.live  = !console.json && oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
-    options.log  = on_log;
-    options.user = &console;
+    options.log     = on_log;
+    options.stopped = is_stopped;
+    options.user    = &console;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
     if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF) a.job.scene.allow_cut = 1;

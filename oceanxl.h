@@ -85,9 +85,10 @@ typedef struct oxl_context_options {
      * thread at a time, not always the same one. */
     void *(*reallocate)(void *user, void *old, size_t size);
     void (*log)(void *user, oxl_log_level level, const char *text); /* one line without newline; NULL: no log */
-    void       *user;                                               /* passed to both */
-    oxl_backend backend;                                            /* (CPU) */
-    int         device; /* index in the list of oxl_devices; -1: discrete devices first (-1) */
+    int (*stopped)(void *user); /* nonzero: long reading and writing soon ends with OXL_ERR_INTERRUPTED; NULL: never */
+    void       *user;           /* passed to all three */
+    oxl_backend backend;        /* (CPU) */
+    int         device;         /* index in the list of oxl_devices; -1: discrete devices first (-1) */
 } oxl_context_options;
 
 OXL_API oxl_context_options oxl_context_options_default(void);
@@ -238,7 +239,8 @@ OXL_API void       oxl_model_move_origin(oxl_model *model, const double origin[3
 /* Places, sizes and origin times a factor above 0; model->scale keeps what all factors come to. */
 OXL_API void       oxl_model_rescale(oxl_model *model, double factor);
 
-/* One isotropic Gaussian per point; its scale is the mean distance to the 3 nearest neighbours [Kerbl 2023]. */
+/* One isotropic Gaussian per position; its scale is the mean distance to the 3 nearest neighbours [Kerbl 2023]. Of points at the same
+ * position the first is used, so out->count may be less than `count`. */
 OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out);
 
 /* The file extension selects the format.

@@ -136,7 +136,8 @@ static int parse_option(int argc, char **argv, int *at, struct arguments *a, cha
     o = cli_option_at(index);
     if (!value && o->kind != OXL_OPTION_FLAG && *at + 1 < argc) value = argv[++*at];
     if (o->kind == OXL_OPTION_FLAG ? value != NULL : value == NULL) {
-        snprintf(error, size, "option %s takes %s%s", word, o->value ? "a value: " : "no value", o->value ? o->value : "");
+        snprintf(error, size, "option %s takes %s%s\nfix: oceanxl %s --help all shows it", word,
+                 o->value ? "a value: " : "no value", o->value ? o->value : "", command_of(a->command)->name);
         return 1;
     }
     if (cli_option_of_job(index) < 0) return oxl_option_set(o, a, value, error, size) != OXL_OK;
@@ -204,7 +205,8 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
             if (parse_option(argc, argv, &i, a, error, size)) return 1;
         } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];
         else {
-            snprintf(error, size, "'%s' is one word too many", argv[i]);
+            snprintf(error, size, "'%s' is one word too many\nfix: oceanxl %s --help shows an example", argv[i],
+                     command_of(a->command)->name);
             return 1;
         }
     }

@@ -102,6 +102,16 @@ static void flight_survey(const oxl_scene *scene, double share, oxl_camera *c)
 
 /* ---------------------------------------------------------------- the frames */
 
+/* Of an earlier flight: they are numbered without gaps, and those past the end of this one would be taken for its own. */
+static void flight_remove_frames(const char *folder)
+{
+    char path[1100];
+    for (int i = 0;; i++) {
+        snprintf(path, sizeof path, "%s/frame_%05d.png", folder, i);
+        if (remove(path) != 0) return;
+    }
+}
+
 oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options,
                         char *error, size_t error_size)
 {
@@ -109,13 +119,14 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
     const int                orbit  = strcmp(options->kind, "orbit") == 0;
     oxl_result               rc     = oxl_make_folder(ctx, options->folder);
     if (rc == OXL_OK && !orbit && strcmp(options->kind, "survey") != 0) {
-        snprintf(error, error_size, "--path: '%s' seen, orbit or survey wanted", options->kind);
+        snprintf(error, error_size, "--path: '%s' seen, orbit or survey wanted\nfix: --path orbit", options->kind);
         return OXL_ERR_USAGE;
     }
     if (rc == OXL_OK && (oxl_scene_view_count(scene) < 1 || (orbit && oxl_scene_point_count(scene) < 3))) {
         snprintf(error, error_size, "--path %s: the survey has too few views or points", options->kind);
         return OXL_ERR_INPUT;
     }
+    if (rc == OXL_OK) flight_remove_frames(options->folder);
     for (int i = 0; i < options->frames && rc == OXL_OK; i++) {
         oxl_camera   c     = oxl_scene_view(scene, 0)->camera;
         const double share = orbit ? (double)i / options->frames : (double)i / (options->frames > 1 ? options->frames - 1 : 1);

@@ -30,6 +30,7 @@ static size_t info_broken(const oxl_model *m)
     for (size_t i = 0; i < m->count; i++) {
         int fine = 1;
         for (int p = 0; p < oxl_model_planes(m); p++) fine &= isfinite(m->plane[p][i]) != 0;
+        for (int p = OXL_LOG_SCALE; p < OXL_LOG_SCALE + 3; p++) fine &= isfinite(expf(m->plane[p][i])) != 0;
         for (int p = OXL_LOBE; i < m->lobes && p < OXL_PLANES; p++) fine &= isfinite(m->plane[p][i]) != 0;
         broken += !fine;
     }

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define SCALE_MISS 0.03 /* of the bar's length, by which a ray may miss its end */
+
 struct scale_end {
     double sum[3][3], right[3]; /* of the normal equations: sum of (I - d d^T), and of it times the ray's origin */
     int    rays;
@@ -117,6 +119,22 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
     if (rc != OXL_OK) return rc;
     for (int k = 0; k < 3; k++) units += (end[1][k] - end[0][k]) * (end[1][k] - end[0][k]);
     units = sqrt(units);
+    if (length > 0 && !(units > 0)) {
+        snprintf(error, size,
+                 "--scale-bar: both ends are at the same place, so --length %g has no scale\n"
+                 "fix: give two different ends",
+                 length);
+        return OXL_ERR_INPUT;
+    }
+    for (int i = 0; i < 2; i++)
+        if (miss[i] > SCALE_MISS * units) {
+            snprintf(
+                error, size,
+                "--scale-bar: the rays of end %d miss each other by %.3g units, %.0f %% of the bar's %.3g; at most %.0f %% are wanted\n"
+                "fix: click the same place in all of its images, and check their poses",
+                i + 1, miss[i], units > 0 ? 100 * miss[i] / units : 100.0, units, 100 * SCALE_MISS);
+            return OXL_ERR_INPUT;
+        }
     for (int i = 0; i < 2; i++)
         fprintf(to, "end %d     %.6f %.6f %.6f, its rays miss it by at most %.3g units\n", i + 1, end[i][0] + origin[0],
                 end[i][1] + origin[1], end[i][2] + origin[2], miss[i]);

@@ -332,24 +332,25 @@ void adam(double *x, double g, double rate, int step, double *m, double *v) {
     *x -= rate * *m / (1 - pow(beta1, step)) / (sqrt(*v / (1 - pow(beta2, step))) + epsilon);
 }
 
-enum verdict { REMOVE, KEEP, CLONE, SPLIT };
+enum verdict { REMOVE, KEEP, SPLIT };
 /* Density control: what becomes of a Gaussian [K sec. 5.2]. gradient: mean over the views of |dL/d(centre)|, in half images. */
 enum verdict judge(const struct gaussian *g, double gradient, double extent, int was_reset) {
     const double scale = exp(fmax(g->log_scale[0], fmax(g->log_scale[1], g->log_scale[2]))) / extent;
-    if (sigmoid(g->logit) < 0.005) return REMOVE;                  /* [K*] */
-    if (was_reset && scale > 0.1) return SPLIT;                    /* [K*] removes it */
-    return gradient < 2e-4 ? KEEP : scale <= 0.01 ? CLONE : SPLIT; /* [K], [K*] */
+    if (sigmoid(g->logit) < 0.005) return REMOVE; /* [K*] */
+    if (was_reset && scale > 0.1) return SPLIT;   /* [K*] removes it */
+    return gradient < 2e-4 ? KEEP : SPLIT;        /* [K] clones small ones */
 }
 
-/* g becomes one of the two that replace it: a sample of itself [Box & Muller 1958], smaller by 1.6 [K]. */
-void split(struct gaussian *g, unsigned *random) {
-    double n[4], D[4][9], Q[9], u[2];
+/* g becomes one of the two that replace it, on its longest axis before or behind its mean (side -1 or 1): mean, covariance and, to first
+ * order in the opacity, the sum of alpha stay. */
+void split(struct gaussian *g, int side) {
+    double n[4], D[4][9], Q[9];
+    const double *s = g->log_scale, length = exp(fmax(s[0], fmax(s[1], s[2])));
+    const int j = s[0] >= s[1] && s[0] >= s[2] ? 0 : s[1] >= s[2] ? 1 : 2;
     rotation_forward(g->rotation, n, D, Q);
-    for (int j = 0; j < 3; j++) {
-        for (int k = 0; k < 2; k++) u[k] = ((*random = *random * 1664525u + 1013904223u) + 0.5) / 4294967296.0;
-        for (int i = 0; i < 3; i++) g->mean[i] += Q[3 * i + j] * exp(g->log_scale[j]) * sqrt(-2 * log(u[0])) * cos(2 * PI * u[1]);
-        g->log_scale[j] -= log(1.6);
-    }
+    for (int i = 0; i < 3; i++) g->mean[i] += side * sqrt(0.5) * length * Q[3 * i + j];
+    g->log_scale[j] += log(sqrt(0.5));
+    g->logit = log(pow(1 - sigmoid(g->logit), -sqrt(0.5)) - 1); /* o' = 1 - (1 - o)^sqrt(1/2) */
 }
 
 enum { MOST = 300, PIXELS = 48 * 36 };
@@ -359,7 +360,6 @@ struct trainer {
     struct splat s[MOST], ds[MOST];
     double rgb[3 * PIXELS], drgb[3 * PIXELS], extent; /* of the scene, world units */
     double pull[MOST], views[MOST];                   /* since the last densification: sum of |dL/d(centre)|, number of views */
-    unsigned random;
 };
 
 /* One view: forward, loss, backward, and Adam for the Gaussians in view. Returns the loss. */
@@ -384,8 +384,8 @@ void densify(struct trainer *t, int was_reset) {
         const int n = t->model.count;
         if (verdict == REMOVE) t->x[i] = t->x[n - 1], t->m[i] = t->m[n - 1], t->v[i] = t->v[n - 1], t->model.count--;
         if (verdict == REMOVE || verdict == KEEP || n == MOST) continue;
-        t->x[n] = t->x[i], t->m[n] = t->v[n] = zero, t->model.count++;
-        if (verdict == SPLIT) t->m[i] = t->v[i] = zero, split(&t->x[i], &t->random), split(&t->x[n], &t->random);
+        t->x[n] = t->x[i], t->m[i] = t->v[i] = t->m[n] = t->v[n] = zero, t->model.count++;
+        split(&t->x[i], -1), split(&t->x[n], 1);
     }
     memset(t->pull, 0, sizeof t->pull), memset(t->views, 0, sizeof t->views);
 }
@@ -410,7 +410,7 @@ void write_ply(const char *path, const struct model *m) {
 
 int main(void) {
     enum { VIEWS = sizeof SCENE_VIEW / sizeof *SCENE_VIEW, COUNT = sizeof SCENE_GAUSSIAN / sizeof *SCENE_GAUSSIAN, STEPS = 600 };
-    static struct trainer t = {{COUNT, 0, {0.05, 0.25, 0.35}, t.x}, .extent = 3.5, .random = 1};
+    static struct trainer t = {{COUNT, 0, {0.05, 0.25, 0.35}, t.x}, .extent = 3.5};
     static double truth[VIEWS][3 * PIXELS];
     struct camera cam[VIEWS];
     double mean = 0, square = 0;

@@ -35,6 +35,7 @@ ctrl_c() { # COMMAND...: stopped by the signal once it trains
     wait $!
 }
 beside() { # COMMAND...: while another process trains into busy/, which is then killed
+    rm -f busy/.lock
     "$program" train survey -o busy --iterations 1000000 --quiet >/dev/null 2>&1 &
     while kill -0 $! 2>/dev/null && ! grep -q process busy/.lock 2>/dev/null; do sleep 0.05; done
     "$@"
@@ -42,6 +43,38 @@ beside() { # COMMAND...: while another process trains into busy/, which is then 
     kill -9 $!
     wait $! 2>/dev/null
     return $code
+}
+with_signal() { # "SIGNAL COMMAND": once the run trains, the command is run, then the signal sent
+    signal=${1%% *} before=${1#"$signal"}
+    shift
+    "$@" 2>signalled.txt &
+    while kill -0 $! 2>/dev/null && ! grep -q ETA signalled.txt; do sleep 0.05; done
+    $before
+    kill -"$signal" $!
+    wait $!
+    code=$?
+    cat signalled.txt >&2
+    return $code
+}
+stopped_early() { # COMMAND...: the signal comes while the points of long/ are read
+    mkdir -p long/sparse/0 && cp survey/sparse/0/cameras.txt survey/sparse/0/images.txt long/sparse/0 && ln -sfn ../survey/images long/images
+    awk '/^#/ { next } { row[n++] = $0 } END { for (k = 0; k < 400; k++) for (i = 0; i < n; i++) { $0 = row[i]; $1 = 100000 * k + $1; print } }' \
+        survey/sparse/0/points3D.txt >long/sparse/0/points3D.txt
+    "$@" --quiet &
+    while kill -0 $! 2>/dev/null && ! test -s early/.lock; do sleep 0.01; done
+    kill -TERM $!
+    wait $!
+}
+single_image() {
+    mkdir -p single/sparse/0 && cp survey/sparse/0/cameras.txt single/sparse/0 && ln -sfn ../survey/images single/images
+    { sed -n '/^[0-9]/{p;n;p;q;}' survey/sparse/0/images.txt; } >single/sparse/0/images.txt
+    printf '1 0 0 0 9 9 9 1 1 0\n' >single/sparse/0/points3D.txt
+    "$program" train single -o single/out --iterations 10
+}
+one_place() { # the positions of all cameras become 0
+    mkdir -p place && cp -r survey/. place
+    awk '/^#/ { print; next } NF == 10 && $10 ~ /IMG/ { $6 = $7 = $8 = 0 } { print }' survey/sparse/0/images.txt >place/sparse/0/images.txt
+    "$program" check place
 }
 doubled() { # MODEL MODEL: places and sizes of the second are twice those of the first
     "$program" info "$1" --json >one.txt && "$program" info "$2" --json >two.txt &&
@@ -91,6 +124,7 @@ promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
 
 # A survey of our own; small, so that a step takes a millisecond.
 promise synth_writes_a_survey 0 "" "$program" synth -o survey --views 16 --size 96x64 --points 800 --quiet
+first=$(ls survey/images | head -n 1) last=$(ls survey/images | tail -n 1)
 promise check_accepts_it 0 "16 listed, 0 missing" "$program" check survey
 promise check_prints_json 0 '"images": 16' on_stdout "$program" check survey --json
 promise train_does_the_whole_job 0 "out/scene.ply" on_stdout "$program" train survey -o out --iterations 60
@@ -125,6 +159,23 @@ for command in "merge busy" "partition survey -o busy" "ablate survey -o busy" "
 done
 promise the_lock_of_a_killed_run_is_taken_over 0 "its lock is taken over" "$program" train survey -o busy --iterations 20 --restart
 promise a_finished_run_leaves_no_lock 0 "" sh -c '! find . -name .lock | grep .'
+promise more_threads_than_processors_are_not_used 0 "processor" on_stderr "$program" check survey --threads 1000
+promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads are asked for" on_stderr env OMP_NUM_THREADS=1000 "$program" check survey
+promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_stderr "$program" train survey -o points --block-points 1
+promise a_signal_before_training_stops_the_run 130 "interrupted" on_stderr stopped_early "$program" train long -o early
+promise nothing_was_trained_then 1 "" test -e early/blocks
+promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP "$program" train survey -o hung --iterations 1000000
+promise nohup_goes_on 0 "hup/scene.ply" sh -c "nohup '$program' train survey -o hup --iterations 400 --quiet & sleep 0.3; kill -HUP \$!; wait \$!"
+promise a_limit_on_files_is_told_as_a_full_disk_is 1 "room on the disk" on_stderr sh -c "ulimit -f 8; '$program' train survey -o limited --iterations 20 --quiet"
+promise a_folder_of_blocks_that_is_deleted_is_made_again 130 "the state is saved" on_stderr with_signal "INT rm -rf gone/blocks" "$program" train survey -o gone --iterations 1000000
+promise the_state_is_there_again 0 "" files 1 gone/blocks/000 checkpoint.oxl
+promise a_mask_of_another_shape_is_told_by_train 0 "the mask is stretched" on_stderr sh -c \
+    "mkdir -p masked && cp -r survey/. masked && '$program' synth -o square --views 2 --size 50x50 --points 50 --quiet && mkdir masked/masks && cp square/images/IMG_00000.png masked/masks/\$(ls survey/images | head -n 1).png && '$program' train masked -o masked/out --iterations 20"
+promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/out/report.html
+promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
+promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
+promise little_memory_is_told_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
+promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"
 promise a_refused_resume_names_the_options 2 "  --cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
 promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 there, 0.1 here" sh -c \
     "'$program' train survey -o stopped --preset draft --cooldown 0.1 2>said.txt; code=\$?; cat said.txt; grep -q iterations: said.txt && exit 9; exit \$code"
@@ -140,11 +191,14 @@ promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
 promise render_writes_an_orthomosaic 0 "ortho.pgw places it in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --depth
 promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
 promise render_flies_a_path 0 "3 pictures in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
-promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_0000[012].png"
+promise a_shorter_flight_leaves_no_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --path survey --frames 5 && '$program' render out/scene.ply survey -o flight --path survey --frames 3"
+promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_*.png"
 promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
 promise a_listener_that_goes_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
 promise render_draws_one_kind_of_pictures 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho
 promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
+promise measure_refuses_rays_that_miss 3 "miss each other by" on_stderr "$program" measure survey --scale-bar $first,10,50,$last,90,5:0,0,0 --length 1
+promise measure_refuses_a_bar_without_length 3 "both ends are at the same place" on_stderr "$program" measure survey --scale-bar 1,2,3:1,2,3 --length 1
 promise measure_knows_a_distance 0 "scale     0.5 metres a unit" "$program" measure survey --scale-bar 0,0,0:2,0,0 --length 1
 promise measure_wants_a_bar 2 "--scale-bar" "$program" measure survey
 promise no_vulkan_is_told 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend vulkan

@@ -567,6 +567,7 @@ static void reference_density_rows(oxl_model *m, double extent, double *gradient
         m->plane[OXL_OPACITY][i] = (float)log(o / (1 - o));
         for (int a = 0; a < 3; a++) {
             m->plane[OXL_MEAN + a][i]      = (float)reference_random((size_t)i, (size_t)a);
+            m->plane[OXL_ROTATION + a][i]  = (float)reference_random((size_t)i, (size_t)a + 3);
             m->plane[OXL_LOG_SCALE + a][i] = (float)log(a == i % 3 ? scale : 0.3 * scale);
         }
     }
@@ -583,14 +584,11 @@ static void reference_check_children(const oxl_model *was, const oxl_model *is, 
         const enum splat_verdict verdict = splat_decide(log_scale, was->plane[OXL_OPACITY][i], gradient[i], extent, was_reset);
         const int                rows    = verdict == SPLAT_REMOVE ? 0 : verdict == SPLAT_KEEP ? 1 : 2;
         for (int child = 0; child < rows && at < is->count; child++, at++) {
-            const double shrink = verdict == SPLAT_SPLIT ? splat_shrink() : 0;
-            double       off    = 0;
-            for (int a = 0; a < 3; a++) {
-                CHECK_CLOSE(is->plane[OXL_LOG_SCALE + a][at], log_scale[a] - shrink, 1e-5);
-                off += fabs(is->plane[OXL_MEAN + a][at] - was->plane[OXL_MEAN + a][i]);
-            }
-            CHECK((off > 0) == (verdict == SPLAT_SPLIT));
-            CHECK(first->plane[OXL_OPACITY][at] == (verdict == SPLAT_KEEP || (verdict == SPLAT_CLONE && child == 0)));
+            double row[OXL_SH];
+            for (int k = 0; k < OXL_SH; k++) row[k] = was->plane[k][i];
+            if (verdict == SPLAT_SPLIT) splat_split(row, child ? 1 : -1);
+            for (int k = 0; k < OXL_SH; k++) CHECK_CLOSE(is->plane[k][at], row[k], 2e-5 * (1 + fabs(row[k])));
+            CHECK(first->plane[OXL_OPACITY][at] == (verdict == SPLAT_KEEP));
         }
     }
     CHECK(at == is->count);
@@ -600,15 +598,12 @@ TEST(reference_density_control_removes_keeps_clones_and_splits_the_same_rows)
 {
     const double extent = 2.5;
     for (int was_reset = 0; was_reset < 2; was_reset++) {
-        const struct density_rules rules = {.gradient    = oxl_train_options_default(OXL_PRESET_PAPER).densify_gradient,
-                                            .extent      = extent,
-                                            .split_large = was_reset,
-                                            .seed        = 1,
-                                            .step        = 100};
-        double                     gradient[REFERENCE_ROWS];
-        oxl_model                  was, is, first, second;
-        struct density            *d;
-        struct density_change      change;
+        const struct density_rules rules = {
+            .gradient = oxl_train_options_default(OXL_PRESET_PAPER).densify_gradient, .extent = extent, .split_large = was_reset};
+        double                gradient[REFERENCE_ROWS];
+        oxl_model             was, is, first, second;
+        struct density       *d;
+        struct density_change change;
         reference_density_rows(&was, extent, gradient);
         reference_density_rows(&is, extent, gradient);
         CHECK_OK(oxl_model_create(test_ctx, REFERENCE_ROWS, 0, &first));
@@ -618,7 +613,7 @@ TEST(reference_density_control_removes_keeps_clones_and_splits_the_same_rows)
         CHECK_OK(density_clear(test_ctx, d, REFERENCE_ROWS));
         for (int i = 0; i < REFERENCE_ROWS; i++) d->gradient[i] = (float)(3 * gradient[i]), d->views[i] = 3;
         CHECK_OK(density_control(test_ctx, d, &is, &first, &second, &rules, &change));
-        CHECK(change.removed == 20 && change.cloned == 4 && change.split == (was_reset ? 20 : 16));
+        CHECK(change.removed == 20 && change.split == (was_reset ? 24 : 20));
         reference_check_children(&was, &is, &first, gradient, extent, was_reset);
         density_free(test_ctx, d);
         oxl_model_free(test_ctx, &was);

@@ -63,20 +63,59 @@ TEST(density_copy_has_all_that_was_summed_up_so_far)
     density_free(test_ctx, to);
 }
 
-TEST(density_clones_small_rows_and_splits_large_ones_beside_their_parent)
+TEST(density_splits_rows_of_large_gradient_in_two_beside_each_other_with_new_moments)
 {
     struct density_case         c = density_case((float[]){1, 1, 0, 0});
-    const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .seed = 1, .step = 100});
-    const float                *x = c.model.plane[OXL_MEAN], *s = c.model.plane[OXL_LOG_SCALE];
-    CHECK(d.cloned == 1 && d.split == 1 && d.removed == 0 && c.model.count == 6 && c.first.count == 6);
-    CHECK(x[0] == 0 && x[1] == 0);                                     /* the clone, an exact copy */
-    CHECK(x[2] != x[3] && fabsf(x[2] - 1) < 2 && fabsf(x[3] - 1) < 2); /* two samples of the split one */
-    CHECK_CLOSE(s[2], -1 - log(1.6), 1e-6);
-    CHECK_CLOSE(s[3], -1 - log(1.6), 1e-6);
+    const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
+    const float                *x = c.model.plane[OXL_MEAN];
+    CHECK(d.split == 2 && d.removed == 0 && c.model.count == 6 && c.first.count == 6);
+    for (int i = 0; i < 4; i += 2) {
+        CHECK(x[i] != x[i + 1]);
+        CHECK_CLOSE(x[i] + x[i + 1], i, 1e-6); /* the mean stays */
+    }
     CHECK(x[4] == 2 && x[5] == 3);
-    CHECK(c.first.plane[0][0] == 7 && c.first.plane[0][1] == 0); /* the parent keeps its moments, new rows start at 0 */
-    CHECK(c.second.plane[5][2] == 0 && c.second.plane[5][3] == 0 && c.second.plane[5][4] == 7);
+    for (int i = 0; i < 6; i++) CHECK(c.first.plane[0][i] == (i < 4 ? 0 : 7) && c.second.plane[5][i] == (i < 4 ? 0 : 7));
     density_case_free(&c);
+}
+
+/* A needle of the given opacity across the image, rendered; with_children: after a split. (1,32,48) of red. */
+static void density_render_needle(float opacity, int with_children, float red[32 * 48])
+{
+    const oxl_camera    camera = {48, 32, 40, 40, 24, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
+    struct density_case c      = density_case((float[]){1, 0, 0, 0});
+    static const float  row[]  = {0, 0, 4, -1, -1.6f, -2.3f, 0.9f, 0.1f, 0.2f, 0.4f};
+    oxl_image           image;
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < OXL_SH + 3; k++)
+            c.model.plane[k][i] = k == OXL_OPACITY ? (i ? -20 : logf(opacity / (1 - opacity))) : k < OXL_OPACITY ? row[k] : 1;
+    if (with_children) CHECK(density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1}).split == 1);
+    CHECK_OK(oxl_render(test_ctx, &c.model, &camera, NULL, &image, NULL));
+    memcpy(red, image.rgb, 32 * 48 * sizeof *red);
+    oxl_image_free(test_ctx, &image);
+    density_case_free(&c);
+}
+
+/* Sum of alpha, mean, variances, largest difference of a pixel. What is lost: the image below alpha 1/255, and opacity to second order. */
+TEST(density_split_keeps_opacity_place_and_covariance_of_the_rendered_image)
+{
+    static const float opacities[2] = {0.1f, 0.5f};
+    for (int n = 0; n < 2; n++) {
+        float  image[2][32 * 48];
+        double sum[2] = {0}, mean[2] = {0}, across[2] = {0}, down[2] = {0}, most = 0;
+        for (int k = 0; k < 2; k++) {
+            density_render_needle(opacities[n], k, image[k]);
+            for (int i = 0; i < 32 * 48; i++) {
+                const double x = i % 48 - 23.5, y = i / 48 - 15.5, v = image[k][i];
+                sum[k] += v, mean[k] += v * x, across[k] += v * x * x, down[k] += v * y * y;
+                most = OXL_MAX(most, fabs(v - image[0][i]));
+            }
+        }
+        CHECK_CLOSE(sum[1] / sum[0], 1, 0.1);
+        CHECK_CLOSE(mean[1] / sum[1], mean[0] / sum[0], 0.2); /* px */
+        CHECK_CLOSE(across[1] / sum[1] / (across[0] / sum[0]), 1, 0.1);
+        CHECK_CLOSE(down[1] / sum[1] / (down[0] / sum[0]), 1, 0.1);
+        CHECK(most < 0.15 * opacities[n]);
+    }
 }
 
 TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
@@ -84,7 +123,7 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
     struct density_case   c = density_case((float[]){0, 0, 0, 0});
     struct density_change d;
     oxl_model            *all[3] = {&c.model, &c.first, &c.second};
-    struct density_rules  rules  = {.gradient = 0.5, .extent = 1, .seed = 1, .step = 100};
+    struct density_rules  rules  = {.gradient = 0.5, .extent = 1};
     for (int n = 0; n < 3; n++) CHECK_OK(model_set_lobes(test_ctx, all[n], 3));
     for (int i = 0; i < 3; i++) c.model.plane[OXL_LOBE][i] = c.first.plane[OXL_LOBE][i] = (float)(10 + i);
     c.model.plane[OXL_OPACITY][0]  = -9;
@@ -106,7 +145,7 @@ TEST(density_removes_faint_rows_and_such_as_are_not_finite)
     c.model.plane[OXL_OPACITY][0]  = -6; /* 0.0025 */
     c.model.plane[OXL_MEAN + 1][1] = INFINITY;
     c.model.plane[OXL_SH + 11][3]  = NAN; /* although its gradient would have it grow */
-    d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .seed = 1, .step = 100});
+    d                              = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1});
     CHECK(d.removed == 3 && c.model.count == 1 && c.model.plane[OXL_MEAN][0] == 2);
     density_case_free(&c);
 }
@@ -115,7 +154,7 @@ TEST(density_removes_faint_rows_and_such_as_are_not_finite)
 TEST(density_splits_large_rows_whatever_their_gradient_but_only_after_a_reset)
 {
     struct density_case   c     = density_case((float[]){0, 0, 0, 0});
-    struct density_rules  rules = {.gradient = 0.5, .extent = 1, .seed = 1, .step = 100};
+    struct density_rules  rules = {.gradient = 0.5, .extent = 1};
     struct density_change d     = density_run(&c, rules);
     CHECK(d.removed == 0 && d.split == 0);
     rules.split_large = 1;
@@ -127,9 +166,8 @@ TEST(density_splits_large_rows_whatever_their_gradient_but_only_after_a_reset)
 TEST(density_cap_lets_those_with_the_largest_gradients_grow)
 {
     struct density_case         c = density_case((float[]){1, 4, 2, 3});
-    const struct density_change d =
-        density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .cap = 6, .seed = 1, .step = 1});
-    CHECK(c.model.count == 6 && d.split == 2 && d.cloned == 0);
+    const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .cap = 6});
+    CHECK(c.model.count == 6 && d.split == 2);
     density_case_free(&c);
 }
 
@@ -165,9 +203,8 @@ TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
     for (int i = 0; i < 3; i++) { /* the threshold is met by nobody; by the far one; by the middle one too */
         struct density_case         c = density_banded_case();
         const struct density_change d = density_run(
-            &c, (struct density_rules){
-                    .gradient = 0.5, .f_mid = i > 1 ? 2 : 1, .f_far = i > 0 ? 2 : 1.9, .extent = 1, .seed = 1, .step = 1});
-        CHECK(d.cloned == (size_t)(i > 0) && d.split == (size_t)(i > 1)); /* row 2 is small, row 1 large */
+            &c, (struct density_rules){.gradient = 0.5, .f_mid = i > 1 ? 2 : 1, .f_far = i > 0 ? 2 : 1.9, .extent = 1});
+        CHECK(d.split == (size_t)i); /* rows 1 and 2 */
         density_case_free(&c);
     }
 }

@@ -57,9 +57,9 @@ void kernels_adam(double x[16], const double gradient[16], double rate, int step
 
 double splat_learning_rate(int plane, double extent, double progress);
 
-enum splat_verdict { SPLAT_REMOVE, SPLAT_KEEP, SPLAT_CLONE, SPLAT_SPLIT };
+enum splat_verdict { SPLAT_REMOVE, SPLAT_KEEP, SPLAT_SPLIT };
 enum splat_verdict splat_decide(const double log_scale[3], double logit, double gradient, double extent, int was_reset);
-double             splat_shrink(void); /* by how much the log scales of the two halves of a split are smaller */
+void splat_split(double row[OXL_SH], int side); /* its planes up to opacity become those of its child, side -1 or 1 */
 
 /* Trains reference/splat.c's trainer on one view of `truth` from `start`, steps times; returns the last loss over the first. */
 double splat_train(struct wide *truth, const struct wide *start, int steps);

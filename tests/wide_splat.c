@@ -253,12 +253,13 @@ enum splat_verdict splat_decide(const double log_scale[3], double logit, double 
     return (enum splat_verdict)judge(&g, gradient, extent, was_reset);
 }
 
-double splat_shrink(void)
+void splat_split(double row[OXL_SH], int side)
 {
-    struct gaussian g      = {.rotation = {1}};
-    unsigned        random = 1;
-    split(&g, &random);
-    return -g.log_scale[0];
+    struct gaussian g;
+    memset(&g, 0, sizeof g);
+    memcpy(&g, row, OXL_SH * sizeof *row);
+    split(&g, side);
+    memcpy(row, &g, OXL_SH * sizeof *row);
 }
 
 double splat_train(struct wide *truth, const struct wide *start, int steps)
@@ -269,7 +270,7 @@ double splat_train(struct wide *truth, const struct wide *start, int steps)
     if (!t || start->count > MOST || truth->camera.width * truth->camera.height > PIXELS) abort();
     scene_create(&s, truth);
     t->model  = (struct model){(int)start->count, start->sh_degree, {0}, t->x};
-    t->extent = 4, t->random = 1;
+    t->extent = 4;
     memcpy(t->model.background, truth->background, sizeof t->model.background);
     for (size_t i = 0; i < start->count; i++) t->x[i] = scene_row(start, i);
     for (int step = 1; step <= steps; step++) {

@@ -51,14 +51,14 @@ EXPORT int one_gaussian(void) {
     g.mean[0] = (in[0] - 60) / 120 * in[2], g.mean[1] = (in[1] - 45) / 120 * in[2], g.mean[2] = in[2];
     for (int a = 0; a < 3; a++) g.log_scale[a] = log(in[5 + a]);
     course_rotation(in[3], in[4], g.rotation);
-    out[11] = project_forward(&g, 0, &cam, &s);
+    out[12] = project_forward(&g, 0, &cam, &s);
     xx = dot(s.B[0][0], s.B[0][0], 3) + LOW_PASS, xy = dot(s.B[0][0], s.B[0][1], 3), yy = dot(s.B[0][1], s.B[0][1], 3) + LOW_PASS;
     root = sqrt((xx - yy) * (xx - yy) / 4 + xy * xy);
     out[0] = xx, out[1] = xy, out[2] = yy, out[3] = 1 / (s.conic[0][0] * s.conic[0][2] - s.conic[0][1] * s.conic[0][1]);
     for (int k = 0; k < 3; k++) out[4 + k] = s.conic[0][k];
     out[7] = sqrt((xx + yy) / 2 + root), out[8] = sqrt(fmax(0, (xx + yy) / 2 - root));
     out[9] = root > 1e-12 ? atan2(2 * xy, xx - yy) * 90 / PI : 0;
-    out[10] = s.half[0], out[12] = s.half[1];
+    out[10] = s.half[0], out[11] = s.half[1];
     out[13] = alpha_forward(&s, in[0], in[1], 1, G);
     for (int x = 0; x < 120; x++) out[14 + x] = alpha_forward(&s, x + 0.5, in[9], 1, G);
     for (int i = 0; i < 120 * 90; i++) field[i] = alpha_forward(&s, i % 120 + 0.5, i / 120 + 0.5, 1, G);
@@ -70,10 +70,10 @@ EXPORT int one_gaussian(void) {
 enum { LAYERS = 8 };
 /* x, y (px of a 96 x 72 image), depth, two scales (px at that depth), angle, opacity, r, g, b */
 static const double LAYER[LAYERS][10] = {
-    {38, 30, 2.0, 7, 4.5, 20, 0.75, 0.93, 0.52, 0.20},  {54, 36, 2.6, 8, 5, -30, 0.80, 0.20, 0.55, 0.62},
-    {46, 46, 3.1, 10, 3.5, 65, 0.70, 0.85, 0.75, 0.30}, {62, 26, 3.7, 7, 7, 0, 0.85, 0.55, 0.30, 0.60},
-    {32, 42, 4.4, 11, 6, -15, 0.80, 0.25, 0.65, 0.35},  {52, 30, 5.2, 14, 8, 40, 0.90, 0.80, 0.30, 0.35},
-    {50, 48, 6.1, 17, 10, -60, 0.90, 0.35, 0.40, 0.75}, {48, 36, 7.5, 30, 20, 0, 0.95, 0.60, 0.58, 0.50},
+    {40, 31, 2.0, 9, 6, 20, 0.75, 0.93, 0.52, 0.20},    {52, 35, 2.6, 11, 7, -30, 0.80, 0.20, 0.55, 0.62},
+    {46, 42, 3.1, 13, 5, 65, 0.70, 0.85, 0.75, 0.30},   {56, 29, 3.7, 10, 9, 0, 0.85, 0.55, 0.30, 0.60},
+    {38, 41, 4.4, 15, 9, -15, 0.80, 0.25, 0.65, 0.35},  {50, 29, 5.2, 19, 12, 40, 0.90, 0.80, 0.30, 0.35},
+    {50, 44, 6.1, 22, 14, -60, 0.90, 0.35, 0.40, 0.75}, {48, 36, 7.5, 34, 24, 0, 0.95, 0.60, 0.58, 0.50},
 };
 static const double BACKDROP[3] = {0.05, 0.25, 0.35};
 

@@ -16,8 +16,8 @@ function call(name, inputs = []) {
   if (record) {
     record.push(`call ${name} ${inputs.join(' ')}`, `out ${[...OUT.subarray(0, n)].join(' ')}`);
     const picks = [];
-    for (let i = 0; i < 3456; i += 54) picks.push(FIELD[i]);
-    record.push(`field 54 ${picks.join(' ')}`);
+    for (let i = 0; i < FIELD.length; i += 149) picks.push(FIELD[i]);
+    record.push(`field 149 ${picks.join(' ')}`);
   }
   return n;
 }
@@ -34,6 +34,7 @@ function text(value, digits) {
 function show(root) {
   for (const o of root.querySelectorAll('output[data-at]')) {
     const value = OUT[o.dataset.at], t = text(value, o.dataset.digits || '3');
+    o.ariaLive = 'off'; // a screen reader would read every change of every number
     o.textContent = t + (o.dataset.unit ? '\u202f' + o.dataset.unit : '');
     if (record) record.push(`shown ${o.dataset.at} ${o.dataset.digits || '3'} ${t}`);
   }
@@ -190,10 +191,10 @@ const one = chapters.one = {
     pixels(g, 120, 90, [0, 0, a.w, a.h], (i) => paper.map((p, k) => p + (paint[k] - p) * FIELD[i]));
     line(g, [[0, row * zoom], [a.w, row * zoom]], ink.c1, 1.5, [5, 4]);
     if (a.w > 480) label(g, 'alpha is read along this line', 8, row * zoom + (row > 80 ? -10 : 10), ink.c1, 'left', true);
-    if (OUT[11]) {
+    if (OUT[12]) {
       const x = this.x * zoom, y = this.y * zoom;
       g.strokeStyle = ink.soft, g.lineWidth = 1, g.setLineDash([2, 3]);
-      g.strokeRect(x - OUT[10] * zoom, y - OUT[12] * zoom, 2 * OUT[10] * zoom, 2 * OUT[12] * zoom), g.setLineDash([]);
+      g.strokeRect(x - OUT[10] * zoom, y - OUT[11] * zoom, 2 * OUT[10] * zoom, 2 * OUT[11] * zoom), g.setLineDash([]);
       for (const k of [1, 2, 3]) ellipse(g, x, y, OUT[0], OUT[1], OUT[2], k, zoom, ink.ink, k === 1 ? 1.8 : 0.9);
       for (const h of this.handles(zoom)) {
         g.beginPath(), g.arc(h.x, h.y, 6, 0, 2 * Math.PI), g.fillStyle = ink.field, g.fill(), g.strokeStyle = ink.ink, g.lineWidth = 1.8, g.stroke();

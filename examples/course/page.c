@@ -12,8 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void fail(const char *what, const char *name, const char *fix) {
-    fprintf(stderr, "page: %s: %s\nfix: %s\n", name, what, fix);
+static void fail(const char *where, const char *what, const char *fix) {
+    fprintf(stderr, "page: %s: %s\nfix: %s\n", where, what, fix);
     exit(1);
 }
 
@@ -21,10 +21,10 @@ static char *read_file(const char *path, size_t *size) {
     FILE *f = fopen(path, "rb");
     char *text = NULL;
     size_t room = 0, n = 0;
-    if (!f) fail("cannot be read", path, "run from the repository's root");
+    if (!f) fail(path, "cannot be read", "run from the repository's root");
     do {
         text = realloc(text, room = 2 * room + 4096);
-        if (!text) fail("no memory", path, "free some");
+        if (!text) fail(path, "no memory to read it", "free some");
         n += fread(text + n, 1, room - n - 1, f);
     } while (n == room - 1);
     text[n] = 0;
@@ -79,11 +79,17 @@ static void put_code(const char *at, const char *end) {
     }
 }
 
+static const char *no_function(const char *name) {
+    static char text[200];
+    snprintf(text, sizeof text, "defines no function %s", name);
+    return text;
+}
+
 static void put_function(const char *file, const char *name) {
     char *text = read_file(file, NULL);
     const char *line = find_function(text, name), *end = line, *begin = line;
     int depth = 0, opened = 0, first = 1;
-    if (!line) fail(name, file, "name a function that the file defines");
+    if (!line) fail(file, no_function(name), "correct examples/course/course.html");
     for (; *end && !(opened && depth == 0); end++) depth += (*end == '{') - (*end == '}'), opened |= *end == '{';
     if (begin - text > 4 && !strncmp(begin - 4, " */\n", 4))
         for (begin -= 4; strncmp(begin, "/*", 2); begin--)
@@ -98,7 +104,7 @@ static void put_function(const char *file, const char *name) {
 
 static void put_link(const char *file, const char *name) {
     char *text = read_file(file, NULL);
-    if (!find_function(text, name)) fail(name, file, "course.html names a function that is not there; name its successor");
+    if (!find_function(text, name)) fail(file, no_function(name), "correct examples/course/course.html");
     printf("<a href=\"../../%s\"><code>%s</code> in %s</a>", file, name, file);
     free(text);
 }
@@ -153,11 +159,11 @@ static void put_base64(const char *path) {
 
 int main(int argc, char **argv) {
     char *at;
-    if (argc != 4) fail("three arguments are wanted", "usage", "page TEMPLATE WASM COMPILER > index.html");
+    if (argc != 4) fail("arguments", "three are wanted", "page TEMPLATE WASM COMPILER > index.html");
     at = read_file(argv[1], NULL);
     for (char *open; (open = strstr(at, "{{"));) {
         char *close = strstr(open, "}}"), word[3][120] = {"", "", ""};
-        if (!close) fail("{{ without }}", argv[1], "close it");
+        if (!close) fail(argv[1], "{{ without }}", "close it");
         *close = 0;
         fwrite(at, 1, (size_t)(open - at), stdout);
         sscanf(open + 2, "%119s %119s %119s", word[0], word[1], word[2]);
@@ -167,7 +173,7 @@ int main(int argc, char **argv) {
         else if (!strcmp(word[0], "exercises")) put_exercises(word[1]);
         else if (!strcmp(word[0], "wasm")) put_base64(argv[2]);
         else if (!strcmp(word[0], "compiler")) fputs(argv[3], stdout);
-        else fail(open, argv[1], "see the top of page.c for the words in {{ }}");
+        else fail(argv[1], open, "see the top of page.c for the words in {{ }}");
         at = close + 2;
     }
     fputs(at, stdout);

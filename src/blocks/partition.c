@@ -886,12 +886,19 @@ done:
 
 static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *o)
 {
+    const struct scene_stats *stats  = scene_stats_of(scene);
+    const size_t              points = stats->points, views = (size_t)(stats->views - stats->test_views);
     if (!scene_colmap(scene))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "a scene from arrays has no tracks, which a partition is made of\n"
                         "fix: load the scene from a COLMAP text export");
     if (o->block_points < 1)
         return oxl_fail(ctx, OXL_ERR_USAGE, "blocks of %d points, wanted 1 or more\nfix: --block-points 40000", o->block_points);
+    if (o->kind != OXL_PARTITION_NONE && views > 0 && points / (size_t)o->block_points > views)
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "blocks of %d points: %zu points make at least %zu blocks, more than the %zu training views\n"
+                        "fix: --block-points 40000, or at least %zu",
+                        o->block_points, points, points / (size_t)o->block_points, views, points / views + 1);
     return OXL_OK;
 }
 

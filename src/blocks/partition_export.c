@@ -409,8 +409,10 @@ static oxl_result exporter_blocks(struct exporter *e)
     const int  wave  = OXL_MIN(4 * e->ctx->threads, (int)EXPORT_WAVE);
     size_t     loose = 0;
     oxl_result rc    = exporter_prepare(e);
-    for (int i = 0; i < e->p->block_count && rc == OXL_OK; i += wave)
-        rc = exporter_wave(e, i, OXL_MIN(wave, e->p->block_count - i));
+    for (int i = 0; i < e->p->block_count && rc == OXL_OK; i += wave) {
+        rc = context_stopped(e->ctx);
+        if (rc == OXL_OK) rc = exporter_wave(e, i, OXL_MIN(wave, e->p->block_count - i));
+    }
     for (int i = 0; rc == OXL_OK && i < e->ctx->threads; i++) loose += e->worker[i].loose;
     if (loose > 0)
         oxl_log(

@@ -25,13 +25,15 @@ oxl_context_options oxl_context_options_default(void)
 /* The result does not depend on the number of threads; the OpenMP runtime crashes with 100 000. */
 enum { BASE_THREADS_MAX = 1024 };
 
-static int context_threads(int wanted)
+static int context_threads(int wanted, int *available)
 {
 #ifdef _OPENMP
-    return OXL_MIN(wanted > 0 ? wanted : omp_get_max_threads(), BASE_THREADS_MAX);
+    const int asked = wanted > 0 ? wanted : omp_get_max_threads(), quota = os_processor_quota(), there = omp_get_num_procs();
+    *available = OXL_MIN(quota > 0 ? OXL_MIN(quota, there) : there, BASE_THREADS_MAX);
+    return asked;
 #else
     (void)wanted;
-    return 1;
+    return *available = 1;
 #endif
 }
 
@@ -48,11 +50,15 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
 {
     oxl_context_options o   = options ? *options : oxl_context_options_default();
     oxl_context        *ctx = NULL;
-    *out                    = NULL;
+    int                 available, asked = context_threads(o.threads, &available);
+    *out = NULL;
     if (!o.reallocate) o.reallocate = context_reallocate;
     ctx = o.reallocate(o.user, NULL, sizeof *ctx);
     if (!ctx) return OXL_ERR_MEMORY;
-    *ctx = (oxl_context){.options = o, .threads = context_threads(o.threads), .isa = simd_detect()};
+    *ctx = (oxl_context){.options = o, .threads = OXL_MIN(asked, available), .isa = simd_detect()};
+    if (asked > available)
+        oxl_log(ctx, OXL_LOG_INFO, "%d threads are asked for and %d processor%s available: as many threads are used", asked,
+                available, available == 1 ? " is" : "s are");
     *out = ctx;
     return OXL_OK;
 }
@@ -60,6 +66,12 @@ OXL_INTERNAL oxl_result context_open(const oxl_context_options *options, oxl_con
 OXL_INTERNAL void context_close(oxl_context *ctx)
 {
     ctx->options.reallocate(ctx->options.user, ctx, 0);
+}
+
+OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx)
+{
+    if (!ctx->options.stopped || !ctx->options.stopped(ctx->options.user)) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_INTERRUPTED, "interrupted");
 }
 
 const char *oxl_error_text(const oxl_context *ctx)

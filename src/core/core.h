@@ -73,6 +73,10 @@ OXL_INTERNAL void       context_close(oxl_context *ctx);
 
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
+/* OXL_ERR_INTERRUPTED when the caller wants to stop. For loops over files, images and blocks that report no progress; not while the
+ * state is saved, and on one thread only. */
+OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
+
 /* A context for one of several threads, with memory from ctx. It does not log and keeps its own errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
 
@@ -215,9 +219,10 @@ OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
 OXL_INTERNAL int64_t    os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
-OXL_INTERNAL double     os_seconds(void);              /* monotonic clock */
-OXL_INTERNAL size_t     os_peak_rss(void);             /* bytes; 0 when unknown */
-OXL_INTERNAL size_t     os_memory_free(void);          /* bytes available without swapping; 0: unknown */
+OXL_INTERNAL int        os_processor_quota(void); /* processors that the process may use (Linux cgroups); 0: no limit known */
+OXL_INTERNAL double     os_seconds(void);         /* monotonic clock */
+OXL_INTERNAL size_t     os_peak_rss(void);        /* bytes; 0 when unknown */
+OXL_INTERNAL size_t     os_memory_free(void);     /* bytes available without swapping; 0: unknown */
 /* Calls `visit` with the name of each entry of a folder, in any order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
                                        void *user);

@@ -134,6 +134,42 @@ OXL_INTERNAL size_t os_peak_rss(void)
 #endif
 }
 
+/* Of "QUOTA PERIOD" in microseconds, QUOTA "max" when there is none; a folder without the file has none. */
+static int os_quota_of(const char *path, const char *period_path)
+{
+    FILE *file  = fopen(path, "r");
+    long  quota = 0, period = 0;
+    int   read = file ? fscanf(file, "%ld %ld", &quota, &period) : 0;
+    if (file) fclose(file);
+    if (read == 1 && (file = fopen(period_path, "r")) != NULL) {
+        read += fscanf(file, "%ld", &period);
+        fclose(file);
+    }
+    return read == 2 && quota > 0 && period > 0 ? (int)OXL_CLAMP((quota + period - 1) / period, 1, INT_MAX) : 0;
+}
+
+/* The group of the process and those above it, of version 2; in a container, and of version 1, the root's files are the container's. */
+OXL_INTERNAL int os_processor_quota(void)
+{
+    FILE *file  = fopen("/proc/self/cgroup", "r");
+    int   least = os_quota_of("/sys/fs/cgroup/cpu/cpu.cfs_quota_us", "/sys/fs/cgroup/cpu/cpu.cfs_period_us");
+    char  line[3000], path[3100];
+    while (file && fgets(line, sizeof line, file)) {
+        if (strncmp(line, "0::/", 4) != 0) continue;
+        line[strcspn(line, "\n")] = 0;
+        for (char *end = line + strlen(line); end >= line + 3; end--) {
+            int quota;
+            if (*end != '/' && *end != 0) continue;
+            *end = 0;
+            snprintf(path, sizeof path, "/sys/fs/cgroup%s/cpu.max", line + 3);
+            quota = os_quota_of(path, "");
+            if (quota > 0 && (least == 0 || quota < least)) least = quota;
+        }
+    }
+    if (file) fclose(file);
+    return least;
+}
+
 OXL_INTERNAL size_t os_memory_free(void)
 {
     FILE         *file = fopen("/proc/meminfo", "r"); /* Linux; elsewhere unknown */
@@ -359,6 +395,11 @@ OXL_INTERNAL size_t os_peak_rss(void)
 {
     PROCESS_MEMORY_COUNTERS counters;
     return GetProcessMemoryInfo(GetCurrentProcess(), &counters, sizeof counters) ? counters.PeakWorkingSetSize : 0;
+}
+
+OXL_INTERNAL int os_processor_quota(void)
+{
+    return 0;
 }
 
 OXL_INTERNAL size_t os_memory_free(void)

@@ -81,9 +81,9 @@ OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct survey_load
 {
     const double needed = budget_needed(ctx, load, o);
     return oxl_fail(ctx, OXL_ERR_BUDGET,
-                    "%.2f GB do not suffice for %zu points and images of %.1f megapixels: %.2f GB would\n"
+                    "%.0f MB do not suffice for %zu points and images of %.1f megapixels: %.0f MB would\n"
                     "fix: --ram %.0fM, or a smaller --max-side, or --sh-degree 0",
-                    (double)o->ram / 1e9, load->points, load->largest / 1e6, needed * 1048576 / 1e9, needed);
+                    (double)o->ram / 1e6, load->points, load->largest / 1e6, needed * 1048576 / 1e6, needed);
 }
 
 /* ---------------------------------------------------------------- blocks that fit */
@@ -106,15 +106,15 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
     struct survey_load    worst;
     oxl_result            rc = partition_make(ctx, scene, &tried, out);
     if (o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram && rc == OXL_OK)
-        rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.2f GB, --ram allows %.2f GB\nfix: --ram %.0fM",
-                      (double)os_peak_rss() / 1e9, (double)o->ram / 1e9, ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
+        rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
+                      (double)os_peak_rss() / 1e6, (double)o->ram / 1e6, ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
     while (rc == OXL_OK && o->ram && !budget_fits_all(ctx, out, o, &worst)) {
         if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS) rc = budget_refuse(ctx, &worst, o);
         partition_free(ctx, out);
         tried.block_points /= 2;
         if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
-            oxl_log(ctx, OXL_LOG_INFO, "--ram %.2f GB: blocks of at most %d points", (double)o->ram / 1e9, tried.block_points);
+            oxl_log(ctx, OXL_LOG_INFO, "--ram %.0f MB: blocks of at most %d points", (double)o->ram / 1e6, tried.block_points);
     }
     return rc;
 }

@@ -339,8 +339,8 @@ static oxl_result job_cut(struct job *job)
             "--block-points",
             job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
-        rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)", job->options.block,
-                      job->partition.block_count, job->partition.block_count - 1);
+        rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)\nfix: --block with one of them",
+                      job->options.block, job->partition.block_count, job->partition.block_count - 1);
     return rc;
 }
 
@@ -429,8 +429,8 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     job_share(job, load.points, &o->train);
     if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
-        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.2f GB has no room for trials: SH degree %d and no second lobes, undecided",
-                (double)o->ram / 1e9, o->train.sh_degree);
+        oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has no room for trials: SH degree %d and no second lobes, undecided",
+                (double)o->ram / 1e6, o->train.sh_degree);
     cost                    = survey_cost(job->ctx, o, &load);
     task->train             = o->train;
     task->predicted_peak    = cost.memory;
@@ -943,7 +943,8 @@ static oxl_result job_prepare(struct job *job, int *done)
         oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this survey, these options and this seed",
                 job->out);
     if (rc != OXL_OK || *done) return rc;
-    rc = job_cut(job);
+    rc = context_stopped(job->ctx);
+    if (rc == OXL_OK) rc = job_cut(job);
     if (rc == OXL_OK) rc = job_write_run(job, 0);
     return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
 }

@@ -497,8 +497,9 @@ oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *sce
     if (rc == OXL_OK) rc = depth_bands_begin(ctx, scene, view, count, &bands.of);
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
+        rc = context_stopped(ctx);
         image_cache_ahead(ctx, scene, view + i, count - i);
-        rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);
+        if (rc == OXL_OK) rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);
     }
     metrics_sum_up(out, &bands);
     renderer_free(ctx, r);

@@ -81,7 +81,7 @@ static const oxl_option OPTIONS[] = {
 {"lr-opacity", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_opacity), 0, 1, EACH("0.025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of opacity logits", NULL},
 {"lr-sh0", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_sh0), 0, 1, EACH("0.0025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of SH coefficients of degree 0 (base colour)", NULL},
 {"lr-sh", "RATE", OXL_OPTION_FLOAT, OPTION_AT(train.rate_sh), 0, 1, EACH("0.0025/20"), OXL_TIER_EXPERT, TRAINING | RESULT, "Learning rates", "of SH coefficients of degree 1 and above", NULL},
-{"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.0004", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "clone or split above this mean position gradient, in half images", NULL},
+{"densify-gradient", "T", OXL_OPTION_FLOAT, OPTION_AT(train.densify_gradient), 0, 1e15, PRESETS("0.0004", "0.0002", "0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Density control", "split above this mean position gradient, in half images", NULL},
 {"densify-from", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_from), 0, 1, EACH("0.025"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run at which densification begins", NULL},
 {"densify-until", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.densify_until), 0, 1, EACH("0.5"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "share of the run at which densification ends", NULL},
 {"densify-every", "N", OXL_OPTION_INT, OPTION_AT(train.densify_every), 1, INT_MAX, EACH("100"), OXL_TIER_EXPERT, TRAINING | RESULT, "Density control", "iterations between densifications", NULL},

@@ -81,7 +81,8 @@ static oxl_result predict_time_model(struct time_probe *r, oxl_model *model, int
         const oxl_camera *whole  = predict_time_camera(r, k);
         const oxl_camera  camera = halved ? camera_halve(whole) : *whole;
         const double      begun  = os_seconds();
-        rc                       = predict_time_step(r, model, &camera);
+        rc                       = context_stopped(r->ctx);
+        if (rc == OXL_OK) rc = predict_time_step(r, model, &camera);
         if (k < PREDICT_TIME_WARM) continue;
         took[steps] = os_seconds() - begun;
         spent += took[steps++];

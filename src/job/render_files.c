@@ -209,6 +209,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model
         wrote = render_files_write(ctx, picture, rendered, folder, &written);
         *count += written;
         if (wrote != OXL_OK) rc = wrote;
+        if (rc == OXL_OK) rc = context_stopped(ctx);
     }
     renderer_free(ctx, r);
     oxl_free(ctx, picture);

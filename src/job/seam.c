@@ -105,7 +105,10 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
     oxl_result         rc     = view ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     *out                      = (struct seam){0};
     if (rc == OXL_OK) rc = renderer_create(ctx, &r);
-    for (int i = 0; i < asked && rc == OXL_OK; i++) rc = seam_draw_view(ctx, r, p, model, scene, view[i], sum);
+    for (int i = 0; i < asked && rc == OXL_OK; i++) {
+        rc = context_stopped(ctx);
+        if (rc == OXL_OK) rc = seam_draw_view(ctx, r, p, model, scene, view[i], sum);
+    }
     oxl_free(ctx, view);
     renderer_free(ctx, r);
     if (rc != OXL_OK) return rc;

@@ -167,7 +167,24 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
 }
 
-static void survey_write_warnings(oxl_survey *s)
+/* To a millionth of the extent of the points. */
+static int survey_is_one_place(const oxl_scene *scene, const oxl_survey *s)
+{
+    double apart = 0, size = 0;
+    for (int k = 0; k < 3; k++) {
+        double low = HUGE_VAL, high = -HUGE_VAL;
+        for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+            double at[3];
+            camera_position(&oxl_scene_view(scene, i)->camera, at);
+            low = OXL_MIN(low, at[k]), high = OXL_MAX(high, at[k]);
+        }
+        apart = OXL_MAX(apart, high - low);
+        size  = OXL_MAX(size, s->bounds_max[k] - s->bounds_min[k]);
+    }
+    return apart <= 1e-6 * size;
+}
+
+static void survey_write_warnings(oxl_survey *s, int one_place)
 {
     if (s->images_missing > 0)
         survey_say(s, "warning: %d of %d images are missing on disk and are left out\n", s->images_missing, s->images);
@@ -184,7 +201,9 @@ static void survey_write_warnings(oxl_survey *s)
         survey_say(s,
                    "warning: a reprojection error of %.1f px blurs the whole model (good: below 1); run colmap bundle_adjuster\n",
                    s->mean_error);
-    if (s->train_views < 10) survey_say(s, "warning: only %d training views; expect holes\n", s->train_views);
+    if (s->train_views == 1) survey_say(s, "warning: a single training view: depth cannot be learned from it\n");
+    else if (one_place) survey_say(s, "warning: all cameras are at the same place: depth cannot be learned from them\n");
+    else if (s->train_views < 10) survey_say(s, "warning: only %d training views; expect holes\n", s->train_views);
     if (s->test_views == 0) survey_say(s, "warning: no view is held out, so the metrics are of training views\n");
     if (s->memory_free > 0 && s->memory > 0.9 * s->memory_free)
         survey_say(
@@ -216,11 +235,11 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     survey_cameras(scene_colmap(scene), out);
     survey_largest(scene, out);
     rc = lint_observations(ctx, scene, out);
-    if (rc == OXL_OK && closely) rc = lint_images(ctx, scene, out);
+    if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
     if (rc != OXL_OK) return rc;
     survey_predict(ctx, scene, options, out);
     survey_write_facts(ctx, out);
-    survey_write_warnings(out);
+    survey_write_warnings(out, survey_is_one_place(scene, out));
     return OXL_OK;
 }
 

@@ -240,7 +240,8 @@ static oxl_result training_flag(struct training_views *t, const oxl_model *model
         int                  blurred = 0;
         if (row->exposure > exposure) row->flag = "exposure";
         if (row->flag || row->lacks <= TRAINING_DECIBEL) continue;
-        rc = training_displaced(t, model, row->at, &shifted);
+        rc = context_stopped(t->ctx);
+        if (rc == OXL_OK) rc = training_displaced(t, model, row->at, &shifted);
         if (rc == OXL_OK && shifted > TRAINING_SHIFTED) row->flag = training_suffers(t, row, row) ? NULL : "pose";
         else if (rc == OXL_OK) rc = training_is_blurred(t, row->at, &blurred);
         if (blurred) row->flag = "blur";

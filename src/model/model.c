@@ -343,6 +343,38 @@ static void model_select(struct model_site *site, size_t first, size_t end, size
     }
 }
 
+/* By place, then row. */
+static int model_by_place(const void *a, const void *b)
+{
+    const struct model_site *x = a, *y = b;
+    for (int k = 0; k < 3; k++)
+        if (x->x[k] != y->x[k]) return x->x[k] < y->x[k] ? -1 : 1;
+    return x->row < y->row ? -1 : x->row > y->row;
+}
+
+/* Of points at the same place the first one stays; returns how many stay. site (count) is scratch. Without this a million points at one
+ * place would be a million Gaussians of unit width, each in every pixel. */
+static size_t model_drop_coincident(const oxl_point *points, struct model_key *key, size_t count, struct model_site *site)
+{
+    size_t kept = 0;
+    for (size_t first = 0, end; first < count; first = end) {
+        const uint64_t code = key[first].code;
+        const size_t   run  = kept;
+        for (end = first; end < count && key[end].code == code; end++) {
+            struct model_site *s = &site[end - first];
+            memcpy(s->x, points[key[end].index].position, sizeof s->x);
+            s->row = key[end].index;
+        }
+        qsort(site, end - first, sizeof *site, model_by_place);
+        for (size_t i = 0; i < end - first; i++)
+            if (i == 0 || site[i].x[0] != site[i - 1].x[0] || site[i].x[1] != site[i - 1].x[1] ||
+                site[i].x[2] != site[i - 1].x[2])
+                key[kept++] = (struct model_key){code, site[i].row};
+        qsort(key + run, kept - run, sizeof *key, model_by_code);
+    }
+    return kept;
+}
+
 static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
 {
     while (end - first > MODEL_LEAF) {
@@ -410,8 +442,8 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
 
 #define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
 
-/* Mean squared distances to log widths. Coincident points would have width 0: 3DGS limits the square to 1e-7; our unit is arbitrary, so
- * the limit is 1 % of the median width (of those above 0). A single point, or all coincident: width 1. */
+/* Mean squared distances to log widths. Almost coincident points would have almost width 0: 3DGS limits the square to 1e-7; our unit is
+ * arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
@@ -454,11 +486,11 @@ static void model_fill(oxl_model *model, const oxl_point *points, const struct m
 oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size_t count, int sh_degree, oxl_model *out)
 {
     struct model_key *key   = NULL;
-    struct model_tree tree  = {.count = count};
+    struct model_tree tree  = {0};
     double           *width = NULL; /* (count) mean squared distance, then log width */
-    oxl_result        rc    = oxl_model_create(ctx, count, sh_degree, out);
-    if (rc != OXL_OK || count == 0) return rc;
-    rc = model_check_points(ctx, points, count);
+    oxl_result        rc    = model_check_points(ctx, points, count);
+    *out                    = (oxl_model){0};
+    if (rc == OXL_OK && count == 0) return oxl_model_create(ctx, 0, sh_degree, out);
     if (rc != OXL_OK) goto done;
     key        = oxl_alloc(ctx, count, sizeof *key);
     tree.site  = oxl_alloc(ctx, count, sizeof *tree.site);
@@ -469,6 +501,9 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
         goto done;
     }
     model_sort_by_code(points, count, key);
+    count = tree.count = model_drop_coincident(points, key, count, tree.site);
+    rc                 = oxl_model_create(ctx, count, sh_degree, out);
+    if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < count; i++) {
         memcpy(tree.site[i].x, points[key[i].index].position, sizeof tree.site[i].x);
         tree.site[i].row = i;

@@ -45,7 +45,7 @@ static const char *const colmap_oddity_text[ODD_COUNT] = {
     "a track names an image that is not there; that entry is left out",
 };
 
-enum { COLMAP_LOGGED_MAX = 10 }; /* lines of a kind */
+enum { COLMAP_LOGGED_MAX = 3 }; /* lines of a kind */
 
 /* ---------------------------------------------------------------- the window */
 
@@ -70,7 +70,8 @@ OXL_INTERNAL oxl_result colmap_fill(struct colmap_reader *r)
     r->next  = r->window;
     r->limit = r->window + rest;
     if (rest + 1 == r->room && colmap_widen(r, 2 * r->room) != OXL_OK) return r->rc;
-    r->rc     = os_reader_read(r->ctx, &r->file, r->window + rest, r->room - 1 - rest, &got);
+    r->rc = context_stopped(r->ctx);
+    if (r->rc == OXL_OK) r->rc = os_reader_read(r->ctx, &r->file, r->window + rest, r->room - 1 - rest, &got);
     r->at_end = got < r->room - 1 - rest;
     r->limit += got;
     r->window[rest + got] = 0;

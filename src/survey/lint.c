@@ -10,7 +10,7 @@
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries checked, at a fixed stride */
     LINT_LEAST  = 4,       /* minimum of entries to judge an image */
-    LINT_NAMED  = 10       /* images or masks named per message */
+    LINT_NAMED  = 3        /* images or masks named per message */
 };
 #define LINT_MARGIN 0.05 /* tolerance outside the image, of the longer side */
 #define LINT_MISSED 0.5  /* share of points outside an image from which its pose counts as wrong */
@@ -117,6 +117,15 @@ static oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
     return rc;
 }
 
+static void lint_stretched(oxl_context *ctx, const char *path, int width, int height, int *stretched)
+{
+    if (++*stretched <= LINT_NAMED)
+        oxl_log(ctx, OXL_LOG_WARNING,
+                "%s: %d x %d px, but its image has another aspect ratio, so the mask is stretched\n"
+                "fix: give the mask the aspect ratio of its image",
+                path, width, height);
+}
+
 /* *counts: the share of pixels that are not black. */
 static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, int *stretched, double *counts)
 {
@@ -131,11 +140,8 @@ static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, 
     count = rc == OXL_OK ? (size_t)pixels.width * (size_t)pixels.height : 0;
     for (size_t i = 0; i < count; i++) white += pixels.data[i] != 0;
     if (count) *counts = (double)white / (double)count;
-    if (count && image_check_shape(ctx, path, pixels.width, pixels.height, from) != OXL_OK && ++*stretched <= LINT_NAMED)
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: %d x %d px, but its image has another aspect ratio, so the mask is stretched\n"
-                "fix: give the mask the aspect ratio of its image",
-                path, pixels.width, pixels.height);
+    if (count && image_check_shape(ctx, path, pixels.width, pixels.height, from) != OXL_OK)
+        lint_stretched(ctx, path, pixels.width, pixels.height, stretched);
     if (count && white == 0)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s: the mask is all black, so it excludes the whole image\n"
@@ -146,13 +152,31 @@ static oxl_result lint_mask(oxl_context *ctx, const oxl_scene *scene, int view, 
     return rc;
 }
 
+OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene)
+{
+    int        stretched = 0;
+    oxl_result rc        = OXL_OK;
+    for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
+        int   width = 0, height = 0;
+        char *path = NULL;
+        rc         = scene_mask_path(ctx, scene, oxl_scene_view(scene, i)->name, &path);
+        if (rc == OXL_OK && path && image_size(ctx, path, &width, &height) == OXL_OK &&
+            image_check_shape(ctx, path, width, height, scene_source_camera(scene, i)) != OXL_OK)
+            lint_stretched(ctx, path, width, height, &stretched);
+        oxl_free(ctx, path);
+    }
+    if (stretched > LINT_NAMED) oxl_log(ctx, OXL_LOG_WARNING, "... and %d more masks", stretched - LINT_NAMED);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s)
 {
     double masked = 0;
     int    usable = 0, stretched = 0;
     for (int i = 0; i < oxl_scene_view_count(scene); i++) {
         double     counts = 1;
-        oxl_result rc     = lint_image(ctx, scene, i);
+        oxl_result rc     = context_stopped(ctx);
+        if (rc == OXL_OK) rc = lint_image(ctx, scene, i);
         if (rc == OXL_OK) rc = lint_mask(ctx, scene, i, &stretched, &counts);
         masked += 1 - counts;
         usable += rc == OXL_OK && !oxl_scene_view(scene, i)->is_test;

@@ -158,13 +158,11 @@ struct training_image {
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct colmap_camera *from, const oxl_camera *to, struct training_image *out);
 OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *image);
-OXL_INTERNAL void       image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb,
-                                            float *weight); /* weight may be NULL */
-/* (3,H,W) and (H,W) or NULL to half the sides, in place: means of 2 x 2 pixels, masked if one of the four is; an odd last row or
- * column is dropped. */
-OXL_INTERNAL void       image_halve(int width, int height, float *rgb, float *weight);
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb, float *weight);
+/* weight may be NULL, above too. To half the sides in place: means of 2 x 2 pixels, masked if one is; odd edges are dropped. */
+OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
-OXL_INTERNAL void       image_to_training(const oxl_image *image, struct training_image *to);
+OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to);
 
 OXL_INTERNAL void       image_begin(void); /* sets stb's PNG parameters */
 /* Encoded in memory by stb, written by os_write_file. rgb (3,H,W). */
@@ -191,8 +189,7 @@ struct stats_view {              /* a training view */
     const oxl_camera *camera;
 };
 OXL_INTERNAL double stats_quantile(const double *ascending, size_t count, double quantile); /* nearest rank; 0 without values */
-OXL_INTERNAL double stats_pick(double *value, size_t count,
-                               double quantile); /* the same for unsorted values, which it reorders */
+OXL_INTERNAL double stats_pick(double *value, size_t count, double quantile); /* of unsorted values, which it reorders */
 /* 1st, 50th and 99th percentile of each coordinate of n positions, `stride` bytes apart. */
 OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, size_t n, size_t stride, double low[3],
                                      double middle[3], double high[3]);
@@ -289,6 +286,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 /* Sets s->missed; s->unusable and s->masked. Findings are logged. OXL_ERR_INPUT: no image can be used. */
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
+OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /* their sizes alone, from the files' headers */
 
 #include "imaging.h"
 

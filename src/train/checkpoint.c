@@ -203,6 +203,7 @@ OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, c
     struct os_writer writer;
     struct archive   a  = {.ctx = ctx, .sum = CHECKPOINT_SEED};
     oxl_result       rc = checkpoint_paths(ctx, folder, path);
+    if (rc == OXL_OK) rc = os_make_folder(ctx, folder); /* it may have been deleted */
     if (rc == OXL_OK) rc = os_writer_open(ctx, path[0], &writer);
     if (rc != OXL_OK) goto done;
     a.path = path[0];

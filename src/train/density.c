@@ -1,25 +1,26 @@
-/* density.c - how many Gaussians, and where: clone, split, prune, reset (Kerbl et al. 2023, sec. 5).
+/* density.c - the number of Gaussians and their places: split, prune, reset (Kerbl et al. 2023, sec. 5).
  *
- * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers what it cannot explain: a small one is cloned, a large one
- * replaced by two samples of itself. Faint ones are removed. After the first reset interval the very large are split too, not removed as in Kerbl: in
- * turbid water they are what draws the far, and with them gone nothing is left there to grow. Under water the gradients of what is
- * far are too small: paper eq. 2 gives them a weight by depth. Sums are kept for each band of depths apart, so that the weights are
- * chosen when they are needed, and what is read without them (the second lobes' criterion, eq. 4) costs nothing more.
+ * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers what it cannot model. Two replace it, half a covariance each on its
+ * longest axis, so that the image nearly stays as it was (density_make_child); Kerbl clones small ones and replaces large ones by two
+ * random samples. Faint ones are removed. After the first reset interval the very large are split too, not removed as in Kerbl: in turbid
+ * water they render the far range, and without them nothing is left there to grow. Under water the gradients of the far range are too
+ * small: paper eq. 2 gives them a weight by depth. There is one sum for each band of depths, so that the weights are chosen when they are
+ * needed, and the unweighted sum (criterion of second lobes, eq. 4) costs nothing more.
  *
- * Invariants: children stand next to their parent, so rows that are near in memory stay near in space (packs out of sight are
- * skipped whole); once rows have a second lobe none may grow, so those stay first. Every random number depends on seed, step and
- * row alone. A row with a number that is not finite never survives.
+ * Invariants: children stand next to each other, so rows that are near in memory stay near in space (packs out of sight are skipped
+ * whole); once rows have a second lobe none may grow, so those stay first. A row with a number that is not finite never survives.
  */
 #include "train.h"
 #include "../core/vecmath.h"
 
 #define DENSITY_OPACITY_MIN   0.005 /* fainter ones are removed [Kerbl 2023] */
 #define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
-#define DENSITY_SPLIT_SCALE   0.01  /* x extent: smaller ones are cloned, larger ones split [Kerbl 2023] */
 #define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset interval; removed in [Kerbl 2023] */
-#define DENSITY_SPLIT_SHRINK  1.6   /* [Kerbl 2023] */
+#define DENSITY_OPACITY_MAX   0.999999 /* of a child: its logit is finite */
+#define DENSITY_SPLIT_SHARE \
+    0.70710678118654752 /* sqrt(1/2): scale and distance of a child in longest scales; of log(1 - opacity) */
 
-enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_CLONE, DENSITY_SPLIT };
+enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
 
 struct density {
     size_t capacity;
@@ -168,8 +169,7 @@ static enum density_verdict density_classify(const struct density *d, const oxl_
     if (rules->carved && rules->carved[i]) return DENSITY_REMOVE;
     if (vecmath_sigmoid(m->plane[OXL_OPACITY][i]) < DENSITY_OPACITY_MIN) return DENSITY_REMOVE;
     if (rules->split_large && density_scale(m, i) > DENSITY_SCALE_MAX * rules->extent) return DENSITY_SPLIT;
-    if (!(mean >= rules->gradient)) return DENSITY_KEEP;
-    return density_scale(m, i) <= DENSITY_SPLIT_SCALE * rules->extent ? DENSITY_CLONE : DENSITY_SPLIT;
+    return mean >= rules->gradient ? DENSITY_SPLIT : DENSITY_KEEP;
 }
 
 /* Under a cap, only the first `room` growing rows by gradient may grow. Found by bisection on the threshold: no sort, no ties lost. */
@@ -181,38 +181,32 @@ static void density_cap(struct density *d, size_t count, size_t kept, size_t gro
     for (int round = 0; round < 100 && room > 0; round++) {
         const double middle = round < 50 ? sqrt((low > 1e-12 ? low : 1e-12) * high) : (low + high) / 2;
         size_t       above  = 0;
-        for (size_t i = 0; i < count; i++) above += d->verdict[i] >= DENSITY_CLONE && d->gradient[i] / d->views[i] >= middle;
+        for (size_t i = 0; i < count; i++) above += d->verdict[i] == DENSITY_SPLIT && d->gradient[i] / d->views[i] >= middle;
         if (above > room) low = middle;
         else high = middle;
     }
     for (size_t i = 0; i < count; i++)
-        if (d->verdict[i] >= DENSITY_CLONE && (room == 0 || !(d->gradient[i] / d->views[i] >= high)))
+        if (d->verdict[i] == DENSITY_SPLIT && (room == 0 || !(d->gradient[i] / d->views[i] >= high)))
             d->verdict[i] = DENSITY_KEEP;
 }
 
 /* ---------------------------------------------------------------- the new rows */
 
-/* Box & Muller 1958. */
-static double density_normal(uint64_t seed, uint64_t step, uint64_t index)
+/* One of the two that replace the Gaussian `row`, on its longest axis before or behind its mean (side -1 or 1). Together they have its
+ * mean, its covariance and, to first order in its opacity, its sum of alpha. */
+static void density_make_child(const oxl_model *from, size_t row, oxl_model *to, size_t at, int side)
 {
-    const double u = 1 - random_unit(random_bits(seed, step, 2 * index)), v = random_unit(random_bits(seed, step, 2 * index + 1));
-    return sqrt(-2 * vecmath_log(u)) * vecmath_cos(6.283185307179586 * v);
-}
-
-/* A sample of the Gaussian `row`, shrunk: mean + R (scale x normal). */
-static void density_sample(const oxl_model *from, size_t row, oxl_model *to, size_t at, const struct density_rules *rules,
-                           uint64_t child)
-{
-    double q[4], r[9], offset[3];
+    const double rest = vecmath_exp(DENSITY_SPLIT_SHARE * vecmath_log(vecmath_sigmoid(-from->plane[OXL_OPACITY][row])));
+    double       q[4], r[9];
+    int          longest = 0;
     for (int k = 0; k < 4; k++) q[k] = from->plane[OXL_ROTATION + k][row];
     camera_rotation_from_quaternion(q, r);
-    for (int a = 0; a < 3; a++) {
-        const uint64_t index = (2 * (uint64_t)row + child) * 3 + (uint64_t)a;
-        offset[a] = vecmath_exp(from->plane[OXL_LOG_SCALE + a][row]) * density_normal(rules->seed, (uint64_t)rules->step, index);
-        to->plane[OXL_LOG_SCALE + a][at] -= (float)vecmath_log(DENSITY_SPLIT_SHRINK);
-    }
+    for (int a = 1; a < 3; a++)
+        if (from->plane[OXL_LOG_SCALE + a][row] > from->plane[OXL_LOG_SCALE + longest][row]) longest = a;
     for (int a = 0; a < 3; a++)
-        to->plane[OXL_MEAN + a][at] += (float)(r[3 * a] * offset[0] + r[3 * a + 1] * offset[1] + r[3 * a + 2] * offset[2]);
+        to->plane[OXL_MEAN + a][at] += (float)(side * DENSITY_SPLIT_SHARE * density_scale(from, row) * r[3 * a + longest]);
+    to->plane[OXL_LOG_SCALE + longest][at] += (float)vecmath_log(DENSITY_SPLIT_SHARE);
+    to->plane[OXL_OPACITY][at] = (float)vecmath_logit(OXL_MIN(1 - rest, DENSITY_OPACITY_MAX));
 }
 
 /* Copies each surviving row once or twice. `fresh`: the new rows of a moment start at 0. */
@@ -221,13 +215,12 @@ static void density_copy_plane(const struct density *d, const float *from, size_
     size_t at = 0;
     for (size_t i = 0; i < count; i++) {
         if (d->verdict[i] == DENSITY_REMOVE) continue;
-        to[at++] = fresh && d->verdict[i] == DENSITY_SPLIT ? 0 : from[i];
-        if (d->verdict[i] >= DENSITY_CLONE) to[at++] = fresh ? 0 : from[i];
+        for (int row = d->verdict[i] == DENSITY_SPLIT ? 2 : 1; row > 0; row--)
+            to[at++] = fresh && d->verdict[i] == DENSITY_SPLIT ? 0 : from[i];
     }
 }
 
-static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh,
-                                  const struct density_rules *rules)
+static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh)
 {
     oxl_model  next;
     size_t     at = 0, lobes = 0;
@@ -244,8 +237,8 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
         density_copy_plane(d, model->plane[k], model->lobes, next.plane[k], fresh);
     for (size_t i = 0; i < model->count && !fresh; i++) {
         if (d->verdict[i] == DENSITY_SPLIT) {
-            density_sample(model, i, &next, at, rules, 0);
-            density_sample(model, i, &next, at + 1, rules, 1);
+            density_make_child(model, i, &next, at, -1);
+            density_make_child(model, i, &next, at + 1, 1);
         }
         at += d->verdict[i] == DENSITY_REMOVE ? 0 : d->verdict[i] == DENSITY_KEEP ? 1 : 2;
     }
@@ -263,21 +256,20 @@ OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl
     if (d->banded) density_weigh(ctx, d, model->count, rules);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_classify(d, model, (size_t)i, rules);
-    for (size_t i = 0; i < model->count; i++) kept += d->verdict[i] != DENSITY_REMOVE, growing += d->verdict[i] >= DENSITY_CLONE;
+    for (size_t i = 0; i < model->count; i++) kept += d->verdict[i] != DENSITY_REMOVE, growing += d->verdict[i] == DENSITY_SPLIT;
     if (model->lobes > 0 && growing > 0)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu of %zu Gaussians would be cloned or split while %zu have a second lobe", growing,
+        return oxl_fail(ctx, OXL_ERR_USAGE, "%zu of %zu Gaussians would be split while %zu have a second lobe", growing,
                         model->count, model->lobes);
     if (rules->cap) density_cap(d, model->count, kept, growing, rules->cap);
     for (size_t i = 0; i < model->count; i++) {
         out->removed += d->verdict[i] == DENSITY_REMOVE;
-        out->cloned += d->verdict[i] == DENSITY_CLONE;
         out->split += d->verdict[i] == DENSITY_SPLIT;
     }
-    if (out->removed + out->cloned + out->split > 0) {
-        const size_t count = model->count - out->removed + out->cloned + out->split;
-        rc                 = density_rebuild(ctx, d, first, count, 1, rules);
-        if (rc == OXL_OK) rc = density_rebuild(ctx, d, second, count, 1, rules);
-        if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0, rules);
+    if (out->removed + out->split > 0) {
+        const size_t count = model->count - out->removed + out->split;
+        rc                 = density_rebuild(ctx, d, first, count, 1);
+        if (rc == OXL_OK) rc = density_rebuild(ctx, d, second, count, 1);
+        if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0);
     }
     return rc == OXL_OK ? density_clear(ctx, d, model->count) : rc;
 }

@@ -222,9 +222,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                                       .f_far       = f[1],
                                       .extent      = oxl_scene_extent(t->scene),
                                       .split_large = o->reset_opacity_every > 0 && t->step > schedule_reset_interval(o),
-                                      .cap         = schedule_gaussian_cap(t->scene, o),
-                                      .seed        = t->ctx->options.seed,
-                                      .step        = t->step};
+                                      .cap         = schedule_gaussian_cap(t->scene, o)};
     struct density_change    change;
     uint8_t                 *carved = NULL;
     oxl_result               rc     = renderer_download(t->ctx, t->renderer);
@@ -238,8 +236,8 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                       t->step);
     }
     if (rc != OXL_OK) return rc;
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu cloned, %zu split, %zu removed, %zu left", t->step, change.cloned, change.split,
-            change.removed, t->model->count);
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: %zu split, %zu removed, %zu left", t->step, change.split, change.removed,
+            t->model->count);
     return OXL_OK;
 }
 

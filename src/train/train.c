@@ -15,6 +15,15 @@
 
 /* ---------------------------------------------------------------- the run */
 
+static oxl_result train_start_from(struct train *t, const oxl_point *points, size_t count)
+{
+    const oxl_result rc = oxl_model_from_points(t->ctx, points, count, 0, t->model);
+    if (rc == OXL_OK && t->model->count < count)
+        oxl_log(t->ctx, OXL_LOG_INFO, "%zu of %zu points coincide with others; training starts from the %zu different ones",
+                count - t->model->count, count, t->model->count);
+    return rc;
+}
+
 /* From points taken evenly from the file's order, when there may not be one for each. */
 static oxl_result train_first_of_some(struct train *t, const oxl_point *points, size_t count)
 {
@@ -25,7 +34,7 @@ static oxl_result train_first_of_some(struct train *t, const oxl_point *points, 
     for (size_t i = 0; i < most; i++) some[i] = points[(size_t)((double)i * (double)count / (double)most)];
     oxl_log(t->ctx, OXL_LOG_WARNING, "only %zu Gaussians are allowed, so training starts from that many of the %zu points", most,
             count);
-    rc = oxl_model_from_points(t->ctx, some, most, 0, t->model);
+    rc = train_start_from(t, some, most);
     oxl_free(t->ctx, some);
     return rc;
 }
@@ -53,7 +62,7 @@ static oxl_result train_fresh_model(struct train *t)
     oxl_result       rc;
     if (count > 0 && t->options->max_gaussians > 0 && count > (size_t)t->options->max_gaussians)
         return train_first_of_some(t, points, count);
-    if (count > 0) return oxl_model_from_points(t->ctx, points, count, 0, t->model);
+    if (count > 0) return train_start_from(t, points, count);
     oxl_log(t->ctx, OXL_LOG_WARNING, "the scene has no points; training starts from %d random ones", TRAIN_RANDOM_POINTS);
     rc = scene_random_points(t->ctx, t->scene, TRAIN_RANDOM_POINTS, &random);
     if (rc == OXL_OK) rc = oxl_model_from_points(t->ctx, random, TRAIN_RANDOM_POINTS, 0, t->model);
@@ -224,7 +233,7 @@ OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *o
     if (o->dog != OXL_DOG_OFF && !(o->dog_from > o->densify_until && o->dog_from <= 1))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "second lobes from %g of the run: wanted more than %g, the end of density control, and at most 1\n"
-                        "fix: rows with a second lobe cannot be cloned or split; give lobes later or end density control earlier",
+                        "fix: rows with a second lobe cannot be split; give lobes later or end density control earlier",
                         o->dog_from, o->densify_until);
     return oxl_train_options_check(ctx, o);
 }

@@ -18,7 +18,7 @@ OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *f);
 OXL_INTERNAL void       nonfinite_add_json(struct text *t, const oxl_nonfinite *f); /* members, each with a comma behind it */
 OXL_INTERNAL void       nonfinite_read_json(const char *text, oxl_nonfinite *f);
 
-/* ---------------------------------------------------------------- density.c: clone, split, prune, reset */
+/* ---------------------------------------------------------------- density.c: split, prune, reset */
 
 struct density; /* statistics since the last control */
 
@@ -29,11 +29,9 @@ struct density_rules {
     int    split_large;    /* after the first reset interval [Kerbl 2023] */
     size_t cap;            /* on the number of Gaussians; 0: none */
     const uint8_t *carved; /* (count) 1: to be removed; or NULL */
-    uint64_t       seed;
-    int            step;
 };
 struct density_change {
-    size_t removed, cloned, split;
+    size_t removed, split;
 };
 OXL_INTERNAL oxl_result density_create(oxl_context *ctx, struct density **out);
 OXL_INTERNAL oxl_result density_copy(oxl_context *ctx, const struct density *from, size_t count, struct density **out);

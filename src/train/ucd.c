@@ -5,8 +5,8 @@
  * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same images (model_selection.c): training goes on with it
  * for UCD_SPANS densifications and up to the next one, and the cost of the point is
  *     mean log loss over the last half of a span  +  UCD_GROWTH x dN / N,
- * dN the Gaussians that came. Without the second term more would always look better. The point of less cost goes on. What is cloned
- * and split hurts at first: judged after one span, growth seems to do harm, and all weights fall to 1 (docs/ABLATION.md).
+ * dN the Gaussians that came. Without the second term more would always look better. The point of less cost goes on. A split
+ * does harm at first: judged after one span, growth seems to cost, and all weights fall to 1 (docs/ABLATION.md).
  *
  * Two trials one after the other, as Spall has it, differ in the images, the learning rate and the last opacity reset as well:
  * from two starts the weights stayed far apart so. As far as the costs are flat, the weights are rendered to those of a run without a search.
