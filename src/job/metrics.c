@@ -441,6 +441,7 @@ static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const ox
     options.near_plane = (float)scene_near_plane(scene);
     renderer_set_medium(r, &scene_imaging(scene)->medium);
     rc = renderer_draw(ctx, r, model, camera, &options, &rendered, NULL);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), row->view, &rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->plain_psnr);
     if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &rendered, image, &row->half_psnr);
     if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &rendered);

@@ -142,6 +142,7 @@ static oxl_result render_file_render(oxl_context *ctx, struct renderer *r, const
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
     renderer_set_medium(r, what->clear ? NULL : &scene_imaging(scene)->medium);
     if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, &of->camera, &options, &out->rendered, out->depth);
+    if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &out->rendered);
     if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->rendered);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;

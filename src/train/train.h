@@ -195,7 +195,7 @@ OXL_INTERNAL void       transients_archive(struct archive *a, struct transients 
 /* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
 
 struct water {
-    int    on, steps;
+    int    on, decided, steps;
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
@@ -205,6 +205,23 @@ OXL_INTERNAL struct medium water_medium(const struct water *w);
 OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
 OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
 OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
+
+/* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
+
+struct lamp_fit {
+    int         on, decided, steps, groups;
+    int         visits[LAMP_MOST];                                           /* steps of a camera */
+    struct lamp group[LAMP_MOST];                                            /* the first: cameras that have none of their own */
+    double      first[LAMP_MOST][LAMP_TERMS], second[LAMP_MOST][LAMP_TERMS]; /* Adam's moments */
+    double      falloff, falloff_first, falloff_second, reference;
+};
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct imaging *goes_on);
+OXL_INTERNAL int  lamp_starts_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m);
+/* of: the lamp of the view's camera. */
+OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
+                            double falloff);
+OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used);
 
 /* ---------------------------------------------------------------- free_space.c: between a camera and the points that it saw */
 
@@ -228,14 +245,14 @@ OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_spa
 /* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
 
 struct exposure {
-    oxl_exposure   mode;
+    oxl_switch     mode;
     int            decided;        /* auto: it is decided */
     struct imaging of;             /* the gains; on: they are applied */
     float         *first, *second; /* (views,3) Adam's moments */
     int           *visits;         /* (views) steps of a view's gains */
     double         mean[3];        /* of the log gains after each step: 0, or that of the run which this one goes on from */
 };
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_exposure mode, int goes_on);
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
 OXL_INTERNAL int        exposure_watches(const struct exposure *e);

@@ -4,7 +4,14 @@
 
 #include "train.h"
 
-enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES, TRAIN_TRIES_WEIGHTS };
+enum train_trial {
+    TRAIN_TRIES_NOTHING,
+    TRAIN_TRIES_SH_DEGREE,
+    TRAIN_TRIES_LOBES,
+    TRAIN_TRIES_WEIGHTS,
+    TRAIN_TRIES_LAMP,
+    TRAIN_TRIES_WATER
+};
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 
@@ -21,6 +28,7 @@ struct train {
     struct transients          transients;
     struct exposure            exposure;
     struct water               water;
+    struct lamp_fit            lamp;
     struct free_space          free_space;
     int                        sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
     int                        lobes;         /* enum train_lobes */
@@ -76,6 +84,7 @@ struct train_branch { /* the state that a step changes */
     double          loss, psnr;
     struct exposure exposure;
     struct water    water;
+    struct lamp_fit lamp;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
