@@ -300,14 +300,33 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
     return rc;
 }
 
+static int is_there(const char *path)
+{
+    FILE *file = fopen(path, "rb");
+    if (file) fclose(file);
+    return file != NULL;
+}
+
+/* The file of a model: of a folder that train left, or with --clear, scene_clear.ply where there is one, else scene.ply. */
+static const char *model_file(const struct arguments *a, char *path, size_t size)
+{
+    const size_t length = strlen(a->path[0]);
+    const int    is_ply = length >= 9 && strcmp(a->path[0] + length - 9, "scene.ply") == 0;
+    snprintf(path, size, "%.*s%sscene_clear.ply", (int)(is_ply ? length - 9 : length), a->path[0], is_ply ? "" : "/");
+    if ((!is_ply || a->clear) && is_there(path)) return path;
+    snprintf(path, size, "%s/scene.ply", a->path[0]);
+    return is_there(path) ? path : a->path[0];
+}
+
 /* The model in the survey's own frame and unit. */
 static oxl_result load(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_model *model, oxl_scene **scene)
 {
-    char       warning[1024] = "";
-    oxl_result rc            = oxl_model_read(ctx, a->path[0], model);
+    char        path[4096], warning[1024] = "";
+    const char *file = model_file(a, path, sizeof path);
+    oxl_result  rc   = oxl_model_read(ctx, file, model);
     if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale); /* convert --scale wrote it in metres */
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &a->job.scene, scene);
-    if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, a->path[0]);
+    if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene)); /* a block's or another program's has its own */
     if (rc == OXL_OK) rc = overlap_check(ctx, model, *scene, a->path[0], warning, sizeof warning);
     if (warning[0]) on_log(console, OXL_LOG_WARNING, warning);

@@ -76,6 +76,7 @@
 #include "src/train/prune.c"           /* pruning: schedule and scores */
 #include "src/train/transients.c"      /* masks pixels that disagree with all other images */
 #include "src/train/water.c"           /* the nine parameters of the medium */
+#include "src/train/lamp.c"            /* a light that moves with the camera */
 #include "src/train/exposure.c"        /* log gains per training image */
 #include "src/train/free_space.c"      /* finds Gaussians between a camera and the points that it saw */
 #include "src/train/nonfinite.c"       /* handles and counts values that are not finite */

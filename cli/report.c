@@ -298,6 +298,9 @@ static void report_decisions(struct report *r)
     report_decision(r, "Blocks", r->blocks == 1 ? "1" : words, partition, 6);
     report_chosen(r, "Depth weights of densification (--ucd)", "ucd", "depth weights");
     report_chosen(r, "Pruning (--keep)", "keep", "are dropped");
+    report_chosen(r, "Exposure (--exposure)", "exposure", "exposure o");
+    report_chosen(r, "Lamp (--lamp)", "lamp", "lamp o");
+    report_chosen(r, "Water (--medium)", "medium", "medium o");
     report_chosen(r, "Second lobes (--dog)", "dog", "second lobe");
     output_add(t, "</dl>\n</section>\n");
     free(preset);

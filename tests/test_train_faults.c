@@ -149,7 +149,7 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
     CHECK(m.count == 2 && end.cleared == 5 && end.degenerate == 2);
     CHECK_TEXT(faults_heard, "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
     CHECK_TEXT(faults_heard, "could not be read and were left out: 1");
-    CHECK_TEXT(faults_heard, "2 Gaussians have no rotation");
+    CHECK_TEXT(faults_heard, "2 Gaussians have a zero quaternion");
     oxl_model_free(test_ctx, &m);
     text_free(&t);
 }

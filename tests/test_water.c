@@ -181,7 +181,7 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     off = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
-    options.exposure = OXL_EXPOSURE_ON;
+    options.exposure = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK(train_psnr(scene, &model) > off + 0.5);
     m = scene_imaging(scene);
@@ -206,7 +206,7 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     oxl_model         off, automatic;
     options.sh_degree = -1; /* so that validation views stand aside in both */
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &off));
-    options.exposure = OXL_EXPOSURE_AUTO;
+    options.exposure = OXL_AUTO;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &automatic));
     CHECK(!scene_imaging(scene)->on && train_same(&off, &automatic));
     oxl_model_free(test_ctx, &off);
@@ -221,7 +221,7 @@ TEST(exposure_a_run_stopped_before_and_after_the_decision_ends_in_the_same_bytes
     oxl_model              model;
     struct imaging         whole;
     c.options.sh_degree = -1;
-    c.options.exposure  = OXL_EXPOSURE_AUTO;
+    c.options.exposure  = OXL_AUTO;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     CHECK_OK(imaging_create(test_ctx, 14, &whole));
     imaging_copy(scene_imaging(c.scene), &whole);
@@ -257,7 +257,8 @@ TEST(exposure_is_read_as_it_was_written)
 
 TEST(exposure_of_a_broken_file_names_line_and_value)
 {
-    static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n", "lamp 1\n", "gain 1 1e9 1 a.png\n"};
+    static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n",     "lamp 1\n",    "bD 1 2\n",
+                                         "falloff 1\n",        "lamp all 1 2\n", "lantern 1\n", "gain 1 1e9 1 a.png\n"};
     oxl_scene               *scene    = train_scene(3);
     struct imaging           read;
     for (size_t i = 0; i < OXL_COUNT(broken); i++) {
@@ -308,7 +309,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
 
 /* ---------------------------------------------------------------- the medium */
 
-static const struct medium water_murky = {1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}};
+static const struct medium water_murky = {1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3};
 
 /* S = the sum of drgb x the image, rendered through the water. */
 static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model, const struct medium *medium,
@@ -335,7 +336,7 @@ static void medium_move(oxl_model *model, const double eye[3], double factor)
         }
 }
 
-TEST(medium_gradients_of_all_nine_parameters_and_of_the_centres_agree_with_finite_differences)
+TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_differences)
 {
     oxl_scene        *scene  = train_scene(3);
     const oxl_camera *camera = &oxl_scene_view(scene, 1)->camera;
@@ -344,7 +345,7 @@ TEST(medium_gradients_of_all_nine_parameters_and_of_the_centres_agree_with_finit
     struct medium     m      = water_murky;
     struct renderer  *r;
     oxl_model         model, gradient;
-    double            d[9];
+    double            d[MEDIUM_SUMS];
     for (size_t i = 0; i < n; i++) drgb[i] = (float)(random_unit(random_bits(1, i, 0)) - 0.3);
     CHECK_OK(renderer_create(test_ctx, &r));
     CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
@@ -352,8 +353,8 @@ TEST(medium_gradients_of_all_nine_parameters_and_of_the_centres_agree_with_finit
     medium_score(r, camera, &model, &m, drgb);
     CHECK_OK(renderer_backward(test_ctx, r, drgb, &gradient));
     memcpy(d, renderer_medium_gradient(r), sizeof d);
-    for (int k = 0; k < 9; k++) {
-        float      *at = k < 3 ? &m.direct[k] : k < 6 ? &m.scatter[k - 3] : &m.veil[k - 6];
+    for (int k = 0; k < MEDIUM_SUMS; k++) {
+        float      *at = k < 3 ? &m.direct[k] : k < 6 ? &m.scatter[k - 3] : k < 9 ? &m.veil[k - 6] : &m.falloff;
         const float is = *at, h = 0.01f;
         double      plus, minus;
         *at   = is + h;
@@ -386,6 +387,32 @@ TEST(medium_gradients_of_all_nine_parameters_and_of_the_centres_agree_with_finit
     oxl_scene_free(test_ctx, scene);
 }
 
+/* From one range only the baked colours are those through the water. */
+TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
+{
+    oxl_scene        *scene  = train_scene(1);
+    const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
+    const size_t      n      = 3 * (size_t)camera->width * (size_t)camera->height;
+    float            *drgb   = oxl_alloc(test_ctx, n, sizeof *drgb);
+    struct medium     m      = water_murky;
+    struct renderer  *r;
+    oxl_model         model;
+    double            through, clear;
+    memset(m.veil, 0, sizeof m.veil); /* black background, as without water */
+    for (size_t i = 0; i < n; i++) drgb[i] = 1;
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 1, &model));
+    through = medium_score(r, camera, &model, &m, drgb);
+    clear   = medium_score(r, camera, &model, NULL, drgb);
+    CHECK(fabs(clear - through) > 0.1 * clear);
+    medium_bake(&m, scene, &model);
+    CHECK_CLOSE(medium_score(r, camera, &model, NULL, drgb), through, 1e-3 * through);
+    oxl_free(test_ctx, drgb);
+    oxl_model_free(test_ctx, &model);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
 /* No Gaussian in sight: only water. */
 TEST(medium_alone_shows_its_veil)
 {
@@ -412,7 +439,7 @@ TEST(medium_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     struct checkpoint_case c       = checkpoint_of(train_scene(7), train_options(130));
     oxl_model              model;
     struct medium          whole;
-    c.options.medium = 1;
+    c.options.medium = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     whole = scene_imaging(c.scene)->medium;
     CHECK(whole.on);
@@ -434,6 +461,163 @@ TEST(medium_is_read_as_it_was_written)
     CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
     CHECK(!read.on && memcmp(&read.medium, &water_murky, sizeof water_murky) == 0);
+    imaging_free(test_ctx, &read);
+    imaging_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* ---------------------------------------------------------------- the lamp */
+
+static struct lamp lamp_of(int64_t camera)
+{
+    struct lamp lamp = {.camera = camera};
+    for (int t = 0; t < LAMP_TERMS; t++) lamp.shape[t] = 0.15f * (float)sin(1.7 * t + 1);
+    return lamp;
+}
+
+TEST(lamp_has_a_log_gain_of_zero_mean_over_the_image)
+{
+    enum { W = 64, H = 48 };
+    static float gain[W * H];
+    for (int t = 0; t < LAMP_TERMS; t++) {
+        struct lamp lamp = {.camera = -1};
+        double      sum = 0, square = 0;
+        lamp.shape[t] = 0.5f;
+        lamp_gain(lamp.shape, W, H, gain);
+        for (int i = 0; i < W * H; i++) sum += log(gain[i]) / (W * H), square += log(gain[i]) * log(gain[i]) / (W * H);
+        CHECK_CLOSE(sum, 0, 1e-3);
+        CHECK(square > 0.008);
+    }
+}
+
+/* With gains as well: both are between the rendered image and the loss. */
+static double lamp_loss(struct renderer *r, oxl_scene *scene, const oxl_model *model, const struct lamp *lamp)
+{
+    const double log_gain[3] = {0.1, -0.2, 0.3};
+    double       loss;
+    renderer_set_lamp(r, lamp);
+    loss = exposure_loss(r, scene, model, log_gain);
+    renderer_set_lamp(r, NULL);
+    return loss;
+}
+
+TEST(lamp_gradients_of_all_terms_and_of_the_gaussians_agree_with_finite_differences)
+{
+    oxl_scene       *scene = train_scene(3);
+    struct lamp      lamp  = lamp_of(-1);
+    struct renderer *r;
+    oxl_model        model, gradient;
+    double           d[LAMP_TERMS], slope = 0, plus, minus;
+    const float      h = 4e-3f;
+    CHECK_OK(renderer_create(test_ctx, &r));
+    CHECK_OK(oxl_model_from_points(test_ctx, oxl_scene_points(scene), oxl_scene_point_count(scene), 0, &model));
+    CHECK_OK(oxl_model_create(test_ctx, model.count, 0, &gradient));
+    lamp_loss(r, scene, &model, &lamp);
+    memcpy(d, renderer_lamp_gradient(r), sizeof d);
+    CHECK_OK(renderer_backward(test_ctx, r, NULL, &gradient));
+    for (int t = 0; t < LAMP_TERMS; t++) {
+        const float is = lamp.shape[t];
+        lamp.shape[t]  = is + h;
+        plus           = lamp_loss(r, scene, &model, &lamp);
+        lamp.shape[t]  = is - h;
+        minus          = lamp_loss(r, scene, &model, &lamp);
+        lamp.shape[t]  = is;
+        CHECK_CLOSE(d[t], (plus - minus) / (2 * (double)h), 2e-4 + 5e-3 * fabs(d[t]));
+    }
+    for (size_t i = 0; i < model.count; i++) slope += gradient.plane[OXL_SH + 1][i];
+    for (size_t i = 0; i < model.count; i++) model.plane[OXL_SH + 1][i] += h;
+    plus = lamp_loss(r, scene, &model, &lamp);
+    for (size_t i = 0; i < model.count; i++) model.plane[OXL_SH + 1][i] -= 2 * h;
+    minus = lamp_loss(r, scene, &model, &lamp);
+    CHECK(fabs(slope) > 1e-3);
+    CHECK_CLOSE(slope, (plus - minus) / (2 * (double)h), 1e-4 + 5e-3 * fabs(slope));
+    oxl_model_free(test_ctx, &model);
+    oxl_model_free(test_ctx, &gradient);
+    renderer_free(test_ctx, r);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* The scene of test_train.c, each image times the lamp's gain. */
+static oxl_scene *lamp_scene(int views, const struct lamp *lamp)
+{
+    oxl_scene     *plain = train_scene(views), *scene = NULL;
+    struct imaging m = {.lamps = 1};
+    oxl_view       view[14];
+    oxl_image      image[14];
+    m.lamp[0] = *lamp;
+    for (int v = 0; v < views; v++) {
+        view[v] = *oxl_scene_view(plain, v);
+        CHECK_OK(oxl_scene_image(test_ctx, plain, v, &image[v]));
+        CHECK_OK(imaging_apply_lamp(test_ctx, plain, &m, v, &image[v]));
+        for (int i = 0; i < 3 * image[v].width * image[v].height; i++) image[v].rgb[i] = OXL_MIN(1.0f, 0.7f * image[v].rgb[i]);
+    }
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, oxl_scene_points(plain), oxl_scene_point_count(plain), &scene));
+    for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
+    oxl_scene_free(test_ctx, plain);
+    return scene;
+}
+
+TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
+{
+    const struct lamp lamp    = {-1, {0, -0.25f, 0, 0, 0.1f, 0, 0, 0, -0.2f}};
+    oxl_scene        *scene   = lamp_scene(14, &lamp);
+    oxl_train_options options = train_options(500);
+    oxl_model         model;
+    oxl_metrics       metrics;
+    double            off;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &metrics));
+    off = metrics.psnr;
+    oxl_metrics_free(test_ctx, &metrics);
+    oxl_model_free(test_ctx, &model);
+    options.lamp = OXL_ON;
+    CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &metrics));
+    CHECK(metrics.psnr > off + 0.5);
+    CHECK(scene_imaging(scene)->lamps == 1);
+    CHECK_CLOSE(scene_imaging(scene)->lamp[0].shape[1], -0.25, 0.08);
+    CHECK_CLOSE(scene_imaging(scene)->lamp[0].shape[8], -0.2, 0.08);
+    oxl_metrics_free(test_ctx, &metrics);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
+{
+    static const int       stops[] = {9, 10, 11, 60};
+    const struct lamp      lamp    = lamp_of(-1);
+    struct checkpoint_case c       = checkpoint_of(lamp_scene(7, &lamp), train_options(130));
+    oxl_model              model;
+    struct imaging         whole = {0};
+    c.options.lamp               = OXL_ON;
+    CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
+    whole.medium = scene_imaging(c.scene)->medium, whole.lamp[0] = scene_imaging(c.scene)->lamp[0];
+    CHECK(whole.medium.lit && whole.lamp[0].shape[1] != 0);
+    for (size_t i = 0; i < OXL_COUNT(stops); i++) {
+        CHECK(checkpoint_run(&c, "key", stops[i], &model) == OXL_ERR_INTERRUPTED);
+        oxl_model_free(test_ctx, &model);
+    }
+    CHECK_OK(checkpoint_run(&c, "key", -1, &model));
+    CHECK(train_same(&model, &c.whole));
+    CHECK(memcmp(&whole.medium, &scene_imaging(c.scene)->medium, sizeof whole.medium) == 0);
+    CHECK(memcmp(&whole.lamp[0], &scene_imaging(c.scene)->lamp[0], sizeof whole.lamp[0]) == 0);
+    oxl_model_free(test_ctx, &model);
+    checkpoint_case_free(&c);
+}
+
+TEST(lamp_is_read_as_it_was_written_and_a_camera_without_one_has_that_of_the_others)
+{
+    oxl_scene     *scene = train_scene(3);
+    struct imaging m     = water_imaging(3, NULL, 0), read;
+    m.on                 = 0;
+    m.medium.lit = 1, m.medium.falloff = 1.25f, m.medium.reference = 3.5f;
+    m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(7);
+    m.lamp[1].shape[3] = 0.01f;
+    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
+    CHECK(read.lamps == 2 && memcmp(read.lamp, m.lamp, 2 * sizeof *m.lamp) == 0);
+    CHECK(!read.medium.on && memcmp(&read.medium, &m.medium, sizeof m.medium) == 0);
+    CHECK(imaging_lamp(&read, scene, 0) == &read.lamp[0]);
     imaging_free(test_ctx, &read);
     imaging_free(test_ctx, &m);
     oxl_scene_free(test_ctx, scene);

@@ -10,10 +10,10 @@ struct partition_box { /* half-open, low <= x < high, in the partition's frame; 
     double low[3], high[3];
 };
 struct partition_block {
-    struct partition_box box;      /* its home: every place belongs to exactly one block */
-    struct partition_box expanded; /* wider by 5 % of its size on each side: what is trained */
-    struct partition_box finite;   /* the home cut at the trimmed extents of the points: what is rendered, and its size */
-    size_t               points, start_points;     /* at home; to start from: those in `expanded` and what its views see */
+    struct partition_box box;                      /* disjoint boxes that cover all space */
+    struct partition_box expanded;                 /* wider by 5 % of its size on each side: what is trained */
+    struct partition_box finite;                   /* `box` clipped to the trimmed extents of the points */
+    size_t               points, start_points;     /* inside `box`; initial: in `expanded` or seen by its views */
     int                  base_views, border_views; /* training views by overlap [OceanXL sec. 3.1, BlockGaussian] */
 };
 struct partition {

@@ -26,7 +26,7 @@ enum {
     PARTITION_LOAD         = 256,  /* mean load of a point */
     PARTITION_LEAST_POINTS = 100,
     PARTITION_LEAST_VIEWS  = 20,
-    PARTITION_ENOUGH_VIEWS = 50 /* fewer are learned by heart: a block of so few takes more of its border (docs/SCALE.md) */
+    PARTITION_ENOUGH_VIEWS = 50 /* fewer views overfit: such a block takes more border views (docs/SCALE.md) */
 };
 #define PARTITION_FLAT   0.3  /* l3 / l2 below it: 2D [OceanXL] */
 #define PARTITION_MARGIN 0.05 /* of a box's size, on each side [BlockGaussian] */
@@ -67,7 +67,7 @@ struct partition_node {
 
 struct partition_build {
     oxl_context           *ctx;
-    oxl_log_level          level; /* of what is said */
+    oxl_log_level          level; /* of log messages */
     const oxl_scene       *scene;
     oxl_partition_options  options;
     int                    dimensions;
@@ -392,7 +392,7 @@ static void partition_hull(struct partition_box *hull, const struct partition_bo
     }
 }
 
-/* From the cuts to the leaves' boxes. A child stands behind its parent in the array, also when cuts were taken back. */
+/* Boxes of the leaves from the splits. A child follows its parent in the array, also after undone splits. */
 static oxl_result partition_set_boxes(struct partition_build *b)
 {
     for (int k = 0; k < 3; k++) {
@@ -583,7 +583,7 @@ static void partition_take_back(struct partition_build *b, int leaf)
     b->node[leaf].removed = b->node[sibling].removed = 1;
 }
 
-/* Returns how many blocks were too few_views to stand. */
+/* Returns the number of blocks removed for too few views. */
 static int partition_guard(struct partition_build *b)
 {
     int taken = 0;
@@ -716,7 +716,7 @@ static void partition_fill_blocks(const struct partition_build *b, struct partit
     }
 }
 
-/* Hands over what was built. */
+/* Moves the result to p. */
 static oxl_result partition_finish(struct partition_build *b, struct partition *p)
 {
     oxl_result rc = partition_list_members(b, p->plan);

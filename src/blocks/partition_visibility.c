@@ -1,4 +1,4 @@
-/* partition_visibility.c - who saw which point: the tracks of points3D.txt, turned over to lists by view.
+/* partition_visibility.c - points observed by each view, from the tracks of points3D.txt.
  *
  * Invariant: only training views have lists. What a test view saw takes no part in any decision about blocks, or the test would
  * not be one.

@@ -46,8 +46,7 @@ static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
     char      *path = oxl_path_join(b->ctx, b->task->folder, "imaging.txt");
     oxl_result rc   = path ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write imaging.txt");
-    if (rc == OXL_OK && (scene_imaging(scene)->on || scene_imaging(scene)->medium.on))
-        rc = imaging_write(b->ctx, path, scene, scene_imaging(scene));
+    if (rc == OXL_OK && imaging_is_needed(scene_imaging(scene))) rc = imaging_write(b->ctx, path, scene, scene_imaging(scene));
     else if (rc == OXL_OK) os_remove(path);
     oxl_free(b->ctx, path);
     return rc;

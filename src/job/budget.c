@@ -1,4 +1,4 @@
-/* budget.c - fits the training of a block into the memory that it is given (--ram), by the arithmetic of survey_report.c.
+/* budget.c - limits that fit the training of a block into a memory budget (--ram), by the predictions of cost.c.
  *
  * What gives way first is the cache of images, then trials (which copy the model: nothing is decided by `auto`, weights by depth
  * stay as they are), then the number of Gaussians that is expected, then the size of the blocks.
@@ -28,6 +28,8 @@ static void budget_leave_out_trials(oxl_job_options *o)
 {
     if (o->train.sh_degree < 0) o->train.sh_degree = 3;
     if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
+    if (o->train.lamp == OXL_AUTO) o->train.lamp = OXL_OFF;
+    if (o->train.medium == OXL_AUTO) o->train.medium = OXL_OFF;
     o->train.ucd.learn = 0;
 }
 

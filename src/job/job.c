@@ -106,12 +106,22 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
     text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
+/* Lamp and water are fitted in one block alone. */
+static void job_add_imaging_refusal(const struct job *job, struct text *t, const char *part, oxl_switch mode)
+{
+    if (mode == OXL_AUTO && job->partition.block_count > 1)
+        text_add(t, ", \"%s\": {\"chosen\": \"off\", \"evidence\": \"%d blocks: it is fitted in one block alone\"}", part,
+                 job->partition.block_count);
+}
+
 /* What was decided, and on what evidence, block by block. */
 static oxl_result job_add_decisions(struct job *job, struct text *t)
 {
     oxl_result rc = OXL_OK;
     text_add(t, "  \"decisions\": {");
     job_add_partition_decision(job, t);
+    job_add_imaging_refusal(job, t, "lamp", job->options.train.lamp);
+    job_add_imaging_refusal(job, t, "medium", job->options.train.medium);
     text_add(t, ", \"blocks\": [");
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         char *folder = job_block_path(job, k, NULL);
@@ -321,11 +331,13 @@ static oxl_result job_cut(struct job *job)
         if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_export(job->ctx, &job->partition, job->out);
     }
     oxl_free(job->ctx, path);
-    if (rc == OXL_OK && job->options.train.medium && job->partition.block_count > 1)
-        rc = oxl_fail(job->ctx, OXL_ERR_USAGE,
-                      "--medium fits one water for one block, and the survey is cut into %d\nfix: --partition none, or a larger "
-                      "--block-points",
-                      job->partition.block_count);
+    if (rc == OXL_OK && (job->options.train.medium == OXL_ON || job->options.train.lamp == OXL_ON) &&
+        job->partition.block_count > 1)
+        rc = oxl_fail(
+            job->ctx, OXL_ERR_USAGE,
+            "--medium and --lamp fit one water and one lamp for one block, and the survey is cut into %d\nfix: --partition none, or a larger "
+            "--block-points",
+            job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)\nfix: --block with one of them",
                       job->options.block, job->partition.block_count, job->partition.block_count - 1);
@@ -426,6 +438,7 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     if (job->partition.block_count > 1 || !(job->survey.seconds > 0))
         task->predicted_seconds = cost_seconds(job->ctx, scene, o, &cost, NULL);
     job_limit_time(job, &task->train);
+    if (job->partition.block_count > 1) task->train.lamp = task->train.medium = OXL_OFF; /* `auto`: one block's alone */
     return OXL_OK;
 }
 
@@ -664,6 +677,12 @@ static oxl_result job_merged(struct job *job)
 
 /* ---------------------------------------------------------------- at the end */
 
+/* Water or a lamp's falloff lies between the model's colours and the images. */
+static int job_has_medium(const struct job *job)
+{
+    return job->scene && (scene_imaging(job->scene)->medium.on || scene_imaging(job->scene)->medium.lit);
+}
+
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
 {
     struct os_file_map map  = {0};
@@ -676,18 +695,35 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
     return rc;
 }
 
+/* As viewers without imaging.txt are to show it (docs/WATER.md). */
+static oxl_result job_write_appearance(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
+{
+    oxl_model  baked = {0};
+    oxl_result rc;
+    if (!job_has_medium(job)) return job_write_ply(job, name, model, degree, bytes);
+    rc = model_copy(job->ctx, model, &baked);
+    if (rc == OXL_OK) medium_bake(&scene_imaging(job->scene)->medium, job->scene, &baked);
+    if (rc == OXL_OK) rc = job_write_ply(job, name, &baked, degree, bytes);
+    oxl_model_free(job->ctx, &baked);
+    return rc;
+}
+
 /* scene.ply holds the bands that are carried, and the lobes; unless that is the standard's file already, scene_standard.ply is. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
     const int  is_standard = job->model.sh_degree == 3 && job->model.lobes == 0;
-    oxl_result rc          = job_write_ply(job, "scene.ply", &job->model, job->model.sh_degree, &bytes[0]);
+    oxl_result rc          = job_write_appearance(job, "scene.ply", &job->model, job->model.sh_degree, &bytes[0]);
     bytes[1]               = bytes[0];
+    if (rc == OXL_OK && job_has_medium(job))
+        rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
+    else job_remove(job, "scene_clear.ply");
+    bytes[1] = bytes[0];
     if (is_standard) job_remove(job, "scene_standard.ply");
     if (rc != OXL_OK || is_standard) return rc;
     if (job->model.lobes > 0 && !job->unfinished) rc = job_join(job, 1, standard);
     else rc = model_copy(job->ctx, &job->model, standard);
     model_drop_lobes(standard);
-    return rc == OXL_OK ? job_write_ply(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
+    return rc == OXL_OK ? job_write_appearance(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
 }
 
 static void job_add(struct text *t, const char *name, double value)
@@ -810,7 +846,7 @@ static oxl_result job_write_gains(struct job *job)
 {
     char      *path = oxl_path_join(job->ctx, job->out, "imaging.txt");
     oxl_result rc   = path ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK && job->scene && (scene_imaging(job->scene)->on || scene_imaging(job->scene)->medium.on))
+    if (rc == OXL_OK && job->scene && imaging_is_needed(scene_imaging(job->scene)))
         rc = imaging_write(job->ctx, path, job->scene, scene_imaging(job->scene));
     else if (rc == OXL_OK) os_remove(path);
     oxl_free(job->ctx, path);

@@ -16,7 +16,7 @@ enum { METRICS_RADIUS = 5, METRICS_WINDOW = 2 * METRICS_RADIUS + 1 };
 #define METRICS_C2        (0.03 * 0.03)
 #define METRICS_BEST_PSNR 100.0 /* dB, of identical images */
 
-/* Values are clamped to what a screen shows; not-a-number is black, as in a written picture. */
+/* Values are clamped to 0..1; NaN is 0, as in written images. */
 SIMD_INLINE double metrics_shown(float v)
 {
     return v > 0 ? OXL_MIN((double)v, 1.0) : 0;
@@ -91,7 +91,7 @@ oxl_result oxl_psnr(oxl_context *ctx, const oxl_image *a, const oxl_image *b, do
     return rc == OXL_OK ? metrics_psnr(ctx, a, b, as_it_is, out) : rc;
 }
 
-/* What a channel of a is to be multiplied by: least squares. */
+/* The least-squares factor of a channel of a. */
 static double metrics_gain(const oxl_image *a, const oxl_image *b, int channel)
 {
     const size_t plane = (size_t)a->width * a->height;
@@ -441,6 +441,7 @@ static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const ox
     options.near_plane = (float)scene_near_plane(scene);
     renderer_set_medium(r, &scene_imaging(scene)->medium);
     rc = renderer_draw(ctx, r, model, camera, &options, &rendered, NULL);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), row->view, &rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->plain_psnr);
     if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &rendered, image, &row->half_psnr);
     if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &rendered);
@@ -453,7 +454,7 @@ static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const ox
     return rc;
 }
 
-/* An image that cannot be read or is masked all over is said and left out, as in training. */
+/* Unreadable or completely masked images are logged and left out, as in training. */
 static oxl_result metrics_add_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
                                    oxl_metrics *out, struct metrics_bands *bands)
 {

@@ -1,4 +1,4 @@
-/* options.c - the options of a training job: one table, a row each, and what reads, writes and checks them by it.
+/* options.c - the options of a training job: one table with a row per option, and its parser, printer and range checks.
  *
  * A new option is one row here, its field in oceanxl.h, and its use. Everything else is made from the table: defaults of each preset,
  * parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the manual page and
@@ -60,7 +60,8 @@ static const oxl_option OPTIONS[] = {
 {"ucd-bands", "thirds|quantiles|fading", OXL_OPTION_CHOICE, OPTION_AT(train.ucd.bands), 0, 2, EACH("thirds"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "limits of the depth bands: thirds of the largest depth, thirds of the points, or contrast of 4/5 and 1/2", NULL},
 {"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss", NULL},
 {"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "brightness and white balance that differ from image to image; auto: on, if validation views gain", NULL},
-{"medium", NULL, OXL_OPTION_FLAG, OPTION_AT(train.medium), 0, 1, EACH("false"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "model the water's attenuation and backscatter by nine parameters (CPU, one block)", NULL},
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "a light that moves with the camera: a smooth gain over the image, falloff with distance (CPU, one block); auto: on, if validation views gain", NULL},
+{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the water's attenuation and backscatter, nine parameters (CPU, one block); auto: on, if validation views gain", NULL},
 {"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "off", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it saw", NULL},
 {"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "do not learn what only one image of a place shows: fish, divers", "robust"},
 {"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "difference-of-Gaussians lobes; auto: selective, if validation views gain", NULL},
@@ -241,7 +242,7 @@ static int option_read_seed(const char *text, uint64_t *out)
     return 1;
 }
 
-/* The place of the word among those of "one|two|three"; -1: it is none. */
+/* Index of the word in "one|two|three"; -1: not in it. */
 static int option_choice(const char *words, const char *text)
 {
     for (int i = 0; *words; i++) {

@@ -1,4 +1,4 @@
-/* render_files.c - what the model draws where the images were taken, as files to look at and to measure with.
+/* render_files.c - renders of the views and depth maps, as files.
  *
  * Invariant: no name of an image leads out of the folder.
  */
@@ -36,7 +36,7 @@ static oxl_result render_file_write_image(oxl_context *ctx, const char *folder, 
     return rc;
 }
 
-/* Portable float map: rows from the bottom, the sign of the scale tells the byte order. */
+/* Portable float map: rows from the bottom; the sign of the scale is the byte order. */
 static oxl_result render_file_write_pfm(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
                                         int height)
 {
@@ -105,7 +105,7 @@ enum {
 struct render_file {
     const char *name;
     int         width, height;
-    oxl_image   rendered, image; /* image: empty when not asked for, or not to be had */
+    oxl_image   rendered, image; /* image: empty if not requested or not readable */
     float      *depth;           /* (H,W) or NULL */
     oxl_context own;             /* of the thread that writes it */
 };
@@ -123,7 +123,7 @@ static oxl_result render_file_reserve_depth(oxl_context *ctx, struct render_file
     return p->depth ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a depth map of %d x %d", p->width, p->height);
 }
 
-/* One that cannot be read is not rendered: the evaluation has said so. */
+/* Unreadable images are skipped; the evaluation has reported them. */
 static oxl_result render_file_take_image(oxl_context *ctx, oxl_scene *scene, int view, struct render_file *p)
 {
     const oxl_result rc = oxl_scene_image(ctx, scene, view, &p->image);
@@ -142,6 +142,7 @@ static oxl_result render_file_render(oxl_context *ctx, struct renderer *r, const
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
     renderer_set_medium(r, what->clear ? NULL : &scene_imaging(scene)->medium);
     if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, &of->camera, &options, &out->rendered, out->depth);
+    if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &out->rendered);
     if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->rendered);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;

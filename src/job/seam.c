@@ -1,4 +1,4 @@
-/* seam.c - do the borders between blocks show? PSNR beside them against PSNR elsewhere.
+/* seam.c - PSNR near the borders between blocks, compared with PSNR elsewhere.
  *
  * Where a pixel lies is told by the depth that the model draws there. Blocks are trained apart, so where two meet, their colours may
  * not: that would show as a PSNR that is lower near the border than elsewhere.
@@ -7,7 +7,7 @@
  */
 #include "job.h"
 
-/* The block at owner at a place of the frame; `guess`, the neighbouring pixel's, is nearly always right. */
+/* The block that contains a point of the frame; `guess`: the neighbouring pixel's block. */
 static int seam_block(const struct partition *p, const double frame[3], int guess)
 {
     if (partition_contains(&p->block[guess].box, frame)) return guess;
@@ -27,7 +27,7 @@ static int seam_is_near(const struct partition_block *block, const double frame[
     return beside;
 }
 
-/* The place at depth z behind pixel (x, y), in the world. */
+/* World position of pixel (x, y) at depth z. */
 static void seam_unproject(const oxl_camera *camera, const double origin[3], int x, int y, double z, double world[3])
 {
     const double c[3] = {(x + 0.5 - camera->cx) / camera->fx * z - camera->translation[0],
@@ -65,7 +65,7 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
         }
 }
 
-/* An image that cannot be read is left out, as in the evaluation, which has said so. */
+/* Unreadable images are skipped, as in the evaluation. */
 static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const struct partition *p, const oxl_model *model,
                                  oxl_scene *scene, int view, struct metrics_sum sum[2])
 {
@@ -84,6 +84,7 @@ static oxl_result seam_draw_view(oxl_context *ctx, struct renderer *r, const str
     options.near_plane = (float)scene_near_plane(scene);
     renderer_set_medium(r, &scene_imaging(scene)->medium);
     rc = renderer_draw(ctx, r, model, camera, &options, &rendered, depth);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &rendered);
     if (rc == OXL_OK) imaging_apply(scene_imaging(scene), view, &rendered);
     if (rc != OXL_OK) goto done;
     seam_add_view(&(struct seam_view){p, camera, oxl_scene_origin(scene), &rendered, &image, depth}, sum);

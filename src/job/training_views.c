@@ -216,7 +216,7 @@ static int training_order(const void *a, const void *b)
     return x->at - y->at;
 }
 
-/* Is a flagged neighbour so much worse that this view may suffer by it? Views beside a displaced one are rendered after its mistakes. */
+/* 1: a flagged neighbour is so much worse that it may cause this view's error, as beside a displaced view. */
 static int training_suffers(const struct training_views *t, const struct training_row *row, const struct training_row *end)
 {
     int       near[TRAINING_NEIGHBOURS];

@@ -340,10 +340,11 @@ struct medium_job {
     real (*sums)[SPLAT_SUMS];            /* (slots, SPLAT_SUMS) */
 };
 OXL_INTERNAL void medium_forward(const struct medium_job *job);
-/* sum (9): of the rows; bD, bB, Binf by channel. */
-OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[9]);
+/* sum: of the rows; bD, bB, Binf by channel, then the falloff. */
+OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIUM_SUMS]);
 OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out);
-OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height, double sum[9]);
+OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
+                                       double sum[MEDIUM_SUMS]);
 #endif
 
 /* ---------------------------------------------------------------- loss.c: L1 + SSIM, and back */

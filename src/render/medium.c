@@ -2,11 +2,12 @@
  *
  * Per Gaussian, with the range r from the camera to its centre, and for the background (Akkaynak & Treibitz 2018; SeaSplat, arXiv
  * 2409.17345, applies it per pixel):
- *     c' = J exp(-bD r) + Binf (1 - exp(-bB r)),     background = Binf.
+ *     c' = J (r0 / r)^p exp(-bD r) + Binf (1 - exp(-bB r)),     background = Binf.
+ * (r0 / r)^p: a lamp that moves with the camera, p from 0 to 2, r0 the median range of the survey.
  * Forward between project and raster; backward between raster and project: the sums of a splat's pairs hold dL/dc', and become dL/dJ.
  * The range, unlike depth z, does not change when the camera rotates.
  *
- * Invariant: exact gradients of the nine parameters and of the centre through r. Sums have a fixed order: by task of packs, row and
+ * Invariant: exact gradients of the nine parameters, of p, and of the centre through r. Sums have a fixed order: by task of packs, row and
  * pair, and by pixel for the background.
  */
 #include "kernels.h"
@@ -20,58 +21,68 @@ static float medium_range(const struct medium_job *job, size_t i)
     return real_sqrt(x * x + y * y + z * z);
 }
 
+/* Of J: attenuation and, with a lamp, falloff. *log_near: ln (reference / r), 0 where the falloff does not change with r. */
+static void medium_through(const struct medium *m, float range, float through[3], float *log_near)
+{
+    const float near = m->lit ? OXL_MAX(range, LAMP_RANGE_LEAST * m->reference) : 1;
+    *log_near        = m->lit ? (float)(real_log2(0, m->reference / near) * 0.693147181f) : 0;
+    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * *log_near - m->direct[c] * range);
+}
+
 OXL_INTERNAL void medium_forward(const struct medium_job *job)
 {
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (unsigned l = 0; l < PACK; l++) {
             const size_t i = pack * PACK + l;
-            float        range;
+            float        range, through[3], log_near;
             if (!(job->visible[pack] >> l & 1)) continue;
             range = medium_range(job, i);
+            medium_through(job->medium, range, through, &log_near);
             for (int c = 0; c < 3; c++) {
                 const struct medium *m        = job->medium;
                 const float          clear    = job->splat[i].colour[c];
                 job->clear[3 * i + (size_t)c] = clear;
-                job->splat[i].colour[c] =
-                    clear * real_exp(0, -m->direct[c] * range) + m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
+                job->splat[i].colour[c]       = clear * through[c] + m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
             }
         }
 }
 
-/* A visible row: dL/dc' of each channel (3) -> the parameters' sums; returns dL/dr. */
-static float medium_row(const struct medium_job *job, size_t i, float range, const float g[3], double sum[9])
+/* A visible row: dL/dc' of each channel (3) -> the parameters' sums; returns dL/dr. range: not 0. */
+static float medium_row(const struct medium_job *job, size_t i, float range, const float g[3], const float through[3],
+                        float log_near, double sum[MEDIUM_SUMS])
 {
-    const struct medium *m  = job->medium;
-    float                dr = 0;
+    const struct medium *m       = job->medium;
+    const float          falloff = m->lit && range > LAMP_RANGE_LEAST * m->reference ? m->falloff / range : 0;
+    float                dr      = 0;
     for (int c = 0; c < 3; c++) {
-        const float through = real_exp(0, -m->direct[c] * range), rest = real_exp(0, -m->scatter[c] * range);
-        const float direct = job->clear[3 * i + (size_t)c] * through;
+        const float rest = real_exp(0, -m->scatter[c] * range), direct = job->clear[3 * i + (size_t)c] * through[c];
         sum[c] += -(double)g[c] * range * direct;
         sum[3 + c] += (double)g[c] * m->veil[c] * range * rest;
         sum[6 + c] += (double)g[c] * (1 - rest);
-        dr += g[c] * (m->veil[c] * m->scatter[c] * rest - m->direct[c] * direct);
+        sum[9] += (double)g[c] * log_near * direct;
+        dr += g[c] * (m->veil[c] * m->scatter[c] * rest - (m->direct[c] + falloff) * direct);
     }
     return dr;
 }
 
 /* Converts sums and the splats' colours to those without the medium. */
-OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[9])
+OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIUM_SUMS])
 {
-    memset(sum, 0, 9 * sizeof *sum);
+    memset(sum, 0, MEDIUM_SUMS * sizeof *sum);
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (unsigned l = 0; l < PACK; l++) {
             const size_t  i    = pack * PACK + l;
             struct splat *s    = &job->splat[i];
-            float         g[3] = {0, 0, 0}, range, through[3];
+            float         g[3] = {0, 0, 0}, range, through[3], log_near;
             if (!(job->visible[pack] >> l & 1)) continue;
             range = medium_range(job, i);
-            for (int c = 0; c < 3; c++) through[c] = real_exp(0, -job->medium->direct[c] * range);
+            medium_through(job->medium, range, through, &log_near);
             for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
                 for (int c = 0; c < 3; c++) {
                     g[c] += job->sums[slot][SUM_RED + c];
                     job->sums[slot][SUM_RED + c] *= through[c];
                 }
-            job->drange[i] = range > 0 ? medium_row(job, i, range, g, sum) / range : 0;
+            job->drange[i] = range > 0 ? medium_row(job, i, range, g, through, log_near, sum) / range : 0;
             for (int c = 0; c < 3; c++) s->colour[c] = job->clear[3 * i + (size_t)c];
         }
 }
@@ -88,8 +99,53 @@ OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const st
         }
 }
 
+/* What a viewer without imaging.txt is to show: the colours through the water, and the lamp's falloff, at the ranges from which the
+ * training views see the centre; the mean of both terms over these views, by the centre's size in the
+ * image, 1 / r^2; or over all views where none sees it. */
+OXL_INTERNAL void medium_bake(const struct medium *m, oxl_scene *scene, oxl_model *model)
+{
+    enum { VIEWS = 64 };
+    const oxl_camera *camera[VIEWS];
+    double            eye[VIEWS][3];
+    int               views = 0;
+    const int         all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
+    const int         bands = (model->sh_degree + 1) * (model->sh_degree + 1);
+    for (int v = 0; v < all; v += stride)
+        camera[views] = &oxl_scene_view(scene, v)->camera, camera_position(camera[views], eye[views]), views++;
+    for (size_t i = 0; i < model->count; i++) {
+        double sum[2][7] = {{0}}; /* over all views, over those that see it: both terms by channel, their number */
+        for (int v = 0; v < views; v++) {
+            const double *r = camera[v]->rotation, *t = camera[v]->translation;
+            const double  p[3]  = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i], model->plane[OXL_MEAN + 2][i]};
+            const double  z     = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
+            const double  x     = camera[v]->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) + camera[v]->cx * z;
+            const double  y     = camera[v]->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) + camera[v]->cy * z;
+            const int     seen  = z > 0 && x >= 0 && y >= 0 && x <= camera[v]->width * z && y <= camera[v]->height * z;
+            const double  d[3]  = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
+            const float   range = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            float         through[3], log_near;
+            medium_through(m, range, through, &log_near);
+            for (int k = 0; k <= seen; k++) {
+                const double weight = 1 / OXL_MAX(range * range, 1e-12); /* its size in the image */
+                for (int c = 0; c < 3; c++) {
+                    sum[k][c] += weight * through[c];
+                    sum[k][3 + c] += weight * m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
+                }
+                sum[k][6] += weight;
+            }
+        }
+        for (int c = 0; c < 3 && views > 0; c++) {
+            const double *s = sum[sum[1][6] > 0], factor = s[c] / s[6], more = s[3 + c] / s[6];
+            for (int k = 0; k < bands; k++)
+                model->plane[OXL_SH + 3 * k + c][i] = (float)(factor * model->plane[OXL_SH + 3 * k + c][i]);
+            model->plane[OXL_SH + c][i] += (float)(((factor - 1) * 0.5 + more) / MODEL_SH0);
+        }
+    }
+}
+
 /* dL/dBinf of the light behind the last splat: sum of T dL/dC, row by row. */
-OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height, double sum[9])
+OXL_INTERNAL void medium_backward_veil(const float *drgb, const float *transmittance, int width, int height,
+                                       double sum[MEDIUM_SUMS])
 {
     const size_t plane = (size_t)width * (size_t)height;
     for (int c = 0; c < 3; c++)

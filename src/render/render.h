@@ -124,11 +124,20 @@ OXL_INTERNAL const struct renderer_device *vulkan_functions(void);
 
 struct archive; /* checkpoint.c */
 
-/* From the next loss on, the rendered image is multiplied by a gain per channel before the loss; NULL: none. */
+enum { MEDIUM_SUMS = 10 }; /* gradients of a medium: bD, bB, Binf by channel, the falloff */
+
+/* From the next loss on the rendered image is multiplied by a gain per channel before it; NULL: by none. */
 OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gain[3]);
+/* From the next loss on the rendered image is multiplied by the lamp's gain over the image, too; NULL: by none. Not copied. */
+OXL_INTERNAL void          renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
+/* (14) dL/d(shape) of the last loss. */
+OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
+/* The model as viewers are to show it, without imaging.txt: through water and falloff at the ranges of the scene's views. */
+OXL_INTERNAL void          medium_bake(const struct medium *medium, oxl_scene *scene, oxl_model *model);
+OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
 /* From the next forward on; CPU only. */
 OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);
-/* (9) of the last backward: by direct, scatter and veil. */
+/* (10) of the last backward: by direct, scatter and veil, and by the falloff. */
 OXL_INTERNAL const double *renderer_medium_gradient(const struct renderer *r);
 /* dL/d(log gain) of the last loss. */
 OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r);

@@ -30,16 +30,18 @@ struct renderer {
     float               *rgb, *drgb, *transmittance;
     struct medium        medium;
     float               *clear, *drange; /* (count,3), (count): with a medium */
-    double (*medium_sum)[9];             /* (tasks) */
-    double dmedium[9];
-    size_t clear_capacity, drange_capacity, medium_sum_capacity;
-    float  gain[3]; /* of renderer_set_gain */
-    int    has_gain;
-    float *exposed; /* (3,H,W) rgb times gain */
-    double dlog_gain[3];
-    size_t exposed_capacity;
-    float *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
-    int    masked;
+    double (*medium_sum)[MEDIUM_SUMS];   /* (tasks) */
+    double             dmedium[MEDIUM_SUMS];
+    size_t             clear_capacity, drange_capacity, medium_sum_capacity;
+    float              gain[3]; /* of renderer_set_gain */
+    int                has_gain;
+    const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */
+    float             *exposed;  /* (3,H,W) rgb times gain and lamp */
+    float             *lamp_map; /* (H,W) the lamp's gain; after the loss: dL/d(its logarithm) */
+    double             dlog_gain[3], dlamp[LAMP_TERMS];
+    size_t             exposed_capacity, lamp_capacity;
+    float             *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
+    int                masked;
     float (*sums)[SPLAT_SUMS];
     float               *score; /* (slots) */
     struct bins          bins;
@@ -88,6 +90,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->transmittance);
     oxl_free(ctx, r->target);
     oxl_free(ctx, r->exposed);
+    oxl_free(ctx, r->lamp_map);
     oxl_free(ctx, r->clear);
     oxl_free(ctx, r->drange);
     oxl_free(ctx, r->medium_sum);
@@ -215,6 +218,11 @@ static void render_project(oxl_context *ctx, struct renderer *r)
 
 /* ---------------------------------------------------------------- the medium, between the stages */
 
+static int render_has_medium(const struct renderer *r)
+{
+    return r->medium.on || r->medium.lit;
+}
+
 static struct medium_job render_medium_job(struct renderer *r, int64_t task)
 {
     return (struct medium_job){.medium        = &r->medium,
@@ -243,7 +251,7 @@ static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
         const struct medium_job job = render_medium_job(r, task);
         medium_forward(&job);
     }
-    memcpy(r->background, r->medium.veil, sizeof r->background);
+    if (r->medium.on) memcpy(r->background, r->medium.veil, sizeof r->background);
     return OXL_OK;
 }
 
@@ -258,8 +266,13 @@ static void render_medium_backward(oxl_context *ctx, struct renderer *r, const f
     }
     memset(r->dmedium, 0, sizeof r->dmedium);
     for (int64_t task = 0; task < tasks; task++)
-        for (int k = 0; k < 9; k++) r->dmedium[k] += r->medium_sum[task][k];
+        for (int k = 0; k < MEDIUM_SUMS; k++) r->dmedium[k] += r->medium_sum[task][k];
     medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
+}
+
+OXL_INTERNAL int renderer_has_device(const struct renderer *r)
+{
+    return r->device != NULL;
 }
 
 OXL_INTERNAL void renderer_set_medium(struct renderer *r, const struct medium *medium)
@@ -361,8 +374,8 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
-    if (r->device && r->medium.on)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "a medium is not supported on a device\nfix: --backend cpu");
+    if (r->device && render_has_medium(r))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
         rc = render_leave_device(ctx, r, render_forward_on_device(ctx, r, model, camera, options));
         if (rc != OXL_OK || r->device) return rc;
@@ -370,7 +383,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
     rc = render_begin(ctx, r, model, camera, options);
     if (rc != OXL_OK) return rc;
     render_project(ctx, r);
-    if (r->medium.on) rc = render_medium(ctx, r);
+    if (render_has_medium(r)) rc = render_medium(ctx, r);
     if (rc == OXL_OK) rc = bin_splats(ctx, &r->bins, camera->width, camera->height);
     if (rc == OXL_OK) render_each_tile(ctx, r, NULL, raster_forward);
     return rc;
@@ -421,20 +434,62 @@ OXL_INTERNAL const double *renderer_gain_gradient(const struct renderer *r)
     return r->dlog_gain;
 }
 
-/* The loss with exposure gains, on the CPU: a device's image is downloaded and the gradient uploaded. */
+/* Something lies between the rendered image and the loss. */
+static int render_exposes(const struct renderer *r)
+{
+    return r->has_gain || r->lamp;
+}
+
+OXL_INTERNAL void renderer_set_lamp(struct renderer *r, const struct lamp *lamp)
+{
+    r->lamp = lamp;
+}
+
+OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r)
+{
+    return r->dlamp;
+}
+
+/* y (3,n) times the lamp's gain, which lamp_map keeps. */
+static void render_lamp_forward(struct renderer *r, size_t pixels, float *y)
+{
+    lamp_gain(r->lamp->shape, r->kernel_camera.width, r->kernel_camera.height, r->lamp_map);
+    for (size_t c = 0; c < 3; c++)
+#pragma omp simd
+        for (size_t i = 0; i < pixels; i++) y[c * pixels + i] *= r->lamp_map[i];
+}
+
+/* dx (3,n): gain (3) times dL/dy -> dL/d(rendered image); y is after the lamp. */
+static void render_lamp_backward(struct renderer *r, const float gain[3], size_t pixels, const float *y, float *dx)
+{
+    const float red = 1 / gain[0], green = 1 / gain[1], blue = 1 / gain[2];
+#pragma omp simd
+    for (size_t i = 0; i < pixels; i++) {
+        const size_t g = i + pixels, b = i + 2 * pixels;
+        const float  slope = red * (dx[i] * y[i]) + green * (dx[g] * y[g]) + blue * (dx[b] * y[b]);
+        dx[i] *= r->lamp_map[i], dx[g] *= r->lamp_map[i], dx[b] *= r->lamp_map[i];
+        r->lamp_map[i] = slope;
+    }
+    lamp_project(r->lamp_map, r->kernel_camera.width, r->kernel_camera.height, r->dlamp);
+}
+
+/* The loss with exposure gains and lamp, on the CPU: a device's image is downloaded and the gradient uploaded. */
 static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct loss_value *out)
 {
-    const size_t pixels   = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
-    const float *rendered = NULL;
-    oxl_result   rc       = renderer_image(ctx, r, &rendered);
+    const size_t pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
+    const float  one[3] = {1, 1, 1}, *gain = r->has_gain ? r->gain : one, *rendered = NULL;
+    oxl_result   rc = renderer_image(ctx, r, &rendered);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->exposed, &r->exposed_capacity, 3 * pixels, sizeof *r->exposed);
+    if (rc == OXL_OK && r->lamp) rc = oxl_reserve(ctx, (void **)&r->lamp_map, &r->lamp_capacity, pixels, sizeof *r->lamp_map);
     if (rc != OXL_OK) return rc;
-    exposure_forward(r->gain, rendered, pixels, r->exposed);
+    exposure_forward(gain, rendered, pixels, r->exposed);
+    if (r->lamp) render_lamp_forward(r, pixels, r->exposed);
     rc = loss_forward_backward(
         ctx, &(struct loss_job){r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->exposed, rgb, weight, r->drgb},
         &r->loss, out);
-    if (rc == OXL_OK) exposure_backward(r->gain, r->exposed, r->drgb, pixels, r->drgb, r->dlog_gain);
+    if (rc == OXL_OK) exposure_backward(gain, r->exposed, r->drgb, pixels, r->drgb, r->dlog_gain);
+    if (rc == OXL_OK && r->lamp) render_lamp_backward(r, gain, pixels, r->exposed, r->drgb);
     return rc;
 }
 
@@ -444,10 +499,10 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     const size_t      pixels = (size_t)r->kernel_camera.width * (size_t)r->kernel_camera.height;
     struct loss_value value;
     oxl_result        rc;
-    if (r->device && !r->has_gain) return r->backend->loss(r->device, rgb, weight, ssim_weight, out);
+    if (r->device && !render_exposes(r)) return r->backend->loss(r->device, rgb, weight, ssim_weight, out);
     if (!rgb) rgb = r->target, weight = r->masked ? r->weight : NULL;
     rc = oxl_reserve(ctx, (void **)&r->drgb, &r->drgb_capacity, 3 * pixels, sizeof *r->drgb);
-    if (rc == OXL_OK && r->has_gain) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, &value);
+    if (rc == OXL_OK && render_exposes(r)) rc = render_exposed_loss(ctx, r, rgb, weight, ssim_weight, &value);
     else if (rc == OXL_OK) {
         const struct loss_job job = {r->kernel_camera.width, r->kernel_camera.height, ssim_weight, r->rgb, rgb, weight, r->drgb};
         rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
@@ -478,14 +533,14 @@ OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, 
 {
     struct gaussians out;
     oxl_result       rc = model_set_lobes(ctx, gradient, r->in.lobes);
-    if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !r->has_gain ? drgb : r->drgb);
+    if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !render_exposes(r) ? drgb : r->drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
     out = render_gaussians(gradient, r->in.sh_degree);
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
-    if (r->medium.on) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
+    if (render_has_medium(r)) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
     render_project_backward(ctx, r, &out);
-    for (int64_t task = 0; r->medium.on && task < render_tasks(r); task++) {
+    for (int64_t task = 0; render_has_medium(r) && task < render_tasks(r); task++) {
         const struct medium_job job = render_medium_job(r, task);
         medium_backward_centres(&job, &out);
     }

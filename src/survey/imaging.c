@@ -146,42 +146,179 @@ OXL_INTERNAL void imaging_centre(struct imaging *m, const double mean[3])
     }
 }
 
-/* ---------------------------------------------------------------- as text */
+/* ---------------------------------------------------------------- the lamp */
 
-static const char *const imaging_medium_names[3] = {"bD", "bB", "Binf"};
+/* Degrees of term k: in y, in x. The mean of Legendre polynomials over -1..1 is 0, but for the constant. */
+static const int lamp_terms[LAMP_TERMS][2] = {{0, 1}, {0, 2}, {0, 3}, {0, 4}, {1, 0}, {1, 1}, {1, 2},
+                                              {1, 3}, {2, 0}, {2, 1}, {2, 2}, {3, 0}, {3, 1}, {4, 0}};
 
-static void imaging_write_medium(struct text *t, const struct medium *m)
+/* Legendre polynomial n = sum over k of this [n][k] x^k. */
+static const float lamp_legendre[LAMP_DEGREE + 1][LAMP_DEGREE + 1] = {
+    {1}, {0, 1}, {-0.5f, 0, 1.5f}, {0, -1.5f, 0, 2.5f}, {0.375f, 0, -3.75f, 0, 4.375f}};
+
+static void lamp_evaluate(float x, float out[LAMP_DEGREE + 1])
 {
-    const float *const values[3] = {m->direct, m->scatter, m->veil};
-    text_add(t, "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
-    for (int k = 0; k < 3; k++) {
-        text_add(t, "%s", imaging_medium_names[k]);
-        for (int c = 0; c < 3; c++) {
-            text_add(t, " ");
-            text_add_number(t, (double)values[k][c]);
-        }
-        text_add(t, "\n");
+    for (int n = 0; n <= LAMP_DEGREE; n++) {
+        out[n] = 0;
+        for (int k = LAMP_DEGREE; k >= 0; k--) out[n] = out[n] * x + lamp_legendre[n][k];
     }
 }
 
-/* 1: a line of the medium with three numbers. */
+static float lamp_place(int i, int count)
+{
+    return (float)(2 * i + 1) / (float)count - 1;
+}
+
+OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain)
+{
+    for (int y = 0; y < height; y++) {
+        float py[LAMP_DEGREE + 1], a[LAMP_DEGREE + 1] = {0}; /* of this row: sum over k of a[k] x^k */
+        lamp_evaluate(lamp_place(y, height), py);
+        for (int t = 0; t < LAMP_TERMS; t++)
+            for (int k = 0; k <= LAMP_DEGREE; k++) a[k] += shape[t] * py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k];
+        for (int i = 0; i < width; i++) {
+            const float x = lamp_place(i, width);
+            gain[(size_t)y * (size_t)width + (size_t)i] =
+                (float)vecmath_exp(a[0] + x * (a[1] + x * (a[2] + x * (a[3] + x * a[4]))));
+        }
+    }
+}
+
+OXL_INTERNAL void lamp_project(const float *by, int width, int height, double sum[LAMP_TERMS])
+{
+    for (int t = 0; t < LAMP_TERMS; t++) sum[t] = 0;
+    for (int y = 0; y < height; y++) {
+        const float *row = by + (size_t)y * (size_t)width;
+        float        py[LAMP_DEGREE + 1];
+        double       power[LAMP_DEGREE + 1] = {0}; /* sum over the row of by x^k */
+        lamp_evaluate(lamp_place(y, height), py);
+        for (int i = 0; i < width; i++) {
+            const double x = lamp_place(i, width), q = row[i];
+            power[0] += q, power[1] += q * x, power[2] += q * x * x, power[3] += q * x * x * x, power[4] += q * x * x * x * x;
+        }
+        for (int t = 0; t < LAMP_TERMS; t++)
+            for (int k = 0; k <= LAMP_DEGREE; k++)
+                sum[t] += (double)py[lamp_terms[t][0]] * lamp_legendre[lamp_terms[t][1]][k] * power[k];
+    }
+}
+
+OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
+{
+    const struct lamp *others = NULL;
+    for (int i = 0; i < m->lamps; i++) {
+        if (m->lamp[i].camera < 0) others = &m->lamp[i];
+        else if (m->lamp[i].camera == scene_camera_id(scene, view)) return &m->lamp[i];
+    }
+    return others;
+}
+
+OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
+                                           oxl_image *image)
+{
+    const struct lamp *lamp  = imaging_lamp(m, scene, view);
+    const size_t       plane = (size_t)image->width * (size_t)image->height;
+    float             *gain;
+    if (!lamp) return OXL_OK;
+    gain = oxl_alloc(ctx, plane, sizeof *gain);
+    if (!gain) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the lamp on %d x %d px", image->width, image->height);
+    lamp_gain(lamp->shape, image->width, image->height, gain);
+    for (size_t i = 0; i < 3 * plane; i++) image->rgb[i] *= gain[i % plane];
+    oxl_free(ctx, gain);
+    return OXL_OK;
+}
+
+/* ---------------------------------------------------------------- as text */
+
+/* A line of the file: a word, then `count` numbers. */
+static void imaging_write_numbers(struct text *t, const char *word, const float *values, int count)
+{
+    text_add(t, "%s", word);
+    for (int k = 0; k < count; k++) {
+        text_add(t, " ");
+        text_add_number(t, (double)values[k]);
+    }
+    text_add(t, "\n");
+}
+
+static void imaging_write_medium(struct text *t, const struct medium *m)
+{
+    const float falloff[2] = {m->falloff, m->reference};
+    if (m->on) {
+        text_add(t, "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
+        imaging_write_numbers(t, "bD", m->direct, 3);
+        imaging_write_numbers(t, "bB", m->scatter, 3);
+        imaging_write_numbers(t, "Binf", m->veil, 3);
+    }
+    if (m->lit) {
+        text_add(t, "# falloff P R: J times (R / r)^P\n");
+        imaging_write_numbers(t, "falloff", falloff, 2);
+    }
+}
+
+static void imaging_write_lamps(struct text *t, const struct imaging *m)
+{
+    if (m->lamps > 0)
+        text_add(t, "# lamp CAMERA: log gain over the image, products of Legendre polynomials of degree 0 to 4 in y and x\n");
+    for (int i = 0; i < m->lamps; i++) {
+        char word[64];
+        if (m->lamp[i].camera < 0) snprintf(word, sizeof word, "lamp all");
+        else snprintf(word, sizeof word, "lamp %lld", (long long)m->lamp[i].camera);
+        imaging_write_numbers(t, word, m->lamp[i].shape, LAMP_TERMS);
+    }
+}
+
+/* 1: `count` numbers from lowest to highest, and no more. */
+static int imaging_read_numbers(const char *at, const char *end, double lowest, double highest, float *values, int count)
+{
+    for (int k = 0; k < count; k++) {
+        double value;
+        while (at < end && *at == ' ') at++;
+        if (!parse_double(&at, end, &value) || !(value >= lowest && value <= highest)) return 0;
+        values[k] = (float)value;
+    }
+    while (at < end && (*at == ' ' || *at == '\r')) at++;
+    return at == end;
+}
+
+static int imaging_skip_word(const char **at, const char *end, const char *word)
+{
+    const size_t length = strlen(word);
+    if ((size_t)(end - *at) <= length || strncmp(*at, word, length) != 0 || (*at)[length] != ' ') return 0;
+    *at += length + 1;
+    return 1;
+}
+
+/* 1: the line was of the medium and whole. */
 static int imaging_read_medium(const char *at, const char *end, struct medium *m)
 {
-    float *const values[3] = {m->direct, m->scatter, m->veil};
-    for (int k = 0; k < 3; k++) {
-        const size_t length = strlen(imaging_medium_names[k]);
-        if ((size_t)(end - at) <= length || strncmp(at, imaging_medium_names[k], length) != 0 || at[length] != ' ') continue;
-        at += length;
-        for (int c = 0; c < 3; c++) {
-            double value;
-            while (at < end && *at == ' ') at++;
-            if (!parse_double(&at, end, &value) || !(value >= 0 && value <= 1e6)) return 0;
-            values[k][c] = (float)value;
-        }
-        m->on = 1;
-        return 1;
-    }
-    return 0;
+    static const char *const names[3]  = {"bD", "bB", "Binf"};
+    float *const             values[3] = {m->direct, m->scatter, m->veil};
+    float                    falloff[2];
+    for (int k = 0; k < 3; k++)
+        if (imaging_skip_word(&at, end, names[k])) return m->on = imaging_read_numbers(at, end, 0, 1e6, values[k], 3);
+    if (!imaging_skip_word(&at, end, "falloff") || !imaging_read_numbers(at, end, 0, 1e9, falloff, 2)) return 0;
+    m->falloff    = OXL_MIN(falloff[0], LAMP_FALLOFF_MOST);
+    m->reference  = falloff[1];
+    return m->lit = falloff[1] > 0;
+}
+
+/* 1: the line was of a lamp and whole. */
+static int imaging_read_lamp(const char *at, const char *end, struct imaging *m)
+{
+    int64_t camera = -1;
+    int     which  = 0;
+    if (!imaging_skip_word(&at, end, "lamp")) return 0;
+    if (!imaging_skip_word(&at, end, "all") && (!parse_int64(&at, end, &camera) || camera < 0 || at == end || *at++ != ' '))
+        return 0;
+    while (which < m->lamps && m->lamp[which].camera != camera) which++;
+    if (which == LAMP_MOST) return 0;
+    if (which == m->lamps) m->lamp[m->lamps++] = (struct lamp){.camera = camera};
+    return imaging_read_numbers(at, end, -LAMP_SHAPE_MOST, LAMP_SHAPE_MOST, m->lamp[which].shape, LAMP_TERMS);
+}
+
+OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
+{
+    return m->on || m->medium.on || m->medium.lit || m->lamps > 0;
 }
 
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m)
@@ -190,7 +327,8 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
     oxl_result  rc;
     text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION ", docs/WATER.md\n"
                  "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
-    if (m->medium.on) imaging_write_medium(&t, &m->medium);
+    imaging_write_medium(&t, &m->medium);
+    imaging_write_lamps(&t, m);
     for (int i = 0; i < m->views; i++) {
         if (!m->known[i]) continue;
         text_add(&t, "gain");
@@ -257,10 +395,12 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
         if (!stop) stop = end;
         line++;
         if (stop - at > 5 && strncmp(at, "gain ", 5) == 0) rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
-        else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium))
-            rc = oxl_fail(ctx, OXL_ERR_INPUT,
-                          "%s:%d: a line starts with neither gain, bD, bB, Binf nor #\nfix: write the file again by training",
-                          path, line);
+        else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium) &&
+                 !imaging_read_lamp(at, stop, out))
+            rc = oxl_fail(
+                ctx, OXL_ERR_INPUT,
+                "%s:%d: the line is no whole one of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
+                path, line);
         at = stop + 1;
     }
     os_release_file(ctx, &map);
@@ -283,6 +423,10 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
         imaging_free(ctx, scene_imaging(scene));
         *scene_imaging(scene) = read;
     }
+    oxl_free(ctx, path);
+    path = folder.failed ? NULL : oxl_path_join(ctx, folder.data, "scene_clear.ply");
+    if (rc == OXL_OK && path && os_is_file(path) && strcmp(name, "scene_clear.ply") != 0)
+        scene_imaging(scene)->medium = (struct medium){0}; /* the colours of scene.ply are those behind it */
     oxl_free(ctx, path);
     text_free(&folder);
     return rc;
@@ -316,5 +460,5 @@ OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct ima
         }
     }
     all->on |= block->on;
-    if (block->medium.on) all->medium = block->medium;
+    if (block->medium.on || block->medium.lit) all->medium = block->medium;
 }

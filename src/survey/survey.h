@@ -208,6 +208,7 @@ OXL_INTERNAL const struct scene_stats   *scene_stats_of(const oxl_scene *scene);
 OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* Of a scene from files: the source of a view, and 1 for a point of the scene, 0 for one too far from its origin. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
+OXL_INTERNAL int64_t                     scene_camera_id(const oxl_scene *scene, int view); /* -1: not of a COLMAP export */
 OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
 OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
@@ -280,34 +281,6 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /* their sizes alone, from the files' headers */
 
-/* ---------------------------------------------------------------- imaging.c: what lies between the scene's colours and an image */
-
-#define EXPOSURE_LEAST 0.05               /* gains lie between this and its inverse */
-struct medium {                           /* c' = J exp(-direct r) + veil (1 - exp(-scatter r)), r: range */
-    int   on;                             /* 0: clear */
-    float direct[3], scatter[3], veil[3]; /* per unit of the scene, per unit, 0..1 */
-};
-struct imaging {
-    struct medium medium;
-    int           on;       /* 0: gains are 1 */
-    int           views;    /* of the scene */
-    float        *log_gain; /* (views,3) */
-    uint8_t      *known;    /* (views) 1: trained; others are interpolated */
-    uint64_t *camera; /* (views) equal: of one camera, by CAMERA_ID, folder, name without digits; imaging_set_cameras sets it */
-};
-OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
-OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
-OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
-OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
-OXL_INTERNAL void       imaging_clear(struct imaging *m);
-OXL_INTERNAL void       imaging_between(const struct imaging *m, int view, float log_gain[3]); /* without its own value */
-OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float gain[3]);
-OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel);                 /* log gain, of the known views */
-OXL_INTERNAL void       imaging_apply(const struct imaging *m, int view, oxl_image *image); /* to a render at mean exposure */
-OXL_INTERNAL void       imaging_centre(struct imaging *m, const double mean[3]); /* shifts the known views to this mean */
-OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
-OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
-OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3]); /* of blocks */
-OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model trained on it or read for it */
+#include "imaging.h"
 
 #endif

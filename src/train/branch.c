@@ -1,4 +1,4 @@
-/* branch.c - copies of the training state: a trial trains on from one state in several ways, and one of them goes on. */
+/* branch.c - copies of the training state: a trial continues from one state with several settings, and one result is kept. */
 #include "train_state.h"
 
 OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
@@ -26,6 +26,7 @@ OXL_INTERNAL oxl_result branch_copy(const struct train *t, struct train_branch *
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->second, &out->second);
     out->water = t->water;
+    out->lamp  = t->lamp;
     if (rc == OXL_OK) rc = exposure_copy(t->ctx, &t->exposure, &out->exposure);
     return rc;
 }
@@ -45,10 +46,11 @@ OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
     OXL_SWAP(double, t->psnr, b->psnr);
     OXL_SWAP(struct exposure, t->exposure, b->exposure);
     OXL_SWAP(struct water, t->water, b->water);
+    OXL_SWAP(struct lamp_fit, t->lamp, b->lamp);
     return step_resize_gradient(t);
 }
 
-/* Leaves t in the state `start`, and what t was in `aside`; start stays. */
+/* Copies `start` to t, and the former state of t to `other`. */
 OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start, struct train_branch *aside)
 {
     oxl_result rc;

@@ -1,4 +1,4 @@
-/* checkpoint.c - the state of a run in a file, so that a run that was killed goes on where it was.
+/* checkpoint.c - the training state in a file, from which a killed run resumes.
  *
  *     8  "OXLSTATE"        8  version of this layout        8 + n  key: the options and the scene that the run depends on
  *     ...  the state, as the modules' archive functions list it        8  FNV-1a of all bytes before it
@@ -173,7 +173,7 @@ static oxl_result checkpoint_paths(oxl_context *ctx, const char *folder, char *p
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
 }
 
-/* Work of another run, found in this one's way, is kept as NAME.other; the next such replaces it. */
+/* A checkpoint of another run is renamed to NAME.other, which replaces an earlier one. */
 static oxl_result checkpoint_put_aside(oxl_context *ctx, const char *path)
 {
     const size_t size  = strlen(path) + sizeof ".other";

@@ -28,7 +28,7 @@ struct density {
     float  z_near, z_far; /* where the bands meet, camera z */
     float *gradient; /* (count) sum over the views of |dL/d(u,v)|, in units of half an image; banded: those nearer than z_near */
     float *gradient_mid, *gradient_far; /* (count) banded: the same from z_near and from z_far on */
-    float *views;                       /* (count) how many saw it, from wherever */
+    float *views;                       /* (count) number of views that see it */
     uint8_t *verdict;                   /* (count) */
 };
 
@@ -144,7 +144,7 @@ OXL_INTERNAL double density_mean_gradient(const struct density *d, size_t row)
     return d->views[row] > 0 ? sum / d->views[row] : 0;
 }
 
-/* The weighted sum of the bands, in place of the nearest one's. */
+/* Replaces the sum of the nearest band by the weighted sum of all bands. */
 static void density_weigh(oxl_context *ctx, struct density *d, size_t count, const struct density_rules *rules)
 {
     (void)ctx;

@@ -9,7 +9,7 @@
  * auto: until a tenth of the run gains are only watched: the least squares factor between each training image and the rendered one,
  * as of its last visit. Then the validation views are compared with the rendered images twice, as they are and with the gain
  * that their neighbours foretell. Exposure is on, from the watched gains, where that gains EXPOSURE_MIN_GAIN and they differ by
- * EXPOSURE_DIFFER. Else the run goes on as if nothing had been.
+ * EXPOSURE_DIFFER. Otherwise the run continues unchanged.
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
@@ -25,14 +25,14 @@
 #define EXPOSURE_MIN_GAIN 0.03 /* dB on validation views that gains must bring, */
 #define EXPOSURE_DIFFER   0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
 
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_exposure mode, int goes_on)
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on)
 {
     const int    views = oxl_scene_view_count(scene);
     const size_t n     = 3 * (size_t)views;
     oxl_result   rc    = OXL_OK;
-    if (goes_on) mode = scene_imaging(scene)->on ? OXL_EXPOSURE_ON : OXL_EXPOSURE_OFF;
+    if (goes_on) mode = scene_imaging(scene)->on ? OXL_ON : OXL_OFF;
     *e = (struct exposure){.mode = mode};
-    if (mode == OXL_EXPOSURE_OFF) return OXL_OK;
+    if (mode == OXL_OFF) return OXL_OK;
     rc = imaging_create(ctx, views, &e->of);
     if (rc == OXL_OK) rc = imaging_set_cameras(ctx, scene, &e->of);
     e->first  = oxl_calloc(ctx, n + 1, sizeof *e->first);
@@ -41,7 +41,7 @@ OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl
     if (rc == OXL_OK && (!e->first || !e->second || !e->visits))
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
     if (rc != OXL_OK) return rc;
-    e->of.on = mode == OXL_EXPOSURE_ON;
+    e->of.on = mode == OXL_ON;
     if (goes_on) imaging_copy(scene_imaging(scene), &e->of);
     for (int c = 0; c < 3; c++) e->mean[c] = imaging_mean(&e->of, c);
     return OXL_OK;
@@ -82,12 +82,12 @@ OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *f
 
 OXL_INTERNAL int exposure_watches(const struct exposure *e)
 {
-    return e->mode == OXL_EXPOSURE_AUTO && !e->decided;
+    return e->mode == OXL_AUTO && !e->decided;
 }
 
 OXL_INTERNAL int exposure_decides_at(const oxl_train_options *o)
 {
-    return o->exposure == OXL_EXPOSURE_AUTO ? OXL_MAX(1, (int)(EXPOSURE_WATCH * o->iterations)) : 0;
+    return o->exposure == OXL_AUTO ? OXL_MAX(1, (int)(EXPOSURE_WATCH * o->iterations)) : 0;
 }
 
 /* What the rendered image has to be multiplied by to come nearest to the target. */
@@ -124,7 +124,7 @@ OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, c
     imaging_centre(&e->of, e->mean);
 }
 
-/* plain, gained: mean PSNR of the validation views without and with the gains that their neighbours foretell; views: how many. */
+/* plain, gained: mean PSNR of the validation views without and with gains interpolated from their neighbours; views: their number. */
 OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size)
 {
     double square = 0;
@@ -148,7 +148,7 @@ OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gaine
 OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
 {
     const size_t views = (size_t)e->of.views;
-    if (e->mode == OXL_EXPOSURE_OFF) return;
+    if (e->mode == OXL_OFF) return;
     archive_int(a, &e->decided);
     archive_int(a, &e->of.on);
     archive_doubles(a, e->mean, 3);

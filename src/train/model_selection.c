@@ -1,5 +1,4 @@
-/* model_selection.c - model only what the scene requires: SH bands and second lobes are kept where images that were not trained on say
- * that they pay.
+/* model_selection.c - model only what the scene requires: SH degree and second lobes are kept if they improve validation views.
  *
  * Some training views stand aside until the last decision is made, and train from then on like all others. A decision is a trial: a
  * fortieth of the run is trained from the same state in each way, and the way that is good enough for less goes on. (To leave bands
@@ -14,15 +13,16 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define SELECTION_SH_MIN_GAIN    0.1  /* dB that bands must bring together over fewer of them */
-#define SELECTION_LOBES_MIN_GAIN 0.05 /* dB that second lobes must bring */
-#define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, a JPEG image's own: what lies below it is no evidence */
-#define SELECTION_WATCH          (1.0 / 40) /* of the run: gradients are averaged so long before lobes are given out [OceanXL] */
-#define SELECTION_TRIAL          (1.0 / 40) /* of the run: how long each way of a trial is trained */
+#define SELECTION_SH_MIN_GAIN      0.1  /* dB that bands must bring together over fewer of them */
+#define SELECTION_LOBES_MIN_GAIN   0.05 /* dB that second lobes must bring */
+#define SELECTION_IMAGING_MIN_GAIN 0.05 /* dB that a lamp or water must bring, each */
+#define SELECTION_NOISE            6e-5 /* mean squared error of 2 grey levels, a JPEG image's own: what lies below it is no evidence */
+#define SELECTION_WATCH            (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
+#define SELECTION_TRIAL            (1.0 / 40) /* of the run: how long each way of a trial is trained */
 enum {
     SELECTION_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
-    SELECTION_VIEWS_MOST  = 8,  /* that stand aside */
-    SELECTION_RECOVERY    = 500 /* steps after an opacity reset whose losses tell of the reset alone */
+    SELECTION_VIEWS_MOST  = 8,  /* limit of validation views */
+    SELECTION_RECOVERY    = 500 /* steps after an opacity reset in which losses depend on the reset */
 };
 
 /* What was chosen, and why: one member of the object. */
@@ -55,12 +55,15 @@ static int selection_lobes_at(const oxl_train_options *o)
     return o->dog == OXL_DOG_OFF ? 0 : (int)(o->dog_from * o->iterations);
 }
 
-/* The step after which no view stands aside any more. */
+/* The step after which all validation views are trained. */
 static int selection_last(const struct train *t)
 {
     const int lobes = t->options->dog == OXL_DOG_AUTO ? selection_lobes_at(t->options) : 0;
     const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
-    return OXL_MAX(OXL_MAX(keep, exposure_decides_at(t->options)), OXL_MAX(lobes, selection_sh_degree_at(t->options)));
+    const int lamp  = t->options->lamp == OXL_AUTO ? lamp_starts_at(t->options) : 0;
+    const int water = t->options->medium == OXL_AUTO ? water_starts_at(t->options) : 0;
+    return OXL_MAX(OXL_MAX(OXL_MAX(lamp, water), OXL_MAX(keep, exposure_decides_at(t->options))),
+                   OXL_MAX(lobes, selection_sh_degree_at(t->options)));
 }
 
 OXL_INTERNAL int selection_holds(int index, int views)
@@ -69,7 +72,7 @@ OXL_INTERNAL int selection_holds(int index, int views)
     return views > 1 && index % stride == stride / 2 && index / stride < held;
 }
 
-/* Training views in the order of their names; those that decisions are judged by stand aside. */
+/* Training views in name order, without the validation views. */
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     const int views = schedule_training_views(t->scene), holds = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
@@ -90,10 +93,12 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
 static void selection_release_views(struct train *t)
 {
     if (t->step < selection_last(t) || t->trial_is_next) return;
+    if (t->options->lamp == OXL_AUTO && !t->lamp.decided) return;
+    if (t->options->medium == OXL_AUTO && !t->water.decided) return;
     while (t->held_views > 0) t->view[t->views++] = t->held[--t->held_views];
 }
 
-/* One that cannot be read is named and cannot judge, from then on: every mean is over the same views. */
+/* An unreadable view is logged and removed, so that all means are over the same views. */
 static void selection_drop_view(struct train *t, int slot)
 {
     nonfinite_of_image(t->ctx, &t->nonfinite);
@@ -101,7 +106,7 @@ static void selection_drop_view(struct train *t, int slot)
     memmove(t->held + slot, t->held + slot + 1, (size_t)(t->held_views - slot) * sizeof *t->held);
 }
 
-/* Not a number where no view is left to judge by. */
+/* NaN without validation views. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;
@@ -131,7 +136,7 @@ static int selection_steps(const struct train *t, double share)
     return OXL_MAX(1, (int)(share * t->options->iterations));
 }
 
-/* Trains on for the length of a trial, and judges what came of it. */
+/* Trains for the length of a trial and evaluates the result. */
 static oxl_result selection_try(struct train *t, double *psnr)
 {
     const int  end = OXL_MIN(t->step + selection_steps(t, SELECTION_TRIAL), t->options->iterations);
@@ -203,7 +208,7 @@ static oxl_result selection_exposure(struct train *t)
     double     loss, plain = NAN, gained = NAN;
     char       why[320];
     oxl_result rc = OXL_OK;
-    if (t->step != exposure_decides_at(t->options) || !exposure_watches(&t->exposure)) return OXL_OK;
+    if (t->step < exposure_decides_at(t->options) || !exposure_watches(&t->exposure)) return OXL_OK;
     imaging_centre(&t->exposure.of, t->exposure.mean);
     if (t->held_views > 0) rc = selection_validate(t, &loss, &plain);
     t->exposure.of.on = 1;
@@ -257,7 +262,7 @@ done:
     return rc;
 }
 
-/* A trial may go past the steps at which gradients are first watched or lobes given: then the next step does it. */
+/* A trial may pass the steps at which gradients are first recorded or lobes assigned; then the next step does it. */
 static oxl_result selection_lobes(struct train *t)
 {
     const int  last = selection_lobes_at(t->options), watch = selection_steps(t, SELECTION_WATCH);
@@ -334,6 +339,102 @@ static oxl_result selection_try_weights(struct train *t, struct train_branch *st
     return cost[0] < cost[1] ? branch_swap(t, other) : OXL_OK;
 }
 
+static oxl_result selection_density(struct train *t)
+{
+    const oxl_train_options *o  = t->options;
+    oxl_result               rc = OXL_OK;
+    if (t->step > o->densify_until * o->iterations) return OXL_OK;
+    rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
+        if (!t->trial_is_next && selection_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
+        else rc = step_densify(t, t->ucd.f);
+        t->ucd.densified++;
+    }
+    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step))
+        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- lamp and water (lamp.c, water.c) */
+
+static oxl_result selection_turn_on(struct train *t, int lamp)
+{
+    const oxl_result rc = renderer_download(t->ctx, t->renderer);
+    if (lamp) t->lamp.on = 1;
+    else if (rc == OXL_OK) water_start(&t->water, t->model);
+    return rc;
+}
+
+/* The steps of a trial, with density control, and the mean PSNR of the validation views after it. */
+static oxl_result selection_try_with_density(struct train *t, double *psnr)
+{
+    const int  end = OXL_MIN(t->step + selection_steps(t, SELECTION_TRIAL), t->options->iterations);
+    oxl_result rc  = OXL_OK;
+    double     loss;
+    while (rc == OXL_OK && t->step < end) {
+        t->step++;
+        rc = step_raise_sh_degree(t);
+        if (rc == OXL_OK) rc = step_on_next_view(t);
+        if (rc == OXL_OK) rc = selection_density(t);
+        if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
+    }
+    return rc == OXL_OK ? selection_validate(t, &loss, psnr) : rc;
+}
+
+static void selection_note_imaging(struct train *t, int lamp, int on, const char *why)
+{
+    selection_note(t, lamp ? "lamp" : "medium", on ? "on" : "off", why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %s %s: %s", t->step, lamp ? "lamp" : "medium", on ? "on" : "off", why);
+}
+
+/* Without the part first, then with it: t is the better one in the end. */
+static oxl_result selection_try_imaging(struct train *t, struct train_branch *start, struct train_branch *other)
+{
+    const int  lamp = t->trial_is_next == TRAIN_TRIES_LAMP;
+    double     psnr[2];
+    char       why[256];
+    int        on;
+    oxl_result rc = selection_try_with_density(t, &psnr[0]);
+    if (rc == OXL_OK) rc = branch_restart(t, start, other);
+    if (rc == OXL_OK) rc = selection_turn_on(t, lamp);
+    if (rc == OXL_OK) rc = selection_try_with_density(t, &psnr[1]);
+    if (rc != OXL_OK) return rc;
+    on = psnr[1] >= psnr[0] + SELECTION_IMAGING_MIN_GAIN;
+    if (!on) rc = branch_swap(t, other);
+    if (lamp) t->lamp.decided = 1;
+    else t->water.decided = 1;
+    snprintf(why, sizeof why, "%d validation views, after %d steps: %.2f dB with it, %.2f without; worth it from +%.2g dB",
+             t->held_views, selection_steps(t, SELECTION_TRIAL), psnr[1], psnr[0], SELECTION_IMAGING_MIN_GAIN);
+    selection_note_imaging(t, lamp, on, why);
+    return rc;
+}
+
+/* Starts what is asked for by name, and the trials of the rest; a trial before this one may have gone past the step. */
+static oxl_result selection_imaging_part(struct train *t, int lamp, oxl_switch mode, int from, int *decided)
+{
+    oxl_result rc = OXL_OK;
+    if (mode == OXL_OFF || *decided || t->step < from || t->trial_is_next) return OXL_OK;
+    if (mode == OXL_AUTO && t->held_views > 0 && !renderer_has_device(t->renderer)) {
+        t->trial_is_next = lamp ? TRAIN_TRIES_LAMP : TRAIN_TRIES_WATER;
+        return OXL_OK;
+    }
+    *decided = 1;
+    if (mode == OXL_ON) rc = selection_turn_on(t, lamp);
+    else
+        selection_note_imaging(t, lamp, 0,
+                               t->held_views > 0 ? "a device renders: it is fitted on the CPU alone"
+                                                 : "too few training views to spare one to judge by");
+    return rc;
+}
+
+static oxl_result selection_imaging(struct train *t)
+{
+    const oxl_train_options *o  = t->options;
+    oxl_result               rc = selection_imaging_part(t, 1, o->lamp, lamp_starts_at(o), &t->lamp.decided);
+    return rc == OXL_OK ? selection_imaging_part(t, 0, o->medium, water_starts_at(o), &t->water.decided) : rc;
+}
+
 /* ---------------------------------------------------------------- trials */
 
 static void selection_note_lobes(struct train *t, int kept, const double psnr[2], const double bytes[2])
@@ -371,6 +472,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
     oxl_result          rc      = branch_copy(t, &start);
     if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_WEIGHTS) rc = selection_try_weights(t, &start, &other);
     else if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
+    else if (rc == OXL_OK && t->trial_is_next >= TRAIN_TRIES_LAMP) rc = selection_try_imaging(t, &start, &other);
     else if (rc == OXL_OK) rc = selection_try_sh_degree(t, &start, &other, psnr);
     if (rc == OXL_OK) {
         if (t->trial_is_next == TRAIN_TRIES_SH_DEGREE) selection_note_sh_degree(t, most, psnr);
@@ -410,7 +512,8 @@ OXL_INTERNAL int selection_trial_steps(const oxl_train_options *o, int views)
     const int pairs = selection_pairs_of_weights(o); /* none where a span would not fit into the run, be it longer than an int */
     const int weights = pairs > 0 ? pairs * (UCD_SPANS * o->densify_every - 1) / (o->ucd.mode == OXL_UCD_AUTO ? 2 : 1) : 0;
     if (views < SELECTION_VIEWS_LEAST) return weights;
-    return weights + each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO ? 1 : 0));
+    return weights +
+           each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO) + (o->lamp == OXL_AUTO) + (o->medium == OXL_AUTO));
 }
 
 /* ---------------------------------------------------------------- at the end, and in between */
@@ -442,7 +545,7 @@ OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
     archive_int(a, &t->lobes);
     archive_expect(a, t->lobes >= LOBES_IDLE && t->lobes <= LOBES_DECIDED);
     archive_int(a, &t->held_views);
-    archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_WEIGHTS);
+    archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_WATER);
     archive_expect(a, t->held_views >= 0 && t->held_views <= schedule_training_views(t->scene));
     if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
     for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)
@@ -451,23 +554,6 @@ OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
 }
 
 /* ---------------------------------------------------------------- one step with its decisions */
-
-static oxl_result selection_density(struct train *t)
-{
-    const oxl_train_options *o  = t->options;
-    oxl_result               rc = OXL_OK;
-    if (t->step > o->densify_until * o->iterations) return OXL_OK;
-    rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
-    if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
-        if (!t->trial_is_next && selection_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
-        else rc = step_densify(t, t->ucd.f);
-        t->ucd.densified++;
-    }
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = renderer_download(t->ctx, t->renderer);
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step))
-        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
-    return rc;
-}
 
 static oxl_result selection_prune(struct train *t)
 {
@@ -486,10 +572,7 @@ OXL_INTERNAL oxl_result selection_step(struct train *t)
     if (rc == OXL_OK) rc = selection_lobes(t); /* it reads the step's statistics, a row each: before rows go */
     if (rc == OXL_OK) rc = selection_prune(t);
     if (rc == OXL_OK) rc = selection_exposure(t);
-    if (rc == OXL_OK && t->step == water_starts_at(t->options) && !t->water.on && !(t->place && t->place->start)) {
-        rc = renderer_download(t->ctx, t->renderer);
-        if (rc == OXL_OK) water_start(&t->water, t->model);
-    }
+    if (rc == OXL_OK) rc = selection_imaging(t);
     if (rc == OXL_OK) selection_sh_degree(t);
     return rc;
 }

@@ -1,4 +1,4 @@
-/* nonfinite.c - numbers that are not finite: noticed in the step in which they appear, traced, put aside, counted.
+/* nonfinite.c - values that are not finite: detected in the step in which they appear, traced, skipped or cleared, counted.
  *
  *     seen in                 what is done                                                            counted in
  *     an image            it cannot be read: named, and left out from then on                     images
@@ -8,18 +8,18 @@
  *     has seen, its gradient  that holds such a number itself is cleared
  *     the model at the end    such Gaussians are removed                                              cleared
  *
- * A cleared Gaussian is one of size 1 and opacity 1e-13 at the origin, which nothing draws and density control removes.
+ * A cleared Gaussian has size 1 and opacity 1e-13 at the origin; it is never visible and is removed by density control.
  *
- * Invariant: a model that training gives is finite, and what was done to have it so is told.
+ * Invariant: trained models are finite, and all interventions are reported.
  */
 #include "train.h"
 #include "../core/json.h"
 
 #include <stddef.h>
 
-enum { NONFINITE_NAMED = 10 }; /* of a kind; the sum is told at the end */
+enum { NONFINITE_NAMED = 10 }; /* messages per kind; the total is logged at the end */
 
-#define NONFINITE_OPACITY   -30.0f /* logit: below what a pixel shows by far */
+#define NONFINITE_OPACITY   -30.0f /* logit: far below 1/255 */
 #define NONFINITE_SCALE_MAX 87.0f  /* |log scale|: project.c clamps there */
 
 /* The clause of a message that traces the first of some Gaussians. */
@@ -44,7 +44,7 @@ static void nonfinite_clear_row(oxl_model *m, size_t row, float rotation, float 
     m->plane[OXL_OPACITY][row]  = opacity;
 }
 
-/* Clears what is to be; returns how many, the first of them in *found. r: what it could not draw counts too; NULL: nothing. */
+/* Clears rows that are not finite; returns their number, the first in *found. r: also rows that it could not render; NULL: none. */
 static size_t nonfinite_clear(const struct renderer *r, oxl_model *model, oxl_model *first, oxl_model *second, size_t *found)
 {
     size_t rows = 0;

@@ -24,11 +24,11 @@
 #define PRUNE_FILE     2048            /* bytes of a PLY that are not rows: its header */
 enum {
     PRUNE_EVERY_LEAST  = 25,  /* steps: in fewer no Gaussian has adapted */
-    PRUNE_AUTO_SHARE   = 8,   /* auto: each drop takes one eighth of what is left */
+    PRUNE_AUTO_SHARE   = 8,   /* auto: each drop removes one eighth of the rest */
     PRUNE_VIEWS        = 100, /* a score is taken of so many views, or of 1 for each */
     PRUNE_STEPS_A_VIEW = 40   /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
 };
-static const int prune_drops[] = {8, 12, 14, 15, 16}; /* sixteenths of what is to go, gone after each drop */
+static const int prune_drops[] = {8, 12, 14, 15, 16}; /* sixteenths removed after each drop */
 
 /* ---------------------------------------------------------------- what to keep */
 
@@ -282,7 +282,7 @@ static int prune_is_sampled(const struct prune *p, int index, int views)
     return index % stride == p->drops % stride;
 }
 
-/* What no sampled view shows may show in another, so it is not judged at all. */
+/* Rows that no sampled view sees may be visible in others and are not pruned. */
 static void prune_finish_scores(int all_views, size_t count, const float *views, float *score)
 {
     for (size_t i = 0; i < count; i++) {

@@ -1,10 +1,10 @@
-/* schedule.c - what depends on the options and the step alone: learning rates, the steps of density control, sizes. */
+/* schedule.c - functions of options and step: learning rates, steps of density control, sizes. */
 #include "train_state.h"
 #include "../core/vecmath.h"
 
 #define SCHEDULE_WARM_UP              500   /* iterations before the first densification, unless a quarter of the run is less */
 #define SCHEDULE_RESET_LEAST          3000  /* iterations between opacity resets [Kerbl 2023] */
-#define SCHEDULE_RESET_RECOVERY       1000  /* iterations that a model needs after a reset until its loss is what it was, */
+#define SCHEDULE_RESET_RECOVERY       1000  /* iterations until the loss recovers from an opacity reset, */
 #define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
 #define SCHEDULE_PIXELS_EACH \
     60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
@@ -29,7 +29,7 @@ OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
                : 1;
 }
 
-/* The same for what helps runs below SCHEDULE_MOMENTUM_ITERATIONS alone: Adam's means, and scales once more (docs/TRADEOFF.md). */
+/* The same for runs below SCHEDULE_MOMENTUM_ITERATIONS: Adam's moments, and the rate of scales again (docs/TRADEOFF.md). */
 static double schedule_momentum_factor(const oxl_train_options *o)
 {
     const double iterations = OXL_MAX(o->iterations, SCHEDULE_SHORTEST_RUN);
@@ -113,7 +113,7 @@ OXL_INTERNAL int schedule_densifications(const oxl_train_options *options)
 
 OXL_INTERNAL int schedule_may_try(const oxl_train_options *o)
 {
-    return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO ||
+    return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO || o->lamp == OXL_AUTO || o->medium == OXL_AUTO ||
            (o->ucd.mode != OXL_UCD_OFF && o->ucd.learn && schedule_densifications(o) >= UCD_DENSIFICATIONS);
 }
 
@@ -140,7 +140,7 @@ OXL_INTERNAL double schedule_pixels(const oxl_scene *scene)
     return pixels;
 }
 
-/* More Gaussians than the images can determine learn the images by heart. Never below the number of points. */
+/* More Gaussians than the images determine overfit. At least the number of points. */
 OXL_INTERNAL size_t schedule_gaussian_cap_of(size_t points, double pixels, const oxl_train_options *options)
 {
     if (options->max_gaussians > 0) return (size_t)options->max_gaussians;

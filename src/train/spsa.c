@@ -1,4 +1,4 @@
-/* spsa.c - learn the two depth weights from noisy costs, without a gradient (paper sec. 3.2; Spall 1998, "Implementation of the
+/* spsa.c - optimises the two depth weights from noisy costs, without a gradient (paper sec. 3.2; Spall 1998, "Implementation of the
  * simultaneous perturbation algorithm for stochastic optimization", IEEE Trans. AES 34(3)).
  *
  * Pair k shifts both weights at once by c_k times random signs, once there and once back, and asks for the cost of either point;
@@ -10,12 +10,12 @@
  * prior_mean - slope / doubt.
  * Every second pair goes at a right angle to the one before it, so that what either sees of the other weight cancels (Bhatnagar 2003,
  * "Two-timescale simultaneous perturbation stochastic approximation using deterministic perturbation sequences").
- * Which of the two points is asked for first is random, so a cost that drifts with time favours neither.
+ * The order of the two points is random, so that a drift of the cost has no bias.
  *
  * The search moves in f_mid and f_far - f_mid: so each has a bound of its own, and neither is stuck where f_far = f_mid.
  *
- * Invariants: f_far >= f_mid >= 1 and both at most the cap, for the estimate and for every point asked for. What is asked for is a
- * function of the seed and of the costs told.
+ * Invariants: f_far >= f_mid >= 1 and both at most the cap, for the estimate and for every point. Points are a function of the seed and
+ * of the costs.
  */
 #include "train.h"
 #include "../core/vecmath.h"
@@ -111,7 +111,7 @@ OXL_INTERNAL int spsa_update(struct spsa *s, double cost)
 
 OXL_INTERNAL void spsa_skip(struct spsa *s)
 {
-    s->told = 0; /* one half tells nothing */
+    s->told = 0; /* discards half a pair */
 }
 
 OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)

@@ -22,7 +22,7 @@ static int step_is_coarse(const struct train *t, const oxl_camera *camera)
     return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
-/* Into target and weight: where some of its pixels are put aside, the host looks at them itself. */
+/* Loads the image into target and weight on the host, for transients and gains. */
 static oxl_result step_load_image_on_host(struct train *t, int view)
 {
     const struct training_image *image = image_cache_get(t->ctx, scene_image_cache(t->scene), view);
@@ -39,10 +39,10 @@ static oxl_result step_load_image_on_host(struct train *t, int view)
     return OXL_OK;
 }
 
-/* The target lies with the host: for what is put aside, and for gains. */
+/* 1: the target is on the host, for transients and gains. */
 static int step_compares_on_host(const struct train *t)
 {
-    return t->transients.points > 0 || t->exposure.of.on || exposure_watches(&t->exposure);
+    return t->transients.points > 0 || t->lamp.on || t->exposure.of.on || exposure_watches(&t->exposure);
 }
 
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
@@ -55,7 +55,7 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
     return renderer_take_image(t->ctx, t->renderer, view, image, t->halved);
 }
 
-/* From a place in the epoch on, those that a device does not hold. */
+/* The next views of the epoch that a device does not hold. */
 static void step_read_ahead(struct train *t, int slot)
 {
     int view[STEP_READ_AHEAD], count = 0;
@@ -103,7 +103,25 @@ static void step_set_gain(struct train *t, int view)
     renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
 }
 
-/* Gains that are not decided about yet: what this image would need. */
+/* Water and lamp as they are now. */
+static struct imaging step_imaging(const struct train *t)
+{
+    struct imaging m = {.medium = water_medium(&t->water)};
+    lamp_leave(&t->lamp, &m);
+    return m;
+}
+
+/* Of the view's camera; NULL: none. */
+static const struct lamp *step_lamp(const struct train *t, int view)
+{
+    const struct lamp *group = t->lamp.group;
+    if (!t->lamp.on) return NULL;
+    for (int g = 1; g < t->lamp.groups; g++)
+        if (group[g].camera == scene_camera_id(t->scene, view)) return &group[g];
+    return group;
+}
+
+/* Gains before the decision: the least-squares gains of this image. */
 static oxl_result step_watch_exposure(struct train *t, int view, const oxl_camera *camera)
 {
     const float     *rendered = NULL;
@@ -117,11 +135,12 @@ static oxl_result step_watch_exposure(struct train *t, int view, const oxl_camer
 /* The model rendered from a view, against its image as step_load_image has left it. */
 static oxl_result step_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
-    const oxl_camera   *whole  = &oxl_scene_view(t->scene, view)->camera;
-    const oxl_camera    camera = t->halved ? camera_halve(whole) : *whole;
-    const struct medium medium = water_medium(&t->water);
-    oxl_result          rc;
-    renderer_set_medium(t->renderer, &medium);
+    const oxl_camera    *whole  = &oxl_scene_view(t->scene, view)->camera;
+    const oxl_camera     camera = t->halved ? camera_halve(whole) : *whole;
+    const struct imaging m      = step_imaging(t);
+    oxl_result           rc;
+    renderer_set_medium(t->renderer, &m.medium);
+    renderer_set_lamp(t->renderer, step_lamp(t, view));
     rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
     step_set_gain(t, view);
     if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
@@ -132,7 +151,7 @@ static oxl_result step_compare(struct train *t, int view, int learns, float ssim
     return renderer_loss(t->ctx, t->renderer, NULL, NULL, ssim_weight, loss);
 }
 
-/* With the whole loss, for judgement. */
+/* Evaluation with the full loss. */
 OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct renderer_loss *loss)
 {
     return step_compare(t, view, 0, t->options->ssim_weight, loss);
@@ -155,13 +174,16 @@ static oxl_result step_on_view(struct train *t, int view)
         if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
         if (rc != OXL_OK) return rc;
         nonfinite_of_view(t->ctx, &t->nonfinite, t->step, name, t->renderer, t->model, &t->first, &t->second);
-        return renderer_forget(t->ctx, t->renderer); /* what follows a step must not read the gradients of an earlier one */
+        return renderer_forget(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
     }
     if (t->exposure.of.on)
         exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));
     rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, (double)t->step / t->options->iterations, renderer_medium_gradient(t->renderer));
+    if (t->lamp.on)
+        lamp_step(&t->lamp, step_lamp(t, view), (double)t->step / t->options->iterations, renderer_lamp_gradient(t->renderer),
+                  renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
     if (rc == OXL_OK && skipped.rows > 0) rc = renderer_download(t->ctx, t->renderer);
@@ -195,14 +217,14 @@ OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
 
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
 {
-    const oxl_train_options *o     = t->options;
-    struct density_rules     rules = {.gradient    = o->densify_gradient,
-                                      .f_mid       = f[0],
-                                      .f_far       = f[1],
-                                      .extent      = oxl_scene_extent(t->scene),
-                                      .split_large = o->reset_opacity_every > 0 && t->step > schedule_reset_interval(o),
-                                      .cap         = schedule_gaussian_cap(t->scene, o)};
-    struct density_change    change;
+    const oxl_train_options *o      = t->options;
+    struct density_rules     rules  = {.gradient    = o->densify_gradient,
+                                       .f_mid       = f[0],
+                                       .f_far       = f[1],
+                                       .extent      = oxl_scene_extent(t->scene),
+                                       .split_large = o->reset_opacity_every > 0 && t->step > schedule_reset_interval(o),
+                                       .cap         = schedule_gaussian_cap(t->scene, o)};
+    struct density_change    change = {0};
     uint8_t                 *carved = NULL;
     oxl_result               rc     = renderer_download(t->ctx, t->renderer);
     if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, t->model, &carved);

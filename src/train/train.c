@@ -6,9 +6,10 @@
 #include "../core/vecmath.h"
 
 #define TRAIN_RANDOM_POINTS     10000 /* to start from when the scene has none */
-#define TRAIN_SHORT_RUN_WIDTH   0.3   /* powers of haste: what the first Gaussians' widths are divided by */
+#define TRAIN_SHORT_RUN_WIDTH   0.3   /* exponents of the short-run factor: divisor of the initial widths */
 #define TRAIN_SHORT_RUN_OPACITY 0.7   /* and their opacities multiplied, */
 #define TRAIN_OPACITY_MOST      0.3   /* up to this */
+#define TRAIN_SPAN_LEAST        2     /* of depths, 0.9 to 0.1 quantile: less does not identify water (docs/WATER.md) */
 #define TRAIN_SAVE_STEPS        500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS      60.0  /* or so long, whichever comes first */
 
@@ -38,7 +39,7 @@ static oxl_result train_first_of_some(struct train *t, const oxl_point *points, 
     return rc;
 }
 
-/* A run in haste starts with what others take time to learn: Gaussians narrower and more opaque than Kerbl's. */
+/* A short run starts from narrower and more opaque Gaussians than Kerbl's. */
 static void train_sharpen_start(struct train *t)
 {
     const double short_run_exponent = schedule_short_run_factor(t->options),
@@ -79,7 +80,7 @@ static oxl_result train_first_model(struct train *t)
     return rc;
 }
 
-/* What decides about the number of Gaussians, and on what evidence. */
+/* Logs the limit of the number of Gaussians and its reason. */
 static oxl_result train_begin_control(struct train *t)
 {
     const oxl_train_options *o     = t->options;
@@ -117,8 +118,10 @@ static oxl_result train_begin(struct train *t)
     rc = train_begin_control(t);
     if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, t->place && t->place->start);
-    if (rc == OXL_OK && t->options->medium)
+    if (rc == OXL_OK && t->options->medium != OXL_OFF)
         rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
+    if (rc == OXL_OK && t->options->lamp != OXL_OFF)
+        lamp_begin(&t->lamp, t->scene, t->place && t->place->start ? scene_imaging(t->scene) : NULL);
     if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
@@ -184,7 +187,8 @@ static void train_archive(struct archive *a, void *user)
     prune_archive(a, &t->prune);
     transients_archive(a, &t->transients);
     exposure_archive(a, &t->exposure);
-    water_archive(a, &t->water, t->options->medium);
+    water_archive(a, &t->water, t->options->medium != OXL_OFF);
+    lamp_archive(a, &t->lamp, t->options->lamp != OXL_OFF);
     selection_archive(a, t);
     archive_expect(a, views + (size_t)t->held_views <=
                           (size_t)schedule_training_views(t->scene)); /* those held come back to `view` */
@@ -273,17 +277,42 @@ static oxl_result train_loop(struct train *t)
     return rc;
 }
 
-/* The gains belong to the scene's images: who evaluates or renders finds them there. */
+/* What was fitted, and how far it can be believed. */
+static void train_describe_imaging(struct train *t)
+{
+    const struct imaging *m    = scene_imaging(t->scene);
+    const double          near = scene_depth_quantile(t->scene, 0.1), far_ = scene_depth_quantile(t->scene, 0.9);
+    const double          span = near > 0 ? far_ / near : 1;
+    if (m->medium.lit)
+        oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f; %d lamps", (double)m->medium.falloff,
+                m->lamps);
+    if (m->medium.on)
+        oxl_log(t->ctx, OXL_LOG_INFO,
+                "medium on: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g per unit, Binf %.3g %.3g %.3g (red green blue); depths span a "
+                "factor of %.1f",
+                (double)m->medium.direct[0], (double)m->medium.direct[1], (double)m->medium.direct[2],
+                (double)m->medium.scatter[0], (double)m->medium.scatter[1], (double)m->medium.scatter[2],
+                (double)m->medium.veil[0], (double)m->medium.veil[1], (double)m->medium.veil[2], span);
+    if ((m->medium.on || m->medium.lit) && span < TRAIN_SPAN_LEAST)
+        oxl_log(
+            t->ctx, OXL_LOG_WARNING,
+            "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: water and falloff are not identified, and scene_clear.ply "
+            "is not measured colour",
+            span);
+}
+
+/* Stores the gains in the scene, for evaluation and rendering. */
 static void train_leave_gains(struct train *t)
 {
     struct imaging *to = scene_imaging(t->scene);
     imaging_free(t->ctx, to);
-    *to            = t->exposure.of;
-    to->medium     = water_medium(&t->water);
+    *to        = t->exposure.of;
+    to->medium = water_medium(&t->water);
+    lamp_leave(&t->lamp, to);
     t->exposure.of = (struct imaging){0};
 }
 
-/* What was decided, for the one who asked where the run has its place. */
+/* Copies the decisions to the caller. */
 static void train_return_decisions(struct train *t)
 {
     struct text *out = t->place ? t->place->decisions : NULL;
@@ -315,6 +344,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     else if (rc != OXL_OK) oxl_model_free(ctx, out);
     train_return_decisions(&t);
     train_leave_gains(&t);
+    if (rc == OXL_OK && t.step == options->iterations) train_describe_imaging(&t);
     train_end(&t);
     return rc;
 }

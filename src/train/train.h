@@ -12,7 +12,8 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step
                                     oxl_model *model, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step, const char *view,
                                     struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second);
-OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f, oxl_model *model); /* removes; says what there was */
+OXL_INTERNAL oxl_result nonfinite_end(oxl_context *ctx, oxl_nonfinite *f,
+                                      oxl_model *model); /* removes such Gaussians and logs the counts */
 OXL_INTERNAL void       nonfinite_add(oxl_nonfinite *to, const oxl_nonfinite *from);
 OXL_INTERNAL void       nonfinite_archive(struct archive *a, oxl_nonfinite *f);
 OXL_INTERNAL void       nonfinite_add_json(struct text *t, const oxl_nonfinite *f); /* members, each with a comma behind it */
@@ -81,26 +82,25 @@ OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, c
 /* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                         void *user, int *found);
-OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, int others); /* others: those put aside, too */
+OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, int others); /* others: also NAME.other */
 
 /* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
 
 struct spsa {
-    double f[2]; /* f_mid, f_far: the estimate */
-    double prior_mean[2],
-        prior_precision;    /* where the estimate is rendered to, and how much: the curvature of a cost around it */
+    double   f[2];                           /* f_mid, f_far: the estimate */
+    double   prior_mean[2], prior_precision; /* mean and precision of the prior */
     double   offset_sum[2]; /* how far from prior_mean each pair alone would put f_mid and f_far - f_mid: their sums */
     double   point[2][2];   /* the two points of the pair in progress */
-    double   cost[2];       /* of them, as told */
+    double   cost[2];       /* of the two points */
     double   cap;           /* the most that f may be */
     uint64_t seed, signs;
-    int      pair, told; /* pairs finished; costs told of the one in progress */
-    int      first;      /* which of the two points is asked for first */
+    int      pair, told; /* pairs finished; costs known of the current pair */
+    int      first;      /* index of the point that is evaluated first */
 };
-/* doubt: half of it is what a weight must gain to be believed 1 away from prior_mean, in the costs' unit. */
+/* prior_precision: half of it is the prior's cost at a distance of 1 from prior_mean. */
 OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double prior_mean[2], double prior_precision,
                              double cap, uint64_t seed);
-/* The point to evaluate now; the same until it is told or skipped. */
+/* The point to evaluate now, until spsa_update or a skip. */
 OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
 OXL_INTERNAL int  spsa_update(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
 OXL_INTERNAL void spsa_skip(struct spsa *s);                /* the pair starts again */
@@ -114,7 +114,7 @@ enum {
 };
 
 struct ucd {
-    int             on, learns, too_short; /* too short a run to learn */
+    int             on, learns, too_short; /* 1: the run is too short for the search */
     double          z_near, z_far;         /* where the bands meet, camera z */
     double          f[2];                  /* f_mid, f_far: learned so far; of the run, when they are not learned */
     struct spsa     spsa;
@@ -127,8 +127,8 @@ OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *sc
 /* Of weights that are learned, if so many densifications are enough; ucd_begin does it, too. */
 OXL_INTERNAL void       ucd_begin_search(struct ucd *u, int densifications, uint64_t seed);
 OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
-OXL_INTERNAL int        ucd_tries(const struct ucd *u);            /* whether the next densification is one to learn from */
-OXL_INTERNAL void       ucd_ask(const struct ucd *u, double f[2]); /* the point to try; told of twice, the next pair begins */
+OXL_INTERNAL int        ucd_tries(const struct ucd *u);            /* 1: the next densification is a trial */
+OXL_INTERNAL void       ucd_ask(const struct ucd *u, double f[2]); /* the point to try; after two updates the next pair begins */
 /* Of the point asked for: the mean log loss at the end of its trial, and dN/N over it. Returns its cost; what is not finite drops the pair. */
 OXL_INTERNAL double     ucd_update(struct ucd *u, double log_loss, double growth);
 OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
@@ -152,10 +152,10 @@ struct prune {
 /* densified: the step after which density is left alone; views: for training; row_bytes: prune_row_bytes. */
 OXL_INTERNAL void   prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes);
 OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes);                     /* lobes: every row may have a second one */
-OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* what was kept, in words */
+OXL_INTERNAL void   prune_describe(const struct prune *p, char *out, size_t size); /* the result, as text */
 OXL_INTERNAL void   prune_observe(struct prune *p, int step, double l1); /* of every step; steps out of the window are ignored */
 OXL_INTERNAL int    prune_checks(const struct prune *p, int step); /* whether prune_due would look: then `auto` needs `held` */
-/* After the step: how many of `count` Gaussians are to go now. held: mean loss of the training views that stand aside; auto alone reads it. */
+/* After the step: number of `count` Gaussians to remove now. held: mean loss of the validation views, for auto. */
 OXL_INTERNAL size_t prune_due(struct prune *p, int step, size_t count, double held);
 /* keep (count): 0 for the `drop` that matter least, else 1. */
 OXL_INTERNAL oxl_result prune_choose(oxl_context *ctx, const struct prune *p, size_t drop, struct renderer *r, oxl_scene *scene,
@@ -184,18 +184,18 @@ struct transients {
 };
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on);
 OXL_INTERNAL void       transients_free(oxl_context *ctx, struct transients *r);
-/* weight (H,W): its pixels that are put aside become 0. masked: it holds a mask; else all of it is set. rendered, image (3,H,W).
+/* weight (H,W): set to 0 where masked as transient. masked: it contains a mask; otherwise all of it is set. rendered, image (3,H,W).
  * remember 0: what is usual stays as it is, as in the steps of a trial. */
 OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
                                          double near_plane, const float *rendered, const float *image, int remember, int masked,
                                          float *weight);
-OXL_INTERNAL void transients_describe(const struct transients *r, char *out, size_t size); /* what was put aside, in words */
-OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r);
+OXL_INTERNAL void       transients_describe(const struct transients *r, char *out, size_t size); /* the masked share, as text */
+OXL_INTERNAL void       transients_archive(struct archive *a, struct transients *r);
 
 /* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
 
 struct water {
-    int    on, steps;
+    int    on, decided, steps;
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
@@ -205,6 +205,23 @@ OXL_INTERNAL struct medium water_medium(const struct water *w);
 OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
 OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
 OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
+
+/* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
+
+struct lamp_fit {
+    int         on, decided, steps, groups;
+    int         visits[LAMP_MOST];                                           /* steps of a camera */
+    struct lamp group[LAMP_MOST];                                            /* the first: cameras that have none of their own */
+    double      first[LAMP_MOST][LAMP_TERMS], second[LAMP_MOST][LAMP_TERMS]; /* Adam's moments */
+    double      falloff, falloff_first, falloff_second, reference;
+};
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct imaging *goes_on);
+OXL_INTERNAL int  lamp_starts_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m);
+/* of: the lamp of the view's camera. */
+OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
+                            double falloff);
+OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used);
 
 /* ---------------------------------------------------------------- free_space.c: between a camera and the points that it saw */
 
@@ -221,21 +238,21 @@ struct free_space {
 };
 OXL_INTERNAL oxl_result free_space_begin(oxl_context *ctx, struct free_space *f, const oxl_scene *scene);
 OXL_INTERNAL void       free_space_free(oxl_context *ctx, struct free_space *f);
-OXL_INTERNAL void       free_space_describe(const struct free_space *f, char *out, size_t size); /* what is known, in words */
+OXL_INTERNAL void       free_space_describe(const struct free_space *f, char *out, size_t size); /* the state, as text */
 /* *carved (count): 1 for each Gaussian in free space; NULL: there is no free space. Free it with oxl_free. */
 OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_space *f, const oxl_model *model, uint8_t **carved);
 
 /* ---------------------------------------------------------------- train/exposure.c: log gains of training images */
 
 struct exposure {
-    oxl_exposure   mode;
+    oxl_switch     mode;
     int            decided;        /* auto: it is decided */
     struct imaging of;             /* the gains; on: they are applied */
     float         *first, *second; /* (views,3) Adam's moments */
     int           *visits;         /* (views) steps of a view's gains */
     double         mean[3];        /* of the log gains after each step: 0, or that of the run which this one goes on from */
 };
-OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_exposure mode, int goes_on);
+OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
 OXL_INTERNAL int        exposure_watches(const struct exposure *e);
@@ -251,15 +268,15 @@ OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e);
 /* Where a run keeps its state. */
 struct train_output {
     const char      *folder;    /* of the checkpoints */
-    const char      *key;       /* what the result depends on */
+    const char      *key;       /* all inputs of the result */
     struct text     *log;       /* the caller's, kept with the state */
     struct text     *notes;     /* so are these */
-    const oxl_model *start;     /* what training starts from; NULL: the scene's points */
-    struct text     *decisions; /* gets members of a JSON object: what was decided, and on what evidence; or NULL */
+    const oxl_model *start;     /* initial model; NULL: from the scene's points */
+    struct text     *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
     oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
     int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */
 };
-/* oxl_train with checkpoints: goes on from the last one when there is one. place may be NULL. */
+/* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
                                   const oxl_callback *callback, const struct train_output *place, oxl_model *out);
 

@@ -1,12 +1,19 @@
-/* train_state.h - what the files of the run share: its state, and the steps that a decision may have to try out. */
+/* train_state.h - shared by the files of the training run: its state, and the steps used by trials. */
 #ifndef OXL_TRAIN_STATE_H
 #define OXL_TRAIN_STATE_H
 
 #include "train.h"
 
-enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES, TRAIN_TRIES_WEIGHTS };
+enum train_trial {
+    TRAIN_TRIES_NOTHING,
+    TRAIN_TRIES_SH_DEGREE,
+    TRAIN_TRIES_LOBES,
+    TRAIN_TRIES_WEIGHTS,
+    TRAIN_TRIES_LAMP,
+    TRAIN_TRIES_WATER
+};
 
-enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are watched before lobes are given out */
+enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 
 struct train {
     oxl_context               *ctx;
@@ -21,20 +28,21 @@ struct train {
     struct transients          transients;
     struct exposure            exposure;
     struct water               water;
+    struct lamp_fit            lamp;
     struct free_space          free_space;
     int                        sh_degree;     /* bands that the model is to carry in the end, as far as it is decided */
     int                        lobes;         /* enum train_lobes */
     int                        trial_is_next; /* enum train_trial: before the next step */
     int                       *view;          /* (views) training views in this epoch's order */
     int                        views, step;
-    int                       *held; /* (held_views) training views that stand aside, for decisions to be judged by */
+    int                       *held; /* (held_views) validation views for decisions */
     int                        held_views;
     float                     *target, *weight; /* with transients.points: the image of this step: (3,H,W), (H,W) */
     int                        masked;          /* whether weight holds its mask */
     size_t                     target_capacity, weight_capacity;
     int                        halved;     /* whether the image of this step is reduced to half the sides */
     double                     loss, psnr; /* smoothed */
-    double                     last_loss;  /* of the last image, alike from step to step; not a number: it was put aside */
+    double                     last_loss;  /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite              nonfinite;
     int                        first_step; /* after which this process took over: 0, or that of a checkpoint */
     double                     begun;      /* when it did */
@@ -43,7 +51,7 @@ struct train {
     int                        saved_step; /* of the last checkpoint, */
     double                     saved_at;   /* and when it was */
     const oxl_callback        *callback;
-    struct text                decisions; /* members of a JSON object: what was decided, and on what evidence */
+    struct text                decisions; /* members of a JSON object: decisions and evidence */
 };
 
 /* ---------------------------------------------------------------- schedule.c */
@@ -69,28 +77,29 @@ OXL_INTERNAL int        step_report(const struct train *t, int trial); /* nonzer
 
 /* ---------------------------------------------------------------- branch.c: copies of the training state */
 
-struct train_branch { /* what a step changes */
+struct train_branch { /* the state that a step changes */
     oxl_model       model, first, second;
     struct density *density;
     int            *view, views, step;
     double          loss, psnr;
     struct exposure exposure;
     struct water    water;
+    struct lamp_fit lamp;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
 OXL_INTERNAL oxl_result branch_copy(const struct train *t, struct train_branch *out);
 OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b);
-/* Leaves t in the state `start`, and what t was in `other`; start stays. */
+/* Copies `start` to t, and the former state of t to `other`. */
 OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start, struct train_branch *other);
 
 /* ---------------------------------------------------------------- model_selection.c: model only what the scene requires */
 
-/* Whether the index-th of so many training views stands aside: an eighth of them, 8 at most, evenly spread. */
+/* 1: the index-th training view is a validation view: an eighth of them, at most 8, evenly spaced. */
 OXL_INTERNAL int        selection_holds(int index, int views);
-OXL_INTERNAL oxl_result selection_begin(struct train *t); /* which views train, and which stand aside */
+OXL_INTERNAL oxl_result selection_begin(struct train *t); /* splits training and validation views */
 OXL_INTERNAL oxl_result selection_step(struct train *t);  /* one whole step, with the decisions that are due after it */
-/* Mean loss and PSNR over the views that stand aside; not a number when none can be read. */
+/* Mean loss and PSNR over the validation views; NaN if none can be read. */
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL oxl_result
 selection_trial(struct train *t); /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */

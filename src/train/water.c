@@ -35,7 +35,7 @@ static double water_slope(double x)
 OXL_INTERNAL struct medium water_medium(const struct water *w)
 {
     struct medium m = {.on = w->on};
-    if (!(w->range > 0)) return m;
+    if (!w->on) return m;
     for (int c = 0; c < 3; c++) {
         m.direct[c]  = (float)(water_softplus(w->raw[c]) / w->range);
         m.scatter[c] = (float)(water_softplus(w->raw[3 + c]) / w->range);
@@ -46,7 +46,7 @@ OXL_INTERNAL struct medium water_medium(const struct water *w)
 
 OXL_INTERNAL int water_starts_at(const oxl_train_options *o)
 {
-    return o->medium ? OXL_MAX(1, (int)(WATER_FROM * o->iterations)) : 0;
+    return o->medium != OXL_OFF ? OXL_MAX(1, (int)(WATER_FROM * o->iterations)) : 0;
 }
 
 OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on)
@@ -66,7 +66,8 @@ OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene
         w->raw[6 + c]             = water_inverse_softplus(OXL_CLAMP(count > 0 ? mean / (double)count : 0.3, 0.05, 0.9));
     }
     if (!goes_on) return OXL_OK;
-    w->on = goes_on->on;
+    w->decided = 1;
+    w->on      = goes_on->on;
     for (int c = 0; c < 3 && w->on; c++) {
         w->raw[c]     = water_inverse_softplus(goes_on->direct[c] * w->range);
         w->raw[3 + c] = water_inverse_softplus(goes_on->scatter[c] * w->range);
@@ -78,8 +79,9 @@ OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene
 /* From now on; the colours at the median range are to look as they do. */
 OXL_INTERNAL void water_start(struct water *w, oxl_model *model)
 {
-    const struct medium m = water_medium(w);
-    w->on                 = 1;
+    struct medium m;
+    w->on = 1;
+    m     = water_medium(w);
     for (int c = 0; c < 3; c++) {
         const double through = vecmath_exp(-m.direct[c] * w->range),
                      veil    = m.veil[c] * (1 - vecmath_exp(-m.scatter[c] * w->range));
@@ -109,11 +111,12 @@ OXL_INTERNAL void water_archive(struct archive *a, struct water *w, int used)
 {
     if (!used) return;
     archive_int(a, &w->on);
+    archive_int(a, &w->decided);
     archive_int(a, &w->steps);
     archive_doubles(a, w->raw, 9);
     archive_doubles(a, w->first, 9);
     archive_doubles(a, w->second, 9);
     for (int k = 0; k < 9 && a->rc == OXL_OK; k++)
         archive_expect(a, fabs(w->raw[k]) <= 1e6 && fabs(w->first[k]) <= DBL_MAX && w->second[k] >= 0);
-    archive_expect(a, (w->on == 0 || w->on == 1) && w->steps >= 0);
+    archive_expect(a, (w->on == 0 || w->on == 1) && (w->decided == 0 || w->decided == 1) && w->steps >= 0);
 }

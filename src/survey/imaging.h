@@ -1,0 +1,62 @@
+/* imaging.h - what lies between the scene's colours and an image: gains, water, lamp. Part of survey.h. */
+#ifndef OXL_IMAGING_H
+#define OXL_IMAGING_H
+
+#include "../core/core.h"
+
+#define EXPOSURE_LEAST 0.05 /* gains lie between this and its inverse */
+/* c' = J (reference / r)^falloff exp(-direct r) + veil (1 - exp(-scatter r)); r: range, not less than LAMP_RANGE_LEAST of the reference
+ * in the falloff. */
+#define LAMP_RANGE_LEAST  0.125f
+#define LAMP_FALLOFF_MOST 2
+#define LAMP_SHAPE_MOST   4 /* log units, of a coefficient */
+struct medium {
+    int   on;                             /* 0: clear water */
+    int   lit;                            /* 0: no falloff */
+    float direct[3], scatter[3], veil[3]; /* per unit of the scene, per unit, 0..1; 0 in clear water */
+    float falloff, reference;             /* 0..2, units of the scene */
+};
+enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MOST = 8 };
+/* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its constant. Its terms are products of
+ * Legendre polynomials in x and y, each -1..1 across the image, so that the mean over the image is 0: by degree in y, then in x. */
+struct lamp {
+    int64_t camera; /* COLMAP's id; -1: of all that have none of their own */
+    float   shape[LAMP_TERMS];
+};
+struct imaging {
+    struct medium medium;
+    int           lamps; /* 0: none */
+    struct lamp   lamp[LAMP_MOST];
+    int           on;       /* 0: gains are 1 */
+    int           views;    /* of the scene */
+    float        *log_gain; /* (views,3) */
+    uint8_t      *known;    /* (views) 1: trained; others are interpolated */
+    uint64_t     *camera;   /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called */
+};
+OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
+/* Which views are of one camera, by COLMAP's CAMERA_ID, folder and name without its digits. */
+OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
+OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
+OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
+OXL_INTERNAL void       imaging_clear(struct imaging *m);
+OXL_INTERNAL void       imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
+OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float gain[3]);
+OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
+OXL_INTERNAL void       imaging_apply(const struct imaging *m, int view,
+                                      oxl_image *image); /* the gain, to what is rendered at mean exposure */
+/* gain (H,W): exp of the polynomial. */
+OXL_INTERNAL void       lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain);
+/* sum (14): of by (H,W) x each term. */
+OXL_INTERNAL void       lamp_project(const float *by, int width, int height, double sum[LAMP_TERMS]);
+OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view); /* NULL: none */
+OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
+                                                   oxl_image *image); /* to what is rendered; before the gain */
+OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
+OXL_INTERNAL int        imaging_is_needed(const struct imaging *m); /* 1: something lies between the colours and the images */
+OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
+/* Images that the scene has not are passed over. */
+OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
+OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3]); /* of blocks */
+OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
+
+#endif

@@ -1,0 +1,110 @@
+/* lamp.c - a light that moves with the camera, optimised with the scene.
+ *
+ * Model: the rendered image times exp(s(x, y)), s a polynomial of degree 4 of zero mean over the image, one for each physical camera
+ * (survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.c), p from 0 to 2, one for all cameras, r0 the median
+ * range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin.
+ *
+ * Adam (Kingma & Ba 2015) from LAMP_FROM of the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes
+ * neither the brightness of the scene nor that of the mean gain.
+ *
+ * Invariant: off changes no byte of the result. The state is archived.
+ */
+#include "train.h"
+#include "../core/vecmath.h"
+
+#define LAMP_FROM  0.11 /* of the run: exposure is decided before */
+#define LAMP_RATE  0.01 /* of the first step, in log units, */
+#define LAMP_LAST  0.05 /* and of that at the end of the run */
+#define LAMP_VIEWS 8    /* training views of a camera that has a lamp of its own */
+
+static int lamp_own_views(const oxl_scene *scene, int view)
+{
+    int count = 0;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++)
+        count += !oxl_scene_view(scene, i)->is_test && scene_camera_id(scene, i) == scene_camera_id(scene, view);
+    return count;
+}
+
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct imaging *goes_on)
+{
+    *l = (struct lamp_fit){.groups = 1, .reference = scene_depth_quantile(scene, 0.5)};
+    if (!(l->reference > 0)) l->reference = 1;
+    l->group[0].camera = -1;
+    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
+        const int64_t id    = scene_camera_id(scene, i);
+        int           known = id < 0;
+        for (int g = 0; g < l->groups; g++) known |= l->group[g].camera == id;
+        if (!known && l->groups < LAMP_MOST && lamp_own_views(scene, i) >= LAMP_VIEWS) l->group[l->groups++].camera = id;
+    }
+    l->decided = goes_on != NULL;
+    if (!goes_on || goes_on->lamps == 0) return;
+    l->on     = 1;
+    l->groups = goes_on->lamps;
+    memcpy(l->group, goes_on->lamp, sizeof l->group);
+    l->falloff   = goes_on->medium.falloff;
+    l->reference = goes_on->medium.reference > 0 ? (double)goes_on->medium.reference : l->reference;
+}
+
+OXL_INTERNAL int lamp_starts_at(const oxl_train_options *o)
+{
+    return o->lamp != OXL_OFF ? OXL_MAX(1, (int)(LAMP_FROM * o->iterations)) : 0;
+}
+
+/* What image formation has of it. */
+OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m)
+{
+    m->lamps            = l->on ? l->groups : 0;
+    m->medium.lit       = l->on;
+    m->medium.falloff   = l->on ? (float)l->falloff : 0;
+    m->medium.reference = l->on ? (float)l->reference : 0;
+    if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
+}
+
+static void lamp_adam(double *at, double *first, double *second, double g, double rate, int step)
+{
+    const double c1 = 1 - vecmath_exp(step * vecmath_log(0.9)), c2 = 1 - vecmath_exp(step * vecmath_log(0.999));
+    if (!(fabs(g) <= 1e18)) return;
+    *first  = 0.9 * *first + 0.1 * g;
+    *second = 0.999 * *second + 0.001 * g * g;
+    *at -= rate * (*first / c1) / (sqrt(*second / c2) + 1e-15);
+}
+
+/* shape: dL/d(shape) of the view's camera, `of`; falloff: dL/dp. progress: share of the run. */
+OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
+                            double falloff)
+{
+    const double rate = LAMP_RATE * vecmath_exp(progress * vecmath_log(LAMP_LAST));
+    const int    g    = (int)(of - l->group);
+    l->steps++, l->visits[g]++;
+    for (int k = 0; k < LAMP_TERMS; k++) {
+        double at = l->group[g].shape[k];
+        lamp_adam(&at, &l->first[g][k], &l->second[g][k], shape[k], rate, l->visits[g]);
+        l->group[g].shape[k] = (float)OXL_CLAMP(at, -LAMP_SHAPE_MOST, LAMP_SHAPE_MOST);
+    }
+    lamp_adam(&l->falloff, &l->falloff_first, &l->falloff_second, falloff, rate, l->steps);
+    l->falloff = OXL_CLAMP(l->falloff, 0, LAMP_FALLOFF_MOST);
+}
+
+OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
+{
+    if (!used) return;
+    archive_int(a, &l->on);
+    archive_int(a, &l->decided);
+    archive_int(a, &l->steps);
+    archive_expect(a, (l->on == 0 || l->on == 1) && (l->decided == 0 || l->decided == 1) && l->steps >= 0);
+    for (int g = 0; g < l->groups && a->rc == OXL_OK; g++) {
+        archive_int(a, &l->visits[g]);
+        archive_floats(a, l->group[g].shape, LAMP_TERMS);
+        archive_doubles(a, l->first[g], LAMP_TERMS);
+        archive_doubles(a, l->second[g], LAMP_TERMS);
+        archive_expect(a, l->visits[g] >= 0);
+        for (int k = 0; k < LAMP_TERMS && a->rc == OXL_OK; k++)
+            archive_expect(a, fabs(l->group[g].shape[k]) <= LAMP_SHAPE_MOST && fabs(l->first[g][k]) <= DBL_MAX &&
+                                  l->second[g][k] >= 0);
+    }
+    archive_doubles(a, &l->falloff, 1);
+    archive_doubles(a, &l->falloff_first, 1);
+    archive_doubles(a, &l->falloff_second, 1);
+    archive_expect(a, l->falloff >= 0 && l->falloff <= LAMP_FALLOFF_MOST && fabs(l->falloff_first) <= DBL_MAX &&
+                          l->falloff_second >= 0);
+}
