@@ -151,7 +151,7 @@ promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
     "for t in 1 3; do '$program' train survey -o same\$t --iterations 60 --threads \$t --quiet >/dev/null || exit 1; done; cmp same1/scene.ply same3/scene.ply"
 promise another_seed_gives_other_bytes 1 "differ" sh -c "'$program' train survey -o other --iterations 60 --seed 2 --quiet >/dev/null; cmp same1/scene.ply other/scene.ply"
 promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o short --iterations 1000000 --max-time 1s
-promise ctrl_c_leaves_a_model 130 "holds the model so far" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
+promise ctrl_c_leaves_a_model 130 "holds the current model" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
 promise a_second_run_in_a_folder_is_refused 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60
 promise a_second_run_that_starts_anew_is_refused_too 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60 --restart
 for command in "merge busy" "partition survey -o busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
