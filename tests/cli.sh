@@ -213,9 +213,9 @@ promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
 promise convert_keeps_the_scale_for_info 0 '"scale": 2' on_stdout "$program" info metric.ply --json
 promise a_scaled_model_is_compared_in_the_survey_s_unit 0 "" sh -c \
-    "for m in out/scene metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
+    "[ ! -e out/imaging.txt ] || cp out/imaging.txt .; for m in out/scene metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
      '$program' convert metric.ply metric.spz && '$program' convert metric.spz again.ply && LC_ALL=C grep -a -c '^comment scale 2' again.ply &&
-     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' scene.txt metric.txt"
+     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' scene.txt metric.txt && rm -f imaging.txt"
 promise a_model_of_another_scale_is_warned_of 0 "does not seem to cover the survey" on_stderr sh -c \
     "LC_ALL=C sed '1,/^end_header/{/^comment scale/d;}' metric.ply >unmarked.ply && ! cmp -s metric.ply unmarked.ply && '$program' eval unmarked.ply survey"
 promise a_model_that_lies_elsewhere_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved

@@ -22,6 +22,7 @@ static void faults_begin(struct faults_case *c, int steps)
     faults_heard[0]       = 0;
     test_ctx->options.log = faults_listen;
     c->options            = train_options(200);
+    c->options.exposure   = OXL_OFF; /* else the target is on the host, not in the renderer */
     c->t                  = (struct train){
                          .ctx = test_ctx, .scene = train_scene(7), .options = &c->options, .model = &c->model, .decisions = {.ctx = test_ctx}};
     CHECK_OK(train_begin(&c->t));

@@ -178,6 +178,7 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
     const struct imaging *m;
     double                off, sum = 0, error = 0, square = 0;
     int                   n = 0;
+    options.exposure        = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     off = train_psnr(scene, &model);
     oxl_model_free(test_ctx, &model);
@@ -205,6 +206,7 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     oxl_train_options options = train_options(300);
     oxl_model         off, automatic;
     options.sh_degree = -1; /* so that validation views stand aside in both */
+    options.exposure  = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &off));
     options.exposure = OXL_AUTO;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &automatic));

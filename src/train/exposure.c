@@ -97,6 +97,8 @@ OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *rend
     double gain[3];
     exposure_fit(rendered, target, weight, n, gain);
     for (int c = 0; c < 3; c++)
+        if (!(fabs(gain[c]) <= DBL_MAX)) return; /* a pixel that is not finite */
+    for (int c = 0; c < 3; c++)
         e->of.log_gain[3 * view + c] = (float)vecmath_log(OXL_CLAMP(gain[c], EXPOSURE_LEAST, 1 / EXPOSURE_LEAST));
     e->of.known[view] = 1;
 }
