@@ -164,7 +164,11 @@ promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads are asked for"
 promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_stderr "$program" train survey -o points --block-points 1
 promise a_signal_before_training_stops_the_run 130 "interrupted" on_stderr stopped_early "$program" train long -o early
 promise nothing_was_trained_then 1 "" test -e early/blocks
-promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP "$program" train survey -o hung --iterations 1000000
+if env --default-signal=HUP true 2>/dev/null; then # whoever starts the tests may ignore SIGHUP
+    promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP env --default-signal=HUP "$program" train survey -o hung --iterations 1000000
+else
+    echo "skip hangup_saves_as_ctrl_c_does: env has no --default-signal"
+fi
 promise nohup_goes_on 0 "hup/scene.ply" sh -c "nohup '$program' train survey -o hup --iterations 400 --quiet & sleep 0.3; kill -HUP \$!; wait \$!"
 promise a_limit_on_files_is_told_as_a_full_disk_is 1 "room on the disk" on_stderr sh -c "ulimit -f 8; '$program' train survey -o limited --iterations 20 --quiet"
 promise a_folder_of_blocks_that_is_deleted_is_made_again 130 "the state is saved" on_stderr with_signal "INT rm -rf gone/blocks" "$program" train survey -o gone --iterations 1000000
