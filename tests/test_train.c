@@ -519,7 +519,7 @@ TEST(train_options_that_save_work_change_the_run_and_still_learn)
 }
 
 /* One step that moves nothing: 30 000^0.1 = 2.80. */
-TEST(train_in_haste_starts_from_gaussians_that_are_narrower_and_more_opaque)
+TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
 {
     oxl_scene        *scene = train_scene(7);
     oxl_train_options o     = train_options(1);
@@ -585,7 +585,7 @@ static struct adam_params train_adam_params_at(int step, int iterations, float s
     return adam;
 }
 
-static struct adam_params train_pace_of(int iterations, float short_run_exponent)
+static struct adam_params train_adam_params_of(int iterations, float short_run_exponent)
 {
     return train_adam_params_at(1, iterations, short_run_exponent, 0.2f);
 }
@@ -630,12 +630,12 @@ TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_settled_or_n
 
 TEST(train_keeps_less_momentum_the_shorter_the_run_and_kerbls_from_7000_iterations_on)
 {
-    const struct adam_params calm = train_pace_of(7000, 0.35f), hurried = train_pace_of(700, 0.35f),
-                             least = train_pace_of(10, 0.35f), usual = train_pace_of(700, 0);
-    CHECK(calm.beta[0] == 0.9 && calm.beta[1] == 0.999);
+    const struct adam_params full = train_adam_params_of(7000, 0.35f), shortened = train_adam_params_of(700, 0.35f),
+                             least = train_adam_params_of(10, 0.35f), usual = train_adam_params_of(700, 0);
+    CHECK(full.beta[0] == 0.9 && full.beta[1] == 0.999);
     CHECK(usual.beta[0] == 0.9 && usual.beta[1] == 0.999 && usual.rate[OXL_LOG_SCALE] == 0.005f);
-    CHECK_CLOSE(hurried.beta[0], 0.5, 0.002); /* 1 - 0.1 x 10^0.7 */
-    CHECK_CLOSE(hurried.beta[1], 1 - 0.001 * pow(10, -0.525), 1e-6);
-    CHECK_CLOSE(hurried.rate[OXL_LOG_SCALE], 0.005 * pow(300.0 / 7, 0.35 + 0.175) * pow(10, 0.175), 1e-4);
-    CHECK(least.beta[0] == 0.5 && least.beta[1] > hurried.beta[1] && least.beta[1] < 1);
+    CHECK_CLOSE(shortened.beta[0], 0.5, 0.002); /* 1 - 0.1 x 10^0.7 */
+    CHECK_CLOSE(shortened.beta[1], 1 - 0.001 * pow(10, -0.525), 1e-6);
+    CHECK_CLOSE(shortened.rate[OXL_LOG_SCALE], 0.005 * pow(300.0 / 7, 0.35 + 0.175) * pow(10, 0.175), 1e-4);
+    CHECK(least.beta[0] == 0.5 && least.beta[1] > shortened.beta[1] && least.beta[1] < 1);
 }

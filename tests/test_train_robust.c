@@ -1,4 +1,4 @@
-/* test_train_robust.c - what is in one image alone is put aside; what all show, or nobody has explained yet, is not. */
+/* test_train_robust.c - content of one image alone is masked; content of all images, or not learned yet, is not. */
 
 enum { ROBUST_TEST_SIDE = 48, ROBUST_TEST_PIXELS = ROBUST_TEST_SIDE * ROBUST_TEST_SIDE, ROBUST_TEST_BLOT = 12 };
 

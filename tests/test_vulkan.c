@@ -633,7 +633,7 @@ static void vulkan_run_free(struct vulkan_run *r)
     oxl_free(test_ctx, r->numbers);
 }
 
-/* Steps from..to against noise; so many rows are put aside in each. */
+/* Steps from..to against noise; so many rows are skipped in each as not finite. */
 static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_camera *camera, struct vulkan_run *run,
                              const float *drgb, int from, int to, size_t aside_wanted)
 {
@@ -1150,7 +1150,7 @@ static void vulkan_listen(void *user, oxl_log_level level, const char *text)
     vulkan_test_log(user, level, text);
 }
 
-/* A blot in one of nine images. Returns how many of the images' pixels were put aside of late, per cent. */
+/* A blot in one of nine images. Returns the masked pixels of recent images, per cent. */
 static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *metrics)
 {
     oxl_scene        *scene                          = robust_test_scene(9);

@@ -246,7 +246,7 @@ OXL_INTERNAL int block_standard_steps(const oxl_train_options *run)
     return OXL_MAX(1, (int)(BLOCK_REFINE * run->iterations));
 }
 
-/* At the rates that the run had before it settled, those of its haste, not of a run as short as this; with Kerbl's momentum. */
+/* Learning rates of the whole run before its cool-down, not those of a run of `steps`; momentum as in Kerbl 2023. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps)
 {
     const double      short_run_exponent = schedule_short_run_factor(run);

@@ -2,19 +2,19 @@
  * are explained, its pixels do not count.
  *
  * From RobustNeRF (Sabour et al. 2023, arXiv 2302.00833, its trimmed least squares) come the residual as the witness, the vote of the
- * neighbourhood, and weights of 0 or 1 made anew in each step. Its threshold, the median of a batch's residuals, is not taken: it puts
- * half of all pixels aside at first, and for good what is hard to model (thin corals, the survey's rim), which so is never learned. A
+ * neighbourhood, and weights of 0 or 1 made anew in each step. Its threshold, the median of a batch's residuals, is not taken: it
+ * masks half of all pixels at first, and for good what is hard to model (thin corals, the survey's rim), which is then never learned. A
  * fish and a coral that is not learned yet leave the same residual in one image; they differ in the others. So each sparse point
  * keeps what error is `usual` where it lies, over the views that see it: small behind a fish, for the other views explain the ground;
- * large at the coral until it is learned; and TRANSIENTS_MOST at first, so that little is put aside before there is something to go by.
+ * large at the coral until it is learned; and TRANSIENTS_MOST at first, so that little is masked before errors have been observed.
  *
  * In a step, e being the error of a square of pixels: the channels' mean of |mean of rendered - image| (of the signed difference:
  * texture that is not learned yet has next to none, a blot has), and m the largest usual error of the points around it,
  *     odd    e > TRANSIENTS_ERROR, and of TRANSIENTS_VOTES at least of the 3 x 3 squares around
  *     core   odd, and e > TRANSIENTS_TIMES m
- *     aside  core; or next to one, with e > TRANSIENTS_ERROR / 2 and 2 e > TRANSIENTS_TIMES m
+ *     masked core; or next to one, with e > TRANSIENTS_ERROR / 2 and 2 e > TRANSIENTS_TIMES m
  *     usual  <- usual + TRANSIENTS_RATE (min(e, TRANSIENTS_MOST) - usual), for each point in view
- * Squares without points around are never put aside. docs/log/ROBUST.md has what this brings and costs, and what was tried instead.
+ * Squares without points around are never masked. docs/log/ROBUST.md has gains, cost and rejected alternatives.
  *
  * Invariant: weights and usual errors are a function of the model, the view and the usual errors before; no sum depends on the number
  * of threads.
