@@ -195,7 +195,6 @@ static void print_resume(const struct arguments *a)
     if (a->out) fprintf(stderr, "oceanxl train %s -o %s", a->path[0], out);
     else fprintf(stderr, "oceanxl merge %s", out);
     if (a->out && a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
-    if (arguments_given(a, "refine")) fprintf(stderr, " --refine %s", arguments_given(a, "refine"));
     fputc('\n', stderr);
 }
 
@@ -264,7 +263,7 @@ static oxl_result run_merge(oxl_context *ctx, const struct arguments *a, struct 
     oxl_result         rc;
     merged.out = a->path[0];
     catch_signals();
-    rc = oxl_merge(ctx, a->path[0], arguments_given(a, "refine") ? a->job.refine : -1, &callback);
+    rc = oxl_merge(ctx, a->path[0], &callback);
     console_clear(console);
     if (rc == OXL_ERR_INTERRUPTED) print_resume(a);
     if (rc == OXL_OK) rc = report_write(ctx, a->path[0], console->error, sizeof console->error);

@@ -100,4 +100,7 @@
 #include "src/job/block.c"             /* training of one block in its folder */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
+#include "src/job/job_state.h"         /* shared by the files of a job */
+#include "src/job/block_plan.c"        /* windows, steps and budget of each block */
+#include "src/job/rounds.c"            /* several blocks trained as one model */
 #include "src/job/job.c"               /* the whole job: survey folder in, output folder out */

@@ -144,6 +144,7 @@ typedef struct oxl_camera {
     double fx, fy, cx, cy; /* px; the top-left pixel's centre is (0.5, 0.5) */
     double rotation[9];    /* R, row-major, world to camera */
     double translation[3]; /* t, in the scene's unit */
+    int    full_width, full_height; /* px; of the image that this is a window of, which the projection's limits follow; 0: it is that image */
 } oxl_camera;
 
 typedef struct oxl_view {
@@ -403,6 +404,7 @@ typedef struct oxl_train_options {
     float      dog_from;      /* share of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
     float      dog_threshold; /* of the mean gradient, in units of half an image; <= 0: minus the share without a lobe */
     float      dog_opacity_factor, dog_scale_factor; /* of a new lobe */
+    int        survey_iterations; /* of a part of a survey: iterations of the whole run, which rates and intervals follow; 0: iterations */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);

@@ -45,7 +45,6 @@ typedef struct oxl_job_options {
     int                   renders; /* 1: write renders of the held-out views to OUT/renders */
     size_t                ram;     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: no limit */
     int                   block;   /* train only this block and do not merge; -1: all */
-    float                 refine;  /* the merged model is refined for this share of the blocks' steps; 0: not refined */
     int                   restart; /* 1: discard unfinished work with other options in OUT */
     uint64_t              seed;    /* 0: the context's */
 } oxl_job_options;
@@ -84,7 +83,6 @@ enum {                             /* commands that take the option: bits of oxl
        OXL_OPTION_OF_RUN      = 4, /* one run, or its prediction */
        OXL_OPTION_OF_OUT      = 8, /* an existing folder OUT */
        OXL_OPTION_OF_BLOCK    = 16,
-       OXL_OPTION_OF_MERGE    = 32,
        OXL_OPTION_OF_RESULT   = 64 /* the bytes of every block depend on it; recorded in "job" of run.json */
 };
 
@@ -180,9 +178,8 @@ OXL_API oxl_result oxl_partition(oxl_context *ctx, const char *scene, const char
                                  oxl_partition_report *report);
 OXL_API void       oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report);
 OXL_API oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *report, char **out);
-/* The last part of oxl_job_run: merges the finished blocks of the run in folder `out` into scene.ply, refines and evaluates the merged model.
- * refine: replaces the run's option of that name; -1: keeps it. callback may be NULL. */
-OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_callback *callback);
+/* The last part of oxl_job_run: joins the finished blocks of the run in folder `out` to scene.ply and evaluates it. callback may be NULL. */
+OXL_API oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback);
 
 /* Replaces options by those of an existing run of this survey in folder `out`, which a resumed run keeps; without such a run, options
  * are unchanged. *run holds their strings: free it with oxl_manifest_free after the last use of options. */

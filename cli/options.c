@@ -16,7 +16,7 @@ static const struct cli_command CLI_COMMANDS[] = {
      "oceanxl train survey -o out",
      "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
      "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
-    {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, refines the merged model, evaluates it.",
+    {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made and evaluates the result.",
      "oceanxl merge out", "OUT gets what train would have left there, to the byte."},
     {"check", COMMAND_CHECK, 1, "SCENE", "Checks a survey: what train would find in it, predicted memory and time.",
      "oceanxl check survey", "Exit code 3: it cannot be trained, and the message says why."},
@@ -165,7 +165,6 @@ static unsigned cli_commands_of(unsigned use)
     if (use & OXL_OPTION_OF_RUN) commands |= TRAINS;
     if (use & OXL_OPTION_OF_OUT) commands |= IN(TRAIN) | STUDIES;
     if (use & OXL_OPTION_OF_BLOCK) commands |= IN(TRAIN);
-    if (use & OXL_OPTION_OF_MERGE) commands |= IN(MERGE);
     return commands;
 }
 

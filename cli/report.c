@@ -81,13 +81,13 @@ static void report_read_log(struct report *r, struct report_block *b, char *text
 const char *report_part(const struct report *r, int part, char out[40])
 {
     if (part < r->blocks) snprintf(out, 40, "block %d", part);
-    else snprintf(out, 40, "refinement");
+    else snprintf(out, 40, "coarse model");
     return out;
 }
 
 static void report_read_block(struct report *r, int k)
 {
-    char name[64], folder[32] = "blocks/together", *log;
+    char name[64], folder[32] = "blocks/coarse", *log;
     if (k < r->blocks) snprintf(folder, sizeof folder, "blocks/%03d", k);
     snprintf(name, sizeof name, "%s/block.json", folder);
     r->block[k].json = report_read(r, name, NULL);
@@ -108,7 +108,7 @@ static void report_open(struct report *r)
     r->block            = calloc((size_t)r->blocks + 1, sizeof *r->block);
     if (!r->block) r->page.failed = 1, r->blocks = 0;
     for (int k = 0; r->block && k < r->blocks + (r->blocks > 1); k++) report_read_block(r, k);
-    r->parts = r->blocks + (r->block && r->block[r->blocks].json && json_is_true(r->run, "refined"));
+    r->parts = r->blocks + (r->block && r->block[r->blocks].json);
 }
 
 static void report_close(struct report *r)
@@ -416,7 +416,7 @@ static void report_option(struct report *r, const oxl_option *o, const oxl_job_o
 {
     oxl_job_options job = *fresh;
     char            member[40], usual[128], seen[128];
-    char           *text = report_value(strcmp(o->name, "refine") == 0 ? r->run : r->job, oxl_option_member(o, member));
+    char           *text = report_value(r->job, oxl_option_member(o, member));
     if (text && oxl_option_set(o, &job, text, NULL, 0) == OXL_OK &&
         strcmp(oxl_option_get(o, &job, seen, sizeof seen), oxl_option_get(o, fresh, usual, sizeof usual)) != 0) {
         output_add(&r->page, o->kind == OXL_OPTION_FLAG ? " --%s" : " --%s ", o->name);

@@ -75,6 +75,8 @@ static struct kernel_camera view_kernel_camera(const struct wide *w)
                               .fy         = c->fy,
                               .cx         = c->cx,
                               .cy         = c->cy,
+                              .half_width = 0.5 * c->width,
+                              .half_height = 0.5 * c->height,
                               .limit_x    = FRUSTUM_CLAMP * c->width / (2 * c->fx),
                               .limit_y    = FRUSTUM_CLAMP * c->height / (2 * c->fy),
                               .near_plane = w->near_plane,

@@ -41,12 +41,12 @@ OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struc
 /* partition_export.c: blocks/KKK, partition.svg and, last of all, partition.txt into folder `out`. p is as partition_make left it. */
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
 
-/* ---------------------------------------------------------------- merge.c: the models of blocks become one */
+/* ---------------------------------------------------------------- merge.c: rows of models */
 
-/* Appends the Gaussians of a block's model whose centres lie in its box, relative to into's origin. `into` starts as an empty model with
- * the origin of the whole; its SH degree grows to the largest of the blocks, missing coefficients are 0; rows with a second lobe stay in
- * front. Models can be read, merged and freed one by one, in the order of the blocks. On failure `into` is unchanged. */
-OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
-                                    oxl_model *into);
+/* Appends the rows of `from` with keep (count) not 0, or all with keep NULL, relative to into's origin. The SH degree of `into` grows
+ * to that of `from`, missing coefficients are 0; rows with a second lobe stay in front. On failure `into` is unchanged. */
+OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, const uint8_t *keep, oxl_model *into);
+/* inside (count): 1 for the Gaussians whose centres lie in the block's box; a centre that is not finite lies in none. */
+OXL_INTERNAL void       merge_mark(const struct partition *p, int block, const oxl_model *model, uint8_t *inside);
 
 #endif

@@ -1,7 +1,6 @@
-/* merge.c - merges the models of the blocks (OceanXL sec. 3.1; BlockGaussian).
+/* merge.c - rows of one model into another, and which block owns a Gaussian (OceanXL sec. 3.1).
  *
- * Invariant: each Gaussian is kept by the block whose box contains its centre only. So the overlap of expanded boxes is kept once, and
- * since outer boxes are unbounded, distant Gaussians are kept.
+ * Invariant: the boxes are disjoint and cover all space, so each Gaussian with a finite centre belongs to exactly one block.
  */
 #include "blocks.h"
 
@@ -27,14 +26,13 @@ struct merge_rows {
     size_t  old_count, old_lobes; /* of the model that they come into */
 };
 
-/* A centre that is not finite is in no box. */
-static void merge_select(const struct partition *p, int block, const oxl_model *model, struct merge_rows *m)
+static void merge_select(const oxl_model *from, const uint8_t *keep, struct merge_rows *m)
 {
-    for (size_t i = 0; i < model->count; i++) {
-        const size_t home = (size_t)merge_is_inside(p, block, model, i);
+    for (size_t i = 0; i < from->count; i++) {
+        const size_t kept = !keep || keep[i];
         m->row[m->kept]   = i;
-        m->kept += home;
-        if (i < model->lobes) m->lobes += home;
+        m->kept += kept;
+        if (i < from->lobes) m->lobes += kept;
     }
 }
 
@@ -72,16 +70,20 @@ static void merge_insert(const struct merge_rows *m, const oxl_model *from, oxl_
         for (size_t k = 0; k < m->lobes; k++) into->plane[p][m->old_lobes + k] = from->plane[p][m->row[k]];
 }
 
-OXL_INTERNAL oxl_result merge_block(oxl_context *ctx, const struct partition *p, int block, const oxl_model *from,
-                                    oxl_model *into)
+OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, const uint8_t *keep, oxl_model *into)
 {
     struct merge_rows m  = {.old_count = into->count, .old_lobes = into->lobes};
     oxl_result        rc = OXL_OK;
     m.row                = oxl_alloc(ctx, from->count + 1, sizeof *m.row);
-    if (!m.row) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to merge the %zu Gaussians of block %d", from->count, block);
-    merge_select(p, block, from, &m);
+    if (!m.row) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to merge %zu Gaussians", from->count);
+    merge_select(from, keep, &m);
     rc = merge_make_room(ctx, &m, from->sh_degree, into);
     if (rc == OXL_OK) merge_insert(&m, from, into);
     oxl_free(ctx, m.row);
     return rc;
+}
+
+OXL_INTERNAL void merge_mark(const struct partition *p, int block, const oxl_model *model, uint8_t *inside)
+{
+    for (size_t i = 0; i < model->count; i++) inside[i] = (uint8_t)merge_is_inside(p, block, model, i);
 }

@@ -74,6 +74,12 @@ OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx)
     return oxl_fail(ctx, OXL_ERR_INTERRUPTED, "interrupted");
 }
 
+OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds)
+{
+    os_sleep(seconds);
+    return context_stopped(ctx);
+}
+
 const char *oxl_error_text(const oxl_context *ctx)
 {
     return ctx ? ctx->error : "";

@@ -76,6 +76,7 @@ OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel reg
 /* OXL_ERR_INTERRUPTED when the caller wants to stop. For loops over files, images and blocks that report no progress; not while the
  * state is saved, and on one thread only. */
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
+OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds); /* then as context_stopped */
 
 /* A context for one of several threads, with memory from ctx. It does not log and keeps its own errors. */
 OXL_INTERNAL oxl_context context_for_thread(oxl_context *ctx);
@@ -221,6 +222,7 @@ OXL_INTERNAL int        os_is_folder(const char *path);
 OXL_INTERNAL int64_t    os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 OXL_INTERNAL int        os_processor_quota(void); /* processors that the process may use (Linux cgroups); 0: no limit known */
 OXL_INTERNAL double     os_seconds(void);         /* monotonic clock */
+OXL_INTERNAL void       os_sleep(double seconds); /* a signal ends it */
 OXL_INTERNAL size_t     os_peak_rss(void);        /* bytes; 0 when unknown */
 OXL_INTERNAL size_t     os_memory_free(void);     /* bytes available without swapping; 0: unknown */
 /* Calls `visit` with the name of each entry of a folder, in any order. */
@@ -232,6 +234,8 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
 /* oxl_lock_folder; shared: beside other processes that share it. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
 /* OXL_ERR_FAILED: another process has it, and the lock stays as it was. */
+/* *out NULL with OXL_OK: another process holds it. */
+OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);
 
 /* ---------------------------------------------------------------- ply.c: a small PLY reader */

@@ -29,17 +29,19 @@ static enum os_locked lock_open(const char *path, int shared, struct os_lock *fi
     return got;
 }
 
-OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out)
+static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, int *busy, oxl_lock **out)
 {
     oxl_lock      *lock = oxl_calloc(ctx, 1, sizeof *lock);
     enum os_locked got;
     oxl_result     rc;
-    *out = NULL;
+    *out  = NULL;
+    *busy = 0;
     if (lock) lock->path = oxl_path_join(ctx, folder, ".lock");
     rc = lock && lock->path ? os_make_folder(ctx, folder) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to lock %s", folder);
     if (rc != OXL_OK) goto done;
     got = lock_open(lock->path, shared, &lock->file);
-    if (got == OS_LOCK_BUSY) rc = lock_refuse(ctx, folder, &lock->file);
+    *busy = got == OS_LOCK_BUSY;
+    if (*busy) rc = lock_refuse(ctx, folder, &lock->file);
     if (got == OS_LOCK_FAILED || got == OS_LOCK_REMOVED) rc = os_lock_fail(ctx, lock->path);
     if (got == OS_LOCK_NONE)
         oxl_log(ctx, OXL_LOG_WARNING,
@@ -54,6 +56,19 @@ done:
         oxl_free(ctx, lock);
     }
     return rc;
+}
+
+OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out)
+{
+    int busy;
+    return lock_take(ctx, folder, shared, &busy, out);
+}
+
+OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out)
+{
+    int              busy;
+    const oxl_result rc = lock_take(ctx, folder, 0, &busy, out);
+    return busy ? OXL_OK : rc;
 }
 
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared)

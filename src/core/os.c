@@ -123,6 +123,12 @@ OXL_INTERNAL double os_seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+OXL_INTERNAL void os_sleep(double seconds)
+{
+    const struct timespec t = {(time_t)seconds, (long)((seconds - (double)(time_t)seconds) * 1e9)};
+    nanosleep(&t, NULL);
+}
+
 OXL_INTERNAL size_t os_peak_rss(void)
 {
     struct rusage usage;
@@ -389,6 +395,11 @@ OXL_INTERNAL double os_seconds(void)
     QueryPerformanceCounter(&count);
     QueryPerformanceFrequency(&per_second);
     return (double)count.QuadPart / (double)per_second.QuadPart;
+}
+
+OXL_INTERNAL void os_sleep(double seconds)
+{
+    Sleep((DWORD)(1000 * seconds));
 }
 
 OXL_INTERNAL size_t os_peak_rss(void)

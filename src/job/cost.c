@@ -17,6 +17,7 @@
 #define COST_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
 #define COST_SPLAT_BYTES     300.0  /* per Gaussian beside its parameters: projection, tile lists, gradient slots */
 #define COST_PROGRAM_BYTES   4e7
+#define COST_CONTEXT         1.25 /* of a run in several blocks: Gaussians of others are rendered with each block's (docs/SCALE.md) */
 #define COST_WITHIN          3.0 /* factor of uncertainty of times computed from counts */
 
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
@@ -91,7 +92,7 @@ OXL_INTERNAL double cost_seconds(oxl_context *ctx, const oxl_scene *scene, const
 {
     const double blocks   = cost_blocks(o, oxl_scene_point_count(scene));
     const double limit    = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
-    const double all      = blocks > 1 ? blocks * (1 + o->refine) : 1;
+    const double all      = blocks > 1 ? COST_CONTEXT : 1;
     double       timed[2] = {cost->seconds / COST_WITHIN, cost->seconds * COST_WITHIN};
     double       seconds  = predict_time(ctx, scene, &o->train, cost->gaussians, timed);
     if (!(seconds > 0)) seconds = cost->seconds;

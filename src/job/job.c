@@ -4,36 +4,14 @@
  * says "finished": true describes the scene.ply beside it. The lines "job" and "found" in it are all that a block depends on, and with
  * "refine" all that the result does: a second run that would write the same goes on where the first one stopped, or has nothing to do.
  */
-#include "job.h"
+#include "job_state.h"
 #include "../core/vecmath.h"
 
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is told when it is so much above PSNR */
 
-struct job {
-    oxl_context        *ctx;
-    const char         *scene_path, *out;
-    oxl_job_options     options;
-    const oxl_callback *callback; /* the caller's, or NULL */
-    oxl_scene          *scene;    /* NULL while blocks are trained: they have scenes of their own */
-    oxl_survey          survey;
-    struct partition    partition;
-    double              origin[3];
-    oxl_model           model;
-    struct text         line, found; /* "job": {...} and "found": {...} of run.json */
-    struct text         key;         /* both: what a block depends on */
-    struct text         notes;       /* what the log says outside of the blocks' training */
-    struct block_record total;       /* over the blocks */
-    int                 block;       /* that is being trained */
-    int                 unfinished;  /* blocks that were stopped by --max-time */
-    int                 refined;     /* blocks/together has them all */
-    double              begun;
-    uint64_t            seed; /* of the context, to be given back */
-    oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
-};
-
 /* ---------------------------------------------------------------- files of OUT */
 
-static oxl_result job_no_memory(struct job *job)
+OXL_INTERNAL oxl_result job_no_memory(struct job *job)
 {
     return oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory for the name of a file in %s", job->out);
 }
@@ -62,13 +40,12 @@ static int job_has(struct job *job, const char *name)
     return has;
 }
 
-/* OUT/blocks/KKK, or a file in it; after the last block comes OUT/blocks/together. */
-static char *job_block_path(struct job *job, int block, const char *name)
+OXL_INTERNAL char *job_block_path(struct job *job, int block, const char *name)
 {
     struct text t    = {.ctx = job->ctx};
     char       *path = NULL;
     if (block < job->partition.block_count) text_add(&t, "%s/blocks/%03d", job->out, block);
-    else text_add(&t, "%s/blocks/together", job->out);
+    else text_add(&t, "%s/blocks/coarse", job->out);
     if (name) text_add(&t, "/%s", name);
     if (text_take(&t, &path) != OXL_OK) job_no_memory(job);
     return path;
@@ -148,9 +125,7 @@ static oxl_result job_write_run(struct job *job, int finished)
         if (k > 0) text_add(&t, ", ");
         text_add_number(&t, job->origin[k]);
     }
-    text_add(&t, "],\n  \"refined\": %s,\n  \"refine\": ", job->refined ? "true" : "false");
-    text_add_float(&t, job->options.refine);
-    text_add(&t, ",\n  %s,\n  %s,\n", job->line.data, job->found.data);
+    text_add(&t, "],\n  %s,\n  %s,\n", job->line.data, job->found.data);
     if (finished) rc = job_add_decisions(job, &t);
     text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");
@@ -283,7 +258,7 @@ static oxl_result job_look(struct job *job, int *done)
     *done                   = 0;
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_make_way(job, &run);
-    else *done = run.finished && run.refine == job->options.refine && job_has(job, "scene.ply");
+    else *done = run.finished && job_has(job, "scene.ply");
 leave:
     manifest_free(job->ctx, &run);
     return rc;
@@ -300,7 +275,7 @@ static void job_log_survey(struct job *job)
     }
 }
 
-static oxl_result job_load(struct job *job)
+OXL_INTERNAL oxl_result job_load(struct job *job)
 {
     return oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
 }
@@ -345,7 +320,7 @@ static oxl_result job_cut(struct job *job)
 }
 
 /* A block's own text files, the survey's images and masks. Views held out are not in it. */
-static oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out)
+OXL_INTERNAL oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out)
 {
     oxl_context      *ctx = job->ctx;
     oxl_scene_options o   = job->options.scene;
@@ -361,34 +336,23 @@ static oxl_result job_load_block(struct job *job, const char *folder, oxl_scene 
     return rc;
 }
 
-/* The share of the blocks' steps that all of them get together. */
-static double job_refinement(const struct job *job)
-{
-    return job->partition.block_count > 1 ? job->options.refine : 0;
-}
-
-static int job_merged_steps(const struct job *job)
-{
-    return (int)OXL_CLAMP(job_refinement(job) * job->partition.block_count * job->options.train.iterations, 1, INT_MAX);
-}
-
-/* The run's progress from the block's: time counts over all blocks. */
-static int job_progress(void *user, const oxl_progress *progress)
+/* The run's progress from the block's. */
+OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
 {
     struct job  *job  = user;
     oxl_progress p    = *progress;
     const double here = os_seconds() - job->begun, limit = job->options.train.max_seconds;
-    const int    blocks = job->partition.block_count, alone = job->options.block >= 0 || job->block == blocks;
-    const double left = alone ? 0 : blocks - job->block - 1 + job_refinement(job) * blocks;
+    const double done = job->done + job->part * (p.iteration - job->part_first) / OXL_MAX(1, job->part_until - job->part_first);
     p.memory          = os_peak_rss();
     p.block           = job->block;
-    p.blocks          = blocks;
-    p.seconds_left += left * (p.seconds + p.seconds_left); /* the others as this one */
+    p.blocks          = job->partition.block_count;
+    if (p.blocks > 1 && done > job->done_before)
+        p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before); /* the rest as what this process has done */
     if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
     return job->callback && job->callback->progress ? job->callback->progress(job->callback->user, &p) : 0;
 }
 
-static void job_add_record(struct job *job, const struct block_record *r)
+OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
 {
     struct block_record *t = &job->total;
     t->iterations += r->iterations;
@@ -400,33 +364,18 @@ static void job_add_record(struct job *job, const struct block_record *r)
     job->unfinished += !r->finished;
 }
 
-/* What is said of the whole in numbers or bytes, blocks share by the points that they start from. Merging leaves of each block what
- * lies in its home, and of its points that share lies there: so the sum is about what was asked for. */
-static void job_share(const struct job *job, size_t points, oxl_train_options *o)
-{
-    double total = 0, share;
-    for (int k = 0; k < job->partition.block_count; k++) total += (double)job->partition.block[k].points;
-    if (job->partition.block_count < 2 || !(total > 0)) return;
-    share = OXL_MIN(1, (double)points / total);
-    if (o->max_gaussians > 0) o->max_gaussians = (int)OXL_MAX(1, o->max_gaussians * share);
-    if (o->keep.kind == OXL_KEEP_COUNT) o->keep.value = OXL_MAX(1, floor(o->keep.value * share));
-    if (o->keep.kind == OXL_KEEP_BYTES) o->keep.value *= share;
-}
-
 /* The time allowed is the run's: what comes later has what is left of it. */
-static void job_limit_time(const struct job *job, oxl_train_options *o)
+OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
 {
     if (o->max_seconds > 0) o->max_seconds = OXL_MAX(1e-3, o->max_seconds - (os_seconds() - job->begun));
 }
 
-/* What the block may take, and what it will. */
-static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct block_task *task, oxl_job_options *o)
+/* The one block: what it may take, and what it will. */
+static oxl_result job_plan_whole(struct job *job, struct block_task *task, oxl_job_options *o)
 {
-    const struct cost_load load = cost_load_of_scene(scene);
+    const struct cost_load load = cost_load_of_scene(job->scene);
     struct cost            cost;
     *o = job->options;
-    if (job->partition.block_count > 1) o->partition.kind = OXL_PARTITION_NONE; /* it is not cut again */
-    job_share(job, load.points, &o->train);
     if (!budget_fit(job->ctx, &load, o)) return budget_refuse(job->ctx, &load, o);
     if (o->train.sh_degree != job->options.train.sh_degree || o->train.dog != job->options.train.dog)
         oxl_log(job->ctx, OXL_LOG_INFO, "--ram %.0f MB has no room for trials: SH degree %d and no second lobes, undecided",
@@ -434,73 +383,45 @@ static oxl_result job_plan_block(struct job *job, const oxl_scene *scene, struct
     cost                    = cost_estimate(job->ctx, o, &load);
     task->train             = o->train;
     task->predicted_peak    = cost.memory;
-    task->predicted_seconds = job->survey.seconds; /* of one block: what was tried of the survey is not tried again */
-    if (job->partition.block_count > 1 || !(job->survey.seconds > 0))
-        task->predicted_seconds = cost_seconds(job->ctx, scene, o, &cost, NULL);
+    task->predicted_seconds = job->survey.seconds; /* what was timed for the survey is not timed again */
+    if (!(job->survey.seconds > 0)) task->predicted_seconds = cost_seconds(job->ctx, job->scene, o, &cost, NULL);
     job_limit_time(job, &task->train);
-    if (job->partition.block_count > 1) task->train.lamp = task->train.medium = OXL_OFF; /* `auto`: one block's alone */
     return OXL_OK;
 }
 
-static oxl_result job_train_block(struct job *job, const char *folder)
+static oxl_result job_train_whole(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
-    const int          standard = job_refinement(job) > 0 ? 0 : block_standard_steps(&job->options.train);
-    struct block_task  task     = {.folder = folder, .key = job->key.data, .callback = &callback, .standard = standard};
+    struct block_task  task     = {.folder   = folder,
+                                   .key      = job->key.data,
+                                   .callback = &callback,
+                                   .standard = block_standard_steps(&job->options.train)};
     oxl_job_options    options;
-    oxl_scene         *own = NULL;
-    oxl_result         rc  = OXL_OK;
-    if (job->partition.block_count > 1) {
-        oxl_scene_free(job->ctx, job->scene); /* the whole is not needed until the end, and may be large */
-        job->scene = NULL;
-        rc         = job_load_block(job, folder, &own);
-    }
-    if (rc == OXL_OK) rc = job_plan_block(job, own ? own : job->scene, &task, &options);
-    if (rc == OXL_OK) scene_set_cache(own ? own : job->scene, options.scene.image_cache_bytes);
-    if (rc == OXL_OK) rc = block_train(job->ctx, own ? own : job->scene, &task);
-    oxl_scene_free(job->ctx, own);
-    return rc;
+    oxl_result         rc = job_plan_whole(job, &task, &options);
+    if (rc == OXL_OK) scene_set_cache(job->scene, options.scene.image_cache_bytes);
+    return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
 }
 
-static oxl_result job_block(struct job *job, int block)
+/* A survey in one block. */
+static oxl_result job_whole(struct job *job)
 {
-    char               *folder = job_block_path(job, block, NULL);
-    oxl_lock           *lock   = NULL;
+    char               *folder = job_block_path(job, 0, NULL);
     struct block_record record;
-    oxl_result          rc = folder ? OXL_OK : OXL_ERR_MEMORY, trained = OXL_OK;
-    if (rc == OXL_OK && job->options.block >= 0) rc = oxl_lock_folder(job->ctx, folder, &lock);
-    if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
-    if (rc != OXL_OK) goto done;
-    job->block = block;
-    if (!record.finished) {
-        if (job->partition.block_count > 1)
-            oxl_log(job->ctx, OXL_LOG_INFO, "block %d of 0 to %d", block, job->partition.block_count - 1);
-        trained = job_train_block(job, folder);
+    oxl_result          rc = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY, trained = OXL_OK;
+    if (rc == OXL_OK && !record.finished) {
+        trained = job_train_whole(job, folder);
         rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     }
     if (rc == OXL_OK) job_add_record(job, &record);
-    if (rc == OXL_OK) rc = trained;
-done:
-    oxl_unlock_folder(job->ctx, &lock);
     oxl_free(job->ctx, folder);
-    return rc;
-}
-
-/* All of them, or the one asked for. Once the time allowed is over, those that are left wait for the next run. */
-static oxl_result job_blocks(struct job *job)
-{
-    const int  only = job->options.block;
-    oxl_result rc   = OXL_OK;
-    for (int k = 0; k < job->partition.block_count && rc == OXL_OK && !job->unfinished; k++)
-        if (only < 0 || only == k) rc = job_block(job, k);
-    return rc;
+    return rc == OXL_OK ? trained : rc;
 }
 
 /* ---------------------------------------------------------------- blocks, merged */
 
 /* A block's model; its standard one when that is wanted and it has second lobes. */
-static oxl_result job_read_block(struct job *job, int block, int standard, oxl_model *out)
+OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
     char      *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
     oxl_result rc    = path ? OXL_OK : OXL_ERR_MEMORY;
@@ -512,53 +433,43 @@ static oxl_result job_read_block(struct job *job, int block, int standard, oxl_m
     return rc;
 }
 
-/* The gains of several blocks as one, with zero mean. shift (blocks, 3): what the logarithms of each were raised by. */
-static oxl_result job_join_gains(struct job *job, double (*shift)[3], struct imaging *out)
+/* The gains of several blocks as one, with zero mean. */
+static oxl_result job_join_gains(struct job *job, struct imaging *out)
 {
     const int    views  = oxl_scene_view_count(job->scene);
     int         *count  = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
     const double none[] = {0, 0, 0};
     oxl_result   rc     = imaging_create(job->ctx, views, out);
-    double       mean[3];
     if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
     if (rc == OXL_OK && !count) rc = job_no_memory(job);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         char          *path = job_block_path(job, k, "imaging.txt");
         struct imaging own  = {0};
         rc                  = path ? OXL_OK : OXL_ERR_MEMORY;
-        memset(shift[k], 0, sizeof shift[k]);
         if (rc == OXL_OK && os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
-        if (rc == OXL_OK && own.on) imaging_join(out, count, &own, shift[k]);
+        if (rc == OXL_OK && own.on) imaging_join(out, count, &own);
         imaging_free(job->ctx, &own);
         oxl_free(job->ctx, path);
     }
-    for (int c = 0; c < 3 && rc == OXL_OK; c++) mean[c] = imaging_mean(out, c);
-    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++)
-        for (int c = 0; c < 3; c++) shift[k][c] -= mean[c];
     if (rc == OXL_OK) imaging_centre(out, none);
     oxl_free(job->ctx, count);
     return rc;
 }
 
-/* What lies at home in each of several blocks; their gains become the scene's. */
+/* The blocks' models as one; their gains become the scene's. */
 static oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
-    double(*shift)[3] = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, sizeof *shift);
-    oxl_result rc     = shift ? oxl_model_create(job->ctx, 0, 0, out) : job_no_memory(job);
+    oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
     memcpy(out->origin, job->origin, sizeof job->origin);
     if (rc == OXL_OK && !job->scene) rc = job_load(job);
     if (rc == OXL_OK) imaging_free(job->ctx, scene_imaging(job->scene));
-    if (rc == OXL_OK) rc = job_join_gains(job, shift, scene_imaging(job->scene));
+    if (rc == OXL_OK) rc = job_join_gains(job, scene_imaging(job->scene));
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
         oxl_model part;
-        rc = job_read_block(job, k, standard, &part);
-        if (rc == OXL_OK && scene_imaging(job->scene)->on)
-            model_scale_colour(&part,
-                               (double[3]){vecmath_exp(-shift[k][0]), vecmath_exp(-shift[k][1]), vecmath_exp(-shift[k][2])});
-        if (rc == OXL_OK) rc = merge_block(job->ctx, &job->partition, k, &part, out);
+        rc = job_read_model(job, k, standard, &part);
+        if (rc == OXL_OK) rc = merge_rows(job->ctx, &part, NULL, out);
         oxl_model_free(job->ctx, &part);
     }
-    oxl_free(job->ctx, shift);
     return rc;
 }
 
@@ -570,108 +481,13 @@ static oxl_result job_read_gains(struct job *job, int block)
     return rc;
 }
 
-/* The model of the one block, or of all together, or what the blocks have. */
+/* The model of the one block, or of all. */
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count, together = job->refined ? blocks : 0;
-    oxl_result rc = OXL_OK;
-    if (blocks > 1 && !job->refined) rc = job_merge(job, standard, out);
-    else rc = job_read_block(job, together, standard, out);
-    if (rc == OXL_OK && (blocks == 1 || job->refined) && job->scene) rc = job_read_gains(job, together);
+    const int  blocks = job->partition.block_count;
+    oxl_result rc     = blocks > 1 ? job_merge(job, standard, out) : job_read_model(job, 0, standard, out);
+    if (rc == OXL_OK && blocks == 1 && job->scene) rc = job_read_gains(job, 0);
     if (rc == OXL_OK && out->count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
-    return rc;
-}
-
-/* ---------------------------------------------------------------- all blocks together
- *
- * Each has learned beside its own copies of what lies around it, and merging takes those away: what one block put in front of its
- * neighbour's ground was never seen together with that ground. So what is merged is refined, all of it on all images, in a
- * folder beside the blocks' (docs/SCALE.md has what that mends).
- */
-
-/* Bytes that stand beside the training: the model that it starts from, and that with lobes once more while they are dropped. */
-static double job_start_bytes(const oxl_model *merged)
-{
-    const double rows = 4.0 * oxl_model_planes(merged) * (double)merged->count;
-    return merged->lobes > 0 ? 2 * rows + 6 * 4.0 * (OXL_PLANES - OXL_LOBE) * (double)merged->lobes : rows;
-}
-
-/* Whether the whole fits into the memory allowed; if so, the cache of images is as large as it may be. */
-static int job_fits_merged(struct job *job, const oxl_model *merged, struct block_task *task)
-{
-    struct cost_load load   = cost_load_of_scene(job->scene);
-    oxl_job_options  o      = job->options;
-    o.train                 = task->train;
-    o.train.max_gaussians   = (int)OXL_MIN(merged->count, INT_MAX);
-    load.points             = merged->count;
-    task->predicted_seconds = job_refinement(job) * job->total.predicted_seconds;
-    if (budget_holds(job->ctx, &load, job_start_bytes(merged), &o, &task->predicted_peak)) {
-        scene_set_cache(job->scene, o.scene.image_cache_bytes);
-        return 1;
-    }
-    oxl_log(job->ctx, OXL_LOG_WARNING,
-            "the blocks are not refined together: their brightness may differ\nfix: --ram %.0fM would do instead of %.0fM",
-            ceil(task->predicted_peak / 1048576), floor((double)o.ram / 1048576));
-    return 0;
-}
-
-/* *fits: 0 when nothing was done for want of memory. */
-static oxl_result job_train_merged(struct job *job, struct block_task *task, int *fits)
-{
-    oxl_model  merged = {0};
-    oxl_result rc     = job->scene ? OXL_OK : job_load(job);
-    if (rc == OXL_OK) rc = job_merge(job, 0, &merged);
-    if (rc != OXL_OK) goto done;
-    task->start = &merged;
-    task->train = block_refinement(&job->options.train, merged.sh_degree, job_merged_steps(job));
-    job_limit_time(job, &task->train);
-    *fits = job_fits_merged(job, &merged, task);
-    if (!*fits) goto done;
-    oxl_log(job->ctx, OXL_LOG_INFO, "all blocks together: %d steps", task->train.iterations);
-    rc = block_train(job->ctx, job->scene, task);
-    if (rc == OXL_ERR_MEMORY)
-        rc = oxl_fail(job->ctx, rc,
-                      "no memory to refine the %zu Gaussians of all blocks together\n"
-                      "fix: oceanxl merge %s --refine 0 joins the blocks as they are",
-                      merged.count, job->out);
-done:
-    oxl_model_free(job->ctx, &merged);
-    return rc;
-}
-
-static oxl_result job_refine(struct job *job, struct block_task *task)
-{
-    struct block_record record  = {0};
-    int                 fits    = 1;
-    oxl_result          trained = OXL_OK, rc = block_read(job->ctx, task->folder, task->key, &record);
-    if (rc == OXL_OK && !record.finished) {
-        trained = job_train_merged(job, task, &fits);
-        rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
-        if (rc == OXL_OK) rc = block_read(job->ctx, task->folder, task->key, &record);
-    }
-    if (rc == OXL_OK && fits) job_add_record(job, &record);
-    job->refined = fits && record.finished;
-    return rc == OXL_OK ? trained : rc;
-}
-
-/* When all blocks are finished. */
-static oxl_result job_merged(struct job *job)
-{
-    const int          number   = job->partition.block_count;
-    const oxl_callback callback = {job_progress, job};
-    struct block_task  task     = {.callback = &callback, .standard = block_standard_steps(&job->options.train)};
-    struct text        key      = {.ctx = job->ctx};
-    char              *folder;
-    oxl_result         rc;
-    if (!(job_refinement(job) > 0) || job->options.block >= 0 || job->unfinished) return OXL_OK;
-    text_add(&key, "\"together\": %d, %s", job_merged_steps(job), job->key.data);
-    folder      = job_block_path(job, number, NULL);
-    job->block  = number;
-    task.folder = folder;
-    task.key    = key.data;
-    rc          = folder && !key.failed ? job_refine(job, &task) : job_no_memory(job);
-    oxl_free(job->ctx, folder);
-    text_free(&key);
     return rc;
 }
 
@@ -978,8 +794,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc == OXL_OK) rc = job_prepare_block(&job, &ready);
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
-        rc = job_blocks(&job);
-        if (rc == OXL_OK) rc = job_merged(&job);
+        rc = job.partition.block_count > 1 ? rounds_run(&job) : job_whole(&job);
         rc = job_conclude(&job, rc);
     }
     job_end(&job);
@@ -988,24 +803,7 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
 
 /* ---------------------------------------------------------------- merge */
 
-/* Every block's record, or the word which one is missing. */
-static oxl_result job_collect(struct job *job)
-{
-    oxl_result rc = OXL_OK;
-    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        char               *folder = job_block_path(job, k, NULL);
-        struct block_record record = {0};
-        rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
-        if (rc == OXL_OK && !record.finished)
-            rc = oxl_fail(job->ctx, OXL_ERR_INPUT, "%s: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
-                          folder, job->scene_path, job->out, k);
-        if (rc == OXL_OK) job_add_record(job, &record);
-        oxl_free(job->ctx, folder);
-    }
-    return rc;
-}
-
-oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_callback *callback)
+oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *callback)
 {
     oxl_job_options     options = oxl_job_options_default(OXL_PRESET_DRAFT);
     struct oxl_manifest run     = {0};
@@ -1024,13 +822,11 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
     }
     manifest_options(&run, &options);
     options.scene.allow_cut = 1; /* as its training was allowed to */
-    if (refine >= 0) options.refine = refine;
     job_begin(&job, ctx, run.scene, out, &options, callback);
     job.lock = lock;
     rc       = job_check(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
-    if (rc == OXL_OK && !done) rc = job_collect(&job);
-    if (rc == OXL_OK && !done) rc = job_merged(&job);
+    if (rc == OXL_OK && !done) rc = rounds_collect(&job);
     if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
     job_end(&job);
     manifest_free(ctx, &run);

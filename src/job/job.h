@@ -11,7 +11,6 @@ enum { MANIFEST_VALUES = 96, MANIFEST_DIFFERENCES = 10 /* options; lines about t
 
 struct oxl_manifest { /* read back from run.json */
     int      finished;
-    float    refine;                                  /* not in the line: blocks do not depend on it */
     char    *line, *found;                            /* "job": {...}, "found": {...}; line NULL: there was no run */
     char    *scene, *preset, *value[MANIFEST_VALUES]; /* value: of the options as text, in the table's order; NULL: not there */
     uint64_t seed;
@@ -37,6 +36,8 @@ struct block_task {
     oxl_train_options   train;
     const oxl_callback *callback;
     const oxl_model    *start; /* what training starts from; NULL: the scene's points */
+    const oxl_model *context;      /* as in struct train_output, */
+    int              first, until; /* and these */
     int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
     double predicted_seconds, predicted_peak;
 };

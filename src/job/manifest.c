@@ -118,7 +118,6 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
     if (rc == OXL_OK && job) {
         const char *seed = oxl_json_member(job, "seed");
         out->finished    = oxl_json_is_true(root, "finished");
-        out->refine      = (float)OXL_CLAMP(manifest_number(root, "refine"), 0, oxl_option_find("refine")->high);
         out->seed        = seed ? strtoull(seed, NULL, 10) : 0;
         rc               = manifest_copy_member(ctx, root, "job", &out->line);
         if (rc == OXL_OK) rc = manifest_copy_member(ctx, root, "found", &out->found);
@@ -150,7 +149,6 @@ OXL_INTERNAL void manifest_options(const struct oxl_manifest *run, oxl_job_optio
         if (run->value[i]) oxl_option_set(option, o, run->value[i], NULL, 0);
         else if (option->kind == OXL_OPTION_TEXT) memcpy((char *)o + option->at, &none, sizeof none);
     }
-    o->refine = run->refine;
     o->preset = run->preset;
     o->seed   = run->seed;
 }

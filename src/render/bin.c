@@ -249,7 +249,7 @@ SIMD_INLINE uint32_t bin_footprint(const struct splat *s, const struct lobe *lob
 static uint32_t bin_room(const struct bins *b, uint32_t row)
 {
     const uint32_t tiles = bin_box_tiles(&b->splat[row]);
-    return row < b->lobes ? 2 * tiles : tiles;
+    return bins_lobe(b, row) ? 2 * tiles : tiles;
 }
 
 /* Slots are assigned in depth order, by the boxes; parts have about equal numbers of slots. */
@@ -291,8 +291,9 @@ SIMD_BODY void bin_stage_body(const int fused, const struct bin_part *job)
     for (size_t i = s->part_end[job->part]; i < s->part_end[job->part + 1]; i++) {
         const uint32_t     row   = b->order[i];
         struct splat      *splat = &b->splat[row];
+        const struct lobe *lobe  = bins_lobe(b, row);
         struct bin_staged *out   = s->staged + splat->first_slot;
-        if (row < b->lobes) splat->slots = bin_footprint(splat, &b->lobe[row], row, b, job->width, out);
+        if (lobe) splat->slots = bin_footprint(splat, lobe, row, b, job->width, out);
         else splat->slots = bin_footprint(splat, NULL, row, b, job->width, out);
         for (uint32_t k = 0; k < splat->slots; k++) count[out[k].tile]++;
     }

@@ -216,7 +216,8 @@ struct gaussians {       /* an oxl_model for the kernels; planes are readable up
 
 struct kernel_camera { /* an oxl_camera in `real` */
     int         width, height;
-    real        fx, fy, cx, cy; /* px */
+    real        half_width, half_height; /* px; of the full image, if this is a window of it: the unit of dmean2d */
+    real        fx, fy, cx, cy;          /* px */
     struct mat3 rotation;       /* world to camera */
     struct vec3 translation, eye;
     real        limit_x, limit_y; /* |x/z|, |y/z| at which the Jacobian is clamped */
@@ -290,6 +291,7 @@ struct bins {
     const uint16_t     *visible; /* (packs) in */
     const struct lobe  *lobe;    /* (lobes) in */
     size_t              lobes;   /* rows 0..lobes-1 have one: footprint of both lobes, twice the slots */
+    size_t              context_row, context_lobes; /* so do rows context_row.. of the context; theirs follow in `lobe` */
     uint32_t           *order;   /* (visible_count) rows by depth, ties by row */
     size_t              visible_count;
     struct pair        *pair; /* (pair_count) tile by tile, each in depth order */
@@ -298,6 +300,12 @@ struct bins {
     uint32_t           *tile_start; /* (tiles + 1) */
     struct bin_scratch *scratch;
 };
+/* The second lobe of a row, or NULL. */
+SIMD_INLINE const struct lobe *bins_lobe(const struct bins *b, size_t row)
+{
+    if (row < b->lobes) return &b->lobe[row];
+    return row - b->context_row < b->context_lobes ? &b->lobe[b->lobes + row - b->context_row] : NULL;
+}
 OXL_INTERNAL oxl_result bin_splats(oxl_context *ctx, struct bins *bins, int width, int height);
 OXL_INTERNAL void       bin_free(oxl_context *ctx, struct bins *bins);
 

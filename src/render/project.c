@@ -554,7 +554,7 @@ SIMD_INLINE struct project_pull project_pull(const struct kernel_camera *kernel_
 /* |dL/d(u, v)| in units of half an image. */
 SIMD_INLINE real project_length(const struct kernel_camera *kernel_camera, real du, real dv)
 {
-    const real hx = (real)0.5 * kernel_camera->width * du, hy = (real)0.5 * kernel_camera->height * dv;
+    const real hx = kernel_camera->half_width * du, hy = kernel_camera->half_height * dv;
     return real_sqrt(hx * hx + hy * hy);
 }
 

@@ -154,6 +154,7 @@ SIMD_INLINE void raster_collect(const int lobed, const struct raster_job *job, c
     for (int n = 0; n < batch->count; n++) {
         const struct splat *s      = &job->bins->splat[pair[n].splat];
         const uint32_t      blocks = pair[n].blocks & alive;
+        const struct lobe  *o      = lobed ? bins_lobe(job->bins, pair[n].splat) : NULL;
         batch->splat[n]            = (struct raster_splat){.u      = s->u - (tile->x + (real)0.5),
                                                            .v      = s->v - (tile->y + (real)0.5),
                                                            .a      = -s->a,
@@ -164,8 +165,7 @@ SIMD_INLINE void raster_collect(const int lobed, const struct raster_job *job, c
         batch->blocks[n]           = blocks;
 #pragma omp simd
         for (int block = 0; block < TILE_BLOCKS; block++) batch->splats[block] |= (blocks >> block & 1) << n;
-        if (lobed && pair[n].splat < job->bins->lobes) {
-            const struct lobe *o = &job->bins->lobe[pair[n].splat];
+        if (o) {
             batch->lobed |= 1u << n;
             batch->second[n]   = batch->splat[n];
             batch->second[n].a = -o->a, batch->second[n].k = o->k, batch->second[n].e = -o->e, batch->second[n].peak = o->peak;
@@ -497,7 +497,7 @@ SIMD_INLINE void raster_zero_sums(const int lobed, const int score, const struct
 {
     if (score) job->score[pair->slot] = 0;
     else memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
-    if (!score && lobed && pair->splat < job->bins->lobes) memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
+    if (!score && lobed && bins_lobe(job->bins, pair->splat)) memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
 }
 
 SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const int score, const struct raster_job *job)
@@ -553,18 +553,18 @@ SIMD_DISPATCH(static, raster_score_lobed, struct raster_job)
 
 OXL_INTERNAL void raster_forward(int isa, const struct raster_job *job)
 {
-    if (job->bins->lobes) raster_forward_lobed(isa, job);
+    if (job->bins->lobes + job->bins->context_lobes) raster_forward_lobed(isa, job);
     else raster_forward_plain(isa, job);
 }
 
 OXL_INTERNAL void raster_backward(int isa, const struct raster_job *job)
 {
-    if (job->bins->lobes) raster_backward_lobed(isa, job);
+    if (job->bins->lobes + job->bins->context_lobes) raster_backward_lobed(isa, job);
     else raster_backward_plain(isa, job);
 }
 
 OXL_INTERNAL void raster_score(int isa, const struct raster_job *job)
 {
-    if (job->bins->lobes) raster_score_lobed(isa, job);
+    if (job->bins->lobes + job->bins->context_lobes) raster_score_lobed(isa, job);
     else raster_score_plain(isa, job);
 }

@@ -23,6 +23,8 @@ struct renderer {
     struct kernel_camera kernel_camera;
     float                background[3];
     struct gaussians     in;
+    const oxl_model     *context; /* rendered behind the model's rows and left alone; or NULL */
+    size_t               packs;   /* of the model: those of the context follow */
     struct splat        *splat;   /* (count) */
     struct lobe         *lobe;    /* (lobes) */
     uint16_t            *visible; /* (packs) */
@@ -105,17 +107,20 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 
 OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, float near_plane)
 {
-    struct kernel_camera l = {.width      = c->width,
-                              .height     = c->height,
-                              .fx         = (float)c->fx,
-                              .fy         = (float)c->fy,
-                              .cx         = (float)c->cx,
-                              .cy         = (float)c->cy,
-                              .limit_x    = (float)(FRUSTUM_CLAMP * c->width / (2 * c->fx)),
-                              .limit_y    = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
-                              .near_plane = near_plane,
-                              .alpha_min  = ALPHA_MIN,
-                              .cut        = LOG2_255};
+    const int            width = c->full_width ? c->full_width : c->width, height = c->full_height ? c->full_height : c->height;
+    struct kernel_camera l = {.width       = c->width,
+                              .height      = c->height,
+                              .half_width  = 0.5f * (float)width,
+                              .half_height = 0.5f * (float)height,
+                              .fx          = (float)c->fx,
+                              .fy          = (float)c->fy,
+                              .cx          = (float)c->cx,
+                              .cy          = (float)c->cy,
+                              .limit_x     = (float)(FRUSTUM_CLAMP * width / (2 * c->fx)),
+                              .limit_y     = (float)(FRUSTUM_CLAMP * height / (2 * c->fy)),
+                              .near_plane  = near_plane,
+                              .alpha_min   = ALPHA_MIN,
+                              .cut         = LOG2_255};
     double               eye[3];
     camera_position(c, eye);
     l.rotation.x  = vec3((float)c->rotation[0], (float)c->rotation[1], (float)c->rotation[2]);
@@ -146,9 +151,9 @@ static size_t render_packs(size_t count)
     return (count + PACK - 1) / PACK;
 }
 
-static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t count, size_t lobes, size_t pixels)
+static oxl_result render_reserve(oxl_context *ctx, struct renderer *r, size_t packs, size_t lobes, size_t pixels)
 {
-    const size_t rows = render_packs(count) * PACK;
+    const size_t rows = packs * PACK;
     oxl_result   rc   = oxl_reserve(ctx, (void **)&r->splat, &r->splat_capacity, rows, sizeof *r->splat);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->share, &r->share_capacity, (size_t)ctx->threads, sizeof *r->share);
     if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->lobe, &r->lobe_capacity, lobes, sizeof *r->lobe);
@@ -188,9 +193,15 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
 
 /* ---------------------------------------------------------------- forward */
 
+static int64_t render_tasks_of(size_t packs)
+{
+    return (int64_t)((packs + RENDER_TASK - 1) / RENDER_TASK);
+}
+
+/* Over the model's rows, without the context. */
 static int64_t render_tasks(const struct renderer *r)
 {
-    return (int64_t)((r->bins.packs + RENDER_TASK - 1) / RENDER_TASK);
+    return render_tasks_of(r->packs);
 }
 
 static struct project_job render_project_job(struct renderer *r, int64_t task)
@@ -198,7 +209,7 @@ static struct project_job render_project_job(struct renderer *r, int64_t task)
     return (struct project_job){.in            = r->in,
                                 .kernel_camera = &r->kernel_camera,
                                 .first_pack    = (size_t)task * RENDER_TASK,
-                                .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
+                                .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->packs),
                                 .splat         = r->splat,
                                 .lobe          = r->lobe,
                                 .visible       = r->visible,
@@ -206,12 +217,24 @@ static struct project_job render_project_job(struct renderer *r, int64_t task)
                                 .dmean2d       = r->dmean2d};
 }
 
+/* Over the context's rows. */
+static struct project_job render_context_job(struct renderer *r, int64_t task)
+{
+    return (struct project_job){.in            = render_gaussians(r->context, r->context->sh_degree),
+                                .kernel_camera = &r->kernel_camera,
+                                .first_pack    = (size_t)task * RENDER_TASK,
+                                .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs - r->packs),
+                                .splat         = r->splat + r->packs * PACK,
+                                .lobe          = r->lobe + r->in.lobes,
+                                .visible       = r->visible + r->packs};
+}
+
 static void render_project(oxl_context *ctx, struct renderer *r)
 {
-    const int64_t tasks = render_tasks(r);
+    const int64_t own = render_tasks(r), tasks = own + render_tasks_of(r->bins.packs - r->packs);
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
-        const struct project_job job = render_project_job(r, task);
+        const struct project_job job = task < own ? render_project_job(r, task) : render_context_job(r, task - own);
         project_forward(ctx->isa, &job);
     }
 }
@@ -229,7 +252,7 @@ static struct medium_job render_medium_job(struct renderer *r, int64_t task)
                                .in            = r->in,
                                .kernel_camera = &r->kernel_camera,
                                .first_pack    = (size_t)task * RENDER_TASK,
-                               .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
+                               .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->packs),
                                .visible       = r->visible,
                                .splat         = r->splat,
                                .clear         = r->clear,
@@ -268,6 +291,14 @@ static void render_medium_backward(oxl_context *ctx, struct renderer *r, const f
     for (int64_t task = 0; task < tasks; task++)
         for (int k = 0; k < MEDIUM_SUMS; k++) r->dmedium[k] += r->medium_sum[task][k];
     medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
+}
+
+OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context)
+{
+    r->context = context && context->count > 0 ? context : NULL;
+    if (!r->context || !r->device) return;
+    r->backend->free(r->device);
+    r->device = NULL;
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
@@ -342,19 +373,25 @@ static void render_each_tile(oxl_context *ctx, struct renderer *r, const float *
 static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                const oxl_render_options *options)
 {
-    const oxl_result rc = render_reserve(ctx, r, model->count, model->lobes, (size_t)camera->width * (size_t)camera->height);
+    const size_t     packs = render_packs(model->count), others = r->context ? render_packs(r->context->count) : 0;
+    const size_t     lobes = r->context ? r->context->lobes : 0;
+    const oxl_result rc =
+        render_reserve(ctx, r, packs + others, model->lobes + lobes, (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
+    r->packs = packs;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
     r->in            = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
     render_set_alpha_min(&r->kernel_camera, options->alpha_min);
     r->bins.alpha_min = r->kernel_camera.alpha_min;
     r->bins.cut       = r->kernel_camera.cut;
-    r->bins.packs     = render_packs(model->count);
+    r->bins.packs     = packs + others;
     r->bins.splat     = r->splat;
     r->bins.lobe      = r->lobe;
     r->bins.lobes     = model->lobes;
     r->bins.visible   = r->visible;
+    r->bins.context_row   = packs * PACK;
+    r->bins.context_lobes = lobes;
     return OXL_OK;
 }
 
@@ -366,7 +403,8 @@ static oxl_result render_forward_on_device(oxl_context *ctx, struct renderer *r,
     if (rc != OXL_OK) return rc;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
     r->in            = render_gaussians(model, options->sh_degree);
-    r->bins.packs    = render_packs(model->count);
+    r->packs         = render_packs(model->count);
+    r->bins.packs    = r->packs;
     return r->backend->forward(r->device, model, camera, options);
 }
 
@@ -374,6 +412,8 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
+    if (r->context && render_has_medium(r))
+        return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered with context Gaussians");
     if (r->device && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered on a device\nfix: --backend cpu");
     if (r->device) {
@@ -493,6 +533,15 @@ static oxl_result render_exposed_loss(oxl_context *ctx, struct renderer *r, cons
     return rc;
 }
 
+/* A pixel of a window counts as one of the full image does: the loss is a mean. */
+static void render_weigh_window(struct renderer *r, size_t pixels)
+{
+    const float share = (float)pixels / (4 * r->kernel_camera.half_width * r->kernel_camera.half_height);
+    if (share == 1) return;
+#pragma omp simd
+    for (size_t i = 0; i < 3 * pixels; i++) r->drgb[i] *= share;
+}
+
 OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, const float *rgb, const float *weight,
                                       float ssim_weight, struct renderer_loss *out)
 {
@@ -508,6 +557,7 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
         rc                        = loss_forward_backward(ctx, &job, &r->loss, &value);
     }
     if (rc == OXL_OK) *out = (struct renderer_loss){value.total, value.l1, value.ssim, value.mse};
+    if (rc == OXL_OK) render_weigh_window(r, pixels);
     return rc;
 }
 
@@ -566,6 +616,7 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
     for (int64_t i = 0; i < (int64_t)r->bins.visible_count; i++) { /* in slot order, which fixes the rounding */
         const struct splat *s   = &r->splat[r->bins.order[i]];
         float               sum = 0;
+        if (r->bins.order[i] >= r->packs * PACK) continue; /* of the context */
         for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++) sum += r->score[slot];
         score[r->bins.order[i]] += sum;
     }
@@ -626,7 +677,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         struct adam_job           job  = rows;
         struct renderer_nonfinite here = {0, SIZE_MAX};
         uint16_t                  seen[RENDER_TASK];
-        job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->bins.packs);
+        job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->packs);
         memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);
         adam_step(ctx->isa, &job);
         for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
@@ -672,7 +723,7 @@ OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
     if (r->device) return r->backend->forget(r->device);
-    memset(r->visible, 0, r->bins.packs * sizeof *r->visible);
+    memset(r->visible, 0, r->packs * sizeof *r->visible);
     return OXL_OK;
 }
 

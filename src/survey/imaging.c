@@ -440,23 +440,15 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
 
 /* Averages the gains of a block with those of earlier blocks. shift (3): added to its log gains. count (views): blocks that
  * contained the view so far. */
-OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block, double shift[3])
+OXL_INTERNAL void imaging_join(struct imaging *all, int *count, const struct imaging *block)
 {
-    int shared = 0;
-    for (int c = 0; c < 3; c++) shift[c] = 0;
-    for (int i = 0; i < all->views; i++) {
-        if (!all->known[i] || !block->known[i]) continue;
-        for (int c = 0; c < 3; c++) shift[c] += (double)all->log_gain[3 * i + c] - block->log_gain[3 * i + c];
-        shared++;
-    }
-    for (int c = 0; c < 3; c++) shift[c] = shared > 0 ? shift[c] / shared : 0;
     for (int i = 0; i < all->views; i++) {
         if (!block->known[i]) continue;
         all->known[i] = 1;
         count[i]++;
         for (int c = 0; c < 3; c++) {
             float *a = &all->log_gain[3 * i + c];
-            *a       = (float)(*a + (block->log_gain[3 * i + c] + shift[c] - *a) / count[i]);
+            *a       = (float)(*a + (block->log_gain[3 * i + c] - *a) / count[i]);
         }
     }
     all->on |= block->on;

@@ -27,13 +27,15 @@ struct oxl_scene {
     oxl_view *view; /* (view_count) */
     int       view_count;
     double    origin[3], extent;
+    double    near_plane; /* of scene_set_frame; 0: it follows from the depths */
 
     oxl_point *point;
     size_t     point_count;
     double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
     size_t     depth_count;
 
-    struct image_cache cache; /* (view_count) */
+    struct image_cache   cache;  /* (view_count) */
+    struct scene_window *window; /* (view_count) or NULL: the views are whole */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
 
@@ -54,6 +56,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     oxl_free(ctx, scene->view);
     oxl_free(ctx, scene->point);
     oxl_free(ctx, scene->depth);
+    oxl_free(ctx, scene->window);
     oxl_free(ctx, scene->source);
     oxl_free(ctx, scene->on_disk);
     oxl_free(ctx, scene->images);
@@ -433,6 +436,7 @@ OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile
 
 OXL_INTERNAL double scene_near_plane(const oxl_scene *scene)
 {
+    if (scene->near_plane > 0) return scene->near_plane;
     return scene->depth_count ? SCENE_NEAR * scene_depth_quantile(scene, 0.01) : SCENE_NEAR_POINTLESS * scene->extent;
 }
 
@@ -484,16 +488,57 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
     return OXL_OK;
 }
 
+/* The camera of the full image, of which a view may be a window. */
+static oxl_camera scene_full_camera(const oxl_scene *scene, int view)
+{
+    oxl_camera c = scene->view[view].camera;
+    if (!c.full_width) return c;
+    c.width = c.full_width, c.height = c.full_height;
+    c.cx += scene->window[view].x, c.cy += scene->window[view].y;
+    c.full_width = c.full_height = 0;
+    return c;
+}
+
+OXL_INTERNAL oxl_result scene_set_windows(oxl_context *ctx, oxl_scene *scene, const struct scene_window *window)
+{
+    const size_t count = (size_t)scene->view_count;
+    scene->window      = oxl_alloc(ctx, count + 1, sizeof *scene->window);
+    if (!scene->window) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the windows of %zu views", count);
+    memcpy(scene->window, window, count * sizeof *window);
+    for (size_t i = 0; i < count; i++) {
+        oxl_camera *c = &scene->view[i].camera;
+        image_training_free(ctx, &scene->cache.image[i]);
+        if (window[i].width == 0) scene->view[i].is_test = 1;
+        if (window[i].width == 0 || (window[i].width == c->width && window[i].height == c->height)) continue;
+        c->full_width = c->width, c->full_height = c->height;
+        c->width = window[i].width, c->height = window[i].height;
+        c->cx -= window[i].x, c->cy -= window[i].y;
+    }
+    scene->cache.held = 0;
+    return OXL_OK;
+}
+
+OXL_INTERNAL void scene_set_frame(oxl_scene *scene, double extent, double near_plane)
+{
+    scene->extent     = extent;
+    scene->near_plane = near_plane;
+}
+
 static oxl_result scene_load_image(oxl_context *ctx, const void *source, int view, struct training_image *out)
 {
     const oxl_scene *scene = source;
+    const oxl_camera full  = scene_full_camera(scene, view);
     char            *path  = oxl_path_join(ctx, scene->images, scene->view[view].name);
     char            *mask  = NULL;
     oxl_result       rc =
         path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (rc == OXL_OK)
-        rc = image_load_training(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &scene->view[view].camera,
-                                 out);
+        rc = image_load_training(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &full, out);
+    if (rc == OXL_OK && scene->view[view].camera.full_width) {
+        const struct scene_window *w = &scene->window[view];
+        rc                           = image_crop_training(ctx, out, w->x, w->y, w->width, w->height);
+        if (rc != OXL_OK) image_training_free(ctx, out);
+    }
     oxl_free(ctx, path);
     oxl_free(ctx, mask);
     return rc;

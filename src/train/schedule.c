@@ -21,9 +21,21 @@
 #define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: until then alpha_min holds */
 #define SCHEDULE_COOLDOWN_END         0.1 /* times the usual steps at the end of a run */
 
+/* The run's length, in steps of the whole survey. */
+static int schedule_length(const oxl_train_options *o)
+{
+    return o->survey_iterations > 0 ? o->survey_iterations : o->iterations;
+}
+
+/* Steps of this run for one of the whole survey's. */
+static double schedule_scale(const oxl_train_options *o)
+{
+    return (double)o->iterations / schedule_length(o);
+}
+
 OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
 {
-    const double iterations = OXL_MAX(o->iterations, SCHEDULE_SHORTEST_RUN);
+    const double iterations = OXL_MAX(schedule_length(o), SCHEDULE_SHORTEST_RUN);
     return iterations < SCHEDULE_REFERENCE_ITERATIONS
                ? vecmath_exp(o->short_run_exponent * vecmath_log(SCHEDULE_REFERENCE_ITERATIONS / iterations))
                : 1;
@@ -32,7 +44,7 @@ OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
 /* The same for runs below SCHEDULE_MOMENTUM_ITERATIONS: Adam's moments, and the rate of scales again (docs/TRADEOFF.md). */
 static double schedule_momentum_factor(const oxl_train_options *o)
 {
-    const double iterations = OXL_MAX(o->iterations, SCHEDULE_SHORTEST_RUN);
+    const double iterations = OXL_MAX(schedule_length(o), SCHEDULE_SHORTEST_RUN);
     return iterations < SCHEDULE_MOMENTUM_ITERATIONS
                ? vecmath_exp(o->short_run_exponent * vecmath_log(SCHEDULE_MOMENTUM_ITERATIONS / iterations))
                : 1;
@@ -87,19 +99,19 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
  * images must be learned before gradients say where detail is missing, and a reset must be made up for. */
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
-    const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(SCHEDULE_WARM_UP, 0.25 * o->iterations));
+    const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(SCHEDULE_WARM_UP * schedule_scale(o), 0.25 * o->iterations));
     return step >= from && step <= o->densify_until * o->iterations && step % o->densify_every == 0;
 }
 
 OXL_INTERNAL int schedule_reset_interval(const oxl_train_options *o)
 {
-    return (int)OXL_MAX(SCHEDULE_RESET_LEAST, o->reset_opacity_every * o->iterations);
+    return (int)OXL_MAX(SCHEDULE_RESET_LEAST * schedule_scale(o), o->reset_opacity_every * o->iterations);
 }
 
 /* None so late that density control ends, and pruning takes its scores, before opacities have recovered. */
 OXL_INTERNAL int schedule_resets_opacity_at(const oxl_train_options *o, int step)
 {
-    const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY, SCHEDULE_RESET_RECOVERY_SHARE * o->iterations);
+    const double recovery = OXL_MAX(SCHEDULE_RESET_RECOVERY * schedule_scale(o), SCHEDULE_RESET_RECOVERY_SHARE * o->iterations);
     return o->reset_opacity_every > 0 && step + recovery <= o->densify_until * o->iterations &&
            step % schedule_reset_interval(o) == 0;
 }

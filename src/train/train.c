@@ -110,6 +110,7 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = model_set_lobes(ctx, &t->second, t->model->lobes);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
+    if (rc == OXL_OK) renderer_set_context(t->renderer, t->place ? t->place->context : NULL);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->model->count);
     if (rc != OXL_OK) return rc;
@@ -247,11 +248,12 @@ static oxl_result train_stop(struct train *t)
 
 static oxl_result train_loop(struct train *t)
 {
-    const oxl_train_options *o  = t->options;
-    oxl_result               rc = OXL_OK;
-    t->first_step               = t->step;
+    const oxl_train_options *o   = t->options;
+    const int                end = t->place && t->place->until > 0 ? OXL_MIN(t->place->until, o->iterations) : o->iterations;
+    oxl_result               rc  = OXL_OK;
+    t->first_step                = t->step;
     if (t->step > 0 && step_report(t, 0)) return OXL_ERR_INTERRUPTED;
-    while (rc == OXL_OK && t->step < o->iterations) {
+    while (rc == OXL_OK && t->step < end) {
         if (t->trial_is_next) {
             rc = selection_trial(t);
             if (rc == OXL_ERR_INTERRUPTED || (rc == OXL_OK && step_report(t, 0))) return train_stop(t);
@@ -267,6 +269,7 @@ static oxl_result train_loop(struct train *t)
         }
         if (train_save_is_due(t)) rc = train_save(t);
     }
+    if (rc == OXL_OK && t->step < o->iterations) return train_save(t);
     if (rc == OXL_OK) rc = renderer_download(t->ctx, t->renderer);
     if (rc == OXL_OK) selection_end(t);
     if (rc == OXL_OK && t->transients.points > 0) {
@@ -329,6 +332,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                        .model     = out,
                        .begun     = os_seconds(),
                        .place     = place,
+                       .step      = place ? place->first : 0,
                        .callback  = callback,
                        .decisions = {.ctx = ctx}};
     oxl_result   rc = train_check(ctx, options), ended = OXL_OK;

@@ -272,6 +272,9 @@ struct train_output {
     struct text     *log;       /* the caller's, kept with the state */
     struct text     *notes;     /* so are these */
     const oxl_model *start;     /* initial model; NULL: from the scene's points */
+    const oxl_model *context;   /* Gaussians that are rendered, too, and not trained; NULL: none */
+    int              first;     /* a start that is so many steps old */
+    int              until;     /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
     struct text     *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
     oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
     int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */

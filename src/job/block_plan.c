@@ -1,0 +1,299 @@
+/* block_plan.c - which part of the run each block is: its Gaussians, the windows of its views, its steps and its share of the budget.
+ *
+ * All of it follows from the coarse model. A block's share of a pixel is the blend weight of its Gaussians there. Its window in a view is the rectangle
+ * that maximises the sum of (share - PLAN_PIXEL_COST) over its pixels: what a pixel is worth to the block less what it costs.
+ *
+ * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse model leaves of the run.
+ */
+#include "job_state.h"
+
+#define PLAN_PIXEL_COST 0.15  /* of a pixel that is the block's alone (docs/log/SCALE.md) */
+#define PLAN_LEAST      0.002 /* of an image's pixels: views that are worth less to a block are left out */
+#define PLAN_TILE       16    /* px: windows begin and end at multiples of it, or at the image's borders */
+
+OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
+{
+    oxl_free(ctx, plan->window);
+    oxl_free(ctx, plan->neighbour);
+    *plan = (struct block_plan){0};
+}
+
+OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round)
+{
+    return plan->first + (int)((int64_t)(plan->iterations - plan->first) * (round + 1) / JOB_ROUNDS);
+}
+
+/* ---------------------------------------------------------------- the file */
+
+static oxl_result plan_write(struct job *job, int block, const struct block_plan *plan)
+{
+    struct text t    = {.ctx = job->ctx};
+    char       *path = job_block_path(job, block, "plan.txt");
+    oxl_result  rc   = path ? OXL_OK : OXL_ERR_MEMORY;
+    text_add(&t, "# first step, iterations, most Gaussians, share of the pixels, share of the work, extent, near plane; neighbours; a window "
+                 "of each view: x y width height\n");
+    text_add(&t, "plan %d %d %.17g %.17g %.17g %.17g %.17g\nneighbours", plan->first, plan->iterations, plan->gaussians, plan->share,
+             plan->work, plan->extent, plan->near_plane);
+    for (int j = 0; j < job->partition.block_count; j++)
+        if (plan->neighbour[j]) text_add(&t, " %d", j);
+    text_add(&t, " -1\nviews %d\n", plan->views);
+    for (int i = 0; i < plan->views; i++)
+        text_add(&t, "%d %d %d %d\n", plan->window[i].x, plan->window[i].y, plan->window[i].width, plan->window[i].height);
+    text_add(&t, "%s\n", job->key.data);
+    if (rc == OXL_OK && t.failed) rc = job_no_memory(job);
+    if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t.data, t.size);
+    text_free(&t);
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
+static const char *plan_read_windows(const char *s, struct block_plan *out)
+{
+    int used;
+    for (int i = 0; i < out->views; i++, s += used) {
+        struct scene_window *w = &out->window[i];
+        if (sscanf(s, "%d %d %d %d\n%n", &w->x, &w->y, &w->width, &w->height, &used) != 4) return NULL;
+    }
+    return s;
+}
+
+static const char *plan_read_neighbours(const char *s, int blocks, struct block_plan *out)
+{
+    int used, j = 0;
+    while (sscanf(s, " %d%n", &j, &used) == 1 && j >= 0 && j < blocks) out->neighbour[j] = 1, s += used;
+    return j == -1 ? s + used : NULL;
+}
+
+static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *out)
+{
+    const int blocks = job->partition.block_count;
+    int       used   = 0;
+    out->neighbour   = oxl_calloc(job->ctx, (size_t)blocks + 1, 1);
+    if (!out->neighbour) return job_no_memory(job);
+    s = strstr(s, "plan ");
+    if (!s || sscanf(s, "plan %d %d %lf %lf %lf %lf %lf\nneighbours%n", &out->first, &out->iterations, &out->gaussians, &out->share,
+                     &out->work, &out->extent, &out->near_plane, &used) != 7 || !used)
+        return OXL_ERR_INPUT;
+    s = plan_read_neighbours(s + used, blocks, out);
+    if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || out->views < 0 || out->views > 1 << 24) return OXL_ERR_INPUT;
+    out->window = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
+    if (!out->window) return job_no_memory(job);
+    return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
+}
+
+/* A file of another run, or a damaged one, is as none. */
+OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out)
+{
+    struct os_file_map map  = {0};
+    char              *path = job_block_path(job, block, "plan.txt");
+    oxl_result         rc   = path ? OXL_OK : OXL_ERR_MEMORY;
+    *out                    = (struct block_plan){0};
+    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(job->ctx, path, &map);
+    if (rc == OXL_OK && map.data && strstr(map.data, job->key.data)) rc = plan_parse(job, map.data, out);
+    if (rc == OXL_ERR_INPUT || (rc == OXL_OK && out->views == 0)) block_plan_free(job->ctx, out), rc = OXL_OK;
+    if (rc != OXL_OK) block_plan_free(job->ctx, out);
+    os_release_file(job->ctx, &map);
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- the block's Gaussians */
+
+OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_scene *scene, const oxl_model *coarse, oxl_model *own,
+                                         oxl_model *others)
+{
+    uint8_t   *keep = oxl_alloc(job->ctx, coarse->count + 1, 1);
+    oxl_result rc   = keep ? OXL_OK : job_no_memory(job);
+    *own = *others = (oxl_model){0};
+    if (rc == OXL_OK) rc = oxl_model_create(job->ctx, 0, 0, own);
+    if (rc == OXL_OK) rc = oxl_model_create(job->ctx, 0, 0, others);
+    for (int k = 0; k < 3 && rc == OXL_OK; k++) own->origin[k] = others->origin[k] = oxl_scene_origin(scene)[k];
+    if (rc == OXL_OK) merge_mark(&job->partition, block, coarse, keep);
+    if (rc == OXL_OK) rc = merge_rows(job->ctx, coarse, keep, own);
+    for (size_t i = 0; i < coarse->count && rc == OXL_OK; i++) keep[i] = !keep[i];
+    if (rc == OXL_OK) rc = merge_rows(job->ctx, coarse, keep, others);
+    if (rc != OXL_OK) {
+        oxl_model_free(job->ctx, own);
+        oxl_model_free(job->ctx, others);
+    }
+    oxl_free(job->ctx, keep);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- windows */
+
+/* The rectangle of tiles with the largest sum of value (height, width); its sum. For each pair of rows, the best run of columns (Kadane). */
+static double plan_best_rectangle(const double *value, int width, int height, struct scene_window *best)
+{
+    double most = 0;
+    *best       = (struct scene_window){0};
+    for (int top = 0; top < height; top++)
+        for (int bottom = top + 1; bottom <= height; bottom++) {
+            double run = 0;
+            int    left = 0;
+            for (int x = 0; x < width; x++) {
+                for (int y = top; y < bottom; y++) run += value[y * width + x];
+                if (run > most) most = run, *best = (struct scene_window){left, top, x + 1 - left, bottom - top};
+                if (run < 0) run = 0, left = x + 1;
+            }
+        }
+    return most;
+}
+
+/* share (H,W): the block's blend weight. Adds it to *sum. */
+static oxl_result plan_window(oxl_context *ctx, const float *share, int width, int height, struct scene_window *out, double *sum)
+{
+    const int tiles_x = (width + PLAN_TILE - 1) / PLAN_TILE, tiles_y = (height + PLAN_TILE - 1) / PLAN_TILE;
+    double   *value = oxl_calloc(ctx, (size_t)tiles_x * (size_t)tiles_y, sizeof *value);
+    if (!value) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a window");
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            const double s = share[(size_t)y * (size_t)width + (size_t)x];
+            value[y / PLAN_TILE * tiles_x + x / PLAN_TILE] += s - PLAN_PIXEL_COST;
+            *sum += s;
+        }
+    if (plan_best_rectangle(value, tiles_x, tiles_y, out) < PLAN_LEAST * width * height) *out = (struct scene_window){0};
+    out->x *= PLAN_TILE, out->y *= PLAN_TILE;
+    out->width  = OXL_MIN(out->width * PLAN_TILE, width - out->x);
+    out->height = OXL_MIN(out->height * PLAN_TILE, height - out->y);
+    oxl_free(ctx, value);
+    return OXL_OK;
+}
+
+static void plan_paint(oxl_model *model, double colour)
+{
+    for (int c = 0; c < 3; c++)
+        for (size_t i = 0; i < model->count; i++) model->plane[OXL_SH + c][i] = (float)((colour - 0.5) / MODEL_SH0);
+}
+
+struct plan_sum { /* over the views of a block */
+    double pixels, area; /* the block's share of them; of the windows */
+    size_t rows;
+    int    views; /* with a window */
+};
+
+/* The windows of a block's views, in the coarse model with the block's Gaussians in white, all others in black. */
+static oxl_result plan_views(struct job *job, oxl_scene *scene, oxl_model *own, oxl_model *others, struct block_plan *plan,
+                             struct plan_sum *sum)
+{
+    oxl_render_options o = oxl_render_options_default();
+    struct renderer   *r = NULL;
+    oxl_result         rc;
+    o.sh_degree  = 0;
+    o.near_plane = (float)plan->near_plane;
+    plan_paint(own, 1);
+    plan_paint(others, 0);
+    rc = renderer_create(job->ctx, &r);
+    if (rc == OXL_OK) renderer_set_context(r, others);
+    for (int i = 0; i < plan->views && rc == OXL_OK; i++) {
+        const oxl_camera *camera = &oxl_scene_view(scene, i)->camera;
+        oxl_image         image  = {0};
+        if (own->count == 0) continue;
+        rc = context_stopped(job->ctx);
+        if (rc == OXL_OK) rc = renderer_draw(job->ctx, r, own, camera, &o, &image, NULL);
+        if (rc == OXL_OK) rc = plan_window(job->ctx, image.rgb, camera->width, camera->height, &plan->window[i], &sum->pixels);
+        sum->area += (double)plan->window[i].width * plan->window[i].height;
+        sum->views += plan->window[i].width > 0;
+        oxl_image_free(job->ctx, &image);
+    }
+    renderer_free(job->ctx, r);
+    return rc;
+}
+
+/* seen (views of the survey): 1 where the block has a window; both lists are in the order of names. */
+static void plan_mark_views(const struct job *job, const oxl_scene *scene, const struct block_plan *plan, uint8_t *seen)
+{
+    int at = 0;
+    for (int i = 0; i < plan->views; i++) {
+        const char *name = oxl_scene_view(scene, i)->name;
+        while (at < oxl_scene_view_count(job->scene) && strcmp(oxl_scene_view(job->scene, at)->name, name) < 0) at++;
+        if (at < oxl_scene_view_count(job->scene) && !strcmp(oxl_scene_view(job->scene, at)->name, name))
+            seen[at] = plan->window[i].width > 0;
+    }
+}
+
+static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coarse, struct block_plan *plan, struct plan_sum *sum,
+                                uint8_t *seen)
+{
+    char      *folder = job_block_path(job, block, NULL);
+    oxl_scene *scene  = NULL;
+    oxl_model  own = {0}, others = {0};
+    oxl_result rc = folder ? job_load_block(job, folder, &scene) : OXL_ERR_MEMORY;
+    if (rc != OXL_OK) goto done;
+    plan->views      = oxl_scene_view_count(scene);
+    plan->extent     = oxl_scene_extent(job->scene);
+    plan->near_plane = scene_near_plane(job->scene);
+    plan->window     = oxl_calloc(job->ctx, (size_t)plan->views + 1, sizeof *plan->window);
+    plan->neighbour  = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, 1);
+    if (!plan->window || !plan->neighbour) rc = job_no_memory(job);
+    if (rc == OXL_OK) rc = block_plan_split(job, block, scene, coarse, &own, &others);
+    if (rc == OXL_OK) rc = plan_views(job, scene, &own, &others, plan, sum);
+    sum->rows = own.count;
+    if (rc == OXL_OK) plan_mark_views(job, scene, plan, seen);
+done:
+    oxl_model_free(job->ctx, &own);
+    oxl_model_free(job->ctx, &others);
+    oxl_scene_free(job->ctx, scene);
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- steps and budgets */
+
+/* Each block sees its windows equally often: steps by views, such that all pixels are those of the run's steps after the coarse model. */
+static void plan_divide(const struct job *job, const oxl_model *coarse, struct block_plan *plan, const struct plan_sum *sum)
+{
+    const int    blocks = job->partition.block_count, steps = job->options.train.iterations;
+    const double pixels = schedule_pixels(job->scene), views = schedule_training_views(job->scene);
+    const double cap    = (double)schedule_gaussian_cap(job->scene, &job->options.train);
+    double       area = 0, share = 0, epochs;
+    for (int k = 0; k < blocks; k++) area += sum[k].area, share += sum[k].pixels;
+    epochs = area > 0 ? (1 - JOB_COARSE) * steps * (pixels / OXL_MAX(1, views)) / area : 0;
+    for (int k = 0; k < blocks; k++) {
+        plan[k].iterations = (int)OXL_CLAMP(epochs * sum[k].views / (1 - JOB_COARSE) + 0.5, 1, INT_MAX);
+        plan[k].first      = (int)(JOB_COARSE * plan[k].iterations);
+        plan[k].share      = share > 0 ? sum[k].pixels / share : 1.0 / blocks;
+        plan[k].work       = area > 0 ? (1 - JOB_COARSE) * sum[k].area / area : 0;
+        plan[k].gaussians  = OXL_MAX(OXL_MAX(1, (double)sum[k].rows), floor(cap * plan[k].share));
+    }
+    (void)coarse;
+}
+
+static void plan_find_neighbours(const struct job *job, const uint8_t *seen, struct block_plan *plan)
+{
+    const int    blocks = job->partition.block_count;
+    const size_t views  = (size_t)oxl_scene_view_count(job->scene);
+    for (int a = 0; a < blocks; a++)
+        for (int b = 0; b < a; b++) {
+            int shared = 0;
+            for (size_t v = 0; v < views && !shared; v++) shared = seen[(size_t)a * views + v] & seen[(size_t)b * views + v];
+            plan[a].neighbour[b] = plan[b].neighbour[a] = (uint8_t)shared;
+        }
+}
+
+OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse)
+{
+    const int          blocks = job->partition.block_count;
+    const size_t       views  = (size_t)oxl_scene_view_count(job->scene);
+    struct block_plan *plan   = oxl_calloc(job->ctx, (size_t)blocks, sizeof *plan);
+    struct plan_sum   *sum    = oxl_calloc(job->ctx, (size_t)blocks, sizeof *sum);
+    uint8_t           *seen   = oxl_calloc(job->ctx, (size_t)blocks, views + 1);
+    oxl_result         rc     = plan && sum && seen ? OXL_OK : job_no_memory(job);
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) rc = plan_of_block(job, k, coarse, &plan[k], &sum[k], seen + (size_t)k * views);
+    if (rc == OXL_OK) {
+        plan_divide(job, coarse, plan, sum);
+        plan_find_neighbours(job, seen, plan);
+    }
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
+        oxl_log(job->ctx, OXL_LOG_INFO, "block %d: %d steps on windows of %d views, %.0f %% of their pixels; at most %.0f Gaussians", k,
+                plan[k].iterations - plan[k].first, sum[k].views,
+                100 * sum[k].area / OXL_MAX(1, sum[k].views * schedule_pixels(job->scene) / schedule_training_views(job->scene)),
+                plan[k].gaussians);
+        rc = plan_write(job, k, &plan[k]);
+    }
+    for (int k = 0; k < blocks && plan; k++) block_plan_free(job->ctx, &plan[k]);
+    oxl_free(job->ctx, plan);
+    oxl_free(job->ctx, sum);
+    oxl_free(job->ctx, seen);
+    return rc;
+}

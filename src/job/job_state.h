@@ -1,0 +1,71 @@
+/* job_state.h - shared by the files of a job: its state, its files, the training of its blocks. */
+#ifndef OXL_JOB_STATE_H
+#define OXL_JOB_STATE_H
+
+#include "job.h"
+#include "../core/vecmath.h"
+
+#define JOB_COARSE 0.1 /* of a run in blocks, which the whole survey gets before */
+#define JOB_ROUNDS 8   /* pauses of each block, to see what its neighbours have come to */
+
+struct job {
+    oxl_context        *ctx;
+    const char         *scene_path, *out;
+    oxl_job_options     options;
+    const oxl_callback *callback; /* the caller's, or NULL */
+    oxl_scene          *scene;    /* NULL while blocks are trained: they have scenes of their own */
+    oxl_survey          survey;
+    struct partition    partition;
+    double              origin[3];
+    oxl_model           model;
+    struct text         line, found; /* "job": {...} and "found": {...} of run.json */
+    struct text         key;         /* both: what a block depends on */
+    struct text         notes;       /* what the log says outside of the blocks' training */
+    struct block_record total;       /* over the blocks */
+    int                 block;       /* that is being trained */
+    int                 unfinished;  /* blocks that were stopped by --max-time */
+    double              begun;
+    double              done_before, done, part; /* shares of the run: before this process, before the present part, of this part, */
+    int                 part_first, part_until;  /* which has these steps */
+    uint64_t            seed; /* of the context, to be given back */
+    oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
+};
+
+/* ---------------------------------------------------------------- job.c */
+
+OXL_INTERNAL oxl_result job_no_memory(struct job *job);
+/* OUT/blocks/KKK, or a file in it; block_count: OUT/blocks/coarse. */
+OXL_INTERNAL char      *job_block_path(struct job *job, int block, const char *name);
+OXL_INTERNAL oxl_result job_load(struct job *job);                                             /* the survey */
+OXL_INTERNAL oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out); /* without the views held out */
+OXL_INTERNAL void       job_add_record(struct job *job, const struct block_record *record);
+OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);
+OXL_INTERNAL void       job_limit_time(const struct job *job, oxl_train_options *options);
+OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
+
+/* ---------------------------------------------------------------- block_plan.c: which part of the run a block is */
+
+struct block_plan {
+    int                  iterations, first; /* steps of the block's run; those that the coarse model stands for */
+    int                  views;
+    double               gaussians;             /* most of them */
+    double               share;                 /* of the survey's pixels, by blend weight */
+    double               work;                  /* of all blocks' pixels */
+    double               extent, near_plane;    /* of the survey */
+    struct scene_window *window;                /* (views) of the block's scene */
+    uint8_t             *neighbour;             /* (blocks) 1: shares a view */
+};
+OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse); /* of all blocks; writes plan.txt of each */
+OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out); /* views 0: there is none */
+OXL_INTERNAL void       block_plan_free(oxl_context *ctx, struct block_plan *plan);
+OXL_INTERNAL int        block_plan_until(const struct block_plan *plan, int round); /* the last step of a round */
+/* The coarse model's Gaussians in a block's box, and all others, relative to the scene's origin. */
+OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_scene *scene, const oxl_model *coarse, oxl_model *own,
+                                         oxl_model *others);
+
+/* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
+
+OXL_INTERNAL oxl_result rounds_run(struct job *job);
+OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */
+
+#endif

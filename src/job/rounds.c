@@ -1,0 +1,376 @@
+/* rounds.c - several blocks, trained as one model (docs/SCALE.md).
+ *
+ * 1. The coarse model: the first JOB_COARSE of the run, on the whole survey, in blocks/coarse.
+ * 2. Each block takes the coarse model's Gaussians in its box and goes on with the run, on the windows of its views in which they show. All other
+ *    Gaussians are rendered with them and not trained: the context. So merging is putting side by side, and changes no image.
+ * 3. The blocks' runs pause JOB_ROUNDS times. In a round a block sees its neighbours, those with which it shares a view, as of this round if
+ *    they come before it, else as of the round before: no two blocks correct the same error at the same time. Others it sees in the coarse model.
+ *
+ * Invariant: what a block sees in a round is a function of survey and options, not of the process or the order in which it is trained. A process
+ * with --block K trains that block, and others while it waits for them.
+ */
+#include "job_state.h"
+
+#define ROUNDS_WAIT 0.5 /* s between looks at blocks that other processes train */
+
+struct rounds {
+    struct job        *job;
+    struct block_plan *plan;   /* (blocks) */
+    oxl_model          coarse; /* relative to the survey's origin */
+};
+
+/* ---------------------------------------------------------------- the coarse model */
+
+static oxl_result rounds_train_coarse(struct job *job, const char *folder)
+{
+    const oxl_callback callback = {job_progress, job};
+    struct block_task  task     = {.folder   = folder,
+                                   .key      = job->key.data,
+                                   .callback = &callback,
+                                   .train    = job->options.train,
+                                   .until    = (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations)};
+    oxl_result         rc       = job->scene ? OXL_OK : job_load(job);
+    job->block      = job->partition.block_count;
+    job->part       = JOB_COARSE;
+    job->part_first = 0, job->part_until = task.until;
+    task.train.lamp = task.train.medium = OXL_OFF; /* `auto`: for one block alone */
+    task.train.keep.kind                = OXL_KEEP_ALL;
+    job_limit_time(job, &task.train);
+    if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "coarse model of the survey: %d steps", task.until);
+    return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
+}
+
+static int rounds_coarse_is_done(const struct job *job, const struct block_record *record)
+{
+    return record->there && record->iterations >= (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations);
+}
+
+/* The coarse model and the plans that follow from it. */
+static oxl_result rounds_prepare(struct job *job)
+{
+    char               *folder = job_block_path(job, job->partition.block_count, NULL);
+    struct block_record record = {0};
+    struct block_plan   last   = {0};
+    oxl_model           coarse = {0};
+    oxl_result          rc     = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK && !rounds_coarse_is_done(job, &record)) {
+        rc = rounds_train_coarse(job, folder);
+        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
+        job->unfinished += rc == OXL_OK && !rounds_coarse_is_done(job, &record);
+    }
+    job->done = JOB_COARSE;
+    if (rc == OXL_OK && !job->unfinished) rc = block_plan_read(job, job->partition.block_count - 1, &last); /* the last to be written */
+    if (rc == OXL_OK && !job->unfinished && last.views == 0) {
+        rc = job->scene ? OXL_OK : job_load(job);
+        if (rc == OXL_OK) rc = job_read_model(job, job->partition.block_count, 0, &coarse);
+        if (rc == OXL_OK) rc = block_plan_make(job, &coarse);
+    }
+    block_plan_free(job->ctx, &last);
+    oxl_model_free(job->ctx, &coarse);
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* The same by several processes: one trains, the others wait. */
+static oxl_result rounds_prepare_among_others(struct job *job)
+{
+    char             *folder = job_block_path(job, job->partition.block_count, NULL);
+    oxl_lock         *lock   = NULL;
+    struct block_plan last   = {0};
+    oxl_result        rc     = folder ? OXL_OK : OXL_ERR_MEMORY;
+    while (rc == OXL_OK && !lock && last.views == 0) {
+        rc = block_plan_read(job, job->partition.block_count - 1, &last);
+        if (rc == OXL_OK && last.views == 0) rc = lock_folder_if_free(job->ctx, folder, &lock);
+        if (rc == OXL_OK && last.views == 0 && !lock) rc = context_wait(job->ctx, ROUNDS_WAIT);
+    }
+    if (rc == OXL_OK && lock) rc = rounds_prepare(job);
+    job->done = JOB_COARSE;
+    block_plan_free(job->ctx, &last);
+    oxl_unlock_folder(job->ctx, &lock);
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- what a block sees of the others */
+
+/* keep (count): 1 for Gaussians that may show in a training view, by their centre and three of their longest standard deviations. */
+static void rounds_mark_visible(const oxl_scene *scene, double near_plane, const oxl_model *model, uint8_t *keep)
+{
+    for (size_t i = 0; i < model->count; i++) {
+        const double longest = OXL_MAX(OXL_MAX(model->plane[OXL_LOG_SCALE][i], model->plane[OXL_LOG_SCALE + 1][i]),
+                                       model->plane[OXL_LOG_SCALE + 2][i]);
+        const double radius  = 3 * vecmath_exp(longest);
+        double       x[3];
+        keep[i] = 0;
+        for (int a = 0; a < 3; a++) x[a] = model->plane[OXL_MEAN + a][i];
+        for (int v = 0; v < oxl_scene_view_count(scene) && !keep[i]; v++) {
+            const oxl_camera *c = &oxl_scene_view(scene, v)->camera;
+            double            p[3];
+            if (oxl_scene_view(scene, v)->is_test) continue;
+            for (int a = 0; a < 3; a++)
+                p[a] = c->rotation[3 * a] * x[0] + c->rotation[3 * a + 1] * x[1] + c->rotation[3 * a + 2] * x[2] + c->translation[a];
+            if (!(p[2] > near_plane)) continue;
+            keep[i] = c->fx * (p[0] - radius) < (c->width - c->cx) * p[2] && c->fx * (p[0] + radius) > -c->cx * p[2] &&
+                      c->fy * (p[1] - radius) < (c->height - c->cy) * p[2] && c->fy * (p[1] + radius) > -c->cy * p[2];
+        }
+    }
+}
+
+/* Appends what the block's views may show of a model. */
+static oxl_result rounds_add_visible(struct rounds *r, const struct block_plan *plan, const oxl_scene *scene, const oxl_model *model,
+                                     oxl_model *context)
+{
+    oxl_model  moved = {0}; /* relative to the scene's origin */
+    uint8_t   *keep  = oxl_alloc(r->job->ctx, model->count + 1, 1);
+    oxl_result rc    = keep ? oxl_model_create(r->job->ctx, 0, 0, &moved) : job_no_memory(r->job);
+    if (rc == OXL_OK) memcpy(moved.origin, context->origin, sizeof moved.origin);
+    if (rc == OXL_OK) rc = merge_rows(r->job->ctx, model, NULL, &moved);
+    if (rc == OXL_OK) rounds_mark_visible(scene, plan->near_plane, &moved, keep);
+    if (rc == OXL_OK) rc = merge_rows(r->job->ctx, &moved, keep, context);
+    oxl_model_free(r->job->ctx, &moved);
+    oxl_free(r->job->ctx, keep);
+    return rc;
+}
+
+/* Of a block: its model, if it has begun and shares a view, else its part of the coarse model. */
+static oxl_result rounds_add_block(struct rounds *r, int block, int of, const oxl_scene *scene, oxl_model *context)
+{
+    struct job               *job    = r->job;
+    const struct block_plan  *plan   = &r->plan[block];
+    char                     *folder = job_block_path(job, of, NULL);
+    struct block_record       record = {0};
+    oxl_model                 model = {0}, rest = {0};
+    oxl_result                rc = folder ? OXL_OK : OXL_ERR_MEMORY;
+    if (rc == OXL_OK && plan->neighbour[of]) rc = block_read(job->ctx, folder, job->key.data, &record);
+    if (rc == OXL_OK) rc = record.there ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, scene, &r->coarse, &model, &rest);
+    if (rc == OXL_OK) rc = rounds_add_visible(r, plan, scene, &model, context);
+    oxl_model_free(job->ctx, &model);
+    oxl_model_free(job->ctx, &rest);
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+static oxl_result rounds_context(struct rounds *r, int block, const oxl_scene *scene, oxl_model *context)
+{
+    oxl_result rc = oxl_model_create(r->job->ctx, 0, 0, context);
+    for (int k = 0; k < 3 && rc == OXL_OK; k++) context->origin[k] = oxl_scene_origin(scene)[k];
+    for (int of = 0; of < r->job->partition.block_count && rc == OXL_OK; of++)
+        if (of != block) rc = rounds_add_block(r, block, of, scene, context);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- a block's round */
+
+/* The block's part of a run of `iterations` steps of the whole. What is said of the whole in numbers or bytes is divided by share of pixels. */
+static oxl_train_options rounds_options(const struct job *job, const struct block_plan *plan)
+{
+    oxl_train_options o     = job->options.train;
+    const double      scale = (double)plan->iterations / o.iterations;
+    o.survey_iterations     = o.iterations;
+    o.iterations            = plan->iterations;
+    o.densify_every         = (int)OXL_MAX(1, o.densify_every * scale + 0.5);
+    o.max_gaussians         = (int)OXL_MIN(plan->gaussians, INT_MAX);
+    if (o.keep.kind == OXL_KEEP_COUNT) o.keep.value = OXL_MAX(1, floor(o.keep.value * plan->share));
+    if (o.keep.kind == OXL_KEEP_BYTES) o.keep.value *= plan->share;
+    o.lamp = o.medium = OXL_OFF; /* `auto`: for one block alone */
+    return o;
+}
+
+/* The gains that the coarse model has come to are those that the block begins with. */
+static oxl_result rounds_read_gains(struct job *job, oxl_scene *scene)
+{
+    char      *path = job_block_path(job, job->partition.block_count, "model.ply");
+    oxl_result rc   = path ? oxl_scene_read_imaging(job->ctx, scene, path) : OXL_ERR_MEMORY;
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
+static oxl_result rounds_train(struct rounds *r, int block, int round, const char *folder)
+{
+    struct job              *job      = r->job;
+    const struct block_plan *plan     = &r->plan[block];
+    const oxl_callback       callback = {job_progress, job};
+    oxl_model                own = {0}, others = {0}, context = {0};
+    oxl_scene               *scene = NULL;
+    struct block_task        task  = {.folder   = folder,
+                                      .key      = job->key.data,
+                                      .callback = &callback,
+                                      .train    = rounds_options(job, plan),
+                                      .start    = &own,
+                                      .context  = &context,
+                                      .first    = plan->first,
+                                      .until    = block_plan_until(plan, round)};
+    oxl_result               rc    = job_load_block(job, folder, &scene);
+    task.standard                  = block_standard_steps(&task.train);
+    task.predicted_seconds         = job->survey.seconds * plan->work;
+    job->block                     = block;
+    job->part                      = plan->work / JOB_ROUNDS;
+    job->part_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first, job->part_until = task.until;
+    job_limit_time(job, &task.train);
+    if (rc == OXL_OK) rc = scene_set_windows(job->ctx, scene, plan->window);
+    if (rc == OXL_OK) scene_set_frame(scene, plan->extent, plan->near_plane);
+    if (rc == OXL_OK) rc = rounds_read_gains(job, scene);
+    if (rc == OXL_OK) rc = block_plan_split(job, block, scene, &r->coarse, &own, &others);
+    oxl_model_free(job->ctx, &others);
+    if (rc == OXL_OK) rc = rounds_context(r, block, scene, &context);
+    if (rc == OXL_OK) rc = block_train(job->ctx, scene, &task);
+    oxl_model_free(job->ctx, &own);
+    oxl_model_free(job->ctx, &context);
+    oxl_scene_free(job->ctx, scene);
+    return rc;
+}
+
+/* Rounds that a block has behind it. */
+static oxl_result rounds_done(struct rounds *r, int block, int *done)
+{
+    char               *folder = job_block_path(r->job, block, NULL);
+    struct block_record record = {0};
+    const oxl_result    rc     = folder ? block_read(r->job->ctx, folder, r->job->key.data, &record) : OXL_ERR_MEMORY;
+    *done                      = 0;
+    while (rc == OXL_OK && *done < JOB_ROUNDS && record.there && record.iterations >= block_plan_until(&r->plan[block], *done)) ++*done;
+    if (*done == JOB_ROUNDS && !record.finished) --*done; /* its standard model is to be made */
+    oxl_free(r->job->ctx, folder);
+    return rc;
+}
+
+static oxl_result rounds_step(struct rounds *r, int block, int round)
+{
+    struct job *job    = r->job;
+    char       *folder = job_block_path(job, block, NULL);
+    int         done   = 0;
+    oxl_result  rc     = folder ? rounds_train(r, block, round, folder) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = rounds_done(r, block, &done);
+    job->unfinished += rc == OXL_OK && done <= round;
+    job->done += job->part;
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- all rounds of all blocks */
+
+static oxl_result rounds_all(struct rounds *r)
+{
+    oxl_result rc = OXL_OK;
+    for (int round = 0; round < JOB_ROUNDS; round++)
+        for (int k = 0; k < r->job->partition.block_count && rc == OXL_OK && !r->job->unfinished; k++) {
+            int done = 0;
+            rc       = rounds_done(r, k, &done);
+            if (rc == OXL_OK && done > round) r->job->done += r->plan[k].work / JOB_ROUNDS, r->job->done_before = r->job->done;
+            else if (rc == OXL_OK) rc = rounds_step(r, k, round);
+        }
+    return rc;
+}
+
+/* 1: the neighbours are where the block's next round wants them. */
+static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *ready)
+{
+    oxl_result rc = OXL_OK;
+    *ready        = 1;
+    for (int j = 0; j < r->job->partition.block_count && rc == OXL_OK && *ready; j++) {
+        int done = JOB_ROUNDS;
+        if (j != block && r->plan[block].neighbour[j]) rc = rounds_done(r, j, &done);
+        *ready = done >= (j < block ? round + 1 : round);
+    }
+    return rc;
+}
+
+/* The next round of a block, if it can be trained now. *trained: it was. */
+static oxl_result rounds_try(struct rounds *r, int block, int *trained)
+{
+    struct job *job    = r->job;
+    char       *folder = job_block_path(job, block, NULL);
+    oxl_lock   *lock   = NULL;
+    int         round = 0, ready = 0;
+    oxl_result  rc = folder ? lock_folder_if_free(job->ctx, folder, &lock) : OXL_ERR_MEMORY;
+    *trained       = 0;
+    if (rc == OXL_OK && lock) rc = rounds_done(r, block, &round);
+    if (rc == OXL_OK && lock && round < JOB_ROUNDS) rc = rounds_is_ready(r, block, round, &ready);
+    if (rc == OXL_OK && ready) {
+        rc       = rounds_step(r, block, round);
+        *trained = 1;
+    }
+    oxl_unlock_folder(job->ctx, &lock);
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* One block to its end; while it waits for others, they are trained unless another process does that. */
+static oxl_result rounds_one(struct rounds *r, int block)
+{
+    const int  blocks = r->job->partition.block_count;
+    int        done = 0, trained = 0;
+    oxl_result rc = rounds_done(r, block, &done);
+    while (rc == OXL_OK && done < JOB_ROUNDS && !r->job->unfinished) {
+        trained = 0;
+        for (int k = 0; k < blocks && rc == OXL_OK && !trained && !r->job->unfinished; k++) rc = rounds_try(r, (block + k) % blocks, &trained);
+        if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, ROUNDS_WAIT);
+        if (rc == OXL_OK) rc = rounds_done(r, block, &done);
+    }
+    return rc;
+}
+
+static oxl_result rounds_begin(struct rounds *r)
+{
+    struct job *job    = r->job;
+    const int   blocks = job->partition.block_count;
+    oxl_result  rc     = job_read_model(job, blocks, 0, &r->coarse);
+    r->plan            = oxl_calloc(job->ctx, (size_t)blocks, sizeof *r->plan);
+    if (rc == OXL_OK && !r->plan) rc = job_no_memory(job);
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
+        rc = block_plan_read(job, k, &r->plan[k]);
+        if (rc == OXL_OK && r->plan[k].views == 0)
+            rc = oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again",
+                          job->out, k, job->out);
+    }
+    oxl_scene_free(job->ctx, job->scene); /* the whole is not needed until the end, and may be large */
+    job->scene = NULL;
+    return rc;
+}
+
+static void rounds_end(struct rounds *r)
+{
+    for (int k = 0; k < r->job->partition.block_count && r->plan; k++) block_plan_free(r->job->ctx, &r->plan[k]);
+    oxl_free(r->job->ctx, r->plan);
+    oxl_model_free(r->job->ctx, &r->coarse);
+}
+
+/* The records of coarse model and blocks; `missing` names the first block that is not finished, or NULL. */
+static oxl_result rounds_add_records(struct job *job, int *missing)
+{
+    oxl_result rc = OXL_OK;
+    *missing      = -1;
+    for (int k = 0; k <= job->partition.block_count && rc == OXL_OK; k++) {
+        char               *folder = job_block_path(job, k, NULL);
+        struct block_record record = {0};
+        rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+        if (rc == OXL_OK && k < job->partition.block_count && !record.finished && *missing < 0) *missing = k;
+        if (k == job->partition.block_count) record.finished = 1, record.predicted_seconds = JOB_COARSE * job->survey.seconds;
+        if (rc == OXL_OK) job_add_record(job, &record);
+        oxl_free(job->ctx, folder);
+    }
+    job->total.iterations = job->options.train.iterations; /* a step on a window counts as its share of the image */
+    return rc;
+}
+
+OXL_INTERNAL oxl_result rounds_run(struct job *job)
+{
+    struct rounds r = {.job = job};
+    int           missing;
+    oxl_result    rc = job->options.block >= 0 ? rounds_prepare_among_others(job) : rounds_prepare(job);
+    job->done_before = job->done;
+    if (rc != OXL_OK || job->unfinished) return rc;
+    rc = rounds_begin(&r);
+    if (rc == OXL_OK) rc = job->options.block >= 0 ? rounds_one(&r, job->options.block) : rounds_all(&r);
+    rounds_end(&r);
+    if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_add_records(job, &missing);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result rounds_collect(struct job *job)
+{
+    int        missing = -1;
+    oxl_result rc      = rounds_add_records(job, &missing);
+    if (rc != OXL_OK || missing < 0) return rc;
+    return oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d", job->out,
+                    missing, job->scene_path, job->out, missing);
+}
