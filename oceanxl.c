@@ -28,6 +28,7 @@
 #include "src/survey/survey_files.c"  /* paths of a survey's files */
 #include "src/survey/robust_stats.c"  /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"   /* decoded images in memory */
+#include "src/survey/image_file.c"    /* decoded images in files */
 #include "src/survey/scene.c"         /* views, points and images of a survey */
 #include "src/survey/imaging.c"       /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/depth_bands.c"   /* depth band of each pixel, from the points */

@@ -144,7 +144,6 @@ typedef struct oxl_camera {
     double fx, fy, cx, cy; /* px; the top-left pixel's centre is (0.5, 0.5) */
     double rotation[9];    /* R, row-major, world to camera */
     double translation[3]; /* t, in the scene's unit */
-    int    full_width, full_height; /* px; of the image that this is a window of, which the projection's limits follow; 0: it is that image */
 } oxl_camera;
 
 typedef struct oxl_view {

@@ -45,6 +45,7 @@ typedef struct oxl_job_options {
     int                   renders; /* 1: write renders of the held-out views to OUT/renders */
     size_t                ram;     /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: no limit */
     int                   block;   /* train only this block and do not merge; -1: all */
+    int                   keep_decoded; /* 1: decoded images stay in OUT/blocks/decoded for the next run */
     int                   restart; /* 1: discard unfinished work with other options in OUT */
     uint64_t              seed;    /* 0: the context's */
 } oxl_job_options;

@@ -327,7 +327,7 @@ static void report_own_warnings(struct report *r, struct report_list *list)
     char         words[160];
     if (!json_is_true(r->run, "finished"))
         report_warning(list, -1, "the run is not finished; run the same command again to resume");
-    for (int k = 0; k < r->parts && r->blocks > 1; k++)
+    for (int k = 0; k < r->blocks && r->blocks > 1; k++)
         if (!json_is_true(r->block[k].json, "finished")) report_warning(list, k, "not finished");
     if (r->metrics && json_number(r->survey, "test_views") <= 0)
         report_warning(list, -1,

@@ -281,7 +281,7 @@ static void fuzz_checkpoint(oxl_context *ctx, const uint8_t *data, size_t size)
 {
     const oxl_train_options   options = fuzz_train_options();
     struct text               log = {.ctx = ctx}, notes = {.ctx = ctx};
-    const struct train_output place = {fuzz_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
+    const struct train_output place = {.folder = fuzz_folder(), .key = "key", .log = &log, .notes = &notes};
     oxl_model                 model = {0};
     struct train              t     = {
                          .ctx = ctx, .scene = fuzz_scene(ctx), .options = &options, .model = &model, .place = &place, .decisions = {.ctx = ctx}};

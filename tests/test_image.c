@@ -309,7 +309,7 @@ TEST(image_of_the_right_size_is_taken_byte_by_byte)
     float                 rgb[3 * 64 * 48], weight[64 * 48];
     int                   wrong = 0;
     CHECK_OK(image_load_training(test_ctx, path, NULL, &image_pinhole, &to, &image));
-    image_from_training(test_ctx, &image, rgb, weight);
+    image_from_training(test_ctx, &image, NULL, rgb, weight);
     for (int at = 0; at < 3 * 64 * 48; at++) {
         const int v = image_pattern(at % 64, at / 64 % 48, at / (64 * 48));
         wrong += image.rgb[at] != v || rgb[at] != (float)v / 255.0f || weight[at % (64 * 48)] != 1;

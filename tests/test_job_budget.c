@@ -67,38 +67,15 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
 }
 
-/* ---------------------------------------------------------------- all blocks together */
-
-TEST(budget_holds_what_fits_without_a_cache_and_gives_the_cache_the_rest)
+TEST(budget_thins_a_model_that_does_not_fit)
 {
     const struct cost_load load = budget_test_load();
-    oxl_job_options        o    = budget_test_options(0);
-    const size_t           most = o.scene.image_cache_bytes;
-    double                 all, needed, taken;
-    CHECK(budget_holds(test_ctx, &load, 1e6, &o, &all) && o.scene.image_cache_bytes == most);
+    oxl_job_options        o    = budget_test_options(0), none = o;
+    CHECK(budget_thin(test_ctx, &load, &none) && none.train.max_gaussians == o.train.max_gaussians);
+    o.ram = 90 << 20;
+    CHECK(budget_thin(test_ctx, &load, &o) && o.train.max_gaussians > 0 && (size_t)o.train.max_gaussians < load.points);
     o.ram = 1 << 20;
-    CHECK(!budget_holds(test_ctx, &load, 1e6, &o, &needed) && needed > 1 << 20 && o.scene.image_cache_bytes == most);
-    o.ram = (size_t)(needed + 2e7);
-    CHECK(budget_holds(test_ctx, &load, 1e6, &o, &taken) && taken <= 0.9 * (double)o.ram + 1);
-    CHECK(o.scene.image_cache_bytes > 1e7 && o.scene.image_cache_bytes < most && taken < all);
-}
-
-/* A wall along which nine cameras stand so far apart that each sees what its neighbours do not. */
-static const char *budget_test_long_survey(void)
-{
-    struct text images = {.ctx = test_ctx}, points = {.ctx = test_ctx};
-    job_test_survey();
-    for (int i = 0; i < JOB_VIEWS; i++) text_add(&images, "%d 1 0 0 0 %d 0 0 1 %d.png\n24 16 1\n", i + 1, -3 * i, i);
-    for (int i = 0; i < 60000; i++) {
-        const int x = i / 300, view = OXL_CLAMP((int)(0.14 * x / 3), 0, JOB_VIEWS - 2); /* x: of 200 columns */
-        text_add(&points, "%d %.4f %.4f 4 120 120 60 0.5 %d 0 %d 0\n", i + 1, 0.14 * x - 2, (i % 300) / 150.0 - 1, view + 1,
-                 view + 2);
-    }
-    test_write("survey/sparse/0/images.txt", images.data ? images.data : "");
-    test_write("survey/sparse/0/points3D.txt", points.data ? points.data : "");
-    text_free(&images);
-    text_free(&points);
-    return test_path("survey");
+    CHECK(!budget_thin(test_ctx, &load, &o));
 }
 
 TEST(budget_asks_for_no_more_gaussians_than_the_images_allow)
@@ -107,24 +84,6 @@ TEST(budget_asks_for_no_more_gaussians_than_the_images_allow)
     oxl_job_options  o    = budget_test_options(2e9);
     load.schedule_pixels  = 1e4; /* fewer than points: none is added */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.max_gaussians >= 20000);
-}
-
-TEST(budget_too_small_for_all_blocks_together_leaves_them_as_they_are_and_says_so)
-{
-    const char         *survey  = budget_test_long_survey();
-    oxl_job_options     options = job_test_blocks();
-    struct block_record whole;
-    options.partition.block_points = 8000;
-    options.train.iterations       = 2;
-    options.train.sh_degree        = 0;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("all"), &options, NULL));
-    CHECK_OK(block_read(test_ctx, test_path("all/blocks/together"), "\"job\"", &whole));
-    CHECK(whole.finished && whole.predicted_peak > 0);
-    options.ram = (size_t)(0.95 * whole.predicted_peak);
-    if ((double)os_peak_rss() > 0.9 * (double)options.ram) SKIP("this process has taken more than that before");
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/run.json"), "not refined together"));
-    CHECK(!os_is_folder(test_path("out/blocks/together")) && os_is_file(test_path("out/scene.ply")));
 }
 
 TEST(budget_counts_the_images_that_are_on_their_way)

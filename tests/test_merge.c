@@ -38,6 +38,20 @@ static oxl_model merge_test_empty(const double origin[3])
     return m;
 }
 
+/* What lies in the block's box. */
+static oxl_result merge_test_block(const struct partition *p, int block, const oxl_model *from, oxl_model *into)
+{
+    uint8_t         *inside = oxl_alloc(test_ctx, from->count + 1, 1);
+    const oxl_result rc     = inside ? OXL_OK : OXL_ERR_MEMORY;
+    if (rc != OXL_OK) return rc;
+    merge_mark(p, block, from, inside);
+    {
+        const oxl_result merged = merge_rows(test_ctx, from, inside, into);
+        oxl_free(test_ctx, inside);
+        return merged;
+    }
+}
+
 static size_t merge_test_row(const oxl_model *m, size_t i) /* in the cloud */
 {
     return (size_t)m->plane[OXL_OPACITY][i] - 10000 * OXL_OPACITY;
@@ -51,7 +65,7 @@ TEST(merge_keeps_each_gaussian_of_overlapping_blocks_exactly_once)
     oxl_model              cloud = merge_test_cloud(MERGE_TEST_COUNT, 1, origin), merged = merge_test_empty(origin);
     unsigned char          seen[MERGE_TEST_COUNT] = {0};
     merge_test_partition(&p, block, origin);
-    for (int b = 0; b < 3; b++) CHECK_OK(merge_block(test_ctx, &p, b, &cloud, &merged)); /* each block trained all of it */
+    for (int b = 0; b < 3; b++) CHECK_OK(merge_test_block(&p, b, &cloud, &merged)); /* each block trained all of it */
     CHECK(merged.count == MERGE_TEST_COUNT && merged.sh_degree == 1);
     for (size_t i = 0; i < merged.count; i++) {
         const size_t row = merge_test_row(&merged, i);
@@ -71,7 +85,7 @@ TEST(merge_goes_by_block_and_keeps_the_order_within_one)
     size_t                 end[3];
     merge_test_partition(&p, block, zero);
     for (int b = 0; b < 3; b++) {
-        CHECK_OK(merge_block(test_ctx, &p, b, &cloud, &merged));
+        CHECK_OK(merge_test_block(&p, b, &cloud, &merged));
         end[b] = merged.count;
     }
     for (size_t i = 0, b = 0; i < merged.count; i++) {
@@ -101,7 +115,7 @@ TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
     for (int b = 0; b < 3; b++) {
         oxl_model merged   = merge_test_empty(zero);
         size_t    expected = 0;
-        CHECK_OK(merge_block(test_ctx, &p, b, &m, &merged));
+        CHECK_OK(merge_test_block(&p, b, &m, &merged));
         for (int i = 0; i < 5; i++)
             if (home[i] == b) CHECK(expected < merged.count && merge_test_row(&merged, expected++) == (size_t)i);
         CHECK(merged.count == expected);
@@ -110,10 +124,10 @@ TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
     m.plane[1][1] = 1; /* on the second border, exactly */
     m.plane[0][0] = m.plane[0][2] = NAN;
     oxl_model merged              = merge_test_empty(zero);
-    CHECK_OK(merge_block(test_ctx, &p, 2, &m, &merged));
+    CHECK_OK(merge_test_block(&p, 2, &m, &merged));
     CHECK(merged.count == 1 && merge_test_row(&merged, 0) == 1);
-    CHECK_OK(merge_block(test_ctx, &p, 0, &m, &merged));
-    CHECK_OK(merge_block(test_ctx, &p, 1, &m, &merged));
+    CHECK_OK(merge_test_block(&p, 0, &m, &merged));
+    CHECK_OK(merge_test_block(&p, 1, &m, &merged));
     CHECK(merged.count == 3); /* those that are not a number have no home */
     oxl_model_free(test_ctx, &merged);
     oxl_model_free(test_ctx, &m);
@@ -126,7 +140,7 @@ TEST(merge_keeps_places_to_float_accuracy_when_origins_lie_a_thousand_kilometres
     struct partition       p;
     oxl_model              m = merge_test_cloud(MERGE_TEST_COUNT, 0, east), merged = merge_test_empty(west);
     merge_test_partition(&p, block, east);
-    for (int b = 0; b < 3; b++) CHECK_OK(merge_block(test_ctx, &p, b, &m, &merged));
+    for (int b = 0; b < 3; b++) CHECK_OK(merge_test_block(&p, b, &m, &merged));
     CHECK(merged.count == m.count && !memcmp(merged.origin, west, sizeof west));
     for (size_t i = 0; i < merged.count; i++)
         for (int a = 0; a < 3; a++) {
@@ -148,14 +162,14 @@ TEST(merge_carries_the_largest_degree_and_fills_missing_bands_with_zero)
     merge_test_partition(&p, block, zero);
     for (int b = 0; b < 3; b++) {
         oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, degree[b], zero);
-        CHECK_OK(merge_block(test_ctx, &p, b, &m, &merged));
+        CHECK_OK(merge_test_block(&p, b, &m, &merged));
         CHECK(merged.sh_degree == (b ? 3 : 1));
         oxl_model_free(test_ctx, &m);
     }
     for (int b = 0; b < 3; b++) {
         oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, 3, zero), alone = merge_test_empty(zero);
         const int end = OXL_SH + 3 * (degree[b] + 1) * (degree[b] + 1);
-        CHECK_OK(merge_block(test_ctx, &p, b, &m, &alone));
+        CHECK_OK(merge_test_block(&p, b, &m, &alone));
         for (size_t i = 0; i < alone.count; i++)
             for (int k = 0; k < OXL_LOBE; k++) CHECK(merged.plane[k][first + i] == (k < end ? alone.plane[k][i] : 0));
         first += alone.count;
@@ -174,11 +188,11 @@ TEST(merge_takes_blocks_that_keep_nothing)
     oxl_model              none = merge_test_empty(zero), merged = merge_test_empty(zero), away = merge_test_cloud(20, 2, zero);
     merge_test_partition(&p, block, zero);
     for (size_t i = 0; i < away.count; i++) away.plane[0][i] = away.plane[1][i] = -100;
-    CHECK_OK(merge_block(test_ctx, &p, 0, &none, &merged));
-    CHECK_OK(merge_block(test_ctx, &p, 1, &away, &merged));
+    CHECK_OK(merge_test_block(&p, 0, &none, &merged));
+    CHECK_OK(merge_test_block(&p, 1, &away, &merged));
     CHECK(merged.count == 0 && merged.sh_degree == 2);
-    CHECK_OK(merge_block(test_ctx, &p, 0, &away, &merged));
-    CHECK_OK(merge_block(test_ctx, &p, 2, &none, &merged));
+    CHECK_OK(merge_test_block(&p, 0, &away, &merged));
+    CHECK_OK(merge_test_block(&p, 2, &none, &merged));
     CHECK(merged.count == 20);
     oxl_model_free(test_ctx, &away);
     oxl_model_free(test_ctx, &none);
@@ -203,7 +217,7 @@ TEST(merge_keeps_rows_with_a_second_lobe_in_front_each_with_its_own)
     for (int b = 0; b < 3; b++) {
         oxl_model m = merge_test_cloud(MERGE_TEST_COUNT, b % 2, zero);
         merge_test_add_lobes(&m, lobes[b]);
-        CHECK_OK(merge_block(test_ctx, &p, b, &m, &merged));
+        CHECK_OK(merge_test_block(&p, b, &m, &merged));
         oxl_model_free(test_ctx, &m);
     }
     CHECK(merged.count == MERGE_TEST_COUNT && merged.lobes > 1000);

@@ -49,15 +49,15 @@ TEST(options_defaults_are_those_of_the_paper_and_of_kerbl)
 TEST(options_of_floats_are_the_shortest_text_of_the_same_bits)
 {
     oxl_job_options   a = oxl_job_options_default(OXL_PRESET_DRAFT), b = a;
-    const oxl_option *row = oxl_option_find("refine"), *limit = oxl_option_find("dog-threshold");
+    const oxl_option *row = oxl_option_find("cooldown"), *limit = oxl_option_find("dog-threshold");
     char              text[64];
-    a.refine = 0.1f;
+    a.train.cooldown = 0.1f;
     CHECK(strcmp(oxl_option_get(row, &a, text, sizeof text), "0.1") == 0);
     for (uint64_t i = 0; i < 3000; i++) {
         const float v         = (float)((double)(random_bits(3, i, 0) >> 11) * 0x1p-53) * (i % 3 ? 1 : 1e-6f);
-        a.refine              = v;
+        a.train.cooldown      = v;
         a.train.dog_threshold = i % 2 ? -v : v + 1e-8f;
-        CHECK(oxl_option_set(row, &b, oxl_option_get(row, &a, text, sizeof text), NULL, 0) == OXL_OK && b.refine == v);
+        CHECK(oxl_option_set(row, &b, oxl_option_get(row, &a, text, sizeof text), NULL, 0) == OXL_OK && b.train.cooldown == v);
         CHECK(oxl_option_set(limit, &b, oxl_option_get(limit, &a, text, sizeof text), NULL, 0) == OXL_OK);
         CHECK(b.train.dog_threshold == a.train.dog_threshold);
     }

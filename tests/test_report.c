@@ -41,7 +41,7 @@ static void report_test_run(void)
 {
     test_write("out/run.json",
                "{\"oceanxl\": \"0\", \"finished\": true, \"threads\": 2, \"instructions\": \"base\", \"preset\": \"draft\", "
-               "\"iterations_done\": 24, \"blocks\": 2, \"refined\": true, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
+               "\"iterations_done\": 24, \"blocks\": 2, \"origin\": [1, -2.5, 3],\n" REPORT_TEST_JOB ",\n"
                "\"survey\": {\"images\": 9, \"images_missing\": 0, \"train_views\": 7, \"test_views\": 2, \"points\": 16000},\n"
                "\"notes\": [{\"level\": \"warning\", \"text\": \"a <warning> & more\"}, "
                "{\"level\": \"info\", \"text\": \"partition in 2D: l3/l2 = 0.1 is below 0.3\"}]}");
@@ -85,7 +85,7 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     CHECK_TEXT(page, "Difference: -1.50 dB");
     CHECK_TEXT(page, "<tr><td>block 0<td class=\"n\">");
     CHECK_TEXT(page, "<tr><td>block 1<td class=\"n\">");
-    CHECK(!strstr(page, "<tr><td>block 2") && !strstr(page, "refinement"));
+    CHECK(!strstr(page, "<tr><td>block 2") && !strstr(page, "coarse model"));
     CHECK_TEXT(page, "partition in 2D: l3/l2 = 0.1 is below 0.3");
     CHECK_TEXT(page, "Depth weights f_mid");
     CHECK_TEXT(page, "22\xE2\x80\xAF"
@@ -101,14 +101,15 @@ TEST(report_of_blocks_has_seams_curves_decisions_and_the_command)
     free(page);
 }
 
-TEST(report_of_blocks_shows_their_refinement_as_one_more_row)
+TEST(report_of_blocks_shows_the_coarse_model_as_one_more_row)
 {
     char *page;
     report_test_run();
-    test_write("out/blocks/together/block.json", "{\"finished\": true, \"gaussians\": 22400, \"iterations_done\": 77}");
+    test_write("out/blocks/coarse/block.json", "{\"finished\": false, \"gaussians\": 22400, \"iterations_done\": 77}");
     page = report_test_page();
-    CHECK_TEXT(page, "<tr><td>refinement<td class=\"n\">77<td");
-    CHECK_TEXT(page, "&#9644; refinement</b>");
+    CHECK_TEXT(page, "<tr><td>coarse model<td class=\"n\">77<td");
+    CHECK_TEXT(page, "&#9644; coarse model</b>");
+    CHECK(!strstr(page, "not finished"));
     free(page);
 }
 

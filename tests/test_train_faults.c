@@ -160,7 +160,7 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
     for (int fault = 0; fault < 8; fault++) {
         struct text               log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
-        const struct train_output place = {test_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
+        const struct train_output place = {.folder = test_folder(), .key = "key", .log = &log, .notes = &notes};
         struct faults_case        c, again;
         int                       found = 0;
         faults_begin(&c, 2);

@@ -520,7 +520,7 @@ static void vulkan_check_image_of(oxl_context *device, int width, int height, in
         const struct training_image *given = renderer_has_image(t.r[1], 3) ? NULL : &image;
         vulkan_forward_both(&t, &m);
         for (int k = 0; k < 2; k++) {
-            CHECK_OK(renderer_take_image(t.ctx[k], t.r[k], 3, k ? given : &image, halved));
+            CHECK_OK(renderer_take_image(t.ctx[k], t.r[k], 3, k ? given : &image, NULL, halved));
             CHECK_OK(renderer_loss(t.ctx[k], t.r[k], NULL, NULL, 0.2f, &loss[k]));
         }
         CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
@@ -869,7 +869,7 @@ static oxl_result vulkan_take_and_draw(struct vulkan_twins *t, int k, const oxl_
     struct training_image image   = {t->camera.width, t->camera.height, rgb, rgb + 3 * t->pixels};
     oxl_result            rc;
     for (size_t i = 0; i < bytes; i++) rgb[i] = (uint8_t)random_bits(9, i, (uint64_t)view);
-    rc = renderer_take_image(t->ctx[k], t->r[k], view, &image, 0);
+    rc = renderer_take_image(t->ctx[k], t->r[k], view, &image, NULL, 0);
     if (rc == OXL_OK) rc = renderer_forward(t->ctx[k], t->r[k], m, &t->camera, &options);
     if (rc == OXL_OK) rc = renderer_loss(t->ctx[k], t->r[k], NULL, NULL, 0.2f, loss);
     oxl_free(test_ctx, rgb);

@@ -178,7 +178,8 @@ OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder);
 struct os_writer {
     FILE *file;
     char *path, *temporary;
-    int   error; /* errno of os_writer_sync */
+    int   error;    /* errno of os_writer_sync */
+    int   unsynced; /* 1: of a file that may be lost in a crash of the machine: no fsync */
 };
 OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struct os_writer *out);
 OXL_INTERNAL void       os_writer_sync(struct os_writer *writer); /* fsync; os_writer_close reports a failure */
@@ -222,6 +223,8 @@ OXL_INTERNAL int        os_is_folder(const char *path);
 OXL_INTERNAL int64_t    os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 OXL_INTERNAL int        os_processor_quota(void); /* processors that the process may use (Linux cgroups); 0: no limit known */
 OXL_INTERNAL double     os_seconds(void);         /* monotonic clock */
+OXL_INTERNAL double     os_disk_free(const char *folder); /* bytes; 0: unknown */
+OXL_INTERNAL int        os_remove_folder(const char *path); /* an empty one; 0: success */
 OXL_INTERNAL void       os_sleep(double seconds); /* a signal ends it */
 OXL_INTERNAL size_t     os_peak_rss(void);        /* bytes; 0 when unknown */
 OXL_INTERNAL size_t     os_memory_free(void);     /* bytes available without swapping; 0: unknown */

@@ -21,6 +21,7 @@ enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
 #include <fcntl.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -121,6 +122,17 @@ OXL_INTERNAL double os_seconds(void)
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+OXL_INTERNAL double os_disk_free(const char *folder)
+{
+    struct statvfs s;
+    return statvfs(folder, &s) == 0 ? (double)s.f_bavail * (double)s.f_frsize : 0;
+}
+
+OXL_INTERNAL int os_remove_folder(const char *path)
+{
+    return rmdir(path);
 }
 
 OXL_INTERNAL void os_sleep(double seconds)
@@ -395,6 +407,21 @@ OXL_INTERNAL double os_seconds(void)
     QueryPerformanceCounter(&count);
     QueryPerformanceFrequency(&per_second);
     return (double)count.QuadPart / (double)per_second.QuadPart;
+}
+
+OXL_INTERNAL double os_disk_free(const char *folder)
+{
+    wchar_t        wide[OS_PATH_MAX];
+    const wchar_t *name = os_wide(folder, wide);
+    ULARGE_INTEGER bytes;
+    return name && GetDiskFreeSpaceExW(name, &bytes, NULL, NULL) ? (double)bytes.QuadPart : 0;
+}
+
+OXL_INTERNAL int os_remove_folder(const char *path)
+{
+    wchar_t        wide[OS_PATH_MAX];
+    const wchar_t *name = os_wide(path, wide);
+    return name && RemoveDirectoryW(name) ? 0 : -1;
 }
 
 OXL_INTERNAL void os_sleep(double seconds)
@@ -721,7 +748,8 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
     if (!writer->file) return rc; /* not open */
     if (!failed) {
         errno  = writer->error;
-        failed = writer->error || ferror(writer->file) || fflush(writer->file) != 0 || os_sync(writer->file) != 0;
+        failed = writer->error || ferror(writer->file) || fflush(writer->file) != 0 ||
+                 (!writer->unsynced && os_sync(writer->file) != 0);
         error  = errno;
     }
     if (fclose(writer->file) != 0 && !failed) {
@@ -736,7 +764,7 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
     if (failed && rc == OXL_OK) /* errno of an earlier fwrite is lost; a full disk is the most likely cause */
         rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s", writer->path,
                       error ? strerror(error) : "an earlier write failed, the disk may be full");
-    if (!failed) os_sync_parent(writer->path);
+    if (!failed && !writer->unsynced) os_sync_parent(writer->path);
     os_writer_free(ctx, writer);
     return rc;
 }

@@ -211,6 +211,8 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                          .decisions = &b->decisions,
                                          .start     = task->start,
                                          .context   = task->context,
+                                       .window    = task->window,
+                                       .guard     = task->guard,
                                          .first     = task->first,
                                          .until     = task->until,
                                          .nonfinite = &b->nonfinite,
@@ -278,7 +280,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     const oxl_train_options o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
     struct text             key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
     struct train_output     place = {
-            .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .context = b->task->context, .nonfinite = &b->nonfinite};
+            .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .context = b->task->context, .window = b->task->window, .guard = b->task->guard, .nonfinite = &b->nonfinite};
     oxl_model  plain = {0};
     oxl_result rc;
     *done     = 0;

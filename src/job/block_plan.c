@@ -14,6 +14,7 @@
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
     oxl_free(ctx, plan->window);
+    oxl_free(ctx, plan->guard);
     oxl_free(ctx, plan->neighbour);
     *plan = (struct block_plan){0};
 }
@@ -30,15 +31,15 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     struct text t    = {.ctx = job->ctx};
     char       *path = job_block_path(job, block, "plan.txt");
     oxl_result  rc   = path ? OXL_OK : OXL_ERR_MEMORY;
-    text_add(&t, "# first step, iterations, most Gaussians, share of the pixels, share of the work, extent, near plane; neighbours; a window "
-                 "of each view: x y width height\n");
-    text_add(&t, "plan %d %d %.17g %.17g %.17g %.17g %.17g\nneighbours", plan->first, plan->iterations, plan->gaussians, plan->share,
-             plan->work, plan->extent, plan->near_plane);
+    text_add(&t, "# first step, iterations, most Gaussians, share of the pixels, share of the work; neighbours; of each view "
+                 "the window, x y width height, and whether it is guarded\n");
+    text_add(&t, "plan %d %d %.17g %.17g %.17g\nneighbours", plan->first, plan->iterations, plan->gaussians, plan->share, plan->work);
     for (int j = 0; j < job->partition.block_count; j++)
         if (plan->neighbour[j]) text_add(&t, " %d", j);
     text_add(&t, " -1\nviews %d\n", plan->views);
     for (int i = 0; i < plan->views; i++)
-        text_add(&t, "%d %d %d %d\n", plan->window[i].x, plan->window[i].y, plan->window[i].width, plan->window[i].height);
+        text_add(&t, "%d %d %d %d %d\n", plan->window[i].x, plan->window[i].y, plan->window[i].width, plan->window[i].height,
+                 plan->guard[i]);
     text_add(&t, "%s\n", job->key.data);
     if (rc == OXL_OK && t.failed) rc = job_no_memory(job);
     if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t.data, t.size);
@@ -49,10 +50,11 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
 
 static const char *plan_read_windows(const char *s, struct block_plan *out)
 {
-    int used;
+    int used, guard;
     for (int i = 0; i < out->views; i++, s += used) {
-        struct scene_window *w = &out->window[i];
-        if (sscanf(s, "%d %d %d %d\n%n", &w->x, &w->y, &w->width, &w->height, &used) != 4) return NULL;
+        struct image_window *w = &out->window[i];
+        if (sscanf(s, "%d %d %d %d %d\n%n", &w->x, &w->y, &w->width, &w->height, &guard, &used) != 5) return NULL;
+        out->guard[i] = guard == 1;
     }
     return s;
 }
@@ -71,13 +73,14 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
     out->neighbour   = oxl_calloc(job->ctx, (size_t)blocks + 1, 1);
     if (!out->neighbour) return job_no_memory(job);
     s = strstr(s, "plan ");
-    if (!s || sscanf(s, "plan %d %d %lf %lf %lf %lf %lf\nneighbours%n", &out->first, &out->iterations, &out->gaussians, &out->share,
-                     &out->work, &out->extent, &out->near_plane, &used) != 7 || !used)
+    if (!s || sscanf(s, "plan %d %d %lf %lf %lf\nneighbours%n", &out->first, &out->iterations, &out->gaussians, &out->share,
+                     &out->work, &used) != 5 || !used)
         return OXL_ERR_INPUT;
     s = plan_read_neighbours(s + used, blocks, out);
     if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || out->views < 0 || out->views > 1 << 24) return OXL_ERR_INPUT;
     out->window = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
-    if (!out->window) return job_no_memory(job);
+    out->guard  = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
+    if (!out->window || !out->guard) return job_no_memory(job);
     return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
 }
 
@@ -99,15 +102,14 @@ OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block
 
 /* ---------------------------------------------------------------- the block's Gaussians */
 
-OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_scene *scene, const oxl_model *coarse, oxl_model *own,
-                                         oxl_model *others)
+OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_model *coarse, oxl_model *own, oxl_model *others)
 {
     uint8_t   *keep = oxl_alloc(job->ctx, coarse->count + 1, 1);
     oxl_result rc   = keep ? OXL_OK : job_no_memory(job);
     *own = *others = (oxl_model){0};
     if (rc == OXL_OK) rc = oxl_model_create(job->ctx, 0, 0, own);
     if (rc == OXL_OK) rc = oxl_model_create(job->ctx, 0, 0, others);
-    for (int k = 0; k < 3 && rc == OXL_OK; k++) own->origin[k] = others->origin[k] = oxl_scene_origin(scene)[k];
+    for (int k = 0; k < 3 && rc == OXL_OK; k++) own->origin[k] = others->origin[k] = coarse->origin[k];
     if (rc == OXL_OK) merge_mark(&job->partition, block, coarse, keep);
     if (rc == OXL_OK) rc = merge_rows(job->ctx, coarse, keep, own);
     for (size_t i = 0; i < coarse->count && rc == OXL_OK; i++) keep[i] = !keep[i];
@@ -123,17 +125,17 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_s
 /* ---------------------------------------------------------------- windows */
 
 /* The rectangle of tiles with the largest sum of value (height, width); its sum. For each pair of rows, the best run of columns (Kadane). */
-static double plan_best_rectangle(const double *value, int width, int height, struct scene_window *best)
+static double plan_best_rectangle(const double *value, int width, int height, struct image_window *best)
 {
     double most = 0;
-    *best       = (struct scene_window){0};
+    *best       = (struct image_window){0};
     for (int top = 0; top < height; top++)
         for (int bottom = top + 1; bottom <= height; bottom++) {
             double run = 0;
             int    left = 0;
             for (int x = 0; x < width; x++) {
                 for (int y = top; y < bottom; y++) run += value[y * width + x];
-                if (run > most) most = run, *best = (struct scene_window){left, top, x + 1 - left, bottom - top};
+                if (run > most) most = run, *best = (struct image_window){left, top, x + 1 - left, bottom - top};
                 if (run < 0) run = 0, left = x + 1;
             }
         }
@@ -141,7 +143,7 @@ static double plan_best_rectangle(const double *value, int width, int height, st
 }
 
 /* share (H,W): the block's blend weight. Adds it to *sum. */
-static oxl_result plan_window(oxl_context *ctx, const float *share, int width, int height, struct scene_window *out, double *sum)
+static oxl_result plan_window(oxl_context *ctx, const float *share, int width, int height, struct image_window *out, double *sum)
 {
     const int tiles_x = (width + PLAN_TILE - 1) / PLAN_TILE, tiles_y = (height + PLAN_TILE - 1) / PLAN_TILE;
     double   *value = oxl_calloc(ctx, (size_t)tiles_x * (size_t)tiles_y, sizeof *value);
@@ -152,7 +154,7 @@ static oxl_result plan_window(oxl_context *ctx, const float *share, int width, i
             value[y / PLAN_TILE * tiles_x + x / PLAN_TILE] += s - PLAN_PIXEL_COST;
             *sum += s;
         }
-    if (plan_best_rectangle(value, tiles_x, tiles_y, out) < PLAN_LEAST * width * height) *out = (struct scene_window){0};
+    if (plan_best_rectangle(value, tiles_x, tiles_y, out) < PLAN_LEAST * width * height) *out = (struct image_window){0};
     out->x *= PLAN_TILE, out->y *= PLAN_TILE;
     out->width  = OXL_MIN(out->width * PLAN_TILE, width - out->x);
     out->height = OXL_MIN(out->height * PLAN_TILE, height - out->y);
@@ -172,26 +174,46 @@ struct plan_sum { /* over the views of a block */
     int    views; /* with a window */
 };
 
-/* The windows of a block's views, in the coarse model with the block's Gaussians in white, all others in black. */
-static oxl_result plan_views(struct job *job, oxl_scene *scene, oxl_model *own, oxl_model *others, struct block_plan *plan,
-                             struct plan_sum *sum)
+/* By the centre and three of the longest standard deviations. */
+OXL_INTERNAL int block_plan_shows(const oxl_camera *c, double near_plane, const oxl_model *model, size_t row)
+{
+    const float *scale[] = {model->plane[OXL_LOG_SCALE], model->plane[OXL_LOG_SCALE + 1], model->plane[OXL_LOG_SCALE + 2]};
+    const double radius  = 3 * vecmath_exp(OXL_MAX(OXL_MAX(scale[0][row], scale[1][row]), scale[2][row]));
+    double       p[3];
+    for (int a = 0; a < 3; a++)
+        p[a] = c->rotation[3 * a] * model->plane[OXL_MEAN][row] + c->rotation[3 * a + 1] * model->plane[OXL_MEAN + 1][row] +
+               c->rotation[3 * a + 2] * model->plane[OXL_MEAN + 2][row] + c->translation[a];
+    return p[2] + radius > near_plane && c->fx * (p[0] - radius) < (c->width - c->cx) * p[2] && c->fx * (p[0] + radius) > -c->cx * p[2] &&
+           c->fy * (p[1] - radius) < (c->height - c->cy) * p[2] && c->fy * (p[1] + radius) > -c->cy * p[2];
+}
+
+static int plan_is_guarded(const oxl_camera *camera, double near_plane, const oxl_model *own)
+{
+    for (size_t i = 0; i < own->count; i++)
+        if (block_plan_shows(camera, near_plane, own, i)) return 1;
+    return 0;
+}
+
+/* The windows of a block, in the coarse model with the block's Gaussians in white, all others in black. */
+static oxl_result plan_views(struct job *job, oxl_model *own, oxl_model *others, struct block_plan *plan, struct plan_sum *sum)
 {
     oxl_render_options o = oxl_render_options_default();
     struct renderer   *r = NULL;
     oxl_result         rc;
     o.sh_degree  = 0;
-    o.near_plane = (float)plan->near_plane;
+    o.near_plane = (float)scene_near_plane(job->scene);
     plan_paint(own, 1);
     plan_paint(others, 0);
     rc = renderer_create(job->ctx, &r);
     if (rc == OXL_OK) renderer_set_context(r, others);
     for (int i = 0; i < plan->views && rc == OXL_OK; i++) {
-        const oxl_camera *camera = &oxl_scene_view(scene, i)->camera;
-        oxl_image         image  = {0};
-        if (own->count == 0) continue;
+        const oxl_view *view  = oxl_scene_view(job->scene, i);
+        oxl_image       image = {0};
+        if (view->is_test || !(plan->guard[i] = (uint8_t)plan_is_guarded(&view->camera, o.near_plane, own))) continue;
         rc = context_stopped(job->ctx);
-        if (rc == OXL_OK) rc = renderer_draw(job->ctx, r, own, camera, &o, &image, NULL);
-        if (rc == OXL_OK) rc = plan_window(job->ctx, image.rgb, camera->width, camera->height, &plan->window[i], &sum->pixels);
+        if (rc == OXL_OK) rc = renderer_draw(job->ctx, r, own, &view->camera, &o, &image, NULL);
+        if (rc == OXL_OK)
+            rc = plan_window(job->ctx, image.rgb, view->camera.width, view->camera.height, &plan->window[i], &sum->pixels);
         sum->area += (double)plan->window[i].width * plan->window[i].height;
         sum->views += plan->window[i].width > 0;
         oxl_image_free(job->ctx, &image);
@@ -200,73 +222,55 @@ static oxl_result plan_views(struct job *job, oxl_scene *scene, oxl_model *own, 
     return rc;
 }
 
-/* seen (views of the survey): 1 where the block has a window; both lists are in the order of names. */
-static void plan_mark_views(const struct job *job, const oxl_scene *scene, const struct block_plan *plan, uint8_t *seen)
+static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coarse, struct block_plan *plan, struct plan_sum *sum)
 {
-    int at = 0;
-    for (int i = 0; i < plan->views; i++) {
-        const char *name = oxl_scene_view(scene, i)->name;
-        while (at < oxl_scene_view_count(job->scene) && strcmp(oxl_scene_view(job->scene, at)->name, name) < 0) at++;
-        if (at < oxl_scene_view_count(job->scene) && !strcmp(oxl_scene_view(job->scene, at)->name, name))
-            seen[at] = plan->window[i].width > 0;
-    }
-}
-
-static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coarse, struct block_plan *plan, struct plan_sum *sum,
-                                uint8_t *seen)
-{
-    char      *folder = job_block_path(job, block, NULL);
-    oxl_scene *scene  = NULL;
     oxl_model  own = {0}, others = {0};
-    oxl_result rc = folder ? job_load_block(job, folder, &scene) : OXL_ERR_MEMORY;
-    if (rc != OXL_OK) goto done;
-    plan->views      = oxl_scene_view_count(scene);
-    plan->extent     = oxl_scene_extent(job->scene);
-    plan->near_plane = scene_near_plane(job->scene);
-    plan->window     = oxl_calloc(job->ctx, (size_t)plan->views + 1, sizeof *plan->window);
-    plan->neighbour  = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, 1);
-    if (!plan->window || !plan->neighbour) rc = job_no_memory(job);
-    if (rc == OXL_OK) rc = block_plan_split(job, block, scene, coarse, &own, &others);
-    if (rc == OXL_OK) rc = plan_views(job, scene, &own, &others, plan, sum);
+    oxl_result rc;
+    plan->views     = oxl_scene_view_count(job->scene);
+    plan->window    = oxl_calloc(job->ctx, (size_t)plan->views + 1, sizeof *plan->window);
+    plan->guard     = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
+    plan->neighbour = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, 1);
+    rc = plan->window && plan->guard && plan->neighbour ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK) rc = block_plan_split(job, block, coarse, &own, &others);
+    if (rc == OXL_OK) rc = plan_views(job, &own, &others, plan, sum);
     sum->rows = own.count;
-    if (rc == OXL_OK) plan_mark_views(job, scene, plan, seen);
-done:
     oxl_model_free(job->ctx, &own);
     oxl_model_free(job->ctx, &others);
-    oxl_scene_free(job->ctx, scene);
-    oxl_free(job->ctx, folder);
     return rc;
 }
 
 /* ---------------------------------------------------------------- steps and budgets */
 
-/* Each block sees its windows equally often: steps by views, such that all pixels are those of the run's steps after the coarse model. */
-static void plan_divide(const struct job *job, const oxl_model *coarse, struct block_plan *plan, const struct plan_sum *sum)
+/* Each block sees its windows equally often: steps by views, such that all pixels are those of the run's steps after the coarse model. One
+ * step in TRAIN_GUARD_EVERY is on all of a view, at half the sides. */
+static void plan_divide(const struct job *job, struct block_plan *plan, const struct plan_sum *sum)
 {
     const int    blocks = job->partition.block_count, steps = job->options.train.iterations;
-    const double pixels = schedule_pixels(job->scene), views = schedule_training_views(job->scene);
-    const double cap    = (double)schedule_gaussian_cap(job->scene, &job->options.train);
+    const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene));
+    const double cap = (double)schedule_gaussian_cap(job->scene, &job->options.train), guard = 1.0 / TRAIN_GUARD_EVERY;
     double       area = 0, share = 0, epochs;
-    for (int k = 0; k < blocks; k++) area += sum[k].area, share += sum[k].pixels;
-    epochs = area > 0 ? (1 - JOB_COARSE) * steps * (pixels / OXL_MAX(1, views)) / area : 0;
+    for (int k = 0; k < blocks; k++) {
+        area += (1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4;
+        share += sum[k].pixels;
+    }
+    epochs = area > 0 ? (1 - JOB_COARSE) * steps * pixels / area : 0;
     for (int k = 0; k < blocks; k++) {
         plan[k].iterations = (int)OXL_CLAMP(epochs * sum[k].views / (1 - JOB_COARSE) + 0.5, 1, INT_MAX);
         plan[k].first      = (int)(JOB_COARSE * plan[k].iterations);
         plan[k].share      = share > 0 ? sum[k].pixels / share : 1.0 / blocks;
-        plan[k].work       = area > 0 ? (1 - JOB_COARSE) * sum[k].area / area : 0;
+        plan[k].work       = area > 0 ? (1 - JOB_COARSE) * ((1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4) / area : 0;
         plan[k].gaussians  = OXL_MAX(OXL_MAX(1, (double)sum[k].rows), floor(cap * plan[k].share));
     }
-    (void)coarse;
 }
 
-static void plan_find_neighbours(const struct job *job, const uint8_t *seen, struct block_plan *plan)
+/* Those that show in a view that the block trains on. */
+static void plan_find_neighbours(const struct job *job, struct block_plan *plan)
 {
-    const int    blocks = job->partition.block_count;
-    const size_t views  = (size_t)oxl_scene_view_count(job->scene);
+    const int blocks = job->partition.block_count;
     for (int a = 0; a < blocks; a++)
         for (int b = 0; b < a; b++) {
             int shared = 0;
-            for (size_t v = 0; v < views && !shared; v++) shared = seen[(size_t)a * views + v] & seen[(size_t)b * views + v];
+            for (int v = 0; v < plan[a].views && !shared; v++) shared = plan[a].window[v].width > 0 && plan[b].window[v].width > 0;
             plan[a].neighbour[b] = plan[b].neighbour[a] = (uint8_t)shared;
         }
 }
@@ -274,26 +278,23 @@ static void plan_find_neighbours(const struct job *job, const uint8_t *seen, str
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse)
 {
     const int          blocks = job->partition.block_count;
-    const size_t       views  = (size_t)oxl_scene_view_count(job->scene);
+    const double       pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene));
     struct block_plan *plan   = oxl_calloc(job->ctx, (size_t)blocks, sizeof *plan);
     struct plan_sum   *sum    = oxl_calloc(job->ctx, (size_t)blocks, sizeof *sum);
-    uint8_t           *seen   = oxl_calloc(job->ctx, (size_t)blocks, views + 1);
-    oxl_result         rc     = plan && sum && seen ? OXL_OK : job_no_memory(job);
-    for (int k = 0; k < blocks && rc == OXL_OK; k++) rc = plan_of_block(job, k, coarse, &plan[k], &sum[k], seen + (size_t)k * views);
+    oxl_result         rc     = plan && sum ? OXL_OK : job_no_memory(job);
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) rc = plan_of_block(job, k, coarse, &plan[k], &sum[k]);
     if (rc == OXL_OK) {
-        plan_divide(job, coarse, plan, sum);
-        plan_find_neighbours(job, seen, plan);
+        plan_divide(job, plan, sum);
+        plan_find_neighbours(job, plan);
     }
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
         oxl_log(job->ctx, OXL_LOG_INFO, "block %d: %d steps on windows of %d views, %.0f %% of their pixels; at most %.0f Gaussians", k,
-                plan[k].iterations - plan[k].first, sum[k].views,
-                100 * sum[k].area / OXL_MAX(1, sum[k].views * schedule_pixels(job->scene) / schedule_training_views(job->scene)),
+                plan[k].iterations - plan[k].first, sum[k].views, 100 * sum[k].area / OXL_MAX(1, sum[k].views * pixels),
                 plan[k].gaussians);
         rc = plan_write(job, k, &plan[k]);
     }
     for (int k = 0; k < blocks && plan; k++) block_plan_free(job->ctx, &plan[k]);
     oxl_free(job->ctx, plan);
     oxl_free(job->ctx, sum);
-    oxl_free(job->ctx, seen);
     return rc;
 }

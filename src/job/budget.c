@@ -33,17 +33,15 @@ static void budget_leave_out_trials(oxl_job_options *o)
     o->train.ucd.learn = 0;
 }
 
-OXL_INTERNAL int budget_holds(const oxl_context *ctx, const struct cost_load *load, double more, oxl_job_options *o,
-                              double *memory)
+OXL_INTERNAL int budget_thin(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
 {
-    const double    allowed = BUDGET_MARGIN * (double)o->ram, wanted = (double)o->scene.image_cache_bytes;
-    oxl_job_options least         = *o;
-    least.scene.image_cache_bytes = 0;
-    *memory                       = (cost_estimate(ctx, &least, load).memory + more) / BUDGET_MARGIN;
-    if (o->ram && *memory > (double)o->ram) return 0;
-    if (o->ram) o->scene.image_cache_bytes = (size_t)OXL_MIN(wanted, allowed - BUDGET_MARGIN * *memory);
-    *memory = cost_estimate(ctx, o, load).memory + more;
-    return 1;
+    double gaussians;
+    if (o->ram == 0) return 1;
+    o->scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(o);
+    gaussians = budget_gaussians(o, load, (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train));
+    o->train.max_gaussians = (int)gaussians;
+    return gaussians >= 1;
 }
 
 OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)

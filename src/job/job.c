@@ -277,7 +277,47 @@ static void job_log_survey(struct job *job)
 
 OXL_INTERNAL oxl_result job_load(struct job *job)
 {
-    return oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    oxl_result rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    return rc == OXL_OK ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
+}
+
+/* ---------------------------------------------------------------- decoded images in files */
+
+#define JOB_DISK 4 /* times the files' size must be free: a full disk must not stop the run */
+
+static void job_remove_decoded_file(void *user, const char *name)
+{
+    struct job *job  = user;
+    char       *path = name[0] != '.' ? oxl_path_join(job->ctx, job->decoded, name) : NULL;
+    if (path) os_remove(path);
+    oxl_free(job->ctx, path);
+}
+
+static void job_remove_decoded(struct job *job)
+{
+    if (!job->decoded || job->options.keep_decoded || !os_is_folder(job->decoded)) return;
+    os_list_folder(job->ctx, job->decoded, job_remove_decoded_file, job);
+    os_remove_folder(job->decoded);
+}
+
+/* Where each image would be decoded several times: in blocks, or when memory does not hold them all. */
+OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
+{
+    const double bytes = job->scene ? 3 * schedule_pixels(job->scene) : 0;
+    oxl_result   rc    = OXL_OK;
+    char        *folder = oxl_path_join(job->ctx, job->out, "blocks");
+    if (!folder) return job_no_memory(job);
+    oxl_free(job->ctx, job->decoded);
+    job->decoded = oxl_path_join(job->ctx, folder, "decoded");
+    if (!job->decoded) rc = job_no_memory(job);
+    if (rc == OXL_OK && !os_is_folder(job->decoded)) { /* else another process has decided */
+        const int wanted = job->scene && (job->partition.block_count > 1 || bytes > (double)job->options.scene.image_cache_bytes);
+        if (wanted) rc = os_make_folder(job->ctx, job->decoded);
+        if (rc == OXL_OK && wanted && os_disk_free(job->decoded) < JOB_DISK * bytes) os_remove_folder(job->decoded);
+        if (!os_is_folder(job->decoded)) oxl_free(job->ctx, job->decoded), job->decoded = NULL;
+    }
+    oxl_free(job->ctx, folder);
+    return rc == OXL_OK && job->scene ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
 }
 
 static oxl_result job_open(struct job *job)
@@ -316,23 +356,6 @@ static oxl_result job_cut(struct job *job)
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)\nfix: --block with one of them",
                       job->options.block, job->partition.block_count, job->partition.block_count - 1);
-    return rc;
-}
-
-/* A block's own text files, the survey's images and masks. Views held out are not in it. */
-OXL_INTERNAL oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out)
-{
-    oxl_context      *ctx = job->ctx;
-    oxl_scene_options o   = job->options.scene;
-    char      *images = oxl_path_join(ctx, job->scene_path, "images"), *masks = oxl_path_join(ctx, job->scene_path, "masks");
-    oxl_result rc = images && masks ? OXL_OK : job_no_memory(job);
-    o.sparse      = NULL;
-    o.test_every  = 0;
-    if (!o.images) o.images = images;
-    if (!o.masks && masks && os_is_folder(masks)) o.masks = masks;
-    if (rc == OXL_OK) rc = oxl_scene_load(ctx, folder, &o, out);
-    oxl_free(ctx, images);
-    oxl_free(ctx, masks);
     return rc;
 }
 
@@ -681,6 +704,7 @@ static oxl_result job_finish(struct job *job, int judge)
     if (rc == OXL_OK && judge) rc = job_write_metrics(job, &standard, bytes);
     if (rc == OXL_OK && judge && job->options.renders) rc = job_draw(job);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
+    if (rc == OXL_OK && !job->unfinished) job_remove_decoded(job);
     oxl_model_free(job->ctx, &standard);
     return rc;
 }
@@ -732,6 +756,7 @@ static void job_end(struct job *job)
     partition_free(job->ctx, &job->partition);
     oxl_model_free(job->ctx, &job->model);
     oxl_scene_free(job->ctx, job->scene);
+    oxl_free(job->ctx, job->decoded);
     text_free(&job->line);
     text_free(&job->found);
     text_free(&job->key);
@@ -794,7 +819,8 @@ oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, con
     if (rc == OXL_OK) rc = job_prepare_block(&job, &ready);
     if (rc == OXL_OK && !ready) rc = job_prepare(&job, &done);
     if (rc == OXL_OK && !done) {
-        rc = job.partition.block_count > 1 ? rounds_run(&job) : job_whole(&job);
+        rc = job_plan_decoded(&job);
+        if (rc == OXL_OK) rc = job.partition.block_count > 1 ? rounds_run(&job) : job_whole(&job);
         rc = job_conclude(&job, rc);
     }
     job_end(&job);
@@ -826,6 +852,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, const oxl_callback *call
     job.lock = lock;
     rc       = job_check(&job);
     if (rc == OXL_OK) rc = job_prepare(&job, &done);
+    if (rc == OXL_OK && !done) rc = job_plan_decoded(&job);
     if (rc == OXL_OK && !done) rc = rounds_collect(&job);
     if (rc == OXL_OK && !done) rc = job_finish(&job, 1);
     job_end(&job);

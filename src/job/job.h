@@ -36,8 +36,10 @@ struct block_task {
     oxl_train_options   train;
     const oxl_callback *callback;
     const oxl_model    *start; /* what training starts from; NULL: the scene's points */
-    const oxl_model *context;      /* as in struct train_output, */
-    int              first, until; /* and these */
+    const oxl_model           *context; /* as in struct train_output, and so are these */
+    const struct image_window *window;
+    const uint8_t             *guard;
+    int                        first, until;
     int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
     double predicted_seconds, predicted_peak;
 };
@@ -99,6 +101,7 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
 
 /* ---------------------------------------------------------------- cost.c: predicted Gaussians, memory and time */
 
+#define COST_SPLAT_BYTES 300.0 /* per Gaussian beside its parameters: projection, tile lists, gradient slots */
 struct cost_load {               /* counts of a survey or of a block */
     size_t points, observations; /* initial points; (point, view) pairs */
     int    views;
@@ -122,10 +125,8 @@ OXL_INTERNAL double           cost_seconds(oxl_context *ctx, const oxl_scene *sc
 
 /* Image cache and most Gaussians such that the load fits options->ram (0: they stay); 0 when it cannot. */
 OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
-/* A run that makes no Gaussians, beside `more` bytes: whether it fits, without a cache if need be. *memory: what it takes; the budget that
- * would do when it does not fit. */
-OXL_INTERNAL int        budget_holds(const oxl_context *ctx, const struct cost_load *load, double more, oxl_job_options *o,
-                                     double *memory);
+/* The same for a model that may have fewer Gaussians than the survey has points. */
+OXL_INTERNAL int        budget_thin(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o);
 /* partition_make with blocks small enough that each fits. OXL_ERR_BUDGET: not even small ones do. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,

@@ -24,6 +24,7 @@ struct job {
     struct block_record total;       /* over the blocks */
     int                 block;       /* that is being trained */
     int                 unfinished;  /* blocks that were stopped by --max-time */
+    char               *decoded;    /* OUT/blocks/decoded, for decoded images; or NULL */
     double              begun;
     double              done_before, done, part; /* shares of the run: before this process, before the present part, of this part, */
     int                 part_first, part_until;  /* which has these steps */
@@ -37,31 +38,31 @@ OXL_INTERNAL oxl_result job_no_memory(struct job *job);
 /* OUT/blocks/KKK, or a file in it; block_count: OUT/blocks/coarse. */
 OXL_INTERNAL char      *job_block_path(struct job *job, int block, const char *name);
 OXL_INTERNAL oxl_result job_load(struct job *job);                                             /* the survey */
-OXL_INTERNAL oxl_result job_load_block(struct job *job, const char *folder, oxl_scene **out); /* without the views held out */
 OXL_INTERNAL void       job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void       job_limit_time(const struct job *job, oxl_train_options *options);
+OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* whether decoded images are kept in files */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 
 /* ---------------------------------------------------------------- block_plan.c: which part of the run a block is */
 
 struct block_plan {
     int                  iterations, first; /* steps of the block's run; those that the coarse model stands for */
-    int                  views;
-    double               gaussians;             /* most of them */
+    int                  views;     /* of the survey */
+    double               gaussians; /* most of them */
     double               share;                 /* of the survey's pixels, by blend weight */
     double               work;                  /* of all blocks' pixels */
-    double               extent, near_plane;    /* of the survey */
-    struct scene_window *window;                /* (views) of the block's scene */
+    struct image_window *window;                /* (views) that are trained; width 0: none */
+    uint8_t             *guard;                 /* (views) 1: the block's Gaussians may come to lie in it */
     uint8_t             *neighbour;             /* (blocks) 1: shares a view */
 };
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse); /* of all blocks; writes plan.txt of each */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out); /* views 0: there is none */
 OXL_INTERNAL void       block_plan_free(oxl_context *ctx, struct block_plan *plan);
 OXL_INTERNAL int        block_plan_until(const struct block_plan *plan, int round); /* the last step of a round */
-/* The coarse model's Gaussians in a block's box, and all others, relative to the scene's origin. */
-OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_scene *scene, const oxl_model *coarse, oxl_model *own,
-                                         oxl_model *others);
+/* The coarse model's Gaussians in a block's box, and all others. */
+OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_model *coarse, oxl_model *own, oxl_model *others);
+OXL_INTERNAL int        block_plan_shows(const oxl_camera *camera, double near_plane, const oxl_model *model, size_t row); /* 1: it may */
 
 /* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
 

@@ -33,6 +33,14 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
     job->block      = job->partition.block_count;
     job->part       = JOB_COARSE;
     job->part_first = 0, job->part_until = task.until;
+    if (rc == OXL_OK) {
+        const struct cost_load load = cost_load_of_scene(job->scene);
+        oxl_job_options        o    = job->options;
+        if (!budget_thin(job->ctx, &load, &o)) rc = budget_refuse(job->ctx, &load, &o);
+        scene_set_cache(job->scene, o.scene.image_cache_bytes);
+        task.train          = o.train;
+        task.predicted_peak = cost_estimate(job->ctx, &o, &load).memory;
+    }
     task.train.lamp = task.train.medium = OXL_OFF; /* `auto`: for one block alone */
     task.train.keep.kind                = OXL_KEEP_ALL;
     job_limit_time(job, &task.train);
@@ -93,69 +101,47 @@ static oxl_result rounds_prepare_among_others(struct job *job)
 
 /* ---------------------------------------------------------------- what a block sees of the others */
 
-/* keep (count): 1 for Gaussians that may show in a training view, by their centre and three of their longest standard deviations. */
-static void rounds_mark_visible(const oxl_scene *scene, double near_plane, const oxl_model *model, uint8_t *keep)
+/* keep (count): 1 for Gaussians that may show in a view of the block. */
+static void rounds_mark_visible(const struct rounds *r, const struct block_plan *plan, const oxl_model *model, uint8_t *keep)
 {
-    for (size_t i = 0; i < model->count; i++) {
-        const double longest = OXL_MAX(OXL_MAX(model->plane[OXL_LOG_SCALE][i], model->plane[OXL_LOG_SCALE + 1][i]),
-                                       model->plane[OXL_LOG_SCALE + 2][i]);
-        const double radius  = 3 * vecmath_exp(longest);
-        double       x[3];
+    const oxl_scene *scene = r->job->scene;
+    const double     near  = scene_near_plane(scene);
+#pragma omp parallel for schedule(dynamic, 1024) num_threads(r->job->ctx->threads)
+    for (int64_t i = 0; i < (int64_t)model->count; i++) {
         keep[i] = 0;
-        for (int a = 0; a < 3; a++) x[a] = model->plane[OXL_MEAN + a][i];
-        for (int v = 0; v < oxl_scene_view_count(scene) && !keep[i]; v++) {
-            const oxl_camera *c = &oxl_scene_view(scene, v)->camera;
-            double            p[3];
-            if (oxl_scene_view(scene, v)->is_test) continue;
-            for (int a = 0; a < 3; a++)
-                p[a] = c->rotation[3 * a] * x[0] + c->rotation[3 * a + 1] * x[1] + c->rotation[3 * a + 2] * x[2] + c->translation[a];
-            if (!(p[2] > near_plane)) continue;
-            keep[i] = c->fx * (p[0] - radius) < (c->width - c->cx) * p[2] && c->fx * (p[0] + radius) > -c->cx * p[2] &&
-                      c->fy * (p[1] - radius) < (c->height - c->cy) * p[2] && c->fy * (p[1] + radius) > -c->cy * p[2];
-        }
+        for (int v = 0; v < plan->views && !keep[i]; v++)
+            keep[i] = plan->guard[v] && block_plan_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
     }
 }
 
-/* Appends what the block's views may show of a model. */
-static oxl_result rounds_add_visible(struct rounds *r, const struct block_plan *plan, const oxl_scene *scene, const oxl_model *model,
-                                     oxl_model *context)
+/* Appends what the block's views may show of another: of its model, if it has begun and shares a view, else of its part of the coarse model. */
+static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_model *context)
 {
-    oxl_model  moved = {0}; /* relative to the scene's origin */
-    uint8_t   *keep  = oxl_alloc(r->job->ctx, model->count + 1, 1);
-    oxl_result rc    = keep ? oxl_model_create(r->job->ctx, 0, 0, &moved) : job_no_memory(r->job);
-    if (rc == OXL_OK) memcpy(moved.origin, context->origin, sizeof moved.origin);
-    if (rc == OXL_OK) rc = merge_rows(r->job->ctx, model, NULL, &moved);
-    if (rc == OXL_OK) rounds_mark_visible(scene, plan->near_plane, &moved, keep);
-    if (rc == OXL_OK) rc = merge_rows(r->job->ctx, &moved, keep, context);
-    oxl_model_free(r->job->ctx, &moved);
-    oxl_free(r->job->ctx, keep);
-    return rc;
-}
-
-/* Of a block: its model, if it has begun and shares a view, else its part of the coarse model. */
-static oxl_result rounds_add_block(struct rounds *r, int block, int of, const oxl_scene *scene, oxl_model *context)
-{
-    struct job               *job    = r->job;
-    const struct block_plan  *plan   = &r->plan[block];
-    char                     *folder = job_block_path(job, of, NULL);
-    struct block_record       record = {0};
-    oxl_model                 model = {0}, rest = {0};
-    oxl_result                rc = folder ? OXL_OK : OXL_ERR_MEMORY;
+    struct job              *job    = r->job;
+    const struct block_plan *plan   = &r->plan[block];
+    char                    *folder = job_block_path(job, of, NULL);
+    uint8_t                 *keep   = NULL;
+    struct block_record      record = {0};
+    oxl_model                model = {0}, rest = {0};
+    oxl_result               rc = folder ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK && plan->neighbour[of]) rc = block_read(job->ctx, folder, job->key.data, &record);
-    if (rc == OXL_OK) rc = record.there ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, scene, &r->coarse, &model, &rest);
-    if (rc == OXL_OK) rc = rounds_add_visible(r, plan, scene, &model, context);
+    if (rc == OXL_OK) rc = record.there ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, &r->coarse, &model, &rest);
+    if (rc == OXL_OK && !(keep = oxl_alloc(job->ctx, model.count + 1, 1))) rc = job_no_memory(job);
+    if (rc == OXL_OK) rounds_mark_visible(r, plan, &model, keep);
+    if (rc == OXL_OK) rc = merge_rows(job->ctx, &model, keep, context);
     oxl_model_free(job->ctx, &model);
     oxl_model_free(job->ctx, &rest);
+    oxl_free(job->ctx, keep);
     oxl_free(job->ctx, folder);
     return rc;
 }
 
-static oxl_result rounds_context(struct rounds *r, int block, const oxl_scene *scene, oxl_model *context)
+static oxl_result rounds_context(struct rounds *r, int block, oxl_model *context)
 {
     oxl_result rc = oxl_model_create(r->job->ctx, 0, 0, context);
-    for (int k = 0; k < 3 && rc == OXL_OK; k++) context->origin[k] = oxl_scene_origin(scene)[k];
+    memcpy(context->origin, r->coarse.origin, sizeof context->origin);
     for (int of = 0; of < r->job->partition.block_count && rc == OXL_OK; of++)
-        if (of != block) rc = rounds_add_block(r, block, of, scene, context);
+        if (of != block) rc = rounds_add_block(r, block, of, context);
     return rc;
 }
 
@@ -177,12 +163,33 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
 }
 
 /* The gains that the coarse model has come to are those that the block begins with. */
-static oxl_result rounds_read_gains(struct job *job, oxl_scene *scene)
+static oxl_result rounds_read_gains(struct job *job)
 {
     char      *path = job_block_path(job, job->partition.block_count, "model.ply");
-    oxl_result rc   = path ? oxl_scene_read_imaging(job->ctx, scene, path) : OXL_ERR_MEMORY;
+    oxl_result rc   = path ? OXL_OK : OXL_ERR_MEMORY;
+    imaging_free(job->ctx, scene_imaging(job->scene));
+    if (rc == OXL_OK) rc = oxl_scene_read_imaging(job->ctx, job->scene, path);
     oxl_free(job->ctx, path);
     return rc;
+}
+
+/* --ram, less what the context takes. */
+static oxl_result rounds_budget(const struct job *job, const oxl_model *context, const oxl_model *own, struct block_task *task)
+{
+    const double     beside = (double)context->count * (4.0 * oxl_model_planes(context) + COST_SPLAT_BYTES);
+    struct cost_load load   = cost_load_of_scene(job->scene);
+    oxl_job_options  o      = job->options;
+    o.train                 = task->train;
+    load.points             = own->count;
+    if (o.ram) {
+        o.ram = (double)o.ram > beside ? o.ram - (size_t)beside : 1;
+        if (!budget_fit(job->ctx, &load, &o)) return budget_refuse(job->ctx, &load, &o);
+        o.train.max_gaussians = OXL_MIN(o.train.max_gaussians, task->train.max_gaussians);
+    }
+    scene_set_cache(job->scene, o.scene.image_cache_bytes);
+    task->train          = o.train;
+    task->predicted_peak = cost_estimate(job->ctx, &o, &load).memory + beside;
+    return OXL_OK;
 }
 
 static oxl_result rounds_train(struct rounds *r, int block, int round, const char *folder)
@@ -191,32 +198,31 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     const struct block_plan *plan     = &r->plan[block];
     const oxl_callback       callback = {job_progress, job};
     oxl_model                own = {0}, others = {0}, context = {0};
-    oxl_scene               *scene = NULL;
     struct block_task        task  = {.folder   = folder,
                                       .key      = job->key.data,
                                       .callback = &callback,
                                       .train    = rounds_options(job, plan),
                                       .start    = &own,
                                       .context  = &context,
+                                      .window   = plan->window,
+                                      .guard    = plan->guard,
                                       .first    = plan->first,
                                       .until    = block_plan_until(plan, round)};
-    oxl_result               rc    = job_load_block(job, folder, &scene);
+    oxl_result               rc;
     task.standard                  = block_standard_steps(&task.train);
     task.predicted_seconds         = job->survey.seconds * plan->work;
     job->block                     = block;
     job->part                      = plan->work / JOB_ROUNDS;
     job->part_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first, job->part_until = task.until;
     job_limit_time(job, &task.train);
-    if (rc == OXL_OK) rc = scene_set_windows(job->ctx, scene, plan->window);
-    if (rc == OXL_OK) scene_set_frame(scene, plan->extent, plan->near_plane);
-    if (rc == OXL_OK) rc = rounds_read_gains(job, scene);
-    if (rc == OXL_OK) rc = block_plan_split(job, block, scene, &r->coarse, &own, &others);
+    rc = rounds_read_gains(job);
+    if (rc == OXL_OK) rc = block_plan_split(job, block, &r->coarse, &own, &others);
     oxl_model_free(job->ctx, &others);
-    if (rc == OXL_OK) rc = rounds_context(r, block, scene, &context);
-    if (rc == OXL_OK) rc = block_train(job->ctx, scene, &task);
+    if (rc == OXL_OK) rc = rounds_context(r, block, &context);
+    if (rc == OXL_OK) rc = rounds_budget(job, &context, &own, &task);
+    if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
     oxl_model_free(job->ctx, &own);
     oxl_model_free(job->ctx, &context);
-    oxl_scene_free(job->ctx, scene);
     return rc;
 }
 
@@ -322,8 +328,7 @@ static oxl_result rounds_begin(struct rounds *r)
             rc = oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again",
                           job->out, k, job->out);
     }
-    oxl_scene_free(job->ctx, job->scene); /* the whole is not needed until the end, and may be large */
-    job->scene = NULL;
+    if (rc == OXL_OK && !job->scene) rc = job_load(job);
     return rc;
 }
 

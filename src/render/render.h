@@ -26,11 +26,11 @@ OXL_INTERNAL oxl_result renderer_image(oxl_context *ctx, struct renderer *r, con
 OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
                                       const oxl_render_options *options, oxl_image *out, float *depth);
 
-/* Sets the image of a view, at half resolution if `halved`, for renderer_loss with rgb NULL. A device caches images in a share of its
+/* Sets the image of a view, or its window (NULL: all; on the CPU), at half resolution if `halved`, for renderer_loss with rgb NULL. A device caches images in a share of its
  * memory: `image` may be NULL if renderer_has_image returns 1. */
 OXL_INTERNAL int        renderer_has_image(const struct renderer *r, int view);
 OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
-                                            int halved);
+                                            const struct image_window *window, int halved);
 
 /* Loss of the rendered image against rgb (3,H,W) with weight (H,W) or NULL, or, with rgb NULL, against the image of
  * renderer_take_image; keeps its gradient for renderer_backward. */
@@ -126,6 +126,8 @@ struct archive; /* checkpoint.c */
 
 enum { MEDIUM_SUMS = 10 }; /* gradients of a medium: bD, bB, Binf by channel, the falloff */
 
+/* From the next forward on cameras are windows of images of this size; 0, 0: they are whole. On the CPU. */
+OXL_INTERNAL void          renderer_set_window(struct renderer *r, int full_width, int full_height);
 /* From the next forward on these Gaussians are rendered, too, and have no gradients. Borrowed; before the first forward: the CPU renders from
  * then on. */
 OXL_INTERNAL void          renderer_set_context(struct renderer *r, const oxl_model *context);

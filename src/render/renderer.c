@@ -23,6 +23,7 @@ struct renderer {
     struct kernel_camera kernel_camera;
     float                background[3];
     struct gaussians     in;
+    int                  full[2]; /* of renderer_set_window */
     const oxl_model     *context; /* rendered behind the model's rows and left alone; or NULL */
     size_t               packs;   /* of the model: those of the context follow */
     struct splat        *splat;   /* (count) */
@@ -107,17 +108,16 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 
 OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, float near_plane)
 {
-    const int            width = c->full_width ? c->full_width : c->width, height = c->full_height ? c->full_height : c->height;
     struct kernel_camera l = {.width       = c->width,
                               .height      = c->height,
-                              .half_width  = 0.5f * (float)width,
-                              .half_height = 0.5f * (float)height,
+                              .half_width  = 0.5f * (float)c->width,
+                              .half_height = 0.5f * (float)c->height,
                               .fx          = (float)c->fx,
                               .fy          = (float)c->fy,
                               .cx          = (float)c->cx,
                               .cy          = (float)c->cy,
-                              .limit_x     = (float)(FRUSTUM_CLAMP * width / (2 * c->fx)),
-                              .limit_y     = (float)(FRUSTUM_CLAMP * height / (2 * c->fy)),
+                              .limit_x     = (float)(FRUSTUM_CLAMP * c->width / (2 * c->fx)),
+                              .limit_y     = (float)(FRUSTUM_CLAMP * c->height / (2 * c->fy)),
                               .near_plane  = near_plane,
                               .alpha_min   = ALPHA_MIN,
                               .cut         = LOG2_255};
@@ -129,6 +129,22 @@ OXL_INTERNAL struct kernel_camera render_kernel_camera(const oxl_camera *c, floa
     l.translation = vec3((float)c->translation[0], (float)c->translation[1], (float)c->translation[2]);
     l.eye         = vec3((float)eye[0], (float)eye[1], (float)eye[2]);
     return l;
+}
+
+/* The camera of a window: the limits and units of the projection are those of the full image. */
+static void render_set_full_size(struct kernel_camera *l, const oxl_camera *c, const int full[2])
+{
+    if (full[0] == 0) return;
+    l->half_width  = 0.5f * (float)full[0];
+    l->half_height = 0.5f * (float)full[1];
+    l->limit_x     = (float)(FRUSTUM_CLAMP * full[0] / (2 * c->fx));
+    l->limit_y     = (float)(FRUSTUM_CLAMP * full[1] / (2 * c->fy));
+}
+
+OXL_INTERNAL void renderer_set_window(struct renderer *r, int full_width, int full_height)
+{
+    r->full[0] = full_width;
+    r->full[1] = full_height;
 }
 
 OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *l, float alpha_min)
@@ -380,6 +396,7 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     if (rc != OXL_OK) return rc;
     r->packs = packs;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
+    render_set_full_size(&r->kernel_camera, camera, r->full);
     r->in            = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
     render_set_alpha_min(&r->kernel_camera, options->alpha_min);
@@ -444,7 +461,7 @@ OXL_INTERNAL int renderer_has_image(const struct renderer *r, int view)
 }
 
 OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r, int view, const struct training_image *image,
-                                            int halved)
+                                            const struct image_window *window, int halved)
 {
     size_t     pixels;
     oxl_result rc;
@@ -453,13 +470,13 @@ OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r
         if (image) rc = render_leave_device(ctx, r, rc);
         if (rc != OXL_OK || r->device) return rc;
     }
-    pixels    = (size_t)image->width * (size_t)image->height;
+    pixels    = (size_t)(window ? window->width : image->width) * (size_t)(window ? window->height : image->height);
     rc        = oxl_reserve(ctx, (void **)&r->target, &r->target_capacity, 3 * pixels, sizeof *r->target);
     r->masked = image->mask != NULL;
     if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc != OXL_OK) return rc;
-    image_from_training(ctx, image, r->target, r->masked ? r->weight : NULL);
-    if (halved) image_halve(image->width, image->height, r->target, r->masked ? r->weight : NULL);
+    image_from_training(ctx, image, window, r->target, r->masked ? r->weight : NULL);
+    if (halved) image_halve(window ? window->width : image->width, window ? window->height : image->height, r->target, r->masked ? r->weight : NULL);
     return OXL_OK;
 }
 

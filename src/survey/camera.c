@@ -396,7 +396,6 @@ OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera)
 {
     oxl_camera half = *camera;
     half.width /= 2, half.height /= 2;
-    half.full_width /= 2, half.full_height /= 2;
     half.fx /= 2, half.fy /= 2, half.cx /= 2, half.cy /= 2;
     return half;
 }

@@ -457,38 +457,23 @@ OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *i
     *image = (struct training_image){0};
 }
 
-/* In place: a row moves to a lower address, and memory is given back afterwards. */
-static void image_crop_plane(uint8_t *plane, size_t to, int from_width, size_t from, int width, int height)
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, const struct image_window *window,
+                                      float *rgb, float *weight)
 {
-    for (int row = 0; row < height; row++)
-        memmove(plane + to + (size_t)row * (size_t)width, plane + from + (size_t)row * (size_t)from_width, (size_t)width);
-}
-
-OXL_INTERNAL oxl_result image_crop_training(oxl_context *ctx, struct training_image *image, int x, int y, int width, int height)
-{
-    const size_t plane = (size_t)image->width * (size_t)image->height, pixels = (size_t)width * (size_t)height;
-    const size_t start = (size_t)y * (size_t)image->width + (size_t)x;
-    struct training_image cut = {width, height, oxl_alloc(ctx, 3 * pixels + 1, 1), NULL};
-    if (!cut.rgb) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image");
-    for (size_t c = 0; c < 3; c++) image_crop_plane(image->rgb, c * pixels, image->width, c * plane + start, width, height);
-    if (image->mask) image_crop_plane(image->mask, 0, image->width, start, width, height);
-    memcpy(cut.rgb, image->rgb, 3 * pixels);
-    if (image->mask && (cut.mask = oxl_alloc(ctx, pixels + 1, 1))) memcpy(cut.mask, image->mask, pixels);
-    if (image->mask && !cut.mask) {
-        oxl_free(ctx, cut.rgb);
-        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for an image");
+    const struct image_window whole = {0, 0, image->width, image->height}, w = window ? *window : whole;
+    const int64_t             rows = 3 * (int64_t)w.height;
+#pragma omp parallel for schedule(static) num_threads(ctx->threads)
+    for (int64_t row = 0; row < rows; row++) {
+        const int64_t  plane = row / w.height, y = row % w.height + w.y;
+        const uint8_t *in  = image->rgb + (plane * image->height + y) * image->width + w.x;
+        float         *out = rgb + row * w.width;
+#pragma omp simd
+        for (int i = 0; i < w.width; i++) out[i] = (float)in[i] / 255.0f;
     }
-    image_training_free(ctx, image);
-    *image = cut;
-    return OXL_OK;
-}
-
-OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb, float *weight)
-{
-    const int64_t count = (int64_t)image->width * image->height;
-#pragma omp parallel for simd schedule(static) num_threads(ctx->threads)
-    for (int64_t i = 0; i < 3 * count; i++) rgb[i] = (float)image->rgb[i] / 255.0f;
-    for (int64_t i = 0; weight && i < count; i++) weight[i] = !image->mask || image->mask[i] ? 1.0f : 0.0f;
+    for (int y = 0; weight && y < w.height; y++)
+        for (int x = 0; x < w.width; x++)
+            weight[(size_t)y * (size_t)w.width + (size_t)x] =
+                !image->mask || image->mask[(size_t)(y + w.y) * (size_t)image->width + (size_t)(x + w.x)] ? 1.0f : 0.0f;
 }
 
 /* In place: each pixel is written after its four source pixels are read. */

@@ -27,15 +27,13 @@ struct oxl_scene {
     oxl_view *view; /* (view_count) */
     int       view_count;
     double    origin[3], extent;
-    double    near_plane; /* of scene_set_frame; 0: it follows from the depths */
 
     oxl_point *point;
     size_t     point_count;
     double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
     size_t     depth_count;
 
-    struct image_cache   cache;  /* (view_count) */
-    struct scene_window *window; /* (view_count) or NULL: the views are whole */
+    struct image_cache cache; /* (view_count) */
 
     struct imaging imaging; /* of the model trained on this scene or read for it */
 
@@ -45,6 +43,7 @@ struct oxl_scene {
     struct scene_source *source;         /* from files: (view_count) */
     double              *on_disk;        /* from files: (cameras) px of an image's side for one in cameras.txt */
     char                *images, *masks; /* from files: folders; masks NULL: none */
+    char                *decoded;        /* folder of decoded images, or NULL */
 };
 
 void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
@@ -56,7 +55,7 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     oxl_free(ctx, scene->view);
     oxl_free(ctx, scene->point);
     oxl_free(ctx, scene->depth);
-    oxl_free(ctx, scene->window);
+    oxl_free(ctx, scene->decoded);
     oxl_free(ctx, scene->source);
     oxl_free(ctx, scene->on_disk);
     oxl_free(ctx, scene->images);
@@ -436,7 +435,6 @@ OXL_INTERNAL double scene_depth_quantile(const oxl_scene *scene, double quantile
 
 OXL_INTERNAL double scene_near_plane(const oxl_scene *scene)
 {
-    if (scene->near_plane > 0) return scene->near_plane;
     return scene->depth_count ? SCENE_NEAR * scene_depth_quantile(scene, 0.01) : SCENE_NEAR_POINTLESS * scene->extent;
 }
 
@@ -488,57 +486,42 @@ static oxl_result scene_open(oxl_context *ctx, const char *path, const oxl_scene
     return OXL_OK;
 }
 
-/* The camera of the full image, of which a view may be a window. */
-static oxl_camera scene_full_camera(const oxl_scene *scene, int view)
+OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder)
 {
-    oxl_camera c = scene->view[view].camera;
-    if (!c.full_width) return c;
-    c.width = c.full_width, c.height = c.full_height;
-    c.cx += scene->window[view].x, c.cy += scene->window[view].y;
-    c.full_width = c.full_height = 0;
-    return c;
+    oxl_free(ctx, scene->decoded);
+    scene->decoded = folder ? oxl_strdup(ctx, folder) : NULL;
+    return scene->decoded || !folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a folder");
 }
 
-OXL_INTERNAL oxl_result scene_set_windows(oxl_context *ctx, oxl_scene *scene, const struct scene_window *window)
+/* The full image of a view, from the file that an earlier request has left, or decoded and left there. A file that cannot be written is
+ * not needed. */
+static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const char *path, const char *mask,
+                               struct training_image *out)
 {
-    const size_t count = (size_t)scene->view_count;
-    scene->window      = oxl_alloc(ctx, count + 1, sizeof *scene->window);
-    if (!scene->window) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the windows of %zu views", count);
-    memcpy(scene->window, window, count * sizeof *window);
-    for (size_t i = 0; i < count; i++) {
-        oxl_camera *c = &scene->view[i].camera;
-        image_training_free(ctx, &scene->cache.image[i]);
-        if (window[i].width == 0) scene->view[i].is_test = 1;
-        if (window[i].width == 0 || (window[i].width == c->width && window[i].height == c->height)) continue;
-        c->full_width = c->width, c->full_height = c->height;
-        c->width = window[i].width, c->height = window[i].height;
-        c->cx -= window[i].x, c->cy -= window[i].y;
+    const oxl_camera           *to   = &scene->view[view].camera;
+    const struct colmap_camera *from = &scene->colmap.camera[scene->source[view].camera];
+    struct text                 name = {.ctx = ctx};
+    uint64_t                    key;
+    oxl_result                  rc = OXL_OK;
+    if (!scene->decoded) return image_load_training(ctx, path, mask, from, to, out);
+    key = image_file_key(path, mask, from, to);
+    text_add(&name, "%s/%016llx", scene->decoded, (unsigned long long)key);
+    if (name.failed || !image_file_read(ctx, name.data, key, to, out)) {
+        rc = image_load_training(ctx, path, mask, from, to, out);
+        if (rc == OXL_OK && !name.failed) image_file_write(ctx, name.data, key, out);
     }
-    scene->cache.held = 0;
-    return OXL_OK;
-}
-
-OXL_INTERNAL void scene_set_frame(oxl_scene *scene, double extent, double near_plane)
-{
-    scene->extent     = extent;
-    scene->near_plane = near_plane;
+    text_free(&name);
+    return rc;
 }
 
 static oxl_result scene_load_image(oxl_context *ctx, const void *source, int view, struct training_image *out)
 {
     const oxl_scene *scene = source;
-    const oxl_camera full  = scene_full_camera(scene, view);
     char            *path  = oxl_path_join(ctx, scene->images, scene->view[view].name);
     char            *mask  = NULL;
     oxl_result       rc =
         path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    if (rc == OXL_OK)
-        rc = image_load_training(ctx, path, mask, &scene->colmap.camera[scene->source[view].camera], &full, out);
-    if (rc == OXL_OK && scene->view[view].camera.full_width) {
-        const struct scene_window *w = &scene->window[view];
-        rc                           = image_crop_training(ctx, out, w->x, w->y, w->width, w->height);
-        if (rc != OXL_OK) image_training_free(ctx, out);
-    }
+    if (rc == OXL_OK) rc = scene_decode(ctx, scene, view, path, mask, out);
     oxl_free(ctx, path);
     oxl_free(ctx, mask);
     return rc;
@@ -663,7 +646,7 @@ oxl_result oxl_scene_image(oxl_context *ctx, oxl_scene *scene, int view, oxl_ima
         out->weight = oxl_alloc(ctx, (size_t)image->width * image->height, sizeof *out->weight);
         if (!out->weight) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the mask of %s", scene->view[view].name);
     }
-    if (rc == OXL_OK) image_from_training(ctx, image, out->rgb, out->weight);
+    if (rc == OXL_OK) image_from_training(ctx, image, NULL, out->rgb, out->weight);
     else oxl_image_free(ctx, out);
     return rc;
 }

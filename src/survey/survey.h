@@ -156,9 +156,12 @@ struct training_image {
 OXL_INTERNAL oxl_result image_load_training(oxl_context *ctx, const char *path, const char *mask_path,
                                             const struct colmap_camera *from, const oxl_camera *to, struct training_image *out);
 OXL_INTERNAL void       image_training_free(oxl_context *ctx, struct training_image *image);
-OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb, float *weight);
-/* Keeps the part from (x, y) on, width x height px. */
-OXL_INTERNAL oxl_result image_crop_training(oxl_context *ctx, struct training_image *image, int x, int y, int width, int height);
+struct image_window { /* a part of an image, px; width 0: nothing of it */
+    int x, y, width, height;
+};
+/* rgb (3,h,w), weight (h,w) or NULL: of the window, or of the whole image with NULL. */
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, const struct image_window *window,
+                                      float *rgb, float *weight);
 /* weight may be NULL, above too. To half the sides in place: means of 2 x 2 pixels, masked if one is; odd edges are dropped. */
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
@@ -222,13 +225,8 @@ OXL_INTERNAL void       scene_set_cache(oxl_scene *scene, size_t bytes);     /* 
 OXL_INTERNAL double     scene_file_pixels(const oxl_scene *scene, int view); /* of its camera's first image; 0: from arrays */
 OXL_INTERNAL double     scene_depth_quantile(const oxl_scene *scene, double quantile); /* camera z of points in training views */
 OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene); /* from the depths, since COLMAP's scale is arbitrary */
-struct scene_window { /* a part of a view's image, px; width 0: nothing of it */
-    int x, y, width, height;
-};
-/* From now on the views are these windows (views) of the full ones; those without one do not count as training views. Once per scene. */
-OXL_INTERNAL oxl_result scene_set_windows(oxl_context *ctx, oxl_scene *scene, const struct scene_window *window);
-/* Of a part of a survey: the extent and the near plane of the whole. */
-OXL_INTERNAL void       scene_set_frame(oxl_scene *scene, double extent, double near_plane);
+/* Decoded images are kept in files of this folder, to be read instead of the originals; NULL: none are. Training views only. */
+OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
 /* For a scene without points: points in front of the cameras, a function of the seed. Free with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
 
@@ -253,6 +251,13 @@ OXL_INTERNAL const struct training_image *image_cache_get(oxl_context *ctx, stru
 OXL_INTERNAL void   image_cache_ahead(oxl_context *ctx, struct image_cache *cache, const int *view, int count);
 /* Upper bound of the memory for images of `pixels` in total, without masks, with decoding of files of file_pixels. */
 OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_pixels);
+
+/* ---------------------------------------------------------------- image_file.c: decoded images in files */
+
+OXL_INTERNAL uint64_t   image_file_key(const char *path, const char *mask, const struct colmap_camera *from, const oxl_camera *to);
+OXL_INTERNAL int        image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
+                                        struct training_image *out); /* 1: it was there and is whole */
+OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key, const struct training_image *image);
 
 /* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */
 

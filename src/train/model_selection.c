@@ -73,18 +73,26 @@ OXL_INTERNAL int selection_holds(int index, int views)
 }
 
 /* Training views in name order, without the validation views. */
+static int selection_trains(const struct train *t, int view)
+{
+    return !oxl_scene_view(t->scene, view)->is_test && (!t->place || !t->place->window || t->place->window[view].width > 0);
+}
+
 OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
-    const int views = schedule_training_views(t->scene), holds = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
-    int       index = 0;
+    int views = 0, index = 0, holds;
+    for (int i = 0; i < oxl_scene_view_count(t->scene); i++) views += selection_trains(t, i);
+    holds           = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
     t->sh_degree    = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
     t->view         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
     t->held         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
-    if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    t->guard        = oxl_alloc(t->ctx, (size_t)oxl_scene_view_count(t->scene) + 1, sizeof *t->guard);
+    if (!t->view || !t->held || !t->guard) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
-        if (oxl_scene_view(t->scene, i)->is_test) continue;
-        if (holds && selection_holds(index++, views)) t->held[t->held_views++] = i;
-        else t->view[t->views++] = i;
+        const int trains = selection_trains(t, i), held = trains && holds && selection_holds(index++, views);
+        if (held) t->held[t->held_views++] = i;
+        else if (trains) t->view[t->views++] = i;
+        if (!held && t->place && t->place->guard && t->place->guard[i]) t->guard[t->guards++] = i;
     }
     if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
     return OXL_OK;

@@ -19,23 +19,47 @@ static void step_shuffle(struct train *t, int epoch)
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
     const double share = schedule_coarse_share(t->options, camera->width, camera->height);
-    return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
+    return (t->guarding || t->step <= share * t->options->iterations) && camera->width > 1 && camera->height > 1;
+}
+
+/* The part of a view that this step compares; NULL: all of it. */
+static const struct image_window *step_window(const struct train *t, int view)
+{
+    return t->place && t->place->window && !t->guarding ? &t->place->window[view] : NULL;
+}
+
+/* Of that part, at this step's resolution; the renderer is told of the whole. */
+static oxl_camera step_camera(struct train *t, int view)
+{
+    const struct image_window *w      = step_window(t, view);
+    oxl_camera                 camera = oxl_scene_view(t->scene, view)->camera;
+    const int                  by     = t->halved ? 2 : 1;
+    renderer_set_window(t->renderer, w ? camera.width / by : 0, w ? camera.height / by : 0);
+    if (w) {
+        camera.width = w->width, camera.height = w->height;
+        camera.cx -= w->x, camera.cy -= w->y;
+    }
+    return t->halved ? camera_halve(&camera) : camera;
 }
 
 /* Loads the image into target and weight on the host, for transients and gains. */
 static oxl_result step_load_image_on_host(struct train *t, int view)
 {
-    const struct training_image *image = image_cache_get(t->ctx, scene_image_cache(t->scene), view);
+    const struct training_image *image  = image_cache_get(t->ctx, scene_image_cache(t->scene), view);
+    const struct image_window   *window = step_window(t, view);
+    int                          width, height;
     oxl_result                   rc;
     size_t                       pixels;
     if (!image) return t->ctx->failed;
-    pixels    = (size_t)image->width * (size_t)image->height;
+    width     = window ? window->width : image->width;
+    height    = window ? window->height : image->height;
+    pixels    = (size_t)width * (size_t)height;
     rc        = oxl_reserve(t->ctx, (void **)&t->target, &t->target_capacity, 3 * pixels, sizeof *t->target);
     t->masked = image->mask != NULL;
     if (rc == OXL_OK && t->masked) rc = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
     if (rc != OXL_OK) return rc;
-    image_from_training(t->ctx, image, t->target, t->masked ? t->weight : NULL);
-    if (t->halved) image_halve(image->width, image->height, t->target, t->masked ? t->weight : NULL);
+    image_from_training(t->ctx, image, window, t->target, t->masked ? t->weight : NULL);
+    if (t->halved) image_halve(width, height, t->target, t->masked ? t->weight : NULL);
     return OXL_OK;
 }
 
@@ -52,7 +76,7 @@ OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
     if (step_compares_on_host(t)) return step_load_image_on_host(t, view);
     if (!renderer_has_image(t->renderer, view) && !(image = image_cache_get(t->ctx, scene_image_cache(t->scene), view)))
         return t->ctx->failed;
-    return renderer_take_image(t->ctx, t->renderer, view, image, t->halved);
+    return renderer_take_image(t->ctx, t->renderer, view, image, step_window(t, view), t->halved);
 }
 
 /* The next views of the epoch that a device does not hold. */
@@ -135,8 +159,7 @@ static oxl_result step_watch_exposure(struct train *t, int view, const oxl_camer
 /* The model rendered from a view, against its image as step_load_image has left it. */
 static oxl_result step_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
-    const oxl_camera    *whole  = &oxl_scene_view(t->scene, view)->camera;
-    const oxl_camera     camera = t->halved ? camera_halve(whole) : *whole;
+    const oxl_camera     camera = step_camera(t, view);
     const struct imaging m      = step_imaging(t);
     oxl_result           rc;
     renderer_set_medium(t->renderer, &m.medium);
@@ -203,8 +226,18 @@ static oxl_result step_on_view(struct train *t, int view)
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
     int        view = -1;
-    oxl_result rc   = step_next_image(t, &view);
-    return rc == OXL_OK ? step_on_view(t, view) : rc;
+    oxl_result rc;
+    t->guarding = t->guards > 0 && t->step % TRAIN_GUARD_EVERY == 0;
+    if (t->guarding) {
+        view = t->guard[(int)(random_bits(t->ctx->options.seed ^ STEP_ORDER, (uint64_t)t->step, 1) % (uint64_t)t->guards)];
+        rc   = step_load_image(t, view);
+        if (rc == OXL_ERR_INPUT) t->guarding = 0; /* it cannot be read: a view of the order instead */
+        else if (rc != OXL_OK) return rc;
+    }
+    rc          = t->guarding ? OXL_OK : step_next_image(t, &view);
+    rc          = rc == OXL_OK ? step_on_view(t, view) : rc;
+    t->guarding = 0;
+    return rc;
 }
 
 OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)

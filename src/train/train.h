@@ -265,6 +265,8 @@ OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
 
+enum { TRAIN_GUARD_EVERY = 6 }; /* steps of a block: one is on a guarded view */
+
 /* Where a run keeps its state. */
 struct train_output {
     const char      *folder;    /* of the checkpoints */
@@ -272,12 +274,14 @@ struct train_output {
     struct text     *log;       /* the caller's, kept with the state */
     struct text     *notes;     /* so are these */
     const oxl_model *start;     /* initial model; NULL: from the scene's points */
-    const oxl_model *context;   /* Gaussians that are rendered, too, and not trained; NULL: none */
-    int              first;     /* a start that is so many steps old */
-    int              until;     /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
     struct text     *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
     oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
     int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */
+    const oxl_model *context;   /* Gaussians that are rendered, too, and not trained; NULL: none */
+    int              first;     /* a start that is so many steps old */
+    const struct image_window *window; /* (views) trained part of each view, width 0: none; or NULL: all of all */
+    const uint8_t   *guard;     /* (views) 1: now and then all of it, at half the sides: what the model puts in front of others' pixels */
+    int              until;     /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,

@@ -40,6 +40,8 @@ struct train {
     float                     *target, *weight; /* with transients.points: the image of this step: (3,H,W), (H,W) */
     int                        masked;          /* whether weight holds its mask */
     size_t                     target_capacity, weight_capacity;
+    int                       *guard, guards; /* (guards) views that are guarded, see train_output */
+    int                        guarding;      /* this step does */
     int                        halved;     /* whether the image of this step is reduced to half the sides */
     double                     loss, psnr; /* smoothed */
     double                     last_loss;  /* of the last image, comparable between steps; NaN: skipped */

@@ -1,0 +1,84 @@
+/* image_file.c - decoded images in files, so that each image is decoded once: reduced, undistorted, with its mask.
+ *
+ * A file is one image: IMAGE_FILE_HEAD words, planes, checksum. Its key covers what the image follows from: the files' modification times, the camera
+ * and the size. Files are not synced: one that is missing, damaged or of another key is made again from the original.
+ */
+#include "survey.h"
+
+#define IMAGE_FILE_MAGIC UINT64_C(0x31474d494c584f) /* "OXLIMG1" */
+enum { IMAGE_FILE_HEAD = 4 };                       /* magic, key, width and height, mask */
+
+/* Fowler, Noll & Vo's FNV-1a, by words of eight bytes, the rest by bytes. */
+static uint64_t image_file_hash(uint64_t sum, const void *data, size_t size)
+{
+    const unsigned char *bytes = data;
+    for (; size >= 8; bytes += 8, size -= 8) {
+        uint64_t word;
+        memcpy(&word, bytes, 8);
+        sum = (sum ^ word) * UINT64_C(1099511628211);
+        sum ^= sum >> 29;
+    }
+    for (; size > 0; bytes++, size--) sum = (sum ^ *bytes) * UINT64_C(1099511628211);
+    return sum;
+}
+
+static size_t image_file_bytes(const struct training_image *image)
+{
+    return (size_t)image->width * (size_t)image->height;
+}
+
+OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from, const oxl_camera *to)
+{
+    const int64_t modified[2] = {os_modified(path), mask ? os_modified(mask) : 0};
+    const double  numbers[]   = {from->model, from->width, from->height, to->width, to->height, to->fx, to->fy, to->cx, to->cy};
+    uint64_t      sum         = image_file_hash(UINT64_C(14695981039346656037), path, strlen(path));
+    sum                       = image_file_hash(sum, modified, sizeof modified);
+    sum                       = image_file_hash(sum, numbers, sizeof numbers);
+    return image_file_hash(sum, from->parameter, sizeof from->parameter);
+}
+
+/* Everything but the checksum, in the file's order; sum may be NULL. */
+static int image_file_planes(FILE *file, struct training_image *image, int writing, uint64_t *sum)
+{
+    uint8_t *plane[]  = {image->rgb, image->mask};
+    for (size_t k = 0; k < 2; k++) {
+        const size_t size = plane[k] ? image_file_bytes(image) * (k ? 1 : 3) : 0;
+        if ((writing ? fwrite(plane[k], 1, size, file) : fread(plane[k], 1, size, file)) != size) return 0;
+        if (size) *sum = image_file_hash(*sum, plane[k], size);
+    }
+    return 1;
+}
+
+OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to, struct training_image *out)
+{
+    FILE    *file = os_open(path, "rb");
+    uint64_t head[IMAGE_FILE_HEAD], sum = key, stored = 0;
+    int      good;
+    *out = (struct training_image){.width = to->width, .height = to->height};
+    if (!file) return 0;
+    good = fread(head, sizeof *head, IMAGE_FILE_HEAD, file) == IMAGE_FILE_HEAD && head[0] == IMAGE_FILE_MAGIC && head[1] == key &&
+           head[2] == ((uint64_t)to->width << 32 | (uint64_t)to->height) && head[3] <= 1;
+    if (good) out->rgb = oxl_alloc(ctx, 3 * image_file_bytes(out) + 1, 1);
+    if (good && head[3]) out->mask = oxl_alloc(ctx, image_file_bytes(out) + 1, 1);
+    good = good && out->rgb && (out->mask || !head[3]) && image_file_planes(file, out, 0, &sum) &&
+           fread(&stored, sizeof stored, 1, file) == 1 && stored == sum;
+    fclose(file);
+    if (!good) image_training_free(ctx, out);
+    return good;
+}
+
+OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key, const struct training_image *image)
+{
+    const uint64_t        head[IMAGE_FILE_HEAD] = {IMAGE_FILE_MAGIC, key, (uint64_t)image->width << 32 | (uint64_t)image->height,
+                                                   image->mask != NULL};
+    struct training_image whole                 = *image;
+    struct os_writer      writer;
+    uint64_t              sum = key;
+    oxl_result            rc  = os_writer_open(ctx, path, &writer);
+    if (rc != OXL_OK) return rc;
+    writer.unsynced = 1;
+    if (fwrite(head, sizeof *head, IMAGE_FILE_HEAD, writer.file) != IMAGE_FILE_HEAD || !image_file_planes(writer.file, &whole, 1, &sum) ||
+        fwrite(&sum, sizeof sum, 1, writer.file) != 1)
+        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: the disk may be full", path);
+    return os_writer_close(ctx, &writer, rc);
+}

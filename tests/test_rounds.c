@@ -1,0 +1,199 @@
+/* test_rounds.c - blocks trained as one model: context Gaussians, windows, decoded images in files. */
+
+/* Gaussians in front of a camera at the origin that looks along z; those of `part` 0 left and right of the others. */
+static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)
+{
+    oxl_model m;
+    CHECK_OK(oxl_model_create(test_ctx, count, 1, &m));
+    CHECK_OK(model_set_lobes(test_ctx, &m, lobes));
+    for (size_t i = 0; i < count; i++) {
+        for (int k = 0; k < oxl_model_planes(&m); k++) m.plane[k][i] = (float)(random_unit(random_bits(seed, i, (uint64_t)k)) - 0.5);
+        m.plane[OXL_MEAN + 2][i] += 3;
+        for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] -= 2;
+        m.plane[OXL_ROTATION][i] = 1;
+    }
+    for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
+        for (size_t i = 0; i < lobes; i++) m.plane[k][i] = (float)(random_unit(random_bits(seed, i, (uint64_t)k)) - 0.9);
+    return m;
+}
+
+static oxl_camera rounds_test_camera(int width, int height)
+{
+    return (oxl_camera){.width = width, .height = height, .fx = 60, .fy = 60, .cx = width / 2.0, .cy = height / 2.0,
+                        .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+}
+
+/* dL/d(image) of a loss that no pixel is like another in. */
+static float *rounds_test_slope(const oxl_camera *c)
+{
+    const size_t n = 3 * (size_t)c->width * (size_t)c->height;
+    float       *d = oxl_alloc(test_ctx, n, sizeof *d);
+    for (size_t i = 0; i < n; i++) d[i] = (float)(random_unit(random_bits(9, i, 0)) - 0.5);
+    return d;
+}
+
+static double rounds_test_largest_difference(const float *a, const float *b, size_t n)
+{
+    double most = 0;
+    for (size_t i = 0; i < n; i++) most = OXL_MAX(most, fabs((double)a[i] - b[i]));
+    return most;
+}
+
+TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_rows)
+{
+    for (size_t lobes = 0; lobes < 2; lobes++) {
+        const oxl_camera   camera = rounds_test_camera(64, 48);
+        oxl_render_options o      = oxl_render_options_default();
+        oxl_model          own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes), all, g1, g2;
+        float             *slope = rounds_test_slope(&camera);
+        struct renderer   *a = NULL, *b = NULL;
+        const float       *x, *y;
+        float              s1[120] = {0}, s2[120] = {0};
+        CHECK_OK(oxl_model_create(test_ctx, 0, 0, &all));
+        CHECK_OK(merge_rows(test_ctx, &own, NULL, &all));
+        CHECK_OK(merge_rows(test_ctx, &context, NULL, &all));
+        CHECK_OK(oxl_model_create(test_ctx, own.count, 1, &g1));
+        CHECK_OK(oxl_model_create(test_ctx, all.count, 1, &g2));
+        CHECK_OK(renderer_create(test_ctx, &a));
+        CHECK_OK(renderer_create(test_ctx, &b));
+        renderer_set_context(a, &context);
+        CHECK_OK(renderer_forward(test_ctx, a, &own, &camera, &o));
+        CHECK_OK(renderer_forward(test_ctx, b, &all, &camera, &o));
+        CHECK_OK(renderer_image(test_ctx, a, &x));
+        CHECK_OK(renderer_image(test_ctx, b, &y));
+        CHECK(rounds_test_largest_difference(x, y, 3 * 64 * 48) == 0);
+        CHECK_OK(renderer_backward(test_ctx, a, slope, &g1));
+        CHECK_OK(renderer_backward(test_ctx, b, slope, &g2));
+        for (size_t i = 0; i < own.count; i++) {
+            const size_t row = i < own.lobes ? i : i + context.lobes; /* rows with lobes are in front */
+            CHECK(renderer_row_visible(a, i) == renderer_row_visible(b, row));
+            for (int k = 0; k < oxl_model_planes(&g1) && renderer_row_visible(a, i); k++) CHECK(g1.plane[k][i] == g2.plane[k][row]);
+        }
+        CHECK_OK(renderer_score(test_ctx, a, slope, s1)); /* as long as the model: the context has none */
+        CHECK_OK(renderer_score(test_ctx, b, slope, s2));
+        for (size_t i = 0; i < own.count; i++) CHECK(s1[i] == s2[i < own.lobes ? i : i + context.lobes]);
+        for (size_t i = own.count; i < 120; i++) CHECK(s1[i] == 0);
+        renderer_free(test_ctx, a);
+        renderer_free(test_ctx, b);
+        oxl_free(test_ctx, slope);
+        oxl_model_free(test_ctx, &own), oxl_model_free(test_ctx, &context), oxl_model_free(test_ctx, &all);
+        oxl_model_free(test_ctx, &g1), oxl_model_free(test_ctx, &g2);
+    }
+}
+
+TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
+{
+    const oxl_camera    full  = rounds_test_camera(64, 48);
+    oxl_camera          part  = full;
+    oxl_model           m     = rounds_test_model(80, 3, 0), g1, g2;
+    oxl_render_options  o     = oxl_render_options_default();
+    const int           x0    = 16, y0 = 16;
+    float              *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
+    struct renderer    *a = NULL, *b = NULL;
+    const float        *x, *y;
+    struct renderer_loss loss;
+    double              most = 0, largest = 0;
+    part.width = 32, part.height = 32;
+    part.cx -= x0, part.cy -= y0;
+    CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &g1));
+    CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &g2));
+    CHECK_OK(renderer_create(test_ctx, &a));
+    CHECK_OK(renderer_create(test_ctx, &b));
+    renderer_set_window(a, 64, 48);
+    CHECK_OK(renderer_forward(test_ctx, a, &m, &part, &o));
+    CHECK_OK(renderer_forward(test_ctx, b, &m, &full, &o));
+    CHECK_OK(renderer_image(test_ctx, a, &x));
+    CHECK_OK(renderer_image(test_ctx, b, &y));
+    for (int c = 0; c < 3; c++)
+        for (int v = 0; v < 32; v++)
+            for (int u = 0; u < 32; u++)
+                most = OXL_MAX(most, fabs((double)x[(c * 32 + v) * 32 + u] - y[(c * 48 + v + y0) * 64 + u + x0]));
+    CHECK(most < 1e-6);
+    for (int v = 0; v < 32; v++)
+        for (int u = 0; u < 32; u++) weight[(v + y0) * 64 + u + x0] = 1;
+    CHECK_OK(renderer_loss(test_ctx, a, image, NULL, 0, &loss)); /* L1 to black, of the window; */
+    CHECK_OK(renderer_loss(test_ctx, b, image, weight, 0, &loss)); /* of the same pixels of the image: a mean over them alone */
+    CHECK_OK(renderer_backward(test_ctx, a, NULL, &g1));
+    CHECK_OK(renderer_backward(test_ctx, b, NULL, &g2));
+    for (size_t i = 0; i < m.count; i++)
+        for (int k = 0; k < OXL_SH && renderer_row_visible(a, i) && renderer_row_visible(b, i); k++) {
+            const double share = 32.0 * 32 / (64 * 48);
+            most               = OXL_MAX(most, fabs(g1.plane[k][i] - share * g2.plane[k][i]));
+            largest            = OXL_MAX(largest, fabs(g1.plane[k][i]));
+        }
+    CHECK(largest > 1e-4 && most < 1e-4 * largest + 1e-6);
+    for (size_t i = 0; i < m.count; i++)
+        if (renderer_row_visible(a, i) && renderer_row_visible(b, i))
+            CHECK_CLOSE(renderer_mean_gradient(a, i), renderer_mean_gradient(b, i) * 32.0 * 32 / (64 * 48), 1e-5);
+    renderer_free(test_ctx, a);
+    renderer_free(test_ctx, b);
+    oxl_free(test_ctx, image);
+    oxl_free(test_ctx, weight);
+    oxl_model_free(test_ctx, &m), oxl_model_free(test_ctx, &g1), oxl_model_free(test_ctx, &g2);
+}
+
+TEST(window_is_the_rectangle_that_is_worth_most)
+{
+    const double        value[] = {-1, -1, -1, -1, -1, 3, 2, -1, -1, 2, -1, 4, -9, -9, -9, -9};
+    struct image_window best;
+    CHECK(plan_best_rectangle(value, 4, 4, &best) == 9);
+    CHECK(best.x == 1 && best.y == 1 && best.width == 3 && best.height == 2);
+}
+
+/* ---------------------------------------------------------------- decoded images */
+
+TEST(decoded_image_comes_back_whole_or_not_at_all)
+{
+    uint8_t               rgb[36], mask[12];
+    struct training_image image = {4, 3, rgb, mask}, back;
+    const oxl_camera      to = {.width = 4, .height = 3}, other = {.width = 3, .height = 4};
+    struct os_file_map    map = {0};
+    for (int i = 0; i < 36; i++) rgb[i] = (uint8_t)(7 * i), mask[i % 12] = (uint8_t)(i % 2 ? 255 : 0);
+    CHECK_OK(image_file_write(test_ctx, test_path("one"), 5, &image));
+    CHECK(image_file_read(test_ctx, test_path("one"), 5, &to, &back));
+    CHECK(!memcmp(back.rgb, rgb, 36) && !memcmp(back.mask, mask, 12));
+    image_training_free(test_ctx, &back);
+    CHECK(!image_file_read(test_ctx, test_path("one"), 6, &to, &back) && !back.rgb); /* of other inputs */
+    CHECK(!image_file_read(test_ctx, test_path("one"), 5, &other, &back) && !back.rgb);
+    CHECK(!image_file_read(test_ctx, test_path("none"), 5, &to, &back));
+    CHECK_OK(os_read_file(test_ctx, test_path("one"), &map));
+    for (size_t cut = 0; cut < map.size; cut += 5) {
+        CHECK_OK(os_write_file(test_ctx, test_path("cut"), map.data, cut));
+        CHECK(!image_file_read(test_ctx, test_path("cut"), 5, &to, &back) && !back.rgb && !back.mask);
+    }
+    for (size_t at = 0; at < map.size; at += 3) {
+        char *bent = oxl_alloc(test_ctx, map.size, 1);
+        memcpy(bent, map.data, map.size);
+        bent[at] ^= 4;
+        CHECK_OK(os_write_file(test_ctx, test_path("bent"), bent, map.size));
+        CHECK(!image_file_read(test_ctx, test_path("bent"), 5, &to, &back));
+        oxl_free(test_ctx, bent);
+    }
+    os_release_file(test_ctx, &map);
+}
+
+TEST(decoded_images_are_used_and_leave_the_result_as_it_is)
+{
+    oxl_job_options       options  = job_test_options();
+    const char           *survey   = job_test_survey();
+    oxl_scene            *a = NULL, *b = NULL;
+    const struct training_image *x, *y;
+    CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &a));
+    CHECK_OK(os_make_folder(test_ctx, test_path("decoded")));
+    CHECK_OK(scene_set_decoded(test_ctx, a, test_path("decoded")));
+    x = image_cache_get(test_ctx, scene_image_cache(a), 1);
+    CHECK(x != NULL);
+    CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &b));
+    CHECK_OK(scene_set_decoded(test_ctx, b, test_path("decoded")));
+    y = image_cache_get(test_ctx, scene_image_cache(b), 1);
+    CHECK(x && y && !memcmp(x->rgb, y->rgb, 3 * (size_t)x->width * (size_t)x->height));
+    oxl_scene_free(test_ctx, a);
+    oxl_scene_free(test_ctx, b);
+    options.scene.image_cache_bytes = 1; /* memory holds one: files hold the rest */
+    options.keep_decoded            = 1;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("small"), &options, NULL));
+    CHECK(os_is_folder(test_path("small/blocks/decoded")));
+    options.scene.image_cache_bytes = 1 << 30;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("large"), &options, NULL));
+    CHECK(job_test_same(test_path("small/scene.ply"), test_path("large/scene.ply")));
+}
