@@ -21,7 +21,7 @@ OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 
 OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round)
 {
-    return plan->first + (int)((int64_t)(plan->iterations - plan->first) * (round + 1) / JOB_ROUNDS);
+    return plan->first + (int)((int64_t)(plan->last - plan->first) * (round + 1) / JOB_ROUNDS);
 }
 
 /* ---------------------------------------------------------------- the file */
@@ -31,9 +31,9 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     struct text t    = {.ctx = job->ctx};
     char       *path = job_block_path(job, block, "plan.txt");
     oxl_result  rc   = path ? OXL_OK : OXL_ERR_MEMORY;
-    text_add(&t, "# first step, iterations, most Gaussians, share of the pixels, share of the work; neighbours; of each view "
+    text_add(&t, "# first step, last step, iterations, most Gaussians, share of the pixels, share of the work; neighbours; of each view "
                  "the window, x y width height, and whether it is guarded\n");
-    text_add(&t, "plan %d %d %.17g %.17g %.17g\nneighbours", plan->first, plan->iterations, plan->gaussians, plan->share, plan->work);
+    text_add(&t, "plan %d %d %d %.17g %.17g %.17g\nneighbours", plan->first, plan->last, plan->iterations, plan->gaussians, plan->share, plan->work);
     for (int j = 0; j < job->partition.block_count; j++)
         if (plan->neighbour[j]) text_add(&t, " %d", j);
     text_add(&t, " -1\nviews %d\n", plan->views);
@@ -73,8 +73,8 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
     out->neighbour   = oxl_calloc(job->ctx, (size_t)blocks + 1, 1);
     if (!out->neighbour) return job_no_memory(job);
     s = strstr(s, "plan ");
-    if (!s || sscanf(s, "plan %d %d %lf %lf %lf\nneighbours%n", &out->first, &out->iterations, &out->gaussians, &out->share,
-                     &out->work, &used) != 5 || !used)
+    if (!s || sscanf(s, "plan %d %d %d %lf %lf %lf\nneighbours%n", &out->first, &out->last, &out->iterations, &out->gaussians, &out->share,
+                     &out->work, &used) != 6 || !used)
         return OXL_ERR_INPUT;
     s = plan_read_neighbours(s + used, blocks, out);
     if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || out->views < 0 || out->views > 1 << 24) return OXL_ERR_INPUT;
@@ -241,24 +241,34 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
 
 /* ---------------------------------------------------------------- steps and budgets */
 
-/* Each block sees its windows equally often: steps by views, such that all pixels are those of the run's steps after the coarse model. One
- * step in TRAIN_GUARD_EVERY is on all of a view, at half the sides. */
+/* Whether memory will hold the merged model while it is trained. */
+static int plan_finishes(const struct job *job, double gaussians)
+{
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    return job->options.ram == 0 || cost_memory(&job->options, &load, gaussians) <= 0.9 * (double)job->options.ram;
+}
+
+/* Each block sees its windows equally often: steps by views, such that all pixels are those of the run's steps between coarse and merged model.
+ * Without a merged model, one step in TRAIN_GUARD_EVERY is on all of a view, at half the sides. */
 static void plan_divide(const struct job *job, struct block_plan *plan, const struct plan_sum *sum)
 {
     const int    blocks = job->partition.block_count, steps = job->options.train.iterations;
     const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene));
-    const double cap = (double)schedule_gaussian_cap(job->scene, &job->options.train), guard = 1.0 / TRAIN_GUARD_EVERY;
+    const double cap    = (double)schedule_gaussian_cap(job->scene, &job->options.train);
+    const int    finish = plan_finishes(job, cap);
+    const double part = 1 - JOB_COARSE - (finish ? JOB_FINISH : 0), guard = finish ? 0 : 1.0 / TRAIN_GUARD_EVERY;
     double       area = 0, share = 0, epochs;
     for (int k = 0; k < blocks; k++) {
         area += (1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4;
         share += sum[k].pixels;
     }
-    epochs = area > 0 ? (1 - JOB_COARSE) * steps * pixels / area : 0;
+    epochs = area > 0 ? part * steps * pixels / area : 0;
     for (int k = 0; k < blocks; k++) {
-        plan[k].iterations = (int)OXL_CLAMP(epochs * sum[k].views / (1 - JOB_COARSE) + 0.5, 1, INT_MAX);
+        plan[k].iterations = (int)OXL_CLAMP(epochs * sum[k].views / part + 0.5, 1, INT_MAX);
         plan[k].first      = (int)(JOB_COARSE * plan[k].iterations);
+        plan[k].last       = finish ? (int)((JOB_COARSE + part) * plan[k].iterations) : plan[k].iterations;
         plan[k].share      = share > 0 ? sum[k].pixels / share : 1.0 / blocks;
-        plan[k].work       = area > 0 ? (1 - JOB_COARSE) * ((1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4) / area : 0;
+        plan[k].work       = area > 0 ? part * ((1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4) / area : 0;
         plan[k].gaussians  = OXL_MAX(OXL_MAX(1, (double)sum[k].rows), floor(cap * plan[k].share));
     }
 }
@@ -289,7 +299,7 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse
     }
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
         oxl_log(job->ctx, OXL_LOG_INFO, "block %d: %d steps on windows of %d views, %.0f %% of their pixels; at most %.0f Gaussians", k,
-                plan[k].iterations - plan[k].first, sum[k].views, 100 * sum[k].area / OXL_MAX(1, sum[k].views * pixels),
+                plan[k].last - plan[k].first, sum[k].views, 100 * sum[k].area / OXL_MAX(1, sum[k].views * pixels),
                 plan[k].gaussians);
         rc = plan_write(job, k, &plan[k]);
     }

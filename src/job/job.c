@@ -45,7 +45,7 @@ OXL_INTERNAL char *job_block_path(struct job *job, int block, const char *name)
     struct text t    = {.ctx = job->ctx};
     char       *path = NULL;
     if (block < job->partition.block_count) text_add(&t, "%s/blocks/%03d", job->out, block);
-    else text_add(&t, "%s/blocks/coarse", job->out);
+    else text_add(&t, "%s/blocks/%s", job->out, block == job->partition.block_count ? "coarse" : "whole");
     if (name) text_add(&t, "/%s", name);
     if (text_take(&t, &path) != OXL_OK) job_no_memory(job);
     return path;
@@ -479,8 +479,8 @@ static oxl_result job_join_gains(struct job *job, struct imaging *out)
     return rc;
 }
 
-/* The blocks' models as one; their gains become the scene's. */
-static oxl_result job_merge(struct job *job, int standard, oxl_model *out)
+/* The gains become the scene's. */
+OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
 {
     oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
     memcpy(out->origin, job->origin, sizeof job->origin);
@@ -504,12 +504,12 @@ static oxl_result job_read_gains(struct job *job, int block)
     return rc;
 }
 
-/* The model of the one block, or of all. */
+/* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count;
-    oxl_result rc     = blocks > 1 ? job_merge(job, standard, out) : job_read_model(job, 0, standard, out);
-    if (rc == OXL_OK && blocks == 1 && job->scene) rc = job_read_gains(job, 0);
+    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : rounds_finishes(job) ? blocks + 1 : -1;
+    oxl_result rc     = one < 0 ? job_merge(job, standard, out) : job_read_model(job, one, standard, out);
+    if (rc == OXL_OK && one >= 0 && job->scene) rc = job_read_gains(job, one);
     if (rc == OXL_OK && out->count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
     return rc;
 }

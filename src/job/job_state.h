@@ -5,7 +5,8 @@
 #include "job.h"
 #include "../core/vecmath.h"
 
-#define JOB_COARSE 0.1 /* of a run in blocks, which the whole survey gets before */
+#define JOB_COARSE 0.1  /* of a run in blocks: the coarse model of the survey, before them */
+#define JOB_FINISH 0.24 /* and the merged model after them, where memory holds it; pruning ends before */
 #define JOB_ROUNDS 8   /* pauses of each block, to see what its neighbours have come to */
 
 struct job {
@@ -35,19 +36,20 @@ struct job {
 /* ---------------------------------------------------------------- job.c */
 
 OXL_INTERNAL oxl_result job_no_memory(struct job *job);
-/* OUT/blocks/KKK, or a file in it; block_count: OUT/blocks/coarse. */
+/* OUT/blocks/KKK, or a file in it; block_count: OUT/blocks/coarse; one more: OUT/blocks/whole. */
 OXL_INTERNAL char      *job_block_path(struct job *job, int block, const char *name);
 OXL_INTERNAL oxl_result job_load(struct job *job);                                             /* the survey */
 OXL_INTERNAL void       job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void       job_limit_time(const struct job *job, oxl_train_options *options);
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* whether decoded images are kept in files */
+OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out); /* the blocks' models side by side, gains joined */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 
 /* ---------------------------------------------------------------- block_plan.c: which part of the run a block is */
 
 struct block_plan {
-    int                  iterations, first; /* steps of the block's run; those that the coarse model stands for */
+    int                  iterations, first, last; /* steps of the block's run; those of the coarse model; where the merged model takes over */
     int                  views;     /* of the survey */
     double               gaussians; /* most of them */
     double               share;                 /* of the survey's pixels, by blend weight */
@@ -67,6 +69,8 @@ OXL_INTERNAL int        block_plan_shows(const oxl_camera *camera, double near_p
 /* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
+OXL_INTERNAL oxl_result rounds_finish(struct job *job); /* when all blocks are done: trains the merged model, if that is planned */
+OXL_INTERNAL int        rounds_finishes(struct job *job); /* 1: it is */
 OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */
 
 #endif

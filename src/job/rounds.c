@@ -5,6 +5,7 @@
  *    Gaussians are rendered with them and not trained: the context. So merging is putting side by side, and changes no image.
  * 3. The blocks' runs pause JOB_ROUNDS times. In a round a block sees its neighbours, those with which it shares a view, as of this round if
  *    they come before it, else as of the round before: no two blocks correct the same error at the same time. Others it sees in the coarse model.
+ * 4. The last JOB_FINISH of the run trains the merged model on all views, in blocks/whole, where memory holds it. Else the blocks go on to the end.
  *
  * Invariant: what a block sees in a round is a function of survey and options, not of the process or the order in which it is trained. A process
  * with --block K trains that block, and others while it waits for them.
@@ -205,7 +206,7 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
                                       .start    = &own,
                                       .context  = &context,
                                       .window   = plan->window,
-                                      .guard    = plan->guard,
+                                      .guard    = plan->last == plan->iterations ? plan->guard : NULL,
                                       .first    = plan->first,
                                       .until    = block_plan_until(plan, round)};
     oxl_result               rc;
@@ -234,7 +235,7 @@ static oxl_result rounds_done(struct rounds *r, int block, int *done)
     const oxl_result    rc     = folder ? block_read(r->job->ctx, folder, r->job->key.data, &record) : OXL_ERR_MEMORY;
     *done                      = 0;
     while (rc == OXL_OK && *done < JOB_ROUNDS && record.there && record.iterations >= block_plan_until(&r->plan[block], *done)) ++*done;
-    if (*done == JOB_ROUNDS && !record.finished) --*done; /* its standard model is to be made */
+    if (*done == JOB_ROUNDS && r->plan[block].last == r->plan[block].iterations && !record.finished) --*done; /* its standard model is to be made */
     oxl_free(r->job->ctx, folder);
     return rc;
 }
@@ -339,6 +340,70 @@ static void rounds_end(struct rounds *r)
     oxl_model_free(r->job->ctx, &r->coarse);
 }
 
+/* ---------------------------------------------------------------- the merged model */
+
+OXL_INTERNAL int rounds_finishes(struct job *job)
+{
+    struct block_plan plan = {0};
+    const int         read = block_plan_read(job, 0, &plan) == OXL_OK && plan.views > 0, finishes = read && plan.last < plan.iterations;
+    block_plan_free(job->ctx, &plan);
+    return finishes;
+}
+
+static oxl_result rounds_train_whole(struct job *job, const char *folder)
+{
+    const oxl_callback callback = {job_progress, job};
+    oxl_model          merged   = {0};
+    struct block_task  task     = {.folder   = folder,
+                                   .key      = job->key.data,
+                                   .callback = &callback,
+                                   .start    = &merged,
+                                   .standard = block_standard_steps(&job->options.train)};
+    oxl_result         rc       = job_merge(job, 0, &merged);
+    const int          steps    = (int)OXL_MAX(1, JOB_FINISH * job->options.train.iterations);
+    task.train                  = block_refinement(&job->options.train, merged.sh_degree, steps);
+    task.predicted_seconds      = JOB_FINISH * job->survey.seconds;
+    job->block                  = job->partition.block_count + 1;
+    job->part                   = JOB_FINISH;
+    job->part_first = 0, job->part_until = steps;
+    job_limit_time(job, &task.train);
+    if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
+    if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    oxl_model_free(job->ctx, &merged);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result rounds_finish(struct job *job)
+{
+    char               *folder = job_block_path(job, job->partition.block_count + 1, NULL);
+    struct block_record record = {0};
+    oxl_result          rc     = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK && !record.finished && rounds_finishes(job)) {
+        rc = rounds_train_whole(job, folder);
+        if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
+        job->unfinished += rc == OXL_OK && !record.finished;
+    }
+    if (rc == OXL_OK && record.there) {
+        job_add_record(job, &record);
+        job->total.iterations = job->options.train.iterations;
+    }
+    oxl_free(job->ctx, folder);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- records */
+
+static oxl_result rounds_block_is_missing(struct job *job, int block, const struct block_record *record, int *missing)
+{
+    struct block_plan plan = {0};
+    const oxl_result  rc   = block_plan_read(job, block, &plan);
+    const int         done = plan.views > 0 && record->there && record->iterations >= plan.last &&
+                     (record->finished || plan.last < plan.iterations);
+    if (rc == OXL_OK && !done && *missing < 0) *missing = block;
+    block_plan_free(job->ctx, &plan);
+    return rc;
+}
+
 /* The records of coarse model and blocks; `missing` names the first block that is not finished, or NULL. */
 static oxl_result rounds_add_records(struct job *job, int *missing)
 {
@@ -348,8 +413,9 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
         char               *folder = job_block_path(job, k, NULL);
         struct block_record record = {0};
         rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
-        if (rc == OXL_OK && k < job->partition.block_count && !record.finished && *missing < 0) *missing = k;
-        if (k == job->partition.block_count) record.finished = 1, record.predicted_seconds = JOB_COARSE * job->survey.seconds;
+        if (k == job->partition.block_count) record.predicted_seconds = JOB_COARSE * job->survey.seconds;
+        else if (rc == OXL_OK) rc = rounds_block_is_missing(job, k, &record, missing);
+        record.finished = 1; /* as far as it is asked for */
         if (rc == OXL_OK) job_add_record(job, &record);
         oxl_free(job->ctx, folder);
     }
@@ -368,6 +434,7 @@ OXL_INTERNAL oxl_result rounds_run(struct job *job)
     if (rc == OXL_OK) rc = job->options.block >= 0 ? rounds_one(&r, job->options.block) : rounds_all(&r);
     rounds_end(&r);
     if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_add_records(job, &missing);
+    if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_finish(job);
     return rc;
 }
 
@@ -375,7 +442,8 @@ OXL_INTERNAL oxl_result rounds_collect(struct job *job)
 {
     int        missing = -1;
     oxl_result rc      = rounds_add_records(job, &missing);
-    if (rc != OXL_OK || missing < 0) return rc;
+    if (rc != OXL_OK) return rc;
+    if (missing < 0) return rounds_finish(job);
     return oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d", job->out,
                     missing, job->scene_path, job->out, missing);
 }

@@ -278,7 +278,7 @@ struct train_output {
     oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
     int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */
     const oxl_model *context;   /* Gaussians that are rendered, too, and not trained; NULL: none */
-    int              first;     /* a start that is so many steps old */
+    int              first;     /* a start that is so many steps old, without its moments */
     const struct image_window *window; /* (views) trained part of each view, width 0: none; or NULL: all of all */
     const uint8_t   *guard;     /* (views) 1: now and then all of it, at half the sides: what the model puts in front of others' pixels */
     int              until;     /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
