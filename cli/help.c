@@ -29,7 +29,7 @@ static const struct {
     {"partition.txt, partition.svg", "the blocks, of a survey that was split"},
     {"blocks/KKK/",
      "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained, and a COLMAP text export"},
-    {"blocks/coarse/", "the coarse model of a survey in several blocks"},
+    {"blocks/coarse/", "of a survey in several blocks: the coarse model that they begin with; blocks/whole/: the merged model"},
 };
 
 enum { HELP_DEFAULT = 160 };

@@ -248,6 +248,20 @@ TEST(job_trains_its_blocks_again_when_the_survey_has_changed)
     CHECK(watch.calls > 1);
 }
 
+TEST(job_in_blocks_trains_the_merged_model_last_where_memory_holds_it)
+{
+    oxl_job_options options = job_test_blocks();
+    options.train.iterations = 40;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("ample"), &options, NULL));
+    CHECK(os_is_file(test_path("ample/blocks/whole/model.ply")));
+    CHECK(!job_test_same(test_path("ample/blocks/whole/model.ply"), test_path("ample/blocks/000/model.ply")));
+    options.train.max_gaussians = 2000000; /* 3 GB with moments and gradient, more than allowed: the merged model might come to it */
+    options.ram                 = (size_t)1 << 31;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("small"), &options, NULL));
+    CHECK(!os_is_file(test_path("small/blocks/whole/model.ply")) && os_is_file(test_path("small/scene.ply")));
+    CHECK(job_test_has(test_path("small/blocks/000/block.json"), "\"finished\": true"));
+}
+
 TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
 {
     oxl_job_options options = job_test_blocks();
@@ -255,7 +269,7 @@ TEST(job_in_blocks_with_second_lobes_writes_a_standard_model_of_all)
     options.train.iterations = 60;
     options.train.dog        = OXL_DOG_ALL;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
-    CHECK(os_is_file(test_path("out/blocks/000/model_standard.ply")));
+    CHECK(os_is_file(test_path("out/blocks/whole/model_standard.ply")));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
     CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene_standard.ply"), &standard));
     CHECK(model.lobes == model.count && standard.lobes == 0 && standard.count == model.count);
@@ -298,7 +312,7 @@ TEST(job_trains_a_block_again_whose_folder_was_emptied)
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK(remove(test_path("out/blocks/001/block.json")) == 0 && remove(test_path("out/run.json")) == 0);
     CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
-    CHECK(job_test_has(test_path("out/blocks/001/block.json"), "\"finished\": true"));
+    CHECK(os_is_file(test_path("out/blocks/001/model.ply")) && job_test_has(test_path("out/run.json"), "\"finished\": true"));
 }
 
 /* A survey, and in `out` a run with these options that was stopped after five steps. */

@@ -7,7 +7,7 @@
  */
 #include "job_state.h"
 
-#define PLAN_PIXEL_COST 0.15  /* of a pixel that is the block's alone (docs/log/SCALE.md) */
+#define PLAN_PIXEL_COST 0.35  /* of a pixel that is the block's alone (docs/log/SCALE.md) */
 #define PLAN_LEAST      0.002 /* of an image's pixels: views that are worth less to a block are left out */
 #define PLAN_TILE       16    /* px: windows begin and end at multiples of it, or at the image's borders */
 
@@ -256,9 +256,10 @@ static void plan_divide(const struct job *job, struct block_plan *plan, const st
     const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene));
     const double cap    = (double)schedule_gaussian_cap(job->scene, &job->options.train);
     const int    finish = plan_finishes(job, cap);
-    const double part = 1 - JOB_COARSE - (finish ? JOB_FINISH : 0), guard = finish ? 0 : 1.0 / TRAIN_GUARD_EVERY;
-    double       area = 0, share = 0, epochs;
+    const double part = 1 - JOB_COARSE - (finish ? rounds_share_of_finish(job) : 0), guard = finish ? 0 : 1.0 / TRAIN_GUARD_EVERY;
+    double       area = 0, share = 0, rows = 0, epochs;
     for (int k = 0; k < blocks; k++) {
+        rows += (double)sum[k].rows;
         area += (1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4;
         share += sum[k].pixels;
     }
@@ -269,7 +270,7 @@ static void plan_divide(const struct job *job, struct block_plan *plan, const st
         plan[k].last       = finish ? (int)((JOB_COARSE + part) * plan[k].iterations) : plan[k].iterations;
         plan[k].share      = share > 0 ? sum[k].pixels / share : 1.0 / blocks;
         plan[k].work       = area > 0 ? part * ((1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4) / area : 0;
-        plan[k].gaussians  = OXL_MAX(OXL_MAX(1, (double)sum[k].rows), floor(cap * plan[k].share));
+        plan[k].gaussians  = OXL_MAX(1, (double)sum[k].rows + floor(OXL_MAX(0, cap - rows) * plan[k].share));
     }
 }
 

@@ -5,9 +5,11 @@
 #include "job.h"
 #include "../core/vecmath.h"
 
-#define JOB_COARSE 0.1  /* of a run in blocks: the coarse model of the survey, before them */
-#define JOB_FINISH 0.24 /* and the merged model after them, where memory holds it; pruning ends before */
-#define JOB_ROUNDS 8   /* pauses of each block, to see what its neighbours have come to */
+/* Shares of a run in blocks (docs/SCALE.md). */
+#define JOB_COARSE       0.15 /* the coarse model of the survey, before them */
+#define JOB_FINISH       0.35 /* the merged model, after them, where memory holds it; */
+#define JOB_FINISH_LATER 0.24 /* with pruning or second lobes: these end before */
+#define JOB_ROUNDS 4   /* pauses of each block, to see what its neighbours have come to */
 
 struct job {
     oxl_context        *ctx;
@@ -70,7 +72,8 @@ OXL_INTERNAL int        block_plan_shows(const oxl_camera *camera, double near_p
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
 OXL_INTERNAL oxl_result rounds_finish(struct job *job); /* when all blocks are done: trains the merged model, if that is planned */
-OXL_INTERNAL int        rounds_finishes(struct job *job); /* 1: it is */
+OXL_INTERNAL double     rounds_share_of_finish(const struct job *job); /* of the run */
+OXL_INTERNAL int        rounds_finishes(struct job *job);              /* 1: it is planned */
 OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */
 
 #endif

@@ -5,7 +5,7 @@
  *    Gaussians are rendered with them and not trained: the context. So merging is putting side by side, and changes no image.
  * 3. The blocks' runs pause JOB_ROUNDS times. In a round a block sees its neighbours, those with which it shares a view, as of this round if
  *    they come before it, else as of the round before: no two blocks correct the same error at the same time. Others it sees in the coarse model.
- * 4. The last JOB_FINISH of the run trains the merged model on all views, in blocks/whole, where memory holds it. Else the blocks go on to the end.
+ * 4. The last part of the run trains the merged model on all views, in blocks/whole, where memory holds it. Else the blocks go on to the end.
  *
  * Invariant: what a block sees in a round is a function of survey and options, not of the process or the order in which it is trained. A process
  * with --block K trains that block, and others while it waits for them.
@@ -342,6 +342,12 @@ static void rounds_end(struct rounds *r)
 
 /* ---------------------------------------------------------------- the merged model */
 
+OXL_INTERNAL double rounds_share_of_finish(const struct job *job)
+{
+    const oxl_train_options *o = &job->options.train;
+    return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_FINISH : JOB_FINISH_LATER;
+}
+
 OXL_INTERNAL int rounds_finishes(struct job *job)
 {
     struct block_plan plan = {0};
@@ -360,11 +366,11 @@ static oxl_result rounds_train_whole(struct job *job, const char *folder)
                                    .start    = &merged,
                                    .standard = block_standard_steps(&job->options.train)};
     oxl_result         rc       = job_merge(job, 0, &merged);
-    const int          steps    = (int)OXL_MAX(1, JOB_FINISH * job->options.train.iterations);
+    const int          steps    = (int)OXL_MAX(1, rounds_share_of_finish(job) * job->options.train.iterations);
     task.train                  = block_refinement(&job->options.train, merged.sh_degree, steps);
-    task.predicted_seconds      = JOB_FINISH * job->survey.seconds;
+    task.predicted_seconds      = rounds_share_of_finish(job) * job->survey.seconds;
     job->block                  = job->partition.block_count + 1;
-    job->part                   = JOB_FINISH;
+    job->part                   = rounds_share_of_finish(job);
     job->part_first = 0, job->part_until = steps;
     job_limit_time(job, &task.train);
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
