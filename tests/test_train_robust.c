@@ -33,8 +33,8 @@ static void robust_test_paint(float *rgb, int x, int y, float by)
 
 static void robust_test_look(struct robust_case *c, int view, int masked)
 {
-    CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->rendered,
-                              c->image, 1, masked, c->weight));
+    const struct transients_view v = {&oxl_scene_view(c->scene, view)->camera, 0.2, c->rendered, c->image, c->weight, masked};
+    CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &v, 1));
 }
 
 static int robust_test_aside(const struct robust_case *c)

@@ -410,9 +410,10 @@ static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
         if (!scene->view[i].is_test) views[count++] = (struct stats_view){image_row, &scene->view[i].camera};
     }
     rc = stats_camera_radius(ctx, views, count, &radius);
-    if (rc == OXL_OK)
-        rc = stats_depths(ctx, views, count, scene->point, scene->point_count, &scene->colmap, scene->origin, &scene->depth,
-                          &scene->depth_count);
+    if (rc == OXL_OK) {
+        const struct stats_points points = {scene->point, scene->point_count, &scene->colmap, scene->origin};
+        rc                               = stats_depths(ctx, views, count, &points, &scene->depth, &scene->depth_count);
+    }
     if (rc == OXL_OK && scene->point_count)
         rc = stats_bounds(ctx, scene->point->position, scene->point_count, sizeof *scene->point, scene->stats.bounds_min, middle,
                           scene->stats.bounds_max);

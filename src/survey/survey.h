@@ -192,9 +192,15 @@ OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, s
                                      double middle[3], double high[3]);
 /* Largest distance from the mean of the camera centres, without those beyond 5 median distances; 0 for one camera. */
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius);
+struct stats_points {
+    const oxl_point     *point; /* (count) local */
+    size_t               count;
+    const struct colmap *colmap; /* points with their tracks; local = position - origin */
+    const double        *origin;
+};
 /* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images. Sorts views by image. */
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
-                                     const struct colmap *c, const double origin[3], double **out, size_t *out_count);
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const struct stats_points *points,
+                                     double **out, size_t *out_count);
 
 /* ---------------------------------------------------------------- scene.c: from the files to views, points and images */
 

@@ -88,12 +88,13 @@ static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera
     const size_t pixels   = (size_t)camera->width * (size_t)camera->height;
     const float *rendered = NULL;
     oxl_result   rc       = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    const int    masked   = t->masked;
-    t->masked             = 1;
     if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
-    if (rc != OXL_OK) return rc;
-    return transients_weigh(t->ctx, &t->transients, t->scene, camera, t->render.near_plane, rendered, t->target,
-                            !t->trial_is_next, masked, t->weight);
+    if (rc == OXL_OK) {
+        const struct transients_view view = {camera, t->render.near_plane, rendered, t->target, t->weight, t->masked};
+        rc                                = transients_weigh(t->ctx, &t->transients, t->scene, &view, !t->trial_is_next);
+    }
+    t->masked = 1;
+    return rc;
 }
 
 static void step_set_gain(struct train *t, int view)

@@ -184,11 +184,16 @@ struct transients {
 };
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on);
 OXL_INTERNAL void       transients_free(oxl_context *ctx, struct transients *r);
-/* weight (H,W): set to 0 where masked as transient. masked: it contains a mask; otherwise all of it is set. rendered, image (3,H,W).
- * remember 0: what is usual stays as it is, as in the steps of a trial. */
-OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
-                                         double near_plane, const float *rendered, const float *image, int remember, int masked,
-                                         float *weight);
+struct transients_view {
+    const oxl_camera *camera;
+    double            near_plane;
+    const float      *rendered, *image; /* (3,H,W) */
+    float            *weight;           /* (H,W): set to 0 where masked as transient */
+    int               masked;           /* weight contains a mask; 0: all of it is set */
+};
+/* remember 0: what is usual stays as it is, as in the steps of a trial. */
+OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene,
+                                         const struct transients_view *view, int remember);
 OXL_INTERNAL void       transients_describe(const struct transients *r, char *out, size_t size); /* the masked share, as text */
 OXL_INTERNAL void       transients_archive(struct archive *a, struct transients *r);
 

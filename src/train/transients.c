@@ -180,23 +180,23 @@ static size_t transients_fill(const struct transients_grid *g, const struct tran
     return aside;
 }
 
-OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
-                                         double near_plane, const float *rendered, const float *image, int remember, int masked,
-                                         float *weight)
+OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene,
+                                         const struct transients_view *v, int remember)
 {
-    const struct transients_grid g = transients_grid(camera->width, camera->height);
+    const struct transients_grid g = transients_grid(v->camera->width, v->camera->height);
     const int                    n = g.across * g.down;
     double                       aside;
     oxl_result                   rc = oxl_reserve(ctx, (void **)&r->square, &r->square_capacity, (size_t)n, sizeof *r->square);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < n; i++) {
-        r->square[i].error = transients_error(&g, rendered, image, masked ? weight : NULL, i % g.across, i / g.across);
+        r->square[i].error =
+            transients_error(&g, v->rendered, v->image, v->masked ? v->weight : NULL, i % g.across, i / g.across);
         r->square[i].usual = -1;
     }
-    transients_ask_points(ctx, r, &g, scene, camera, near_plane);
+    transients_ask_points(ctx, r, &g, scene, v->camera, v->near_plane);
     transients_mark(&g, r->square);
-    aside = (double)transients_fill(&g, r->square, masked, weight) / ((double)g.width * g.height);
+    aside = (double)transients_fill(&g, r->square, v->masked, v->weight) / ((double)g.width * g.height);
     if (!remember) return OXL_OK;
     transients_add_points(r);
     r->masked_share += TRANSIENTS_SMOOTHING * (aside - r->masked_share);
