@@ -381,7 +381,7 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
            m->half_psnr);
     puts("cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
-         "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
+         "renders/NAME.image.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct console *console)

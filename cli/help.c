@@ -25,7 +25,7 @@ static const struct {
      "psnr, cc_psnr, ssim, ms_ssim of the held-out views, each and mean; gaussians, bytes, seconds, iterations, peak_rss_bytes"},
     {"run.json", "version, options (\"job\"), what was found in the survey, decisions and their evidence, log lines"},
     {"report.html", "all of it on one page, with charts, a map and the worst views"},
-    {"renders/", "NAME.png and NAME.photo.png of each held-out view"},
+    {"renders/", "NAME.png and NAME.image.png of each held-out view"},
     {"partition.txt, partition.svg", "the blocks, of a survey that was split"},
     {"blocks/KKK/",
      "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained, and a COLMAP text export"},

@@ -35,7 +35,7 @@ static const struct cli_command CLI_COMMANDS[] = {
      "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
      "oceanxl eval out/scene.ply survey",
      "The images are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
-     "not available: compare OUT/renders/NAME.png with NAME.photo.png by a program that has one."},
+     "not available: compare OUT/renders/NAME.png with NAME.image.png by a program that has one."},
     {"info", COMMAND_INFO, 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
      "Reads .ply, .spz and .splat."},
     {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",

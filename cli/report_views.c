@@ -133,7 +133,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
     output_add(t, "<h3>");
     page_text(t, row->name);
     output_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", OUTPUT_FIXED(row->psnr, 2), OUTPUT_FIXED(row->ssim, 3));
-    if (!views_picture(r, folder, row->name, ".png", &rendered) || !views_picture(r, folder, row->name, ".photo.png", &image) ||
+    if (!views_picture(r, folder, row->name, ".png", &rendered) || !views_picture(r, folder, row->name, ".image.png", &image) ||
         rendered.width != image.width || rendered.height != image.height)
         output_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
     else if (views_reduce(r, &rendered) == OXL_OK && views_reduce(r, &image) == OXL_OK &&

@@ -202,7 +202,7 @@ static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *
     text_free(&cloud);
 }
 
-static int extreme_count_faults(void *user, const oxl_progress *p)
+static int extreme_count_nonfinite(void *user, const oxl_progress *p)
 {
     *(oxl_nonfinite *)user = p->nonfinite;
     return 0;
@@ -215,8 +215,8 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
     oxl_train_options  train  = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_scene_options  load   = oxl_scene_options_default();
     oxl_render_options draw   = oxl_render_options_default();
-    oxl_nonfinite      faults = {0};
-    const oxl_callback count  = {extreme_count_faults, &faults};
+    oxl_nonfinite      found  = {0};
+    const oxl_callback count  = {extreme_count_nonfinite, &found};
     oxl_scene         *scene;
     oxl_model          model;
     int                finite = 1;
@@ -236,7 +236,7 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
     }
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
     for (size_t i = 0; i < EXTREME_VIEWS * values; i++) finite &= fabsf(pictures[i]) <= FLT_MAX;
-    finite &= faults.steps == 0 && faults.rows == 0 && faults.cleared == 0 && faults.images == 0;
+    finite &= found.steps == 0 && found.rows == 0 && found.cleared == 0 && found.images == 0;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
     return finite;

@@ -78,7 +78,7 @@ plant() { # FILE LINE COLUMN OLD NEW [NAME]
 }
 
 tests="tests/test_adam.c tests/test_extremes.c tests/test_gradient.c tests/test_loss.c tests/test_oracle.c tests/test_raster.c tests/test_reference.c tests/test_train.c"
-names='adam_ pixel_that extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_'
+names='adam_ pixel_ extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_'
 [ "${1:-}" = constants ] && tests=tests/test_reference.c names=reference_
 rm -rf "$work"
 mkdir -p "$work/tree"

@@ -84,7 +84,7 @@ TEST(camera_models_have_the_ids_of_colmap)
     CHECK(camera_model_count() == 18);
 }
 
-TEST(camera_of_the_whole_sphere_is_refused_with_what_to_do)
+TEST(camera_of_the_whole_sphere_is_refused_with_a_fix)
 {
     const double               p[] = {640, 320};
     const struct colmap_camera c   = camera_make("EQUIRECTANGULAR", 640, 320, 2, p);
@@ -95,7 +95,7 @@ TEST(camera_of_the_whole_sphere_is_refused_with_what_to_do)
     CHECK_TEXT(oxl_error_text(test_ctx), "panorama_sfm.py");
 }
 
-TEST(camera_lenses_without_distortion_of_the_new_models_are_pinholes)
+TEST(camera_new_models_without_distortion_are_pinholes)
 {
     const double               fov[] = {500, 510, 320, 240, 0}, eucm[] = {500, 510, 320, 240, 0, 1};
     const struct colmap_camera none[] = {camera_make("FOV", 640, 480, 5, fov), camera_make("DIVISION", 640, 480, 5, fov),
@@ -197,7 +197,7 @@ TEST(camera_undistorted_holds_only_pixels_that_were_seen_once)
     }
 }
 
-TEST(camera_nonsense_is_refused_with_a_word_on_what_to_do)
+TEST(camera_invalid_values_are_refused_with_a_fix)
 {
     static const struct {
         const char *model;

@@ -132,7 +132,7 @@ static const char *colmap_replaced(const char *text, char from, const char *to)
 
 /* ---------------------------------------------------------------- what is read */
 
-TEST(colmap_a_file_of_fewer_rows_than_it_announces_is_told)
+TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
 {
     char          images[1024], points[1024];
     struct colmap c;
@@ -596,7 +596,7 @@ static void *colmap_reallocate(void *user, void *old, size_t size)
     return colmap_scarce.reallocate(user, old, size);
 }
 
-TEST(colmap_when_memory_runs_out_nothing_leaks_and_it_is_said)
+TEST(colmap_out_of_memory_is_reported_and_nothing_leaks)
 {
     struct colmap c;
     oxl_result    rc = OXL_ERR_MEMORY;
@@ -696,7 +696,7 @@ TEST(colmap_a_place_in_a_track_has_32_bits)
     CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 4294967296\n"), "seen '4294967296', wanted POINT2D_IDX");
 }
 
-TEST(colmap_it_is_known_where_the_text_of_2d_points_lies)
+TEST(colmap_records_the_offset_of_the_text_of_2d_points)
 {
     static const char *const wanted[3] = {"10.5 20.25 4 30 -0.5 -1", "", "1.5 2.5 9"};
     struct colmap            c;

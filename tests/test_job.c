@@ -82,7 +82,7 @@ static int job_test_progress(void *user, const oxl_progress *p)
     return p->iteration == w->stop_at;
 }
 
-TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
+TEST(job_writes_model_metrics_log_renders_and_last_run_json)
 {
     const oxl_job_options options = job_test_options();
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
@@ -95,7 +95,7 @@ TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
     CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n12,"));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
     CHECK(os_is_file(test_path("out/renders/0.png.png")));
-    CHECK(os_is_file(test_path("out/renders/0.png.photo.png")));
+    CHECK(os_is_file(test_path("out/renders/0.png.image.png")));
     CHECK(!os_is_file(test_path("out/renders/1.png.png")));
 }
 
@@ -461,7 +461,7 @@ TEST(job_resume_finds_the_options_that_a_run_was_given)
     oxl_manifest_free(test_ctx, &run);
 }
 
-TEST(job_without_held_out_views_judges_training_views_and_says_so)
+TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
 {
     oxl_job_options options  = job_test_options();
     options.scene.test_every = 0;
@@ -477,7 +477,7 @@ TEST(job_of_a_missing_survey_is_bad_input)
     CHECK_TEXT(oxl_error_text(test_ctx), "nowhere");
 }
 
-TEST(job_pictures_stay_inside_their_folder)
+TEST(job_renders_stay_inside_their_folder)
 {
     char *path = render_file_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
     CHECK(path && strcmp(path, test_path("pictures/.._dive_a.jpg.png")) == 0);
@@ -489,7 +489,7 @@ TEST(job_pictures_stay_inside_their_folder)
 }
 
 /* With four threads, which write four views' pictures side by side: a folder stands where one of the second view's is to be. */
-TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
+TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
 {
     const oxl_render_output what    = {.split = OXL_SPLIT_ALL, .images = 1};
     const oxl_point         point   = {.position = {0, 0, 4}};
@@ -501,18 +501,18 @@ TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
     CHECK_OK(oxl_render_views(test_ctx, &model, scene, &what, test_path("drawn"), &count));
-    CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) && os_is_file(test_path("drawn/8.png.photo.png")));
+    CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) && os_is_file(test_path("drawn/8.png.image.png")));
     test_write("again/1.png.png/.keep", "");
     CHECK(oxl_render_views(test_ctx, &model, scene, &what, test_path("again"), &count) == OXL_ERR_IO);
     CHECK_TEXT(oxl_error_text(test_ctx), "again/1.png.png");
-    CHECK(count == 1 && os_is_file(test_path("again/0.png.photo.png")) && !os_is_file(test_path("again/8.png.png")));
+    CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) && !os_is_file(test_path("again/8.png.png")));
     test_ctx->threads = threads;
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
 
 /* Of six depths: thousandths for the map of 16 bits, rows from the bottom in the float map. */
-TEST(pictures_of_depth_hold_thousandths_and_floats)
+TEST(renders_of_depth_hold_thousandths_and_floats)
 {
     static const float    depth[6]  = {0, 1.2344f, 0.0001f, 65.6f, 1e9f, 12.0006f};
     static const uint16_t wanted[6] = {0, 1234, 1, 65535, 65535, 12001};
@@ -623,14 +623,14 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
     }
 }
 
-TEST(job_ends_well_when_an_image_held_out_cannot_be_read)
+TEST(job_completes_when_a_held_out_image_cannot_be_read)
 {
     oxl_job_options options = job_test_options();
     const char     *survey  = job_test_survey();
     test_write("survey/images/8.png", "no picture");
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"count\": 1"));
-    CHECK(os_is_file(test_path("out/renders/8.png.png")) && !os_is_file(test_path("out/renders/8.png.photo.png")));
+    CHECK(os_is_file(test_path("out/renders/8.png.png")) && !os_is_file(test_path("out/renders/8.png.image.png")));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
 }
 

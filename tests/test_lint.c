@@ -26,7 +26,7 @@ static const char *lint_survey(void)
     return survey;
 }
 
-TEST(lint_finds_nothing_in_a_sound_survey)
+TEST(lint_finds_nothing_in_a_valid_survey)
 {
     oxl_survey s;
     CHECK_OK(oxl_check(test_ctx, lint_survey(), NULL, &s));

@@ -54,7 +54,7 @@ static uint64_t memory_sum(const char *file)
     return sum;
 }
 
-TEST(memory_refused_anywhere_in_a_job_is_told_or_changes_nothing)
+TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
 {
     const char *survey = job_test_survey(), *out = test_path("out");
     char        name[64], ply[512];

@@ -215,7 +215,7 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
     return scene;
 }
 
-TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
+TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
 {
     oxl_model   model;
     oxl_view    view[2];

@@ -150,7 +150,7 @@ TEST(negative_alpha_lets_no_pixel_grow_past_32)
 }
 
 /* Four plain splats end the pixels in the middle; in the same batch alpha is negative behind them. */
-TEST(pixel_that_has_ended_does_not_come_back_where_alpha_is_negative)
+TEST(pixel_below_the_minimum_transmittance_stays_ended_where_alpha_is_negative)
 {
     struct wide w;
     raster_scene(&w, 16, 12, 40, 40);

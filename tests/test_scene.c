@@ -189,7 +189,7 @@ TEST(scene_of_one_image_trains_on_it_and_has_an_extent)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_without_points_is_told_and_gets_random_ones_in_sight)
+TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
 {
     oxl_scene  *scene;
     oxl_point  *points, *again;
@@ -315,7 +315,7 @@ TEST(scene_is_found_beside_the_images_too)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_that_is_none_is_refused_with_a_word_on_what_to_do)
+TEST(scene_that_is_missing_is_refused_with_a_fix)
 {
     oxl_scene *scene;
     CHECK(oxl_scene_load(test_ctx, test_path("nothing"), NULL, &scene) == OXL_ERR_INPUT);
@@ -578,7 +578,7 @@ static void *scene_failing_reallocate(void *user, void *old, size_t size)
     return counting_reallocate(user, old, size);
 }
 
-TEST(scene_gives_everything_back_when_any_allocation_fails)
+TEST(scene_frees_all_memory_when_any_allocation_fails)
 {
     const char *path             = scene_survey("s", 3, 0, 1);
     int         failures         = 0;

@@ -337,7 +337,7 @@ static oxl_result study_test_run(oxl_result (*run)(const study_options *o, FILE 
     return run(&o, stdout, error, 400);
 }
 
-TEST(study_refuses_rows_and_seeds_that_make_no_sense)
+TEST(study_refuses_invalid_rows_and_seeds)
 {
     char error[400];
     CHECK(study_test_run(ablate_run, "v1,v9", 1, error) == OXL_ERR_USAGE);

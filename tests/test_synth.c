@@ -391,7 +391,7 @@ TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
     }
 }
 
-TEST(synth_fish_swim_between_images_in_front_of_the_ground)
+TEST(synth_fish_move_between_images_in_front_of_the_ground)
 {
     synth_options      o     = synth_test_options("fish");
     struct synth_path  path  = {0};
@@ -424,7 +424,7 @@ static double synth_test_depth_ratio(const synth_options *o, const char *name)
     return most / least;
 }
 
-TEST(synth_rov_looks_ahead_over_depths_of_one_to_ten_clear_of_the_ground)
+TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
 {
     synth_options      o      = synth_test_options("rov");
     struct synth_path  path   = {0};
@@ -500,7 +500,7 @@ TEST(synth_wreck_scene_has_most_of_its_points_on_the_wreck)
     CHECK(wreck > 0.5);
 }
 
-TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
+TEST(synth_refuses_invalid_options_with_a_fix)
 {
     char          error[300];
     synth_options o = synth_test_options("survey");

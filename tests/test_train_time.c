@@ -28,7 +28,7 @@ TEST(predict_time_states_a_range_around_its_value_and_more_for_more_steps)
 }
 
 /* Where steps cannot be timed, the caller is told so by 0 and keeps its own range. */
-TEST(predict_time_of_a_scene_without_points_is_not_told)
+TEST(predict_time_of_a_scene_without_points_is_not_stated)
 {
     const oxl_view    view     = {"v.png", {32, 32, 50, 50, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 3}}, 0};
     oxl_train_options o        = train_options(20);

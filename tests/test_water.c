@@ -257,7 +257,7 @@ TEST(exposure_is_read_as_it_was_written)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(exposure_of_a_broken_file_names_line_and_value)
+TEST(exposure_of_a_damaged_file_names_line_and_value)
 {
     static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n",     "lamp 1\n",    "bD 1 2\n",
                                          "falloff 1\n",        "lamp all 1 2\n", "lantern 1\n", "gain 1 1e9 1 a.png\n"};

@@ -47,11 +47,11 @@ static oxl_result predict_time_step(struct time_probe *r, oxl_model *model, cons
 {
     const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
     struct renderer_loss      loss;
-    struct renderer_nonfinite aside;
+    struct renderer_nonfinite skipped;
     oxl_result                rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
     if (rc == OXL_OK) rc = renderer_loss(r->ctx, r->renderer, r->target, NULL, 0.2f, &loss);
     if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, &r->gradient);
-    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, &still, &aside);
+    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, &still, &skipped);
     return rc;
 }
 

@@ -163,7 +163,7 @@ static oxl_result render_file_write(struct render_file *p, const char *folder)
 {
     oxl_result rc = render_file_write_image(&p->own, folder, p->name, ".png", &p->rendered);
     if (rc == OXL_OK && p->depth) rc = render_file_write_depth(&p->own, folder, p->name, p->depth, p->width, p->height);
-    if (rc == OXL_OK && p->image.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".photo.png", &p->image);
+    if (rc == OXL_OK && p->image.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".image.png", &p->image);
     return rc;
 }
 

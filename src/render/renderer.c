@@ -178,7 +178,7 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO) return rc;
     snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
     rc = render_download_target(ctx, r);
-    if (rc == OXL_OK) rc = r->backend->fetch(r->device);
+    if (rc == OXL_OK) rc = r->backend->download(r->device);
     if (rc != OXL_OK) return rc;
     r->backend->free(r->device);
     r->device = NULL;
@@ -607,10 +607,10 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out)
 {
-    const struct render_step s     = {model,    first,      second,
-                                      gradient, adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
-    const int64_t            tasks = render_tasks(r);
-    size_t                   aside = 0, first_aside = SIZE_MAX;
+    const struct render_step s       = {model,    first,      second,
+                                        gradient, adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
+    const int64_t            tasks   = render_tasks(r);
+    size_t                   skipped = 0, first_skipped = SIZE_MAX;
     struct adam_job          rows = {.visible            = r->visible,
                                      .beta1              = (float)adam->beta[0],
                                      .beta2              = (float)adam->beta[1],
@@ -621,7 +621,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
     rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
     render_step_planes(&s, 0, rows.planes, 0, &rows);
     render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : aside) reduction(min : first_aside)
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
     for (int64_t task = 0; task < tasks; task++) {
         struct adam_job           job  = rows;
         struct renderer_nonfinite here = {0, SIZE_MAX};
@@ -631,10 +631,10 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         adam_step(ctx->isa, &job);
         for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
             render_count_aside(seen[pack - job.first_pack], r->visible[pack], pack, &here);
-        aside += here.rows;
-        first_aside = OXL_MIN(first_aside, here.first);
+        skipped += here.rows;
+        first_skipped = OXL_MIN(first_skipped, here.first);
     }
-    *out = (struct renderer_nonfinite){aside, first_aside};
+    *out = (struct renderer_nonfinite){skipped, first_skipped};
     return OXL_OK;
 }
 
@@ -660,7 +660,7 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    return r->device ? r->backend->fetch(r->device) : OXL_OK;
+    return r->device ? r->backend->download(r->device) : OXL_OK;
 }
 
 OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row)
@@ -668,10 +668,10 @@ OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row)
     return r->visible[row / PACK] >> (row % PACK) & 1;
 }
 
-OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r)
+OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    if (r->device) return r->backend->forget(r->device);
+    if (r->device) return r->backend->clear_visible(r->device);
     memset(r->visible, 0, r->bins.packs * sizeof *r->visible);
     return OXL_OK;
 }
@@ -721,7 +721,7 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
     return c;
 }
 
-/* ---------------------------------------------------------------- the public doors */
+/* ---------------------------------------------------------------- the public functions */
 
 /* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha T. */
 static void render_depth_tiles(oxl_context *ctx, struct renderer *r)

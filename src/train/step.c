@@ -91,7 +91,7 @@ static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera
     if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
     if (rc == OXL_OK) {
         const struct transients_view view = {camera, t->render.near_plane, rendered, t->target, t->weight, t->masked};
-        rc                                = transients_weigh(t->ctx, &t->transients, t->scene, &view, !t->trial_is_next);
+        rc                                = transients_mask(t->ctx, &t->transients, t->scene, &view, !t->trial_is_next);
     }
     t->masked = 1;
     return rc;
@@ -175,7 +175,7 @@ static oxl_result step_on_view(struct train *t, int view)
         if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
         if (rc != OXL_OK) return rc;
         nonfinite_of_view(t->ctx, &t->nonfinite, t->step, name, t->renderer, t->model, &t->first, &t->second);
-        return renderer_forget(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
+        return renderer_clear_visible(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
     }
     if (t->exposure.of.on)
         exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));

@@ -160,7 +160,7 @@ static int train_are_squares(const oxl_model *second)
     return 1;
 }
 
-/* All that the steps to come depend on; the gradient is made anew in each. */
+/* All state that later steps depend on; the gradient is computed in each step. */
 static void train_archive(struct archive *a, void *user)
 {
     struct train *t     = user;
