@@ -1,4 +1,4 @@
-/* info.c - a model in numbers: how many Gaussians, where, how large, how opaque, and whether all of them are numbers. */
+/* info.c - statistics of a model: number of Gaussians, position, size, opacity, nonfinite values. */
 #include "cli.h"
 
 #include <math.h>

@@ -117,7 +117,7 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats
     kept    = stats_drop_outliers(centre, count, middle, STATS_OUTLIER * stats_pick(distance, count, 0.5));
     *radius = stats_radius(centre, kept);
     if (kept < count)
-        oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras stand far from all others and do not count for the extent", count - kept);
+        oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent", count - kept);
 done:
     oxl_free(ctx, centre);
     oxl_free(ctx, distance);

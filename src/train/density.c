@@ -17,8 +17,8 @@
 #define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
 #define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset interval; removed in [Kerbl 2023] */
 #define DENSITY_OPACITY_MAX   0.999999 /* of a child: its logit is finite */
-#define DENSITY_SPLIT_SHARE \
-    0.70710678118654752 /* sqrt(1/2): scale and distance of a child in longest scales; of log(1 - opacity) */
+/* sqrt(1/2): scale and distance of a child in longest scales; share of log(1 - opacity) */
+#define DENSITY_SPLIT_SHARE 0.70710678118654752
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
 
