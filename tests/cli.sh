@@ -106,7 +106,7 @@ promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
 promise option_of_another_command_is_refused 2 "option '--depth' is not known" "$program" train survey -o out --depth
-promise missing_scene_is_a_usage_error 2 "wants SCENE -o OUT" "$program" train
+promise missing_scene_is_a_usage_error 2 "needs SCENE -o OUT" "$program" train
 promise missing_value_is_named 2 "option --max-time takes a value: TIME" "$program" train s -o o --max-time
 promise wrong_value_is_shown 2 "'-3' seen" "$program" train s -o o --iterations=-3
 promise missing_sparse_folder_is_named 3 "--sparse names the folder" on_stderr "$program" check . --sparse nowhere

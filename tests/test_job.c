@@ -105,7 +105,7 @@ TEST(job_log_holds_no_iteration_twice_and_no_trial)
     oxl_job_options    options = job_test_options();
     struct os_file_map map     = {0};
     int                last = 0, tried = 0, gaps = 0;
-    options.scene.test_every = 0; /* 9 views: enough to spare one */
+    options.scene.test_every = 0; /* 9 views: enough for validation views */
     options.train.iterations = 120;
     options.train.sh_degree  = -1;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));

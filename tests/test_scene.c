@@ -158,7 +158,7 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
     scene_listen();
     CHECK_OK(stats_camera_radius(test_ctx, view, 10, &robust));
     CHECK_CLOSE(robust, 4, 1e-12);
-    CHECK_TEXT(scene_log, "1 cameras stand far from all others");
+    CHECK_TEXT(scene_log, "1 cameras are far from all others");
 }
 
 /* Two thirds of the points in front of the cameras were seen by none of them: haze. */
