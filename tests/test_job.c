@@ -399,14 +399,14 @@ TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
     const char           *survey   = job_test_stopped(&options);
     CHECK(remove(test_path("out/run.json")) == 0);
     options.train.iterations++;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL)); /* nobody can tell whose work that was */
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL)); /* it cannot be known which survey that was */
     CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl.other")));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "is kept as"));
     CHECK(rename(test_path("out/blocks/000/checkpoint.oxl.other"), test_path("out/blocks/000/checkpoint.oxl")) == 0);
     CHECK(remove(test_path("out/run.json")) == 0);
     options.train.iterations--;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
-    CHECK(watch.calls < options.train.iterations); /* its owner can go on with it */
+    CHECK(watch.calls < options.train.iterations); /* it can be resumed */
 }
 
 TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
@@ -479,16 +479,16 @@ TEST(job_of_a_missing_survey_is_bad_input)
 
 TEST(job_renders_stay_inside_their_folder)
 {
-    char *path = render_file_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
-    CHECK(path && strcmp(path, test_path("pictures/.._dive_a.jpg.png")) == 0);
+    char *path = render_file_path(test_ctx, test_path("images"), "../dive/a.jpg", ".png");
+    CHECK(path && strcmp(path, test_path("images/.._dive_a.jpg.png")) == 0);
     oxl_free(test_ctx, path);
-    path = render_file_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
-    CHECK(path && strcmp(path, test_path("pictures/dive/a.jpg.png")) == 0);
-    CHECK(os_is_folder(test_path("pictures/dive")));
+    path = render_file_path(test_ctx, test_path("images"), "dive/a.jpg", ".png");
+    CHECK(path && strcmp(path, test_path("images/dive/a.jpg.png")) == 0);
+    CHECK(os_is_folder(test_path("images/dive")));
     oxl_free(test_ctx, path);
 }
 
-/* With four threads, which write four views' pictures side by side: a folder stands where one of the second view's is to be. */
+/* With four threads, which write four views' images side by side: a folder stands where one of the second view's is to be. */
 TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
 {
     const oxl_render_output what    = {.split = OXL_SPLIT_ALL, .images = 1};
@@ -592,7 +592,7 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
     oxl_job_options options = job_test_options();
     const char     *survey  = job_test_survey();
     oxl_image       mask;
-    test_write("survey/images/4.png", "no picture");
+    test_write("survey/images/4.png", "no image");
     test_write("survey/images/2.png", "nor this");
     CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
     CHECK_OK(oxl_image_create(test_ctx, 8, 8, &mask));
@@ -627,14 +627,14 @@ TEST(job_completes_when_a_held_out_image_cannot_be_read)
 {
     oxl_job_options options = job_test_options();
     const char     *survey  = job_test_survey();
-    test_write("survey/images/8.png", "no picture");
+    test_write("survey/images/8.png", "no image");
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"count\": 1"));
     CHECK(os_is_file(test_path("out/renders/8.png.png")) && !os_is_file(test_path("out/renders/8.png.image.png")));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
 }
 
-/* A model with second lobes is followed by a standard one, refined without them; a run that ended between the two goes on there. */
+/* A model with second lobes is followed by a standard one, refined without them; a run that ended between the two resumes there. */
 TEST(job_writes_a_standard_model_beside_one_with_lobes)
 {
     oxl_job_options    options = job_test_options();

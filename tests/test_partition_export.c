@@ -1,4 +1,4 @@
-/* test_partition_export.c - blocks as files: COLMAP exports that say what the survey said, the picture, the report. */
+/* test_partition_export.c - blocks as files: COLMAP exports equal to the survey, the drawing, the report. */
 
 static const struct colmap_image *export_test_image(const struct colmap *c, int64_t id)
 {

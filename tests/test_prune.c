@@ -1,4 +1,4 @@
-/* test_prune.c - what to keep, when to drop, who goes. */
+/* test_prune.c - number to keep, schedule of drops, scores. */
 
 TEST(prune_keep_reads_shares_counts_sizes_and_auto)
 {
@@ -151,7 +151,7 @@ TEST(prune_continues_from_its_archive)
     CHECK(found && count == 30000 && again == 30000);
 }
 
-/* ---------------------------------------------------------------- who */
+/* ---------------------------------------------------------------- scores */
 
 TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
 {

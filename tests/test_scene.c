@@ -460,7 +460,7 @@ TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
     const int   order[3] = {1, 0, 2}, threads = test_ctx->threads;
     const char *path = scene_survey("s", 3, 0, 1);
     oxl_scene  *scene;
-    test_write("s/images/img01.png", "no picture");
+    test_write("s/images/img01.png", "no image");
     test_ctx->threads = 3;
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     test_ctx->error[0] = 0;
@@ -477,7 +477,7 @@ TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
     const char *path = scene_survey("s", 3, 0, 1);
     oxl_scene  *scene;
     oxl_image   image;
-    test_write("s/images/img01.png", "no picture");
+    test_write("s/images/img01.png", "no image");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(image_cache_get(test_ctx, scene_image_cache(scene), 1) == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
@@ -561,7 +561,7 @@ TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
     CHECK(!image_cache_get(test_ctx, scene_image_cache(scene), 2)->mask &&
           image_cache_get(test_ctx, scene_image_cache(scene), 2)->rgb[23] == 23);
     CHECK(oxl_scene_points(scene)->position[2] == 3 && oxl_scene_points(scene)->rgb[0] == 9 && oxl_scene_origin(scene)[0] == 0);
-    CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 3, 1e-12); /* by sight: there are no tracks */
+    CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 3, 1e-12); /* by projection: there are no tracks */
     CHECK(scene_colmap(scene) == NULL);
     oxl_scene_free(test_ctx, scene);
     view[1].camera.width = 5;

@@ -39,7 +39,7 @@ TEST(spsa_finds_the_minimum_of_a_noisy_bowl_from_below_and_from_above)
 
 TEST(spsa_keeps_the_order_and_the_cap_wherever_the_cost_pulls)
 {
-    for (int pull = 0; pull < 8; pull++) { /* down, mid up and far down, mid down and far up, up; the same with less doubt */
+    for (int pull = 0; pull < 8; pull++) { /* down, mid up and far down, mid down and far up, up; the same with lower precision */
         struct spsa s;
         double      f[2];
         spsa_begin(&s, (double[]){3.1, 0.5}, (double[]){1.5, 2}, pull < 4 ? 3 : 0.01, 5, 3);
@@ -54,7 +54,7 @@ TEST(spsa_keeps_the_order_and_the_cap_wherever_the_cost_pulls)
     }
 }
 
-/* A slope of -0.002 for f_mid: 0.2, where the doubt is 0.01. What a pair tells of the wrong weight, the next takes back. */
+/* A slope of -0.002 for f_mid: 0.2, where the prior precision is 0.01. The error of a pair in the other weight cancels in the next. */
 TEST(spsa_estimate_is_the_mean_of_prior_and_pairs_independent_of_the_start)
 {
     struct spsa s;
@@ -97,7 +97,7 @@ TEST(spsa_takes_no_step_along_an_axis_removed_by_the_bounds)
     CHECK(s.f[0] < 2 && s.f[1] - s.f[0] == 0.25);
 }
 
-/* In the corner, f_far is worth its cost and f_mid is not: it must not be held there by the order of the two. */
+/* In the corner, a larger f_far lowers the cost and f_mid does not: the order of the two must not hold it there. */
 TEST(spsa_leaves_a_corner_of_the_bounds_along_an_edge)
 {
     for (uint64_t seed = 1; seed <= 8; seed++) {

@@ -312,7 +312,7 @@ TEST(tradeoff_options_are_off_in_the_papers_preset)
     CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.sh_degree == 3 && o.iterations == 40000 && o.short_run_exponent == 0);
 }
 
-/* What the rows are told to be compared with, and made equal to, is there, and before the controls. */
+/* Rows that others are compared with, or made equal to, exist and precede the controls. */
 TEST(study_rows_name_rows_of_their_study)
 {
     const struct study_kind *const kinds[] = {&ABLATE_KIND, &TRADEOFF_KIND};

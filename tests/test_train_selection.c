@@ -95,7 +95,7 @@ TEST(selection_follows_explicit_options)
     selection_test_case_free(&c);
 }
 
-/* A run that is stopped at each of these steps and goes on ends in the bytes of one that is not. Its decisions are left. */
+/* A run stopped at each of these steps and resumed ends in the bytes of an uninterrupted one. Its decisions are left. */
 static void selection_test_check_stops(struct checkpoint_case *c, const int *stops, size_t count)
 {
     oxl_model model;

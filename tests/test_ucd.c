@@ -162,7 +162,7 @@ TEST(ucd_options_are_words_or_two_weights_in_order)
 
 /* ---------------------------------------------------------------- the search */
 
-/* A run without pictures, whose log loss after a densification is least with (1.6, 2.4). */
+/* A run without images, whose log loss after a densification is least with (1.6, 2.4). */
 static struct ucd search_begin(double mid, double back, int densifications, uint64_t seed)
 {
     struct ucd u = {.on = 1, .learns = 1, .f = {mid, back}};

@@ -396,7 +396,7 @@ static void vulkan_check_refusal(oxl_context *device)
     CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), "in one array");
     device->vulkan->range = range;
-    CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* and goes on */
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* still usable */
     renderer_free(device, r);
     oxl_model_free(test_ctx, &m);
 }
@@ -441,7 +441,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance(const VkInstanceCreat
     return VK_ERROR_INCOMPATIBLE_DRIVER;
 }
 
-/* As MoltenVK: listed to those alone who ask for portability drivers, and usable when the subset is enabled. */
+/* As MoltenVK: listed only on request of portability drivers, and usable when the subset is enabled. */
 static void vulkan_check_portability(oxl_context *device)
 {
     struct vulkan            v          = {.ctx                                  = device,
@@ -899,7 +899,7 @@ static void vulkan_check_full(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
-/* --backend auto: the CPU goes on, with the image that the device had. */
+/* --backend auto: the CPU continues, with the image that the device had. */
 static void vulkan_check_fallback(oxl_context *device)
 {
     struct vulkan_twins  t = vulkan_twins(device, 64, 48);
@@ -1025,7 +1025,7 @@ static size_t vulkan_bytes_of(const oxl_model *m)
     return sizeof(float) * (m->count * (size_t)oxl_model_planes(m) + m->lobes * MODEL_LOBE_PLANES);
 }
 
-/* In evaluations and pictures nothing but the model is sent, so every byte tells. */
+/* In evaluations and images only the model is uploaded, so the bytes are counted. */
 static void vulkan_check_one_upload(oxl_context *device)
 {
     oxl_scene              *scene = vulkan_survey(device);
@@ -1074,7 +1074,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
-/* From outside a model is the caller's, who may change it at any time. */
+/* Outside of training a model belongs to the caller and may change at any time. */
 static void vulkan_check_model_now(oxl_context *device)
 {
     oxl_context *ctx[2]       = {test_ctx, device};
@@ -1142,41 +1142,41 @@ static void vulkan_check_training(oxl_context *device)
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
 }
 
-static char vulkan_told[200]; /* the log line of --mask-transients */
+static char vulkan_log[200]; /* the log line of --mask-transients */
 
 static void vulkan_listen(void *user, oxl_log_level level, const char *text)
 {
-    if (strstr(text, "transients: ")) snprintf(vulkan_told, sizeof vulkan_told, "%s", text);
+    if (strstr(text, "transients: ")) snprintf(vulkan_log, sizeof vulkan_log, "%s", text);
     vulkan_test_log(user, level, text);
 }
 
-/* A blot in one of nine images. Returns the masked pixels of recent images, per cent. */
-static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *metrics)
+/* A square in one of nine images. Returns the masked pixels of recent images, per cent. */
+static double vulkan_train_masked(oxl_context *ctx, int masked, oxl_metrics *metrics)
 {
     oxl_scene        *scene                          = transients_test_scene(9);
     oxl_train_options options                        = train_options(160);
     void (*log)(void *, oxl_log_level, const char *) = ctx->options.log;
     double    skipped                                = 0;
     oxl_model model;
-    options.mask_transients    = robust;
+    options.mask_transients    = masked;
     options.short_run_exponent = 0;
     ctx->options.log           = vulkan_listen;
-    vulkan_told[0]             = 0;
+    vulkan_log[0]              = 0;
     CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
-    if (robust) CHECK(sscanf(vulkan_told, "transients: %lf %%", &skipped) == 1);
+    if (masked) CHECK(sscanf(vulkan_log, "transients: %lf %%", &skipped) == 1);
     ctx->options.log = log;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
     return skipped;
 }
 
-static void vulkan_check_robust(oxl_context *device)
+static void vulkan_check_transients(oxl_context *device)
 {
     oxl_context *ctx[3] = {test_ctx, device, device};
     oxl_metrics  metrics[3];
     double       skipped[3];
-    for (int k = 0; k < 3; k++) skipped[k] = vulkan_train_robust(ctx[k], k < 2, &metrics[k]);
+    for (int k = 0; k < 3; k++) skipped[k] = vulkan_train_masked(ctx[k], k < 2, &metrics[k]);
     CHECK(skipped[0] > 0.5);
     CHECK_CLOSE(skipped[1], skipped[0], 0.2);
     for (int i = 0; i < metrics[0].count; i++) CHECK_CLOSE(metrics[1].views[i].psnr, metrics[0].views[i].psnr, 0.2);
@@ -1338,7 +1338,7 @@ TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
 
 TEST(vulkan_masks_transients_as_the_cpu_does)
 {
-    ON_DEVICE(vulkan_check_robust);
+    ON_DEVICE(vulkan_check_transients);
 }
 
 /* In any build. */

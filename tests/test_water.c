@@ -415,7 +415,7 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* No Gaussian in sight: only water. */
+/* No Gaussian in view: only water. */
 TEST(medium_alone_shows_its_veil)
 {
     oxl_scene         *scene = train_scene(3);
