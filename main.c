@@ -224,7 +224,7 @@ static oxl_result run_check_with(oxl_context *ctx, const struct arguments *a, co
 {
     oxl_survey survey;
     char      *json = NULL;
-    oxl_result rc   = oxl_check(ctx, a->path[0], options, &survey);
+    oxl_result rc   = (a->quality ? oxl_check_quality : oxl_check)(ctx, a->path[0], options, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
     oxl_text_free(ctx, json);

@@ -90,6 +90,7 @@
 
 /* the whole job */
 #include "src/job/predict_time.c"      /* times some steps and predicts the run */
+#include "src/survey/quality.c"        /* images unlike those taken beside them */
 #include "src/survey/lint.c"           /* checks poses, images and masks against the points */
 #include "src/job/cost.c"              /* predicted Gaussians, memory and time of training */
 #include "src/job/budget.c"            /* --ram: limits that fit a memory budget */

@@ -128,6 +128,7 @@ typedef struct oxl_survey {
     double missed;                        /* share of track observations outside their image, without images of wrong pose */
     double masked;                        /* black share of the masks; only oxl_check sets this and the next field */
     int    unusable;                      /* images that are not readable, have another aspect ratio or are masked completely */
+    int    blurred, badly_exposed;        /* images, against those beside them; only oxl_check_quality sets these */
     double gaussians;                     /* predicted, at the end of the run */
     double memory, seconds;               /* predicted: peak in bytes, duration with ctx's threads */
     double seconds_range[2];              /* lower and upper limit of the duration */
@@ -137,6 +138,9 @@ typedef struct oxl_survey {
 
 /* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. out->text ends in a newline. */
 OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
+/* The same; also decodes every image as training does, compares it with those taken beside it, and logs the blurred and the badly
+ * exposed ones. */
+OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most
