@@ -224,7 +224,7 @@ static oxl_result run_check_with(oxl_context *ctx, const struct arguments *a, co
 {
     oxl_survey survey;
     char      *json = NULL;
-    oxl_result rc   = oxl_check(ctx, a->path[0], options, &survey);
+    oxl_result rc   = (a->quality ? oxl_check_quality : oxl_check)(ctx, a->path[0], options, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
     oxl_text_free(ctx, json);
@@ -586,11 +586,17 @@ int main(int argc, char **argv)
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
         const char *text = console.error[0] ? console.error : oxl_error_text(ctx);
-        on_log(&console, OXL_LOG_ERROR, text[0] ? text : "no memory");
+        char        said[1400];
+        snprintf(said, sizeof said, "%s%s", text[0] ? text : "no memory",
+                 rc == OXL_ERR_MEMORY && !strstr(text, "fix: ")
+                     ? "\nfix: smaller --max-side, --max-gaussians or --image-cache, or --ram"
+                     : "");
+        on_log(&console, OXL_LOG_ERROR, said);
     }
     oxl_context_free(ctx);
     if ((fflush(stdout) != 0 || ferror(stdout)) && rc == OXL_OK) {
-        on_log(&console, OXL_LOG_ERROR, "standard output could not be written");
+        on_log(&console, OXL_LOG_ERROR,
+               "standard output could not be written\nfix: look at the disk or the program that it leads to");
         rc = OXL_ERR_IO;
     }
     return exit_code_of(rc);

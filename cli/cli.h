@@ -191,7 +191,7 @@ struct arguments { /* as given, or the default; NULL: not given */
     const char     *help;       /* "", or "all" */
     const char     *completion; /* bash | zsh */
     int             version, manual, page, quiet, json, depth, no_images, devices, clear;
-    int             dry_run, progress_json;
+    int             dry_run, quality, progress_json;
     int             split, backend;         /* enum oxl_split, enum oxl_backend */
     int             device, threads, seeds; /* -1: the best, all */
     double          budget;                 /* s */

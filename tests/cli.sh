@@ -147,6 +147,8 @@ promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "
 promise run_json_has_floats_as_short_as_they_are 0 '"refine": 0.1,' grep '"refine"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
 promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
+promise more_iterations_continue_a_finished_run 0 "is continued: 9 more" on_stderr "$program" train survey -o out --iterations 70
+promise a_model_takes_the_place_of_the_points 0 "model" sh -c "'$program' train survey -o from --from out/scene.ply --iterations 5 --quiet && grep -q '\"from\": \"out/scene.ply\"' from/run.json && echo model"
 promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
     "for t in 1 3; do '$program' train survey -o same\$t --iterations 60 --threads \$t --quiet >/dev/null || exit 1; done; cmp same1/scene.ply same3/scene.ply"
 promise another_seed_gives_other_bytes 1 "differ" sh -c "'$program' train survey -o other --iterations 60 --seed 2 --quiet >/dev/null; cmp same1/scene.ply other/scene.ply"
@@ -243,6 +245,9 @@ promise tradeoff_resumes 0 "half the iterations against base" without ETA "$prog
 promise blocks_side_by_side_give_the_bytes_of_one_process 0 "" sh -c \
     "OCEANXL='$program' '$examples/cluster/local.sh' survey spread --block-points 250 --iterations 40 --seed 5 --keep 1 &&
      '$program' train survey -o alone --block-points 250 --iterations 40 --seed 5 --keep 1 && cmp spread/scene.ply alone/scene.ply"
+promise a_render_leaves_nothing_of_an_earlier_one 0 "" sh -c "rm -rf again && '$program' render out/scene.ply survey -o again --split all --depth && touch again/mine.png && '$program' render out/scene.ply survey -o again && test \$(ls again | wc -l) = 3"
+promise too_few_open_files_are_told_with_what_helps 1 "fix: allow more open files" sh -c "ulimit -n 4; '$program' train survey -o few --iterations 10"
+promise wrong_rows_are_told_with_what_helps 2 "fix: --rows" "$program" ablate survey -o ablation --rows nope
 promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
 
 echo "command line: $passed passed, $failed failed"

@@ -210,12 +210,13 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                          .notes     = &b->notes,
                                          .decisions = &b->decisions,
                                          .start     = task->start,
+                                         .from      = task->from,
                                          .nonfinite = &b->nonfinite,
                                          .trained   = &trained};
     oxl_result                rc, written;
     text_add(&b->log, "iteration,loss,psnr,gaussians,seconds,f_mid,f_far,peak_rss_bytes\n");
     rc = train_run(b->ctx, scene, &task->train, &(oxl_callback){block_progress, b}, &place, model);
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
+    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || model->count == 0)) return rc;
     *record         = block_record_of(b, model);
     record->trained = trained;
     block_remove(b, "model_standard.ply"); /* it is of another model.ply */

@@ -28,6 +28,7 @@ struct job {
     int                 refined;     /* blocks/together has them all */
     double              begun;
     uint64_t            seed; /* of the context, to be given back */
+    struct start        start;
     oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
 };
 
@@ -275,12 +276,25 @@ static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
     return OXL_OK;
 }
 
+/* The model that training starts from, if it is not the points. */
+static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run)
+{
+    oxl_result rc = start_find(job->ctx, job->out, run, &job->options, job->key.data, &job->found, &job->start);
+    if (rc != OXL_OK || job->start.model.count == 0) return rc;
+    oxl_model_move_origin(&job->start.model, job->origin);
+    job->total.iterations = job->start.after;
+    text_free(&job->key);
+    job->key = (struct text){.ctx = job->ctx};
+    return job_make_key(job);
+}
+
 /* *done: nothing is left to do. */
 static oxl_result job_look(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
     oxl_result          rc  = manifest_read(job->ctx, job->out, &run);
     *done                   = 0;
+    if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_make_way(job, &run);
     else *done = run.finished && run.refine == job->options.refine && job_has(job, "scene.ply");
@@ -391,6 +405,7 @@ static int job_progress(void *user, const oxl_progress *progress)
 static void job_add_record(struct job *job, const struct block_record *r)
 {
     struct block_record *t = &job->total;
+    t->there |= r->there;
     t->iterations += r->iterations;
     t->seconds += r->seconds;
     t->peak              = OXL_MAX(t->peak, r->peak);
@@ -456,6 +471,7 @@ static oxl_result job_train_block(struct job *job, const char *folder)
         rc         = job_load_block(job, folder, &own);
     }
     if (rc == OXL_OK) rc = job_plan_block(job, own ? own : job->scene, &task, &options);
+    if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, job->partition.block_count, &task);
     if (rc == OXL_OK) scene_set_cache(own ? own : job->scene, options.scene.image_cache_bytes);
     if (rc == OXL_OK) rc = block_train(job->ctx, own ? own : job->scene, &task);
     oxl_scene_free(job->ctx, own);
@@ -578,7 +594,9 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
     if (blocks > 1 && !job->refined) rc = job_merge(job, standard, out);
     else rc = job_read_block(job, together, standard, out);
     if (rc == OXL_OK && (blocks == 1 || job->refined) && job->scene) rc = job_read_gains(job, together);
-    if (rc == OXL_OK && out->count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
+    if (rc == OXL_OK && out->count == 0)
+        rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
+                      "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images", job->out);
     return rc;
 }
 
@@ -874,7 +892,7 @@ static oxl_result job_conclude(struct job *job, oxl_result rc)
 {
     const int  one    = job->partition.block_count == 1;
     oxl_result joined = OXL_OK;
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
+    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !job->total.there)) return rc;
     if (job->options.block >= 0 && !one) return rc;
     if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
     else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to resume", job->out);
@@ -915,6 +933,7 @@ static void job_end(struct job *job)
     oxl_unlock_folder(job->ctx, &job->lock);
     partition_free(job->ctx, &job->partition);
     oxl_model_free(job->ctx, &job->model);
+    oxl_model_free(job->ctx, &job->start.model);
     oxl_scene_free(job->ctx, job->scene);
     text_free(&job->line);
     text_free(&job->found);
@@ -1020,6 +1039,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
                       out, out);
     if (rc != OXL_OK) {
         oxl_unlock_folder(ctx, &lock);
+        manifest_free(ctx, &run);
         return rc;
     }
     manifest_options(&run, &options);

@@ -285,6 +285,18 @@ OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *sce
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /* their sizes alone, from the files' headers */
 
+/* ---------------------------------------------------------------- quality.c: images unlike those taken beside them */
+
+enum { QUALITY_NEIGHBOURS = 8 };
+#define QUALITY_BLUR 0.6 /* x the neighbours' sharpness, at most, and an image is blurred */
+/* Of `count` views, the indices of those that stand nearest to `of` and look the same way, the nearest first; returns how many. */
+OXL_INTERNAL int        quality_nearest(const oxl_scene *scene, const int *view, int count, int of, int out[QUALITY_NEIGHBOURS]);
+/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean: sharpness,
+ * whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and a plain surface does not; or NULL. */
+OXL_INTERNAL double     quality_sharpness(const struct training_image *image, double *fine);
+/* Decodes every image; logs and counts blurred and badly exposed ones. */
+OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
+
 #include "imaging.h"
 
 #endif

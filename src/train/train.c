@@ -70,11 +70,24 @@ static oxl_result train_fresh_model(struct train *t)
     return rc;
 }
 
+/* Density control cannot split rows with second lobes. */
+static oxl_result train_first_from(struct train *t, const oxl_model *from)
+{
+    const int  most = t->options->sh_degree;
+    oxl_result rc   = model_copy(t->ctx, from, t->model);
+    if (rc == OXL_OK && t->model->lobes > 0)
+        oxl_log(t->ctx, OXL_LOG_WARNING, "the model to start from has second lobes: they are dropped, since Gaussians are split");
+    if (rc == OXL_OK) model_drop_lobes(t->model);
+    if (rc == OXL_OK && most >= 0 && most < t->model->sh_degree) rc = model_set_degree(t->ctx, t->model, most);
+    return rc;
+}
+
 /* Or a model that is there already. */
 static oxl_result train_first_model(struct train *t)
 {
     oxl_result rc;
     if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
+    if (t->place && t->place->from) return train_first_from(t, t->place->from);
     rc = train_fresh_model(t);
     if (rc == OXL_OK) train_sharpen_start(t);
     return rc;
@@ -332,16 +345,18 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                        .callback  = callback,
                        .decisions = {.ctx = ctx}};
     oxl_result   rc = train_check(ctx, options), ended = OXL_OK;
+    int          begun; /* 0: stopped before out is the state that there is */
     *out = (oxl_model){0};
     if (rc == OXL_OK) rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);
+    begun = rc == OXL_OK;
     if (rc == OXL_OK) rc = train_loop(&t);
     if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
     if (ended != OXL_OK) rc = ended;
     if (place && place->nonfinite) *place->nonfinite = t.nonfinite;
     if (place && place->trained) *place->trained = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
-    else if (rc != OXL_OK) oxl_model_free(ctx, out);
+    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !begun)) oxl_model_free(ctx, out);
     train_return_decisions(&t);
     train_leave_gains(&t);
     if (rc == OXL_OK && t.step == options->iterations) train_describe_imaging(&t);
