@@ -683,11 +683,6 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
     return &scene->colmap.camera[scene->source[view].camera];
 }
 
-OXL_INTERNAL int64_t scene_camera_id(const oxl_scene *scene, int view)
-{
-    return scene->from_files ? scene_source_camera(scene, view)->id : -1;
-}
-
 OXL_INTERNAL const char *scene_images_folder(const oxl_scene *scene)
 {
     return scene->images;
