@@ -427,6 +427,7 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
+    if (rc == OXL_OK && info_copy_imaging(a->path[0], a->path[1])) puts("imaging.txt is copied beside it");
     oxl_model_free(ctx, &model);
     return rc;
 }

@@ -667,17 +667,18 @@ static oxl_metrics job_test_evaluate(const char *model, int imaging)
 {
     oxl_scene        *scene = NULL;
     oxl_model         read  = {0};
-    oxl_metrics       m     = {0};
+    oxl_metrics       m     = {0}, out;
     oxl_scene_options o     = oxl_scene_options_default();
     o.test_every            = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
     CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
     if (imaging) CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path(model)));
     CHECK_OK(oxl_evaluate(test_ctx, &read, scene, OXL_SPLIT_TEST, &m));
+    out = m;
     oxl_metrics_free(test_ctx, &m);
     oxl_model_free(test_ctx, &read);
     oxl_scene_free(test_ctx, scene);
-    return m;
+    return out;
 }
 
 /* scene.ply has learned what lamp and water showed; scene_clear.ply has not, and shows it with imaging.txt. */
@@ -693,9 +694,9 @@ TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_
     gains = job_test_evaluate("out/scene.ply", 1);
     CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
     CHECK(full.psnr > 0 && fabs(full.psnr - plain.psnr) > 1e-6);
-    CHECK_CLOSE(manifest_number(strstr(json.data, "\"ms_ssim\""), "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(manifest_number(json.data, "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
-    CHECK_CLOSE(manifest_number(strstr(json.data, "\"count\"") ? json.data : "", "psnr_lost"), full.psnr - gains.psnr, 1e-9);
     os_release_file(test_ctx, &json);
 }
 

@@ -568,6 +568,7 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
     oxl_model         model;
     oxl_metrics       metrics;
     double            off;
+    options.lamp = options.medium = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &metrics));
     off = metrics.psnr;

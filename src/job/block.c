@@ -11,8 +11,9 @@
 #define BLOCK_LOG_ROWS    200  /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
 #define BLOCK_REFINE      0.05 /* of the run: how long a model for viewers is refined, */
-#define BLOCK_REFINE_MORE 300  /* and three times as long, up to so many steps, where it had lamp or water (docs/WATER.md); */
-#define BLOCK_REFINE_SH   10   /* its SH then learn what they showed, at such a multiple of their rate */
+#define BLOCK_REFINE_MORE \
+    300 /* and where it had lamp or water, twice as long, or three times up to so many steps (docs/WATER.md); */
+#define BLOCK_REFINE_SH 10 /* its SH then learn what they showed, at such a multiple of their rate */
 
 struct block {
     oxl_context             *ctx;
@@ -274,10 +275,10 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
 /* model loses its lobes, lamp and water. *done: model_standard.ply is there. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
-    oxl_train_options       o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
-    struct text             key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
-    struct train_output     place = {
-            .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .nonfinite = &b->nonfinite};
+    oxl_train_options   o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
+    struct text         key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
+    struct train_output place = {
+        .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .nonfinite = &b->nonfinite};
     const int  hides = imaging_hides_colours(scene_imaging(scene));
     oxl_model  plain = {0};
     oxl_result rc;
@@ -288,12 +289,13 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     imaging_keep_gains(scene_imaging(scene));
     o.lamp = o.medium = OXL_OFF;
     o.rate_sh *= hides ? BLOCK_REFINE_SH : 1;
-    if (hides) o.iterations = OXL_MAX(o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
+    if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
     place.key = key.data;
     rc        = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
     if (rc == OXL_OK)
-        oxl_log(b->ctx, OXL_LOG_INFO, "the model without second lobes, lamp and water, for viewers, is refined for %d iterations", o.iterations);
+        oxl_log(b->ctx, OXL_LOG_INFO, "the model without second lobes, lamp and water, for viewers, is refined for %d iterations",
+                o.iterations);
     if (rc == OXL_OK) rc = train_run(b->ctx, scene, &o, &(oxl_callback){block_refine_progress, b}, &place, &plain);
     *done = rc == OXL_OK && b->last.iteration == o.iterations;
     if (*done) rc = block_write_model(b, "model_standard.ply", &plain);

@@ -712,7 +712,7 @@ static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t 
     const int        hides = job_hides_colours(job), is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
     const oxl_model *shown = hides ? standard : &job->model;
     oxl_result       rc    = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
-    bytes[0] = 0;
+    bytes[0]               = 0;
     if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[0]);
     bytes[1] = bytes[0];
     if (rc == OXL_OK && hides) rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
@@ -749,10 +749,10 @@ static oxl_split job_split(const struct job *job)
 /* What a viewer that knows no second lobes, lamp and water will show: *m gets its PSNR at mean exposure. */
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
 {
-    struct imaging  *imaging = scene_imaging(job->scene), whole = *imaging;
-    const int        hides   = job_hides_colours(job);
-    oxl_metrics      plain;
-    oxl_result       rc;
+    struct imaging *imaging = scene_imaging(job->scene), whole = *imaging;
+    const int       hides = job_hides_colours(job);
+    oxl_metrics     plain;
+    oxl_result      rc;
     if (job->model.lobes == 0 && !hides) return OXL_OK;
     imaging_keep_gains(imaging);
     rc       = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &plain);

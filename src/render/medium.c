@@ -23,9 +23,9 @@ static void medium_through(const struct medium *m, float range, float through[3]
 
 SIMD_BODY void medium_pack_forward(const int fused, const struct medium_job *job, size_t pack)
 {
-    const struct medium *m   = job->medium;
-    struct medium_pack  *out = &job->pack[pack];
-    const struct vec3    eye = job->kernel_camera->eye;
+    const struct medium *m     = job->medium;
+    struct medium_pack  *out   = &job->pack[pack];
+    const struct vec3    eye   = job->kernel_camera->eye;
     const float          least = m->lit ? LAMP_RANGE_LEAST * m->reference : 0;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -56,9 +56,9 @@ SIMD_BODY void medium_forward_body(const int fused, const struct medium_job *job
             struct splat *s = &job->splat[pack * PACK + l];
             if (!(job->visible[pack] >> l & 1)) continue;
             for (int c = 0; c < 3; c++) {
-                const float clear          = s->colour[c];
+                const float clear           = s->colour[c];
                 job->pack[pack].clear[c][l] = clear;
-                s->colour[c]               = clear * job->pack[pack].through[c][l];
+                s->colour[c]                = clear * job->pack[pack].through[c][l];
                 if (m->on) s->colour[c] += m->veil[c] * (1 - job->pack[pack].rest[c][l]);
             }
         }
@@ -67,7 +67,8 @@ SIMD_BODY void medium_forward_body(const int fused, const struct medium_job *job
 SIMD_DISPATCH(OXL_INTERNAL, medium_forward, struct medium_job)
 
 /* A visible row: dL/dc' of each channel (3) -> the parameters' sums; returns dL/dr. */
-static float medium_row(const struct medium *m, const struct medium_pack *p, unsigned l, const float g[3], double sum[MEDIUM_SUMS])
+static float medium_row(const struct medium *m, const struct medium_pack *p, unsigned l, const float g[3],
+                        double sum[MEDIUM_SUMS])
 {
     const float range = p->range[l], falloff = m->lit && range > LAMP_RANGE_LEAST * m->reference ? m->falloff / range : 0;
     float       dr = 0, lit = 0;
@@ -151,9 +152,10 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, oxl_model *model)
             medium_through(m, range, through, &log_near);
             for (int k = 0; k <= seen; k++) {
                 const double weight = 1 / OXL_MAX(range * range, 1e-12); /* its size in the image */
-                const double gain   = k && lamp[v] ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * x / camera[v]->width - 1),
-                                                                               (float)(2 * y / camera[v]->height - 1)))
-                                                   : 1;
+                const double gain   = k && lamp[v]
+                                          ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * x / camera[v]->width - 1),
+                                                                      (float)(2 * y / camera[v]->height - 1)))
+                                          : 1;
                 for (int c = 0; c < 3; c++) {
                     sum[k][c] += weight * gain * through[c];
                     sum[k][3 + c] += weight * gain * m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));

@@ -29,8 +29,8 @@ struct renderer {
     float               *dmean2d; /* (count) */
     float               *rgb, *drgb, *transmittance;
     struct medium        medium;
-    struct medium_pack  *medium_pack; /* (packs) with a medium */
-    double (*medium_sum)[MEDIUM_SUMS];   /* (tasks) */
+    struct medium_pack  *medium_pack;  /* (packs) with a medium */
+    double (*medium_sum)[MEDIUM_SUMS]; /* (tasks) */
     double             dmedium[MEDIUM_SUMS];
     size_t             medium_pack_capacity, medium_sum_capacity;
     float              gain[3]; /* of renderer_set_gain */
@@ -238,7 +238,8 @@ static struct medium_job render_medium_job(struct renderer *r, int64_t task)
 static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
 {
     const int64_t tasks = render_tasks(r);
-    oxl_result    rc    = oxl_reserve(ctx, (void **)&r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
+    oxl_result    rc =
+        oxl_reserve(ctx, (void **)&r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)tasks + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;

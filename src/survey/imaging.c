@@ -59,11 +59,11 @@ static uint64_t imaging_hash(uint64_t hash, unsigned char byte) /* FNV-1a */
 /* CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera, L/0012.png and R/0012.png are not. */
 OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 {
-    const struct colmap *from = scene_colmap(scene);
-    const int   has_ids       = from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)oxl_scene_view_count(scene);
-    const char *name = oxl_scene_view(scene, view)->name, *base = survey_find_base_name(name);
-    const uint64_t id = has_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
-    uint64_t hash     = UINT64_C(14695981039346656037);
+    const struct colmap *from    = scene_colmap(scene);
+    const int            has_ids = from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)oxl_scene_view_count(scene);
+    const char          *name = oxl_scene_view(scene, view)->name, *base = survey_find_base_name(name);
+    const uint64_t       id   = has_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
+    uint64_t             hash = UINT64_C(14695981039346656037);
     for (int k = 0; k < 8; k++) hash = imaging_hash(hash, (unsigned char)(id >> 8 * k & 255));
     for (const char *c = name; *c; c++)
         if (c < base || *c < '0' || *c > '9') hash = imaging_hash(hash, (unsigned char)*c);
@@ -268,8 +268,10 @@ static void imaging_write_medium(struct text *t, const struct medium *m)
 static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const struct imaging *m)
 {
     if (m->lamps > 0)
-        text_add(t, "# lamp all; lamp ... NAME: of the camera that took NAME; log gain over the image, products of Legendre polynomials of "
-                    "degree 0 to 4 in y and x\n");
+        text_add(
+            t,
+            "# lamp all; lamp ... NAME: of the camera that took NAME; log gain over the image, products of Legendre polynomials of "
+            "degree 0 to 4 in y and x\n");
     for (int i = 0; i < m->lamps; i++)
         imaging_write_line(t, m->lamp[i].view < 0 ? "lamp all" : "lamp", m->lamp[i].shape, LAMP_TERMS,
                            m->lamp[i].view < 0 ? NULL : oxl_scene_view(scene, m->lamp[i].view)->name);
@@ -340,7 +342,7 @@ static int imaging_read_medium(const char *at, const char *end, struct medium *m
 /* 1: the line was of a lamp and whole; that of a camera which the scene has not is passed over. */
 static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
 {
-    struct lamp lamp = {.view = -1};
+    struct lamp lamp  = {.view = -1};
     int         which = 0;
     if (!imaging_skip_word(&at, end, "lamp")) return 0;
     if (imaging_skip_word(&at, end, "all")) {
