@@ -307,14 +307,16 @@ static int is_there(const char *path)
     return file != NULL;
 }
 
-/* The file of a model: of a folder that train left, or with --clear, scene_clear.ply where there is one, else scene.ply. */
+/* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights; scene_clear.ply, where there is
+ * one, gives the images with imaging.txt. */
 static const char *model_file(const struct arguments *a, char *path, size_t size)
 {
-    const size_t length = strlen(a->path[0]);
-    const int    is_ply = length >= 9 && strcmp(a->path[0] + length - 9, "scene.ply") == 0;
-    snprintf(path, size, "%.*s%sscene_clear.ply", (int)(is_ply ? length - 9 : length), a->path[0], is_ply ? "" : "/");
-    if ((!is_ply || a->clear) && is_there(path)) return path;
-    snprintf(path, size, "%s/scene.ply", a->path[0]);
+    const char *base     = strrchr(a->path[0], '/');
+    const int   is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
+    const int   length   = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
+    snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
+    if ((a->clear || (!a->ortho && !a->flight)) && is_there(path)) return path;
+    snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
     return is_there(path) ? path : a->path[0];
 }
 
@@ -425,6 +427,7 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
+    if (rc == OXL_OK && info_copy_imaging(a->path[0], a->path[1])) puts("imaging.txt is copied beside it");
     oxl_model_free(ctx, &model);
     return rc;
 }

@@ -12,6 +12,8 @@
 /* ---------------------------------------------------------------- info.c: statistics of a model */
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
+/* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains alone. 1: done. */
+int        info_copy_imaging(const char *from, const char *to);
 
 /* ---------------------------------------------------------------- blocks.c: a partition in tables */
 

@@ -219,12 +219,19 @@ promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
 promise convert_keeps_the_scale_for_info 0 '"scale": 2' on_stdout "$program" info metric.ply --json
 promise a_scaled_model_is_compared_in_the_survey_s_unit 0 "" sh -c \
-    "[ ! -e out/imaging.txt ] || cp out/imaging.txt .; for m in out/scene metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
+    "'$program' convert out/scene.ply plain.ply && for m in plain metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
      '$program' convert metric.ply metric.spz && '$program' convert metric.spz again.ply && LC_ALL=C grep -a -c '^comment scale 2' again.ply &&
-     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' scene.txt metric.txt && rm -f imaging.txt"
+     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' plain.txt metric.txt && rm -f imaging.txt"
 promise a_model_of_another_scale_is_warned_of 0 "does not seem to cover the survey" on_stderr sh -c \
     "LC_ALL=C sed '1,/^end_header/{/^comment scale/d;}' metric.ply >unmarked.ply && ! cmp -s metric.ply unmarked.ply && '$program' eval unmarked.ply survey"
 promise a_model_of_another_position_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved
+promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
+    "'$program' train survey -o lit --iterations 60 --lamp on --medium on --quiet >/dev/null && grep '^  \"psnr\": ' lit/metrics.json >lit.txt &&
+     for m in lit lit/scene.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done"
+promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
+promise convert_of_a_model_for_viewers_copies_no_lamp 0 "" sh -c \
+    "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
+     ! grep -q '^[lbB]' shown/imaging.txt && grep -q '^lamp' clear/imaging.txt"
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply

@@ -662,6 +662,44 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     os_release_file(test_ctx, &again);
 }
 
+/* Held-out views of the survey by a model of OUT, with the imaging.txt beside it or with none. */
+static oxl_metrics job_test_evaluate(const char *model, int imaging)
+{
+    oxl_scene        *scene = NULL;
+    oxl_model         read  = {0};
+    oxl_metrics       m     = {0}, out;
+    oxl_scene_options o     = oxl_scene_options_default();
+    o.test_every            = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+    CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
+    if (imaging) CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path(model)));
+    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, OXL_SPLIT_TEST, &m));
+    out = m;
+    oxl_metrics_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &read);
+    oxl_scene_free(test_ctx, scene);
+    return out;
+}
+
+/* scene.ply has learned what lamp and water showed; scene_clear.ply has not, and shows it with imaging.txt. */
+TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_and_the_figures_of_both)
+{
+    oxl_job_options    options = job_test_options();
+    struct os_file_map json    = {0};
+    oxl_metrics        full, plain, gains;
+    options.train.lamp = options.train.medium = OXL_ON;
+    options.train.iterations                  = 60;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
+    gains = job_test_evaluate("out/scene.ply", 1);
+    CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
+    CHECK(full.psnr > 0 && fabs(full.psnr - plain.psnr) > 1e-6);
+    CHECK_CLOSE(manifest_number(json.data, "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
+    os_release_file(test_ctx, &json);
+}
+
 TEST(job_says_in_run_json_what_was_decided_and_why)
 {
     oxl_job_options options = job_test_options();

@@ -212,7 +212,6 @@ OXL_INTERNAL const struct scene_stats   *scene_stats_of(const oxl_scene *scene);
 OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* Of a scene from files: the source of a view, and 1 for a point of the scene, 0 for one too far from its origin. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
-OXL_INTERNAL int64_t                     scene_camera_id(const oxl_scene *scene, int view); /* -1: not of a COLMAP export */
 OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
 OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);

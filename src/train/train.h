@@ -205,7 +205,9 @@ struct water {
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
-OXL_INTERNAL oxl_result    water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+#define WATER_SPAN_LEAST 2 /* less does not identify the water: auto is off (docs/WATER.md) */
+OXL_INTERNAL double        water_span(oxl_scene *scene);
 OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* after this step; 0: never */
 OXL_INTERNAL struct medium water_medium(const struct water *w);
 OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
