@@ -19,7 +19,6 @@
 #include "src/survey/colmap_order.c"  /* rows sorted by id */
 #include "src/survey/colmap_points.c" /* points3D.txt, multi-threaded */
 #include "src/survey/colmap.c"        /* cameras.txt, images.txt, and the whole model */
-#include "src/survey/colmap_write.c"  /* writer of COLMAP text files */
 #include "src/survey/json_survey.c"   /* surveys in JSON, converted to COLMAP rows */
 #include "src/survey/nerfstudio.c"    /* transforms.json */
 #include "src/survey/opensfm.c"       /* reconstruction.json */
@@ -91,6 +90,7 @@
 
 /* the whole job */
 #include "src/job/predict_time.c"      /* times some steps and predicts the run */
+#include "src/survey/quality.c"        /* images unlike those taken beside them */
 #include "src/survey/lint.c"           /* checks poses, images and masks against the points */
 #include "src/job/cost.c"              /* predicted Gaussians, memory and time of training */
 #include "src/job/budget.c"            /* --ram: limits that fit a memory budget */
@@ -99,6 +99,7 @@
 #include "src/job/options.c"           /* the option table, parsing and printing */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
 #include "src/job/block.c"             /* training of one block in its folder */
+#include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/job_state.h"         /* shared by the files of a job */

@@ -1,9 +1,9 @@
 /* ortho.c - an orthomosaic of a model, its world file, and a height model, all from straight above.
  *
- * The picture is taken by a pinhole camera that is 1000 times farther away than the survey is wide, with a lens as long: what stands h above the mean
- * height is displaced by h / 2000 at most, at the picture's edge. Colours that change with the view are those seen from straight above.
+ * A pinhole camera 1000 times farther away than the survey is wide, with a focal length to match: a point h above the mean
+ * height is displaced by at most h / 2000, at the image's edge. Colours that change with the view are those seen from straight above.
  * World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the top-left pixel's centre.
- * Invariant: place in the picture to place in the world is exact for what lies at the mean height.
+ * Invariant: image to world coordinates is exact at the mean height.
  */
 
 #include "cli.h"
@@ -67,7 +67,7 @@ static int ortho_world_file(const struct ortho *o, const char *folder, double un
     return output_file_close(&file);
 }
 
-/* Camera z to height above the frame's centre, in metres or units; nothing there: not a number. In the world's frame: the world's z. */
+/* Camera z to height above the frame's centre, in metres or units; NaN where nothing is rendered. In the world's frame: the world's z. */
 static int ortho_heights(const struct ortho *o, const oxl_scene *scene, const char *folder, double unit, float *depth)
 {
     const size_t pixels = (size_t)o->camera.width * (size_t)o->camera.height;
@@ -111,14 +111,16 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     oxl_result   rc = oxl_make_folder(ctx, options->folder);
     if (rc != OXL_OK) return rc;
     if (strlen(options->folder) > 1000)
-        return ortho_fail(OXL_ERR_USAGE, error, error_size, "ortho: the folder's name is too long");
+        return ortho_fail(OXL_ERR_USAGE, error, error_size, "ortho: the folder's name is too long\nfix: -o with a shorter one");
     if (oxl_scene_point_count(scene) < 3)
-        return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: the survey has no points to tell what is above by");
+        return ortho_fail(OXL_ERR_INPUT, error, error_size,
+                          "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
     frame_of(scene, &o.frame);
     if (!frame_bounds(&o.frame, scene, 0, o.low, o.high))
         return ortho_fail(OXL_ERR_MEMORY, error, error_size, "ortho: no memory");
     side = fmax(o.high[0] - o.low[0], o.high[1] - o.low[1]);
-    if (!(side > 0)) return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: all points lie in one place");
+    if (!(side > 0))
+        return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: all points lie in one place\nfix: export the survey again");
     if (!(o.pixel > 0)) o.pixel = side / ORTHO_SIDE;
     if (side / o.pixel > ORTHO_SIDE_MAX)
         return ortho_fail(OXL_ERR_USAGE, error, error_size,

@@ -286,7 +286,7 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
     }
     CHECK_CLOSE(sum / (double)count, 0, 0.05);
     CHECK_CLOSE(sqrt(square / (double)count), sqrt(o.noise * o.noise + 2 / 12.),
-                0.1); /* both pictures are rounded: 1/12 each, at most */
+                0.1); /* both images are rounded: 1/12 each, at most */
     colmap_free(test_ctx, &survey);
 }
 
@@ -330,7 +330,7 @@ TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_anot
     }
 }
 
-/* Pixels of one picture that are not those of another; outside: of them where the mask is white. */
+/* Pixels of one image that are not those of another; outside: of them where the mask is white. */
 static int synth_test_differences(const char *survey, int view, int *outside, int *covered)
 {
     oxl_image image = {0}, still = {0}, mask = {0};
@@ -391,7 +391,7 @@ TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
     }
 }
 
-TEST(synth_fish_swim_between_images_in_front_of_the_ground)
+TEST(synth_fish_move_between_images_in_front_of_the_ground)
 {
     synth_options      o     = synth_test_options("fish");
     struct synth_path  path  = {0};
@@ -424,7 +424,7 @@ static double synth_test_depth_ratio(const synth_options *o, const char *name)
     return most / least;
 }
 
-TEST(synth_rov_looks_ahead_over_depths_of_one_to_ten_clear_of_the_ground)
+TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
 {
     synth_options      o      = synth_test_options("rov");
     struct synth_path  path   = {0};
@@ -448,7 +448,7 @@ TEST(synth_rov_looks_ahead_over_depths_of_one_to_ten_clear_of_the_ground)
     synth_path_free(&path);
 }
 
-/* Steeper than the reef's 41 degrees, but not than what rays are told. */
+/* Steeper than the reef's 41 degrees, but not than the slope limit of rays. */
 TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
 {
     struct synth_world world   = {0};
@@ -500,7 +500,7 @@ TEST(synth_wreck_scene_has_most_of_its_points_on_the_wreck)
     CHECK(wreck > 0.5);
 }
 
-TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
+TEST(synth_refuses_invalid_options_with_a_fix)
 {
     char          error[300];
     synth_options o = synth_test_options("survey");
@@ -572,4 +572,43 @@ TEST(synth_numbers_are_written_as_meant)
     CHECK_OK(os_read_file(test_ctx, test_path("numbers"), &map));
     CHECK(map.data && strcmp(map.data, "0.000 0.000 -1.500 1.000 12.346 4581200.125 0") == 0);
     os_release_file(test_ctx, &map);
+}
+
+TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours)
+{
+    synth_options o = synth_options_default();
+    oxl_survey    s;
+    oxl_image     image = {0}, soft = {0};
+    char out[512], error[400], *const names[] = {"IMG_00007.png", "IMG_00014.png", "IMG_00021.png"};
+    o.views = 30, o.width = 120, o.height = 80, o.points = 900, o.water = "none";
+    snprintf(out, sizeof out, "%s", test_path("synth"));
+    o.out = out;
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_OK);
+    lint_heard[0]         = 0;
+    test_ctx->options.log = lint_listen;
+    CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
+    CHECK(s.blurred == 0 && s.badly_exposed == 0 && lint_heard[0] == 0);
+    for (int k = 0; k < 3; k++) { /* blurred along x, darker, brighter */
+        char         name[80];
+        const size_t n = 120 * 80;
+        snprintf(name, sizeof name, "synth/images/%s", names[k]);
+        CHECK_OK(oxl_image_read(test_ctx, test_path(name), &image));
+        CHECK_OK(oxl_image_create(test_ctx, 120, 80, &soft));
+        for (size_t i = 0; i < 3 * n; i++) {
+            float sum = 0;
+            for (int d = 0; d < 7; d++) sum += image.rgb[OXL_MIN(i + (size_t)d, 3 * n - 1)];
+            soft.rgb[i] = k == 0 ? sum / 7 : image.rgb[i] * (k == 1 ? 0.4f : 2.0f);
+        }
+        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &soft));
+        oxl_image_free(test_ctx, &image);
+        oxl_image_free(test_ctx, &soft);
+    }
+    CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
+    CHECK(s.blurred == 1 && s.badly_exposed == 2);
+    CHECK_TEXT(lint_heard, "1 image is less sharp than the images beside it: IMG_00007.png");
+    CHECK_TEXT(lint_heard, "1 image is much darker than the images beside it: IMG_00014.png");
+    CHECK_TEXT(lint_heard, "1 image is much brighter than the images beside it: IMG_00021.png");
+    lint_heard[0] = 0;
+    CHECK_OK(oxl_check(test_ctx, out, NULL, &s)); /* headers alone */
+    CHECK(s.blurred == 0 && lint_heard[0] == 0);
 }

@@ -1,4 +1,4 @@
-/* test_train_resume.c - a run that was stopped at any step goes on as if nothing had been; a damaged file is noticed. */
+/* test_train_resume.c - a run stopped at any step resumes to the same bytes; a damaged file is detected. */
 
 struct checkpoint_watch {
     int stop_at, first; /* iteration: to stop at; of the first report, 0: none yet */
@@ -110,7 +110,7 @@ static void checkpoint_cut(const char *path, size_t size)
     os_release_file(test_ctx, &map);
 }
 
-/* Two checkpoints, the newer damaged in each of several places: the run goes on from the older. */
+/* Two checkpoints, the newer damaged in each of several places: the run continues from the older. */
 TEST(checkpoint_that_is_damaged_is_noticed_and_the_one_before_it_used)
 {
     static const long      places[] = {0, 30, 5000, -1, -20};
@@ -168,3 +168,28 @@ TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
     oxl_model_free(test_ctx, &model);
     oxl_model_free(test_ctx, &other);
 }
+
+#ifndef _WIN32
+#include <sys/resource.h>
+
+static void checkpoint_no_state(struct archive *a, void *user)
+{
+    (void)a, (void)user;
+}
+
+TEST(checkpoint_that_cannot_be_opened_does_not_count_as_none)
+{
+    struct rlimit old, few;
+    oxl_result    rc;
+    int           found;
+    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_no_state, NULL));
+    getrlimit(RLIMIT_NOFILE, &old);
+    few          = old;
+    few.rlim_cur = 3;
+    setrlimit(RLIMIT_NOFILE, &few);
+    rc = checkpoint_read(test_ctx, test_folder(), "key", checkpoint_no_state, NULL, &found);
+    setrlimit(RLIMIT_NOFILE, &old);
+    CHECK(rc == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: allow more open files");
+}
+#endif

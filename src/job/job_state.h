@@ -32,6 +32,7 @@ struct job {
     double              done_before, done, part; /* shares of the run: before this process, before the present part, of this part, */
     int                 part_first, part_until;  /* which has these steps */
     uint64_t            seed; /* of the context, to be given back */
+    struct start        start;
     oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
 };
 

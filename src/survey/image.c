@@ -33,7 +33,19 @@
 #include <stb/stb_image.h>
 #define STB_IMAGE_WRITE_STATIC
 #define STB_IMAGE_WRITE_IMPLEMENTATION
+/* Its JPEG shifts bits out of a signed number on purpose: sanitizers must not stop there. */
+#ifdef __clang__
+#pragma clang attribute push(__attribute__((no_sanitize("shift"))), apply_to = function)
+#elif defined(__GNUC__)
+#pragma GCC push_options
+#pragma GCC optimize("wrapv")
+#endif
 #include <stb/stb_image_write.h>
+#ifdef __clang__
+#pragma clang attribute pop
+#elif defined(__GNUC__)
+#pragma GCC pop_options
+#endif
 #ifdef __GNUC__
 #pragma GCC diagnostic pop
 #endif
@@ -462,6 +474,7 @@ OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct train
 {
     const struct image_window whole = {0, 0, image->width, image->height}, w = window ? *window : whole;
     const int64_t             rows = 3 * (int64_t)w.height;
+    (void)ctx; /* without OpenMP */
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t row = 0; row < rows; row++) {
         const int64_t  plane = row / w.height, y = row % w.height + w.y;
@@ -492,7 +505,7 @@ OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
     }
 }
 
-/* ---------------------------------------------------------------- pictures out */
+/* ---------------------------------------------------------------- writing images */
 
 static uint8_t image_to_byte(float v)
 {
@@ -588,7 +601,7 @@ static void image_take(void *user, void *part, int size)
     s->size += (size_t)size;
 }
 
-/* ---------------------------------------------------------------- the public door */
+/* ---------------------------------------------------------------- public functions */
 
 oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size)
 {
