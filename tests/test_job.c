@@ -684,7 +684,7 @@ TEST(job_says_in_run_json_what_was_decided_and_why)
 TEST(job_merge_of_a_run_without_a_survey_leaks_nothing)
 {
     test_write("nosurvey/run.json", "{\"finished\": false, \"job\": {\"version\": \"0\"}, \"found\": {\"images\": 2}}");
-    CHECK(oxl_merge(test_ctx, test_path("nosurvey"), -1, NULL) == OXL_ERR_INPUT);
+    CHECK(oxl_merge(test_ctx, test_path("nosurvey"), NULL) == OXL_ERR_INPUT);
 }
 
 /* ---------------------------------------------------------------- from a model */
