@@ -4,7 +4,7 @@
  */
 #include "job.h"
 
-/* FOLDER/NAME + suffix, with the folders that NAME asks for, none of them outside FOLDER; NULL with the error set. */
+/* FOLDER/NAME + suffix; creates the folders in NAME, none of them outside FOLDER; NULL with the error set. */
 static char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
 {
     struct text t = {.ctx = ctx};
@@ -71,7 +71,7 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     return rc;
 }
 
-/* A grey image of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
+/* Depth as a grey image without limits: mean / (mean + z), so 1 at the camera, 1/2 at the mean depth, 0 at infinity or without depth. */
 static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
                                           int height)
 {

@@ -39,7 +39,7 @@ struct training_views {
 
 /* ---------------------------------------------------------------- neighbours */
 
-/* Distance in extents, and how differently they look: 2 for opposite ways. */
+/* Distance in extents, and difference of view directions: 2 for opposite ones. */
 static double training_distance(const struct training_views *t, int a, int b)
 {
     const oxl_camera *x = &oxl_scene_view(t->scene, t->m->views[a].view)->camera,
