@@ -224,7 +224,7 @@ static oxl_result run_check_with(oxl_context *ctx, const struct arguments *a, co
 {
     oxl_survey survey;
     char      *json = NULL;
-    oxl_result rc   = oxl_check(ctx, a->path[0], options, &survey);
+    oxl_result rc   = (a->quality ? oxl_check_quality : oxl_check)(ctx, a->path[0], options, &survey);
     if (rc == OXL_OK && a->json) rc = oxl_survey_to_json(ctx, &survey, &json);
     if (rc == OXL_OK) fputs(json ? json : survey.text, stdout);
     oxl_text_free(ctx, json);
@@ -307,14 +307,16 @@ static int is_there(const char *path)
     return file != NULL;
 }
 
-/* The file of a model: of a folder that train left, or with --clear, scene_clear.ply where there is one, else scene.ply. */
+/* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights; scene_clear.ply, where there is
+ * one, gives the images with imaging.txt. */
 static const char *model_file(const struct arguments *a, char *path, size_t size)
 {
-    const size_t length = strlen(a->path[0]);
-    const int    is_ply = length >= 9 && strcmp(a->path[0] + length - 9, "scene.ply") == 0;
-    snprintf(path, size, "%.*s%sscene_clear.ply", (int)(is_ply ? length - 9 : length), a->path[0], is_ply ? "" : "/");
-    if ((!is_ply || a->clear) && is_there(path)) return path;
-    snprintf(path, size, "%s/scene.ply", a->path[0]);
+    const char *base     = strrchr(a->path[0], '/');
+    const int   is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
+    const int   length   = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
+    snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
+    if ((a->clear || (!a->ortho && !a->flight)) && is_there(path)) return path;
+    snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
     return is_there(path) ? path : a->path[0];
 }
 
@@ -425,6 +427,7 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
+    if (rc == OXL_OK && info_copy_imaging(a->path[0], a->path[1])) puts("imaging.txt is copied beside it");
     oxl_model_free(ctx, &model);
     return rc;
 }
@@ -586,11 +589,17 @@ int main(int argc, char **argv)
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
         const char *text = console.error[0] ? console.error : oxl_error_text(ctx);
-        on_log(&console, OXL_LOG_ERROR, text[0] ? text : "no memory");
+        char        said[1400];
+        snprintf(said, sizeof said, "%s%s", text[0] ? text : "no memory",
+                 rc == OXL_ERR_MEMORY && !strstr(text, "fix: ")
+                     ? "\nfix: smaller --max-side, --max-gaussians or --image-cache, or --ram"
+                     : "");
+        on_log(&console, OXL_LOG_ERROR, said);
     }
     oxl_context_free(ctx);
     if ((fflush(stdout) != 0 || ferror(stdout)) && rc == OXL_OK) {
-        on_log(&console, OXL_LOG_ERROR, "standard output could not be written");
+        on_log(&console, OXL_LOG_ERROR,
+               "standard output could not be written\nfix: look at the disk or the program that it leads to");
         rc = OXL_ERR_IO;
     }
     return exit_code_of(rc);

@@ -89,6 +89,7 @@
 
 /* the whole job */
 #include "src/job/predict_time.c"      /* times some steps and predicts the run */
+#include "src/survey/quality.c"        /* images unlike those taken beside them */
 #include "src/survey/lint.c"           /* checks poses, images and masks against the points */
 #include "src/job/cost.c"              /* predicted Gaussians, memory and time of training */
 #include "src/job/budget.c"            /* --ram: limits that fit a memory budget */
@@ -97,6 +98,7 @@
 #include "src/job/options.c"           /* the option table, parsing and printing */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
 #include "src/job/block.c"             /* training of one block in its folder */
+#include "src/job/start.c"             /* a model in the place of the points, --from and continuing */
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/job.c"               /* the whole job: survey folder in, output folder out */

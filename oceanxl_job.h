@@ -48,6 +48,7 @@ typedef struct oxl_job_options {
     float                 refine;  /* the merged model is refined for this share of the blocks' steps; 0: not refined */
     int                   restart; /* 1: discard unfinished work with other options in OUT */
     uint64_t              seed;    /* 0: the context's */
+    const char           *from;    /* model that training starts from; NULL: the survey's points */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
@@ -127,6 +128,7 @@ typedef struct oxl_survey {
     double missed;                        /* share of track observations outside their image, without images of wrong pose */
     double masked;                        /* black share of the masks; only oxl_check sets this and the next field */
     int    unusable;                      /* images that are not readable, have another aspect ratio or are masked completely */
+    int    blurred, badly_exposed;        /* images, against those beside them; only oxl_check_quality sets these */
     double gaussians;                     /* predicted, at the end of the run */
     double memory, seconds;               /* predicted: peak in bytes, duration with ctx's threads */
     double seconds_range[2];              /* lower and upper limit of the duration */
@@ -136,6 +138,9 @@ typedef struct oxl_survey {
 
 /* OXL_ERR_INPUT: the survey cannot be trained; the error text gives the reason. out->text ends in a newline. */
 OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
+/* The same; also decodes every image as training does, compares it with those taken beside it, and logs the blurred and the badly
+ * exposed ones. */
+OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const oxl_job_options *options, oxl_survey *out);
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most
@@ -145,6 +150,8 @@ OXL_API oxl_result oxl_check(oxl_context *ctx, const char *scene, const oxl_job_
  * During training, the block's folder holds checkpoints. An interrupted run resumes from them when called again and ends in the same
  * bytes as an uninterrupted one; a finished run is not changed. If the callback stops the run (OXL_ERR_INTERRUPTED) or
  * train.max_seconds has passed (OXL_OK), model.ply is the current model, and scene.ply too if there is one block.
+ * A finished run of one block is continued when it is called with more iterations and otherwise the same options: the missing steps refine
+ * the model in blocks/000 without density control. With `from`, training starts from that model in the place of the points.
  * An unfinished run with other options is not overwritten (OXL_ERR_USAGE) unless options->restart is set; if run.json is lost, its
  * checkpoints are renamed to NAME.other. options may be NULL: the draft preset. */
 OXL_API oxl_result oxl_job_run(oxl_context *ctx, const char *scene, const char *out, const oxl_job_options *options,

@@ -12,6 +12,8 @@
 /* ---------------------------------------------------------------- info.c: statistics of a model */
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
+/* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains alone. 1: done. */
+int        info_copy_imaging(const char *from, const char *to);
 
 /* ---------------------------------------------------------------- blocks.c: a partition in tables */
 
@@ -191,7 +193,7 @@ struct arguments { /* as given, or the default; NULL: not given */
     const char     *help;       /* "", or "all" */
     const char     *completion; /* bash | zsh */
     int             version, manual, page, quiet, json, depth, no_images, devices, clear;
-    int             dry_run, progress_json;
+    int             dry_run, quality, progress_json;
     int             split, backend;         /* enum oxl_split, enum oxl_backend */
     int             device, threads, seeds; /* -1: the best, all */
     double          budget;                 /* s */

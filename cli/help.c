@@ -17,10 +17,10 @@ static const char HELP_CODES[] = "0 done, 1 failed, 2 usage, 3 bad input, 4 over
 static const struct {
     const char *name, *what;
 } HELP_OUTPUTS[] = {
-    {"scene.ply", "the model: the SH degrees in use, second lobes in an element of their own"},
+    {"scene.ply", "the model, for any viewer: the SH degrees in use, second lobes in an element of their own"},
     {"scene_standard.ply", "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already"},
     {"scene_clear.ply, imaging.txt",
-     "with --lamp, --medium: the scene without lamp and water; parameters of the image formation (also with --exposure)"},
+     "with --lamp, --medium: the scene without lamp and water; parameters of the image formation (also with --exposure). eval and render use both"},
     {"metrics.json",
      "psnr, cc_psnr, ssim, ms_ssim of the held-out views, each and mean; gaussians, bytes, seconds, iterations, peak_rss_bytes"},
     {"run.json", "version, options (\"job\"), what was found in the survey, decisions and their evidence, log lines"},

@@ -106,6 +106,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"scale", "METRES", OXL_OPTION_DOUBLE, FIELD(scale), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(CONVERT), "Views", "per unit of the survey, as measure prints: depths, heights and positions in metres, models scaled", NULL},
 {"o", "FOLDER", OXL_OPTION_TEXT, FIELD(out), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN) | IN(RENDER) | IN(SYNTH) | IN(PARTITION) | STUDIES, "Program", "output folder; created if missing", NULL},
 {"json", NULL, OXL_OPTION_FLAG, FIELD(json), 0, 1, NO_TEXT, OXL_TIER_BASIC, TRAINS | IN(EVAL) | IN(INFO), "Program", "results on standard output as JSON", NULL},
+{"quality", NULL, OXL_OPTION_FLAG, FIELD(quality), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(CHECK), "Program", "decode every image, name those that are blurred, too dark or too bright beside their neighbours", NULL},
 {"dry-run", NULL, OXL_OPTION_FLAG, FIELD(dry_run), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(TRAIN), "Program", "check the survey, the options and OUT, print predicted time and memory, write nothing", NULL},
 {"progress", "text|json", OXL_OPTION_CHOICE, FIELD(progress_json), 0, 1, NO_TEXT, OXL_TIER_ADVANCED, IN(TRAIN) | IN(MERGE), "Program", "json: standard error is JSON lines, {\"event\": \"progress\" or \"log\", ...}", NULL},
 {"backend", "cpu|auto|vulkan", OXL_OPTION_CHOICE, FIELD(backend), 0, 2, NO_TEXT, OXL_TIER_ADVANCED, DRAWS, "Program", "where to render and train; vulkan: in builds with make VULKAN=1; auto: a GPU if there is one", NULL},

@@ -111,14 +111,16 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
     oxl_result   rc = oxl_make_folder(ctx, options->folder);
     if (rc != OXL_OK) return rc;
     if (strlen(options->folder) > 1000)
-        return ortho_fail(OXL_ERR_USAGE, error, error_size, "ortho: the folder's name is too long");
+        return ortho_fail(OXL_ERR_USAGE, error, error_size, "ortho: the folder's name is too long\nfix: -o with a shorter one");
     if (oxl_scene_point_count(scene) < 3)
-        return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: the survey has no points, so its vertical axis is unknown");
+        return ortho_fail(OXL_ERR_INPUT, error, error_size,
+                          "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
     frame_of(scene, &o.frame);
     if (!frame_bounds(&o.frame, scene, 0, o.low, o.high))
         return ortho_fail(OXL_ERR_MEMORY, error, error_size, "ortho: no memory");
     side = fmax(o.high[0] - o.low[0], o.high[1] - o.low[1]);
-    if (!(side > 0)) return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: all points lie in one place");
+    if (!(side > 0))
+        return ortho_fail(OXL_ERR_INPUT, error, error_size, "ortho: all points lie in one place\nfix: export the survey again");
     if (!(o.pixel > 0)) o.pixel = side / ORTHO_SIDE;
     if (side / o.pixel > ORTHO_SIDE_MAX)
         return ortho_fail(OXL_ERR_USAGE, error, error_size,

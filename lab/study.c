@@ -42,6 +42,7 @@ static oxl_result study_wrong_row(struct study *s, const char *name, size_t leng
                                     "--rows: '%.*s' seen, each of these at most once wanted:", length > 40 ? 40 : (int)length, name);
     for (int i = s->kind->base_first; i < s->kind->rows && size < room; i++)
         size += (size_t)snprintf(error + size, room - size, " %s", s->kind->row[i].name);
+    if (size < room) snprintf(error + size, room - size, "\nfix: --rows with some of them, joined by commas");
     return OXL_ERR_USAGE;
 }
 

@@ -56,7 +56,8 @@ oxl_result study_open(struct study_meter *s, const char *out)
     own.reallocate = study_reallocate;
     own.log        = study_pass_on;
     own.user       = s;
-    if (strlen(out) > 900) return study_fail(s, OXL_ERR_USAGE, "the name of the folder is too long: ", out);
+    if (strlen(out) > 900)
+        return study_fail(s, OXL_ERR_USAGE, "the name of the folder is too long\nfix: a shorter one than -o ", out);
     rc = oxl_context_create(&own, &s->ctx);
     if (rc == OXL_OK) rc = oxl_make_folder(s->ctx, out);
     return rc == OXL_OK ? rc : study_fail(s, rc, "", oxl_error_text(s->ctx));
@@ -84,7 +85,10 @@ oxl_result study_write(struct study_meter *s, const char *folder, const char *na
     snprintf(path, sizeof path, "%s/%s", folder, name);
     output_file_open(&file, path);
     output_file_bytes(&file, t->data, t->used);
-    return output_file_close(&file) ? OXL_OK : study_fail(s, OXL_ERR_IO, "cannot write ", path);
+    return output_file_close(&file)
+               ? OXL_OK
+               : study_fail(s, OXL_ERR_IO,
+                            "a file cannot be written\nfix: make room on the disk or choose a place that you may use: ", path);
 }
 
 /* ---------------------------------------------------------------- one training */
@@ -146,7 +150,9 @@ static oxl_result study_read_metrics(struct study_meter *s, const char *folder, 
     r->blocks   = whole ? (int)blocks : 0;
     r->held_out = text && strstr(text, "\"split\": \"test\"") != NULL;
     free(text);
-    return whole ? OXL_OK : study_fail(s, OXL_ERR_INPUT, "no whole metrics.json of a training in ", folder);
+    return whole ? OXL_OK
+                 : study_fail(s, OXL_ERR_INPUT,
+                              "no whole metrics.json of a training\nfix: remove this folder and run the command again: ", folder);
 }
 
 oxl_result study_train(struct study_meter *s, const char *scene, const char *folder, const oxl_job_options *job,

@@ -36,10 +36,17 @@ amalgamate() {
     BEGIN { emit("oceanxl.c") }'
 }
 
+# The implementation, whose `#pragma omp` a compiler without OpenMP is not to warn of.
+implementation() {
+    printf '#ifdef __GNUC__\n#pragma GCC diagnostic push\n#pragma GCC diagnostic ignored "-Wunknown-pragmas"\n#endif\n'
+    amalgamate "$1"
+    printf '#ifdef __GNUC__\n#pragma GCC diagnostic pop\n#endif\n'
+}
+
 version=$(sed -n 's/^#define OXL_VERSION "\(.*\)"/\1/p' oceanxl.h)
 {
     echo "/* OceanXL $version, amalgamated from its modules by scripts/dist.sh: do not edit. */"
-    amalgamate include
+    implementation include
 } >"$out/oceanxl.c"
 cp oceanxl.h oceanxl_job.h "$out/"
 {
@@ -62,7 +69,7 @@ cp oceanxl.h oceanxl_job.h "$out/"
     echo
     echo '#if defined(OCEANXL_IMPLEMENTATION) && !defined(OCEANXL_IMPLEMENTED)'
     echo '#define OCEANXL_IMPLEMENTED'
-    amalgamate ''
+    implementation ''
     echo '#endif /* OCEANXL_IMPLEMENTATION */'
 } >"$out/single/oceanxl.h"
 grep -n '^#include "' "$out/oceanxl.c" "$out/single/oceanxl.h" | grep -vE '"oceanxl(_job)?\.h"' && { echo "dist.sh: an include was left" >&2; exit 1; }

@@ -147,6 +147,8 @@ promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "
 promise run_json_has_floats_as_short_as_they_are 0 '"refine": 0.1,' grep '"refine"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
 promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
+promise more_iterations_continue_a_finished_run 0 "is continued: 9 more" on_stderr "$program" train survey -o out --iterations 70
+promise a_model_takes_the_place_of_the_points 0 "model" sh -c "'$program' train survey -o from --from out/scene.ply --iterations 5 --quiet && grep -q '\"from\": \"out/scene.ply\"' from/run.json && echo model"
 promise the_same_seed_gives_the_same_bytes 0 "" sh -c \
     "for t in 1 3; do '$program' train survey -o same\$t --iterations 60 --threads \$t --quiet >/dev/null || exit 1; done; cmp same1/scene.ply same3/scene.ply"
 promise another_seed_gives_other_bytes 1 "differ" sh -c "'$program' train survey -o other --iterations 60 --seed 2 --quiet >/dev/null; cmp same1/scene.ply other/scene.ply"
@@ -217,12 +219,19 @@ promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
 promise convert_keeps_the_scale_for_info 0 '"scale": 2' on_stdout "$program" info metric.ply --json
 promise a_scaled_model_is_compared_in_the_survey_s_unit 0 "" sh -c \
-    "[ ! -e out/imaging.txt ] || cp out/imaging.txt .; for m in out/scene metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
+    "'$program' convert out/scene.ply plain.ply && for m in plain metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
      '$program' convert metric.ply metric.spz && '$program' convert metric.spz again.ply && LC_ALL=C grep -a -c '^comment scale 2' again.ply &&
-     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' scene.txt metric.txt && rm -f imaging.txt"
+     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' plain.txt metric.txt && rm -f imaging.txt"
 promise a_model_of_another_scale_is_warned_of 0 "does not seem to cover the survey" on_stderr sh -c \
     "LC_ALL=C sed '1,/^end_header/{/^comment scale/d;}' metric.ply >unmarked.ply && ! cmp -s metric.ply unmarked.ply && '$program' eval unmarked.ply survey"
 promise a_model_of_another_position_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved
+promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
+    "'$program' train survey -o lit --iterations 60 --lamp on --medium on --quiet >/dev/null && grep '^  \"psnr\": ' lit/metrics.json >lit.txt &&
+     for m in lit lit/scene.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done"
+promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
+promise convert_of_a_model_for_viewers_copies_no_lamp 0 "" sh -c \
+    "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
+     ! grep -q '^[lbB]' shown/imaging.txt && grep -q '^lamp' clear/imaging.txt"
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
@@ -243,6 +252,9 @@ promise tradeoff_resumes 0 "half the iterations against base" without ETA "$prog
 promise blocks_side_by_side_give_the_bytes_of_one_process 0 "" sh -c \
     "OCEANXL='$program' '$examples/cluster/local.sh' survey spread --block-points 250 --iterations 40 --seed 5 --keep 1 &&
      '$program' train survey -o alone --block-points 250 --iterations 40 --seed 5 --keep 1 && cmp spread/scene.ply alone/scene.ply"
+promise a_render_leaves_nothing_of_an_earlier_one 0 "" sh -c "rm -rf again && '$program' render out/scene.ply survey -o again --split all --depth && touch again/mine.png && '$program' render out/scene.ply survey -o again && test \$(ls again | wc -l) = 3"
+promise too_few_open_files_are_told_with_what_helps 1 "fix: allow more open files" sh -c "ulimit -n 4; '$program' train survey -o few --iterations 10"
+promise wrong_rows_are_told_with_what_helps 2 "fix: --rows" "$program" ablate survey -o ablation --rows nope
 promise an_unwritable_place_is_a_failure 1 "oxl: " "$program" convert out/scene.ply /dev/null/scene.ply
 
 echo "command line: $passed passed, $failed failed"

@@ -662,6 +662,44 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     os_release_file(test_ctx, &again);
 }
 
+/* Held-out views of the survey by a model of OUT, with the imaging.txt beside it or with none. */
+static oxl_metrics job_test_evaluate(const char *model, int imaging)
+{
+    oxl_scene        *scene = NULL;
+    oxl_model         read  = {0};
+    oxl_metrics       m     = {0}, out;
+    oxl_scene_options o     = oxl_scene_options_default();
+    o.test_every            = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+    CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
+    if (imaging) CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path(model)));
+    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, OXL_SPLIT_TEST, &m));
+    out = m;
+    oxl_metrics_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &read);
+    oxl_scene_free(test_ctx, scene);
+    return out;
+}
+
+/* scene.ply has learned what lamp and water showed; scene_clear.ply has not, and shows it with imaging.txt. */
+TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_and_the_figures_of_both)
+{
+    oxl_job_options    options = job_test_options();
+    struct os_file_map json    = {0};
+    oxl_metrics        full, plain, gains;
+    options.train.lamp = options.train.medium = OXL_ON;
+    options.train.iterations                  = 60;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
+    gains = job_test_evaluate("out/scene.ply", 1);
+    CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
+    CHECK(full.psnr > 0 && fabs(full.psnr - plain.psnr) > 1e-6);
+    CHECK_CLOSE(manifest_number(json.data, "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
+    os_release_file(test_ctx, &json);
+}
+
 TEST(job_says_in_run_json_what_was_decided_and_why)
 {
     oxl_job_options options = job_test_options();
@@ -669,4 +707,96 @@ TEST(job_says_in_run_json_what_was_decided_and_why)
     CHECK(job_test_has(test_path("out/run.json"), "\"decisions\": {\"partition\": {\"chosen\": \"none\", "));
     CHECK(job_test_has(test_path("out/run.json"), "\"sh_degree\": {\"chosen\": \"3\", \"evidence\": \"too few training views"));
     CHECK(job_test_has(test_path("out/run.json"), "\"ucd\": {\"chosen\": \"off\", \"evidence\": \"depth weights off"));
+}
+
+TEST(job_merge_of_a_run_without_a_survey_leaks_nothing)
+{
+    test_write("nosurvey/run.json", "{\"finished\": false, \"job\": {\"version\": \"0\"}, \"found\": {\"images\": 2}}");
+    CHECK(oxl_merge(test_ctx, test_path("nosurvey"), -1, NULL) == OXL_ERR_INPUT);
+}
+
+/* ---------------------------------------------------------------- from a model */
+
+TEST(job_with_more_iterations_continues_a_finished_run_to_the_same_bytes_in_any_way)
+{
+    oxl_job_options       options  = job_test_options();
+    struct job_test_watch watch    = {0, -1};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char *survey = job_test_survey(), *const out[] = {"whole", "stopped"};
+    const int threads = test_ctx->threads;
+    for (int k = 0; k < 2; k++) {
+        options.train.iterations = 12;
+        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path(out[k]), &options, NULL));
+        options.train.iterations = 20;
+        watch                    = (struct job_test_watch){0, k ? 3 : -1};
+        test_ctx->threads        = k ? 1 : threads;
+        CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path(out[k]), &options, &callback) ==
+              (k ? OXL_ERR_INTERRUPTED : OXL_OK));
+        CHECK(watch.calls == (k ? 3 : 8)); /* the 8 that were missing */
+    }
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("stopped"), &options, NULL));
+    test_ctx->threads = threads;
+    CHECK(job_test_same(test_path("whole/scene.ply"), test_path("stopped/scene.ply")));
+    CHECK(job_test_has(test_path("whole/metrics.json"), "\"iterations\": 20,"));
+    CHECK(job_test_has(test_path("whole/run.json"), "is continued: 8 more"));
+    watch = (struct job_test_watch){0, -1};
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
+    CHECK(watch.calls == 0); /* finished */
+    options.train.iterations = 22;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
+    CHECK(watch.calls == 2);
+    watch           = (struct job_test_watch){0, -1};
+    options.restart = 1;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("whole"), &options, &callback));
+    CHECK(watch.calls >= 22); /* from the points; with a trial */
+}
+
+TEST(job_in_blocks_is_not_continued)
+{
+    oxl_job_options options = job_test_blocks();
+    job_test_survey();
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    options.train.iterations = 20;
+    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: --restart");
+    CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
+}
+
+TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
+{
+    static const char *const names[]  = {"from.ply", "from.splat", "from.spz"};
+    oxl_job_options          options  = job_test_options();
+    struct job_test_watch    watch    = {0, 5};
+    const oxl_callback       callback = {job_test_progress, &watch};
+    uint8_t                  keep[200];
+    char                     from[512];
+    oxl_model                model;
+    job_test_survey();
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    CHECK(model.count <= 200);
+    oxl_model_move_origin(&model, (double[3]){0, 0, 0}); /* as another trainer's has it */
+    for (size_t i = 0; i < model.count; i++) keep[i] = i < 30;
+    model_keep_rows(&model, keep);
+    for (size_t i = 0; i < OXL_COUNT(names); i++) CHECK_OK(oxl_model_write(test_ctx, test_path(names[i]), &model));
+    for (size_t i = 0; i < OXL_COUNT(names); i++) {
+        oxl_model found;
+        snprintf(from, sizeof from, "%s", test_path(names[i]));
+        options.from    = from;
+        options.restart = 1;
+        CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("other"), &options, NULL));
+        CHECK_OK(oxl_model_read(test_ctx, test_path("other/scene.ply"), &found));
+        CHECK(found.count >= 30 && found.count < 60); /* the points are 60 */
+        oxl_model_free(test_ctx, &found);
+    }
+    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, &callback) == OXL_ERR_INTERRUPTED);
+    model.plane[OXL_OPACITY][0] += 1;
+    CHECK_OK(oxl_model_write(test_ctx, options.from, &model));
+    options.restart = 0;
+    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("changed"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "model to start from: ");
+    options.partition.block_points = 40;
+    CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("cut"), &options, NULL) == OXL_ERR_USAGE);
+    CHECK_TEXT(oxl_error_text(test_ctx), "--from starts a single block");
+    oxl_model_free(test_ctx, &model);
 }

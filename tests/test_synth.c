@@ -573,3 +573,42 @@ TEST(synth_numbers_are_written_as_meant)
     CHECK(map.data && strcmp(map.data, "0.000 0.000 -1.500 1.000 12.346 4581200.125 0") == 0);
     os_release_file(test_ctx, &map);
 }
+
+TEST(lint_flags_images_that_are_blurred_or_badly_exposed_beside_their_neighbours)
+{
+    synth_options o = synth_options_default();
+    oxl_survey    s;
+    oxl_image     image = {0}, soft = {0};
+    char out[512], error[400], *const names[] = {"IMG_00007.png", "IMG_00014.png", "IMG_00021.png"};
+    o.views = 30, o.width = 120, o.height = 80, o.points = 900, o.water = "none";
+    snprintf(out, sizeof out, "%s", test_path("synth"));
+    o.out = out;
+    CHECK(synth_run(test_ctx, &o, error, sizeof error) == OXL_OK);
+    lint_heard[0]         = 0;
+    test_ctx->options.log = lint_listen;
+    CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
+    CHECK(s.blurred == 0 && s.badly_exposed == 0 && lint_heard[0] == 0);
+    for (int k = 0; k < 3; k++) { /* blurred along x, darker, brighter */
+        char         name[80];
+        const size_t n = 120 * 80;
+        snprintf(name, sizeof name, "synth/images/%s", names[k]);
+        CHECK_OK(oxl_image_read(test_ctx, test_path(name), &image));
+        CHECK_OK(oxl_image_create(test_ctx, 120, 80, &soft));
+        for (size_t i = 0; i < 3 * n; i++) {
+            float sum = 0;
+            for (int d = 0; d < 7; d++) sum += image.rgb[OXL_MIN(i + (size_t)d, 3 * n - 1)];
+            soft.rgb[i] = k == 0 ? sum / 7 : image.rgb[i] * (k == 1 ? 0.4f : 2.0f);
+        }
+        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &soft));
+        oxl_image_free(test_ctx, &image);
+        oxl_image_free(test_ctx, &soft);
+    }
+    CHECK_OK(oxl_check_quality(test_ctx, out, NULL, &s));
+    CHECK(s.blurred == 1 && s.badly_exposed == 2);
+    CHECK_TEXT(lint_heard, "1 image is less sharp than the images beside it: IMG_00007.png");
+    CHECK_TEXT(lint_heard, "1 image is much darker than the images beside it: IMG_00014.png");
+    CHECK_TEXT(lint_heard, "1 image is much brighter than the images beside it: IMG_00021.png");
+    lint_heard[0] = 0;
+    CHECK_OK(oxl_check(test_ctx, out, NULL, &s)); /* headers alone */
+    CHECK(s.blurred == 0 && lint_heard[0] == 0);
+}

@@ -168,3 +168,28 @@ TEST(checkpoint_that_counts_more_than_it_holds_is_refused)
     oxl_model_free(test_ctx, &model);
     oxl_model_free(test_ctx, &other);
 }
+
+#ifndef _WIN32
+#include <sys/resource.h>
+
+static void checkpoint_no_state(struct archive *a, void *user)
+{
+    (void)a, (void)user;
+}
+
+TEST(checkpoint_that_cannot_be_opened_does_not_count_as_none)
+{
+    struct rlimit old, few;
+    oxl_result    rc;
+    int           found;
+    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", checkpoint_no_state, NULL));
+    getrlimit(RLIMIT_NOFILE, &old);
+    few          = old;
+    few.rlim_cur = 3;
+    setrlimit(RLIMIT_NOFILE, &few);
+    rc = checkpoint_read(test_ctx, test_folder(), "key", checkpoint_no_state, NULL, &found);
+    setrlimit(RLIMIT_NOFILE, &old);
+    CHECK(rc == OXL_ERR_IO);
+    CHECK_TEXT(oxl_error_text(test_ctx), "fix: allow more open files");
+}
+#endif

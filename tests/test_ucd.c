@@ -84,6 +84,24 @@ TEST(contrast_reads_each_image_once_even_when_it_cannot_be_read)
     oxl_scene_free(test_ctx, scene);
 }
 
+static int contrast_is_stopped(void *user)
+{
+    return ++*(int *)user > 1;
+}
+
+TEST(contrast_is_left_at_the_image_where_it_is_stopped)
+{
+    oxl_scene      *scene = wall_scene(0.1);
+    struct contrast c;
+    int             asked     = 0;
+    test_ctx->options.stopped = contrast_is_stopped;
+    test_ctx->options.user    = &asked;
+    CHECK(contrast_measure(test_ctx, scene, &c) == OXL_ERR_INTERRUPTED);
+    CHECK(!c.measured && asked == 2);
+    test_ctx->options.stopped = NULL;
+    oxl_scene_free(test_ctx, scene);
+}
+
 TEST(contrast_of_a_scene_without_tracks_is_not_measured)
 {
     struct prune_case c = prune_two_patches(3, 2, 0);

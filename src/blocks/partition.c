@@ -484,7 +484,9 @@ static oxl_result partition_find_members(struct partition_build *b)
         b->first[i]          = (uint32_t)total;
         total += count;
     }
-    if (total >= UINT32_MAX) return oxl_fail(b->ctx, OXL_ERR_INPUT, "%zu points are too many to partition", b->count);
+    if (total >= UINT32_MAX)
+        return oxl_fail(b->ctx, OXL_ERR_INPUT, "%zu points are too many to partition\nfix: filter points3D to fewer points",
+                        b->count);
     b->first[b->count] = (uint32_t)total;
     b->blocks          = oxl_alloc(b->ctx, total + 1, sizeof *b->blocks);
     if (!b->blocks) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory for the blocks of %zu points", b->count);

@@ -95,7 +95,9 @@ OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_
     }
     if (!s || !s->first || !s->seen || !b.next) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the sight of %zu views", views);
     if (rc == OXL_OK && b.colmap->point_count >= UINT32_MAX)
-        rc = oxl_fail(ctx, OXL_ERR_INPUT, "%zu points are more than a partition can number (2^32 - 1)", b.colmap->point_count);
+        rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                      "%zu points are more than a partition can number (2^32 - 1)\nfix: filter points3D to fewer points",
+                      b.colmap->point_count);
     if (rc == OXL_OK) rc = visibility_find_views(ctx, scene, &b);
     if (rc != OXL_OK) goto done;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)

@@ -202,7 +202,9 @@ struct os_lock {
 };
 OXL_INTERNAL enum os_locked os_lock_open(const char *path, int shared, struct os_lock *out);
 OXL_INTERNAL enum os_locked os_lock_change(struct os_lock *lock, int shared);
-OXL_INTERNAL void           os_lock_sign(const struct os_lock *lock);                /* writes this process into the file */
+OXL_INTERNAL void           os_lock_sign(const struct os_lock *lock); /* writes this process into the file */
+/* "PATH: WHAT: REASON" of an errno, and what the user can do about it. */
+OXL_INTERNAL oxl_result     os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what, int error);
 OXL_INTERNAL oxl_result     os_lock_fail(oxl_context *ctx, const char *path);        /* from errno */
 OXL_INTERNAL void           os_lock_close(struct os_lock *lock, const char *remove); /* releases it; remove: its path, or NULL */
 

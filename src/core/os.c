@@ -187,7 +187,7 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
 {
     DIR           *folder = opendir(path);
     struct dirent *entry;
-    if (!folder) return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot list the folder: %s", path, strerror(errno));
+    if (!folder) return os_fail(ctx, OXL_ERR_IO, path, "cannot list the folder", errno);
     while ((entry = readdir(folder)) != NULL)
         if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) visit(user, entry->d_name);
     closedir(folder);
@@ -417,7 +417,7 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
     HANDLE           find;
     snprintf(name, sizeof name, "%s/*", path);
     find = FindFirstFileW(os_wide(name, wide), &data);
-    if (find == INVALID_HANDLE_VALUE) return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot list the folder", path);
+    if (find == INVALID_HANDLE_VALUE) return os_fail(ctx, OXL_ERR_IO, path, "cannot list the folder", ENOENT);
     do {
         if (WideCharToMultiByte(CP_UTF8, 0, data.cFileName, -1, name, sizeof name, NULL, NULL) == 0) continue;
         if (strcmp(name, ".") != 0 && strcmp(name, "..") != 0) visit(user, name);
@@ -494,6 +494,19 @@ OXL_INTERNAL void os_library_close(void *library)
 
 #endif /* ---------------------------------------------------------------- plain C from here on */
 
+OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *path, const char *what, int error)
+{
+    const char *fix = error == ENOENT || error == ENOTDIR ? "correct the path"
+                      : error == EACCES || error == EPERM || error == EROFS || error == 0
+                          ? "choose a place that you may use, or change its permissions"
+                      : error == EMFILE || error == ENFILE ? "allow more open files, as ulimit -n 1024 does"
+                      : error == ENOSPC || error == EFBIG  ? "make room on the disk"
+                      : error == EISDIR                    ? "name a file, not a folder"
+                      : error == ENAMETOOLONG              ? "use a shorter name"
+                                                           : "look at the disk or the network drive";
+    return oxl_fail(ctx, rc, "%s: %s: %s\nfix: %s", path, what, error ? strerror(error) : "failed", fix);
+}
+
 OXL_INTERNAL int os_is_file(const char *path)
 {
     return os_kind_of(path, NULL) == OS_FILE;
@@ -516,7 +529,7 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
         /* mkdir of an existing parent can fail with other errors than EEXIST (read-only disk, "C:") */
         if (os_make_one_folder(part) != 0) {
             const int error = errno;
-            if (!os_is_folder(part)) rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot make the folder: %s", part, strerror(error));
+            if (!os_is_folder(part)) rc = os_fail(ctx, OXL_ERR_IO, part, "cannot make the folder", error);
         }
         part[i] = path[i];
     }
@@ -577,7 +590,7 @@ OXL_INTERNAL void os_lock_sign(const struct os_lock *lock)
 
 OXL_INTERNAL oxl_result os_lock_fail(oxl_context *ctx, const char *path)
 {
-    return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s\nfix: choose a folder that you may write to", path, strerror(errno));
+    return os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
 }
 
 /* ---------------------------------------------------------------- reading */
@@ -595,7 +608,7 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
     uint64_t   expected = 0; /* a hint: the file may grow, and a pipe has no size */
     FILE      *file     = os_open(path, "rb");
     *out                = (struct os_file_map){0};
-    if (!file) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot open: %s", path, strerror(errno));
+    if (!file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
     if (os_kind_of(path, &expected) != OS_FILE) expected = 0;
     if (expected > SIZE_MAX / 2) {
         rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: too large for this machine's addresses", path);
@@ -616,7 +629,7 @@ OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, co
         if (rc != OXL_OK) goto done;
     }
     if (ferror(file)) {
-        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot read: %s", path, strerror(errno));
+        rc = os_fail(ctx, OXL_ERR_IO, path, "cannot read", errno);
         goto done;
     }
     data[size] = 0;
@@ -636,7 +649,7 @@ OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map)
 OXL_INTERNAL oxl_result os_reader_open(oxl_context *ctx, const char *path, struct os_reader *out)
 {
     *out = (struct os_reader){.file = os_open(path, "rb"), .path = path};
-    if (!out->file) return oxl_fail(ctx, OXL_ERR_INPUT, "%s: cannot open: %s", path, strerror(errno));
+    if (!out->file) return os_fail(ctx, OXL_ERR_INPUT, path, "cannot open", errno);
     if (os_kind_of(path, &out->size) != OS_FILE) out->size = 0;
     setvbuf(out->file, NULL, _IONBF, 0); /* pieces are large: no buffer needed */
     return OXL_OK;
@@ -646,14 +659,14 @@ OXL_INTERNAL oxl_result os_reader_read(oxl_context *ctx, struct os_reader *r, vo
 {
     errno = 0;
     *got  = fread(data, 1, size, r->file);
-    if (*got < size && ferror(r->file)) return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot read: %s", r->path, strerror(errno));
+    if (*got < size && ferror(r->file)) return os_fail(ctx, OXL_ERR_IO, r->path, "cannot read", errno);
     return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result os_reader_seek(oxl_context *ctx, struct os_reader *r, uint64_t offset)
 {
     if (os_seek(r->file, offset) == 0) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_IO, "%s: cannot seek: %s", r->path, strerror(errno));
+    return os_fail(ctx, OXL_ERR_IO, r->path, "cannot seek", errno);
 }
 
 OXL_INTERNAL void os_reader_close(struct os_reader *r)
@@ -683,7 +696,7 @@ OXL_INTERNAL oxl_result os_writer_open(oxl_context *ctx, const char *path, struc
         goto done;
     }
     out->file = os_open(out->temporary, "wb");
-    if (!out->file) rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s", path, strerror(errno));
+    if (!out->file) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
 done:
     if (rc != OXL_OK) os_writer_free(ctx, out);
     return rc;
@@ -723,8 +736,7 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
     }
     if (failed) os_remove(writer->temporary);
     if (failed && rc == OXL_OK) /* errno of an earlier fwrite is lost; a full disk is the most likely cause */
-        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s", writer->path,
-                      error ? strerror(error) : "an earlier write failed, the disk may be full");
+        rc = os_fail(ctx, OXL_ERR_IO, writer->path, "cannot write", error ? error : ENOSPC);
     if (!failed) os_sync_parent(writer->path);
     os_writer_free(ctx, writer);
     return rc;
@@ -754,7 +766,6 @@ OXL_INTERNAL oxl_result os_write_file(oxl_context *ctx, const char *path, const 
     struct os_writer writer;
     oxl_result       rc = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
-    if (size > 0 && fwrite(data, 1, size, writer.file) != size)
-        rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: %s", path, strerror(errno));
+    if (size > 0 && fwrite(data, 1, size, writer.file) != size) rc = os_fail(ctx, OXL_ERR_IO, path, "cannot write", errno);
     return os_writer_close(ctx, &writer, rc);
 }

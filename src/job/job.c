@@ -28,6 +28,7 @@ struct job {
     int                 refined;     /* blocks/together has them all */
     double              begun;
     uint64_t            seed; /* of the context, to be given back */
+    struct start        start;
     oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
 };
 
@@ -275,12 +276,25 @@ static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
     return OXL_OK;
 }
 
+/* The model that training starts from, if it is not the points. */
+static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run)
+{
+    oxl_result rc = start_find(job->ctx, job->out, run, &job->options, job->key.data, &job->found, &job->start);
+    if (rc != OXL_OK || job->start.model.count == 0) return rc;
+    oxl_model_move_origin(&job->start.model, job->origin);
+    job->total.iterations = job->start.after;
+    text_free(&job->key);
+    job->key = (struct text){.ctx = job->ctx};
+    return job_make_key(job);
+}
+
 /* *done: nothing is left to do. */
 static oxl_result job_look(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
     oxl_result          rc  = manifest_read(job->ctx, job->out, &run);
     *done                   = 0;
+    if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_make_way(job, &run);
     else *done = run.finished && run.refine == job->options.refine && job_has(job, "scene.ply");
@@ -391,6 +405,7 @@ static int job_progress(void *user, const oxl_progress *progress)
 static void job_add_record(struct job *job, const struct block_record *r)
 {
     struct block_record *t = &job->total;
+    t->there |= r->there;
     t->iterations += r->iterations;
     t->seconds += r->seconds;
     t->peak              = OXL_MAX(t->peak, r->peak);
@@ -456,6 +471,7 @@ static oxl_result job_train_block(struct job *job, const char *folder)
         rc         = job_load_block(job, folder, &own);
     }
     if (rc == OXL_OK) rc = job_plan_block(job, own ? own : job->scene, &task, &options);
+    if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, job->partition.block_count, &task);
     if (rc == OXL_OK) scene_set_cache(own ? own : job->scene, options.scene.image_cache_bytes);
     if (rc == OXL_OK) rc = block_train(job->ctx, own ? own : job->scene, &task);
     oxl_scene_free(job->ctx, own);
@@ -578,7 +594,9 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
     if (blocks > 1 && !job->refined) rc = job_merge(job, standard, out);
     else rc = job_read_block(job, together, standard, out);
     if (rc == OXL_OK && (blocks == 1 || job->refined) && job->scene) rc = job_read_gains(job, together);
-    if (rc == OXL_OK && out->count == 0) rc = oxl_fail(job->ctx, OXL_ERR_FAILED, "no Gaussian is left in %s", job->out);
+    if (rc == OXL_OK && out->count == 0)
+        rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
+                      "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images", job->out);
     return rc;
 }
 
@@ -677,10 +695,10 @@ static oxl_result job_merged(struct job *job)
 
 /* ---------------------------------------------------------------- at the end */
 
-/* Water or a lamp's falloff lies between the model's colours and the images. */
-static int job_has_medium(const struct job *job)
+/* Lamp or water lie between the model's colours and the images: scene.ply is a model for viewers that know neither. */
+static int job_hides_colours(const struct job *job)
 {
-    return job->scene && (scene_imaging(job->scene)->medium.on || scene_imaging(job->scene)->medium.lit);
+    return job->scene && imaging_hides_colours(scene_imaging(job->scene));
 }
 
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
@@ -695,35 +713,30 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
     return rc;
 }
 
-/* As viewers without imaging.txt are to show it (docs/WATER.md). */
-static oxl_result job_write_appearance(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
+/* Without lobes, lamp and water; of an unfinished run, not refined. */
+static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
-    oxl_model  baked = {0};
-    oxl_result rc;
-    if (!job_has_medium(job)) return job_write_ply(job, name, model, degree, bytes);
-    rc = model_copy(job->ctx, model, &baked);
-    if (rc == OXL_OK) medium_bake(&scene_imaging(job->scene)->medium, job->scene, &baked);
-    if (rc == OXL_OK) rc = job_write_ply(job, name, &baked, degree, bytes);
-    oxl_model_free(job->ctx, &baked);
+    const int  made = !job->unfinished && (job->model.lobes > 0 || job_hides_colours(job));
+    oxl_result rc   = made ? job_join(job, 1, out) : model_copy(job->ctx, &job->model, out);
+    model_drop_lobes(out);
+    if (rc == OXL_OK && !made && job_hides_colours(job)) medium_bake(job->scene, out);
     return rc;
 }
 
-/* scene.ply holds the bands that are carried, and the lobes; unless that is the standard's file already, scene_standard.ply is. */
+/* scene.ply holds the bands that are carried, and the lobes, or with lamp or water the standard model; scene_clear.ply then has the
+ * former. Unless scene.ply has the standard columns already, scene_standard.ply has. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
-    const int  is_standard = job->model.sh_degree == 3 && job->model.lobes == 0;
-    oxl_result rc          = job_write_appearance(job, "scene.ply", &job->model, job->model.sh_degree, &bytes[0]);
-    bytes[1]               = bytes[0];
-    if (rc == OXL_OK && job_has_medium(job))
-        rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
-    else job_remove(job, "scene_clear.ply");
+    const int        hides = job_hides_colours(job), is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
+    const oxl_model *shown = hides ? standard : &job->model;
+    oxl_result       rc    = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
+    bytes[0]               = 0;
+    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[0]);
     bytes[1] = bytes[0];
+    if (rc == OXL_OK && hides) rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
+    else job_remove(job, "scene_clear.ply");
     if (is_standard) job_remove(job, "scene_standard.ply");
-    if (rc != OXL_OK || is_standard) return rc;
-    if (job->model.lobes > 0 && !job->unfinished) rc = job_join(job, 1, standard);
-    else rc = model_copy(job->ctx, &job->model, standard);
-    model_drop_lobes(standard);
-    return rc == OXL_OK ? job_write_appearance(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
+    return rc == OXL_OK && !is_standard ? job_write_ply(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
 }
 
 static void job_add(struct text *t, const char *name, double value)
@@ -751,23 +764,30 @@ static oxl_split job_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* What a viewer that knows no second lobes will show. */
-static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, double psnr)
+/* What a viewer that knows no second lobes, lamp and water will show: *m gets its PSNR at mean exposure. */
+static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
 {
-    oxl_metrics m;
-    oxl_result  rc;
-    if (job->model.lobes == 0) return OXL_OK;
-    rc = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &m);
+    struct imaging *imaging = scene_imaging(job->scene), whole = *imaging;
+    const int       hides = job_hides_colours(job);
+    oxl_metrics     plain;
+    oxl_result      rc;
+    if (job->model.lobes == 0 && !hides) return OXL_OK;
+    imaging_keep_gains(imaging);
+    rc       = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &plain);
+    *imaging = whole;
     if (rc != OXL_OK) return rc;
-    oxl_log(job->ctx, OXL_LOG_INFO, "scene_standard.ply, without lobes: PSNR %.2f dB (%.2f less)", m.psnr, psnr - m.psnr);
+    oxl_log(job->ctx, OXL_LOG_INFO, "%s in any viewer: PSNR %.2f dB (%.2f less), %.2f at mean exposure",
+            hides ? "scene.ply" : "scene_standard.ply", plain.psnr, m->psnr - plain.psnr, plain.plain_psnr);
+    for (int i = 0; i < m->count && i < plain.count && hides; i++) m->views[i].plain_psnr = plain.views[i].plain_psnr;
+    if (hides) m->plain_psnr = plain.plain_psnr;
     text_add(t, "  \"standard\": {\"psnr\": ");
-    text_add_number(t, m.psnr);
+    text_add_number(t, plain.psnr);
     text_add(t, ", \"ssim\": ");
-    text_add_number(t, m.ssim);
+    text_add_number(t, plain.ssim);
     text_add(t, ", \"psnr_lost\": ");
-    text_add_number(t, psnr - m.psnr);
+    text_add_number(t, m->psnr - plain.psnr);
     text_add(t, ", \"bytes\": %zu},\n", bytes);
-    oxl_metrics_free(job->ctx, &m);
+    oxl_metrics_free(job->ctx, &plain);
     return OXL_OK;
 }
 
@@ -814,7 +834,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
                 "PSNR is %.2f dB with one factor for each channel of each view (cc_psnr): exposure may differ from view to view",
                 m.cc_psnr);
     job_add_figures(job, &t, bytes[0]);
-    rc = job_add_standard(job, &t, standard, bytes[1], m.psnr);
+    rc = job_add_standard(job, &t, standard, bytes[1], &m);
     if (rc == OXL_OK && job->partition.block_count > 1)
         rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
     if (rc != OXL_OK) goto done;
@@ -874,7 +894,7 @@ static oxl_result job_conclude(struct job *job, oxl_result rc)
 {
     const int  one    = job->partition.block_count == 1;
     oxl_result joined = OXL_OK;
-    if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) return rc;
+    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !job->total.there)) return rc;
     if (job->options.block >= 0 && !one) return rc;
     if (one || (rc == OXL_OK && !job->unfinished)) joined = job_finish(job, rc == OXL_OK);
     else oxl_log(job->ctx, OXL_LOG_INFO, "%s is not finished; run again to resume", job->out);
@@ -915,6 +935,7 @@ static void job_end(struct job *job)
     oxl_unlock_folder(job->ctx, &job->lock);
     partition_free(job->ctx, &job->partition);
     oxl_model_free(job->ctx, &job->model);
+    oxl_model_free(job->ctx, &job->start.model);
     oxl_scene_free(job->ctx, job->scene);
     text_free(&job->line);
     text_free(&job->found);
@@ -1020,6 +1041,7 @@ oxl_result oxl_merge(oxl_context *ctx, const char *out, float refine, const oxl_
                       out, out);
     if (rc != OXL_OK) {
         oxl_unlock_folder(ctx, &lock);
+        manifest_free(ctx, &run);
         return rc;
     }
     manifest_options(&run, &options);

@@ -36,7 +36,8 @@ struct block_task {
     const char         *folder, *key; /* key: what the result depends on */
     oxl_train_options   train;
     const oxl_callback *callback;
-    const oxl_model    *start; /* what training starts from; NULL: the scene's points */
+    const oxl_model    *start; /* a trained model that is refined; NULL: the scene's points */
+    const oxl_model    *from;  /* in the place of the points; NULL: they */
     int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
     double predicted_seconds, predicted_peak;
 };
@@ -49,6 +50,19 @@ OXL_INTERNAL oxl_result        block_read(oxl_context *ctx, const char *folder, 
 OXL_INTERNAL oxl_result        block_read_decisions(oxl_context *ctx, const char *folder, struct text *out);
 /* Continues from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as far as it came. */
 OXL_INTERNAL oxl_result        block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
+
+/* ---------------------------------------------------------------- start.c: a model in the place of the points */
+
+struct start {
+    oxl_model model; /* count 0: training starts from the points */
+    int       after; /* iterations of the finished run that is continued; 0: the model is --from's */
+};
+/* Finds the model; `found` of run.json gets its checksum. key: "job" and "found" as of a run from the points. */
+OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const oxl_job_options *o,
+                                   const char *key, struct text *found, struct start *start);
+/* Makes it the task's; the gains of a run that is continued become the scene's. */
+OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start, int blocks,
+                                  struct block_task *task);
 
 /* ---------------------------------------------------------------- metrics.c */
 

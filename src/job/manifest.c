@@ -184,7 +184,8 @@ OXL_INTERNAL oxl_result manifest_differences(struct text *t, const char *there, 
                                               {"device", "device"},
                                               {"images", "images of the survey"},
                                               {"points", "points of the survey"},
-                                              {"extent", "extent of the survey"}};
+                                              {"extent", "extent of the survey"},
+                                              {"start", "model to start from"}};
     struct manifest_comparison c           = {t, there, here, 0};
     oxl_result                 rc          = OXL_OK;
     for (int i = 0; i < oxl_option_count() && rc == OXL_OK; i++) {

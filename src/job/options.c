@@ -33,12 +33,13 @@
 static const oxl_option OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
 {"preset", "draft|standard|paper", OXL_OPTION_PRESET, 0, 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets all other options to its defaults: fast; longer; the paper's method (BSP, UCD, pruning to half, selective lobes)", NULL},
-{"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("2000", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each", NULL},
+{"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("2000", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each; more than those of the finished run in OUT continue it", NULL},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after 90s, 20m or 8h; 0: no limit", NULL},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians, all blocks together; 0: one for every 60 training pixels", NULL},
 {"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
 {"seed", "S", OXL_OPTION_SEED, OPTION_AT(seed), 0, 0, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "of all random choices; the same seed gives the same bytes; 0: 1", NULL},
 {"ram", "SIZE", OXL_OPTION_BYTES, OPTION_AT(ram), 0, OPTION_BYTES_MOST, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "peak memory, as 4G: block size, image cache and number of Gaussians follow; 0: no limit", NULL},
+{"from", "MODEL", OXL_OPTION_TEXT, OPTION_AT(from), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, TRAINING | RESULT, "Training", "start from this .ply, .spz or .splat of any trainer instead of the points, with the schedule of a whole run (one block)", NULL},
 {"restart", NULL, OXL_OPTION_FLAG, OPTION_AT(restart), 0, 1, EACH("false"), OXL_TIER_BASIC, OXL_OPTION_OF_OUT, "Training", "discard unfinished work of other options in OUT", NULL},
 {"force", NULL, OXL_OPTION_FLAG, OPTION_AT(scene.allow_cut), 0, 1, EACH("false"), OXL_TIER_ADVANCED, OXL_OPTION_OF_OUT, "Training", "train although a file of the survey holds fewer rows than its header announces", NULL},
 {"block", "all|K", OXL_OPTION_INT, OPTION_AT(block), 0, INT_MAX, EACH("all"), OXL_TIER_ADVANCED, OXL_OPTION_OF_BLOCK, "Training", "train block K alone, counted from 0; merge joins the blocks", NULL},
@@ -60,8 +61,8 @@ static const oxl_option OPTIONS[] = {
 {"ucd-bands", "thirds|quantiles|fading", OXL_OPTION_CHOICE, OPTION_AT(train.ucd.bands), 0, 2, EACH("thirds"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "limits of the depth bands: thirds of the largest depth, thirds of the points, or contrast of 4/5 and 1/2", NULL},
 {"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss", NULL},
 {"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "brightness and white balance that differ from image to image; auto: on, if validation views gain", NULL},
-{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "a light that moves with the camera: a smooth gain over the image, falloff with distance (CPU, one block); auto: on, if validation views gain", NULL},
-{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("off"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the water's attenuation and backscatter, nine parameters (CPU, one block); auto: on, if validation views gain", NULL},
+{"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "a light that moves with the camera: a smooth gain over the image, falloff with distance (CPU, one block); auto: on, if validation views gain", NULL},
+{"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the water's attenuation and backscatter, nine parameters (CPU, one block); auto: on, if validation views gain", NULL},
 {"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "off", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it saw", NULL},
 {"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "do not learn what only one image of a place shows: fish, divers", "robust"},
 {"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "difference-of-Gaussians lobes; auto: selective, if validation views gain", NULL},
@@ -116,7 +117,8 @@ const oxl_option *oxl_option_find(const char *name)
 /* With _ for -; a folder's ends so, since "images" is a count of what was found. */
 const char *oxl_option_member(const oxl_option *option, char out[40])
 {
-    snprintf(out, 40, "%s%s", option->name, option->kind == OXL_OPTION_TEXT ? "_folder" : "");
+    snprintf(out, 40, "%s%s", option->name,
+             option->kind == OXL_OPTION_TEXT && option->value && !strcmp(option->value, "FOLDER") ? "_folder" : "");
     for (char *c = out; *c; c++)
         if (*c == '-') *c = '_';
     return out;

@@ -200,6 +200,34 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
     return *written < count ? ctx->failed : OXL_OK;
 }
 
+/* Removes what the last call wrote into the folder, as FOLDER/.renders lists it, and lists what this one will. */
+static oxl_result render_files_replace(oxl_context *ctx, const oxl_scene *scene, const char *folder, const int *view, int asked)
+{
+    static const char *const suffix[] = {".png", ".image.png", ".depth.png", ".depth.pfm", ".depth16.png"};
+    struct os_file_map       map      = {0};
+    struct text              list     = {.ctx = ctx};
+    char                    *path     = oxl_path_join(ctx, folder, ".renders"), *name;
+    oxl_result               rc       = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
+    for (const char *s = map.data; rc == OXL_OK && s && *s; s += strcspn(s, "\n"), s += *s != 0) {
+        struct text line = {.ctx = ctx};
+        text_add(&line, "%.*s", (int)strcspn(s, "\n"), s);
+        for (size_t k = 0; !line.failed && k < OXL_COUNT(suffix); k++) {
+            name = render_file_path(ctx, folder, line.data, suffix[k]);
+            if (name) os_remove(name);
+            oxl_free(ctx, name);
+        }
+        text_free(&line);
+    }
+    for (int i = 0; i < asked; i++) text_add(&list, "%s\n", oxl_scene_view(scene, view[i])->name);
+    if (rc == OXL_OK && list.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (rc == OXL_OK) rc = os_write_file(ctx, path, list.data, list.size);
+    text_free(&list);
+    os_release_file(ctx, &map);
+    oxl_free(ctx, path);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                         const char *folder, const int *view, int asked, int *count)
 {
@@ -208,6 +236,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model
     oxl_result          rc   = os_make_folder(ctx, folder);
     *count                   = 0;
     if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (rc == OXL_OK) rc = render_files_replace(ctx, scene, folder, view, asked);
     if (rc == OXL_OK) rc = renderer_create(ctx, &f.renderer);
     while (rc == OXL_OK && *count < asked) {
         int        rendered, written;

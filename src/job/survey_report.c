@@ -166,15 +166,26 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     return OXL_OK;
 }
 
-oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *options, oxl_survey *out)
+static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job_options *options, int quality, oxl_survey *out)
 {
     const oxl_job_options o     = options ? *options : oxl_job_options_default(OXL_PRESET_DRAFT);
     oxl_scene            *scene = NULL;
     oxl_result            rc    = oxl_scene_load(ctx, path, &o.scene, &scene);
     *out                        = (oxl_survey){0};
     if (rc == OXL_OK) rc = survey_describe(ctx, scene, &o, 1, out);
+    if (rc == OXL_OK && quality) rc = quality_check(ctx, scene, out);
     oxl_scene_free(ctx, scene);
     return rc;
+}
+
+oxl_result oxl_check(oxl_context *ctx, const char *path, const oxl_job_options *options, oxl_survey *out)
+{
+    return survey_check(ctx, path, options, 0, out);
+}
+
+oxl_result oxl_check_quality(oxl_context *ctx, const char *path, const oxl_job_options *options, oxl_survey *out)
+{
+    return survey_check(ctx, path, options, 1, out);
 }
 
 static void survey_add_triple(struct text *t, const char *indent, const char *name, const double v[3])
@@ -209,6 +220,8 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"missed_share", s->missed},
                    {"masked_share", s->masked},
                    {"unusable", s->unusable},
+                   {"blurred", s->blurred},
+                   {"badly_exposed", s->badly_exposed},
                    {"predicted_gaussians", s->gaussians},
                    {"predicted_memory_bytes", s->memory},
                    {"predicted_seconds", s->seconds},

@@ -10,18 +10,16 @@
 #include "job.h"
 
 enum {
-    TRAINING_STEPS      = 5, /* of each view, before what it lacks says anything of it */
-    TRAINING_NEIGHBOURS = 8,
-    TRAINING_LEAST      = 6 /* views; among fewer none is odd */,
-    TRAINING_SHOWN      = 4,
-    TRAINING_SMALLEST   = 24,
-    TRAINING_LARGEST    = 200 /* px, of the longer side */
+    TRAINING_STEPS    = 5, /* of each view, before what it lacks says anything of it */
+    TRAINING_LEAST    = 6 /* views; among fewer none is odd */,
+    TRAINING_SHOWN    = 4,
+    TRAINING_SMALLEST = 24,
+    TRAINING_LARGEST  = 200 /* px, of the longer side */
 };
 #define TRAINING_DECIBEL 2.5 /* that a view lacks at least, to be flagged... */
 #define TRAINING_SPREADS 4.5 /* ...and of spreads: one of 10^5 views of a normal distribution */
 #define TRAINING_SHIFTED \
     0.15 /* share of the error that a shift explains: 0.32 and 0.52 of displaced views, 0.05 at most of a sound survey */
-#define TRAINING_BLUR 0.6 /* x the neighbours' sharpness, at most, and a view is blurred */
 
 struct training_row {
     int         at;              /* in the metrics */
@@ -35,41 +33,14 @@ struct training_views {
     const oxl_metrics   *m;
     struct training_row *row;  /* (m->count) worst first, once sorted */
     double              *work; /* (m->count) */
+    int                 *view; /* (m->count) */
 };
 
 /* ---------------------------------------------------------------- neighbours */
 
-/* Distance in extents, and difference of view directions: 2 for opposite ones. */
-static double training_distance(const struct training_views *t, int a, int b)
+static int training_nearest(const struct training_views *t, int of, int out[QUALITY_NEIGHBOURS])
 {
-    const oxl_camera *x = &oxl_scene_view(t->scene, t->m->views[a].view)->camera,
-                     *y = &oxl_scene_view(t->scene, t->m->views[b].view)->camera;
-    double p[3], q[3], square = 0, along = 0;
-    camera_position(x, p);
-    camera_position(y, q);
-    for (int i = 0; i < 3; i++) {
-        square += (p[i] - q[i]) * (p[i] - q[i]);
-        along += x->rotation[6 + i] * y->rotation[6 + i];
-    }
-    return sqrt(square) / oxl_scene_extent(t->scene) + 1 - along;
-}
-
-/* The nearest first, fewer than TRAINING_NEIGHBOURS of few views; returns how many. */
-static int training_nearest(const struct training_views *t, int of, int out[TRAINING_NEIGHBOURS])
-{
-    double apart[TRAINING_NEIGHBOURS];
-    int    count = 0;
-    for (int i = 0; i < t->m->count; i++) {
-        const double d  = i == of ? 0 : training_distance(t, of, i);
-        int          at = count;
-        if (i == of || (count == TRAINING_NEIGHBOURS && d >= apart[count - 1])) continue;
-        if (count < TRAINING_NEIGHBOURS) count++;
-        else at--;
-        for (; at > 0 && apart[at - 1] > d; at--) apart[at] = apart[at - 1], out[at] = out[at - 1];
-        apart[at] = d;
-        out[at]   = i;
-    }
-    return count;
+    return quality_nearest(t->scene, t->view, t->m->count, of, out);
 }
 
 static double training_median(double *value, int count)
@@ -87,8 +58,8 @@ static double training_corrected(const oxl_view_metrics *v)
 static void training_compare(struct training_views *t)
 {
     for (int i = 0; i < t->m->count; i++) {
-        int       near[TRAINING_NEIGHBOURS];
-        double    fit[TRAINING_NEIGHBOURS], corrected[TRAINING_NEIGHBOURS];
+        int       near[QUALITY_NEIGHBOURS];
+        double    fit[QUALITY_NEIGHBOURS], corrected[QUALITY_NEIGHBOURS];
         const int count = training_nearest(t, i, near);
         for (int k = 0; k < count; k++) {
             fit[k]       = t->m->views[near[k]].cc_psnr;
@@ -172,36 +143,21 @@ static oxl_result training_displaced(struct training_views *t, const oxl_model *
 
 /* ---------------------------------------------------------------- blur */
 
-/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean: sharpness,
- * whatever the exposure. */
 static oxl_result training_sharpness(struct training_views *t, int at, double *out)
 {
-    oxl_image    image  = {0};
-    const int    view   = t->m->views[at].view;
-    oxl_result   rc     = oxl_scene_image(t->ctx, t->scene, view, &image);
-    double       across = 0, down = 0, mean = 0;
-    const size_t w = (size_t)image.width, h = (size_t)image.height;
-    for (size_t y = 1; rc == OXL_OK && y + 1 < h; y++)
-        for (size_t x = 1; x + 1 < w; x++) {
-            const float *g = image.rgb + w * h + y * w + x;
-            if (image.weight && image.weight[y * w + x] <= 0) continue;
-            across += fabs(2.0 * g[0] - g[-1] - g[1]);
-            down += fabs(2.0 * g[0] - g[-(ptrdiff_t)w] - g[w]);
-            mean += g[0];
-        }
-    *out = mean > 0 ? OXL_MIN(across, down) / mean : 0;
-    oxl_image_free(t->ctx, &image);
-    return rc;
+    const struct training_image *image = image_cache_get(t->ctx, scene_image_cache(t->scene), t->view[at]);
+    *out                               = image ? quality_sharpness(image, NULL) : 0;
+    return image ? OXL_OK : t->ctx->failed;
 }
 
 static oxl_result training_is_blurred(struct training_views *t, int at, int *blurred)
 {
-    int        near[TRAINING_NEIGHBOURS];
-    double     sharp[TRAINING_NEIGHBOURS], own = 0;
+    int        near[QUALITY_NEIGHBOURS];
+    double     sharp[QUALITY_NEIGHBOURS], own = 0;
     const int  count = training_nearest(t, at, near);
     oxl_result rc    = training_sharpness(t, at, &own);
     for (int k = 0; k < count && rc == OXL_OK; k++) rc = training_sharpness(t, near[k], &sharp[k]);
-    *blurred = rc == OXL_OK && own < TRAINING_BLUR * training_median(sharp, count);
+    *blurred = rc == OXL_OK && own < QUALITY_BLUR * training_median(sharp, count);
     return rc;
 }
 
@@ -219,7 +175,7 @@ static int training_order(const void *a, const void *b)
 /* 1: a flagged neighbour is so much worse that it may cause this view's error, as beside a displaced view. */
 static int training_suffers(const struct training_views *t, const struct training_row *row, const struct training_row *end)
 {
-    int       near[TRAINING_NEIGHBOURS];
+    int       near[QUALITY_NEIGHBOURS];
     const int count = training_nearest(t, row->at, near);
     for (const struct training_row *other = t->row; other < end; other++)
         for (int k = 0; k < count; k++)
@@ -294,8 +250,10 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     if (rc != OXL_OK) return rc;
     t.row  = oxl_calloc(ctx, (size_t)m.count + 1, sizeof *t.row);
     t.work = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.work);
-    if (!t.row || !t.work) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d training views", m.count);
+    t.view = oxl_alloc(ctx, (size_t)m.count + 1, sizeof *t.view);
+    if (!t.row || !t.work || !t.view) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to check %d training views", m.count);
     if (rc != OXL_OK) goto done;
+    for (int i = 0; i < m.count; i++) t.view[i] = m.views[i].view;
     training_compare(&t);
     qsort(t.row, (size_t)m.count, sizeof *t.row, training_order);
     if (iterations >= TRAINING_STEPS * m.count) rc = training_flag(&t, model);
@@ -309,6 +267,7 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
 done:
     oxl_free(ctx, t.row);
     oxl_free(ctx, t.work);
+    oxl_free(ctx, t.view);
     oxl_metrics_free(ctx, &m);
     return rc;
 }

@@ -91,7 +91,10 @@ static oxl_result model_file_check_finite(oxl_context *ctx, const char *path, co
     oxl_result               rc      = OXL_OK;
     for (int i = 0; i < 3; i++)
         if (!(fabs(model->origin[i]) <= DBL_MAX))
-            return oxl_fail(ctx, OXL_ERR_FAILED, "%s: not written: the model's origin is not finite", path);
+            return oxl_fail(
+                ctx, OXL_ERR_FAILED,
+                "%s: not written: the model's origin is not finite\nfix: correct the line comment origin of the model it was made from",
+                path);
     for (int c = 0; rc == OXL_OK && c < columns; c++)
         if (column[c].plane >= 0)
             rc = model_file_check_column(ctx, path, column[c].name, model->plane[column[c].plane], model->count);
@@ -566,5 +569,5 @@ oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *
         return splat ? model_file_write_splat(ctx, path, &plain) : model_file_write_ply(ctx, path, &plain, 3);
     }
     if (model_file_ends_in(path, ".ply")) return model_file_write_ply(ctx, path, model, 3);
-    return oxl_fail(ctx, OXL_ERR_USAGE, "%s: wanted a name that ends in .ply, .spz, .glb or .splat", path);
+    return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the format is not known\nfix: a name that ends in .ply, .spz, .glb or .splat", path);
 }

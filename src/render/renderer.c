@@ -29,10 +29,10 @@ struct renderer {
     float               *dmean2d; /* (count) */
     float               *rgb, *drgb, *transmittance;
     struct medium        medium;
-    float               *clear, *drange; /* (count,3), (count): with a medium */
-    double (*medium_sum)[MEDIUM_SUMS];   /* (tasks) */
+    struct medium_pack  *medium_pack;  /* (packs) with a medium */
+    double (*medium_sum)[MEDIUM_SUMS]; /* (tasks) */
     double             dmedium[MEDIUM_SUMS];
-    size_t             clear_capacity, drange_capacity, medium_sum_capacity;
+    size_t             medium_pack_capacity, medium_sum_capacity;
     float              gain[3]; /* of renderer_set_gain */
     int                has_gain;
     const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */
@@ -91,8 +91,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->target);
     oxl_free(ctx, r->exposed);
     oxl_free(ctx, r->lamp_map);
-    oxl_free(ctx, r->clear);
-    oxl_free(ctx, r->drange);
+    oxl_free(ctx, r->medium_pack);
     oxl_free(ctx, r->medium_sum);
     oxl_free(ctx, r->weight);
     oxl_free(ctx, r->sums);
@@ -232,24 +231,22 @@ static struct medium_job render_medium_job(struct renderer *r, int64_t task)
                                .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
                                .visible       = r->visible,
                                .splat         = r->splat,
-                               .clear         = r->clear,
-                               .drange        = r->drange,
+                               .pack          = r->medium_pack,
                                .sums          = r->sums};
 }
 
 static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
 {
     const int64_t tasks = render_tasks(r);
-    const size_t  rows  = r->bins.packs * PACK;
-    oxl_result    rc    = oxl_reserve(ctx, (void **)&r->clear, &r->clear_capacity, 3 * rows + 1, sizeof *r->clear);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->drange, &r->drange_capacity, rows + 1, sizeof *r->drange);
+    oxl_result    rc =
+        oxl_reserve(ctx, (void **)&r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)tasks + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
         const struct medium_job job = render_medium_job(r, task);
-        medium_forward(&job);
+        medium_forward(ctx->isa, &job);
     }
     if (r->medium.on) memcpy(r->background, r->medium.veil, sizeof r->background);
     return OXL_OK;
@@ -267,7 +264,7 @@ static void render_medium_backward(oxl_context *ctx, struct renderer *r, const f
     memset(r->dmedium, 0, sizeof r->dmedium);
     for (int64_t task = 0; task < tasks; task++)
         for (int k = 0; k < MEDIUM_SUMS; k++) r->dmedium[k] += r->medium_sum[task][k];
-    medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
+    if (r->medium.on) medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)

@@ -164,6 +164,7 @@ static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struc
     oxl_result rc = OXL_OK;
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
         const struct training_image *image;
+        if ((rc = context_stopped(ctx)) != OXL_OK) break;
         image_cache_ahead(ctx, scene_image_cache(scene), w->chosen + k, w->chosen_count - k);
         image = image_cache_get(ctx, scene_image_cache(scene), w->chosen[k]);
         if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;

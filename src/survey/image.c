@@ -33,7 +33,19 @@
 #include <stb/stb_image.h>
 #define STB_IMAGE_WRITE_STATIC
 #define STB_IMAGE_WRITE_IMPLEMENTATION
+/* Its JPEG shifts bits out of a signed number on purpose: sanitizers must not stop there. */
+#ifdef __clang__
+#pragma clang attribute push(__attribute__((no_sanitize("shift"))), apply_to = function)
+#elif defined(__GNUC__)
+#pragma GCC push_options
+#pragma GCC optimize("wrapv")
+#endif
 #include <stb/stb_image_write.h>
+#ifdef __clang__
+#pragma clang attribute pop
+#elif defined(__GNUC__)
+#pragma GCC pop_options
+#endif
 #ifdef __GNUC__
 #pragma GCC diagnostic pop
 #endif
@@ -460,6 +472,7 @@ OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *i
 OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, float *rgb, float *weight)
 {
     const int64_t count = (int64_t)image->width * image->height;
+    (void)ctx; /* without OpenMP */
 #pragma omp parallel for simd schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < 3 * count; i++) rgb[i] = (float)image->rgb[i] / 255.0f;
     for (int64_t i = 0; weight && i < count; i++) weight[i] = !image->mask || image->mask[i] ? 1.0f : 0.0f;

@@ -684,11 +684,6 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
     return &scene->colmap.camera[scene->source[view].camera];
 }
 
-OXL_INTERNAL int64_t scene_camera_id(const oxl_scene *scene, int view)
-{
-    return scene->from_files ? scene_source_camera(scene, view)->id : -1;
-}
-
 OXL_INTERNAL const char *scene_images_folder(const oxl_scene *scene)
 {
     return scene->images;
@@ -716,7 +711,9 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
         d[0] += (x - pixel[0]) / k[0], d[1] += (y - pixel[1]) / k[1];
     }
     if (camera && !(fabs(pixel[0] - x) < 1e-3 && fabs(pixel[1] - y) < 1e-3))
-        return oxl_fail(ctx, OXL_ERR_INPUT, "%s: no direction leads to pixel %g, %g: it is outside the range of the camera model",
+        return oxl_fail(ctx, OXL_ERR_INPUT,
+                        "%s: no direction leads to pixel %g, %g: it is outside the range of the camera model\n"
+                        "fix: name a pixel nearer to the middle of the image",
                         scene->view[view].name, x, y);
     camera_position(c, start);
     length = sqrt(d[0] * d[0] + d[1] * d[1] + 1);

@@ -212,7 +212,6 @@ OXL_INTERNAL const struct scene_stats   *scene_stats_of(const oxl_scene *scene);
 OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* Of a scene from files: the source of a view, and 1 for a point of the scene, 0 for one too far from its origin. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
-OXL_INTERNAL int64_t                     scene_camera_id(const oxl_scene *scene, int view); /* -1: not of a COLMAP export */
 OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
 OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
@@ -284,6 +283,18 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
 OXL_INTERNAL oxl_result lint_observations(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_images(oxl_context *ctx, const oxl_scene *scene, oxl_survey *s);
 OXL_INTERNAL oxl_result lint_masks(oxl_context *ctx, const oxl_scene *scene); /* their sizes alone, from the files' headers */
+
+/* ---------------------------------------------------------------- quality.c: images unlike those taken beside them */
+
+enum { QUALITY_NEIGHBOURS = 8 };
+#define QUALITY_BLUR 0.6 /* x the neighbours' sharpness, at most, and an image is blurred */
+/* Of `count` views, the indices of those that stand nearest to `of` and look the same way, the nearest first; returns how many. */
+OXL_INTERNAL int        quality_nearest(const oxl_scene *scene, const int *view, int count, int of, int out[QUALITY_NEIGHBOURS]);
+/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean: sharpness,
+ * whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and a plain surface does not; or NULL. */
+OXL_INTERNAL double     quality_sharpness(const struct training_image *image, double *fine);
+/* Decodes every image; logs and counts blurred and badly exposed ones. */
+OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
 
 #include "imaging.h"
 

@@ -27,9 +27,16 @@ static uint64_t checkpoint_hash(uint64_t sum, const unsigned char *bytes, size_t
     return sum;
 }
 
+OXL_INTERNAL uint64_t checkpoint_sum(const void *bytes, size_t size)
+{
+    return checkpoint_hash(CHECKPOINT_SEED, bytes, size);
+}
+
 static void archive_fail(struct archive *a, oxl_result rc, const char *what)
 {
-    if (a->rc == OXL_OK) a->rc = oxl_fail(a->ctx, rc, "%s: %s", a->path, what);
+    if (a->rc == OXL_OK)
+        a->rc = oxl_fail(a->ctx, rc, "%s: %s\nfix: %s", a->path, what,
+                         rc == OXL_ERR_IO ? "look at the disk and the room on it" : "remove this file, or train with --restart");
 }
 
 /* A number as the disk has it, low byte first; its own inverse. */
@@ -265,7 +272,7 @@ static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const 
     struct archive a     = {.ctx = ctx, .reading = 1, .path = path, .file = os_open(path, "rb")};
     uint64_t       magic = 0, version = 0;
     int            other = 0;
-    if (!a.file) return OXL_OK;
+    if (!a.file) return os_is_file(path) ? os_fail(ctx, OXL_ERR_IO, path, "cannot open", errno) : OXL_OK;
     if (!checkpoint_is_whole(a.file, &a.left)) {
         oxl_log(ctx, OXL_LOG_WARNING, "%s is not whole: its checksum is wrong; the one before it is tried", path);
         goto done;

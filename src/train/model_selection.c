@@ -412,18 +412,24 @@ static oxl_result selection_try_imaging(struct train *t, struct train_branch *st
 /* Starts what is asked for by name, and the trials of the rest; a trial before this one may have gone past the step. */
 static oxl_result selection_imaging_part(struct train *t, int lamp, oxl_switch mode, int from, int *decided)
 {
+    double     span;
+    char       narrow[96];
     oxl_result rc = OXL_OK;
     if (mode == OXL_OFF || *decided || t->step < from || t->trial_is_next) return OXL_OK;
-    if (mode == OXL_AUTO && t->held_views > 0 && !renderer_has_device(t->renderer)) {
+    span = water_span(t->scene);
+    if (mode == OXL_AUTO && t->held_views > 0 && !renderer_has_device(t->renderer) && (lamp || span >= WATER_SPAN_LEAST)) {
         t->trial_is_next = lamp ? TRAIN_TRIES_LAMP : TRAIN_TRIES_WATER;
         return OXL_OK;
     }
     *decided = 1;
+    snprintf(narrow, sizeof narrow, "the points' depths span a factor of %.1f: less than %d does not identify water", span,
+             WATER_SPAN_LEAST);
     if (mode == OXL_ON) rc = selection_turn_on(t, lamp);
     else
         selection_note_imaging(t, lamp, 0,
-                               t->held_views > 0 ? "a device renders: it is fitted on the CPU alone"
-                                                 : "too few training views for validation");
+                               t->held_views == 0                 ? "too few training views for validation"
+                               : renderer_has_device(t->renderer) ? "a device renders: it is fitted on the CPU alone"
+                                                                  : narrow);
     return rc;
 }
 

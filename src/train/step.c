@@ -115,10 +115,11 @@ static struct imaging step_imaging(const struct train *t)
 /* Of the view's camera; NULL: none. */
 static const struct lamp *step_lamp(const struct train *t, int view)
 {
-    const struct lamp *group = t->lamp.group;
+    const struct lamp *group  = t->lamp.group;
+    const uint64_t     camera = t->lamp.groups > 1 ? imaging_camera(t->scene, view) : 0;
     if (!t->lamp.on) return NULL;
     for (int g = 1; g < t->lamp.groups; g++)
-        if (group[g].camera == scene_camera_id(t->scene, view)) return &group[g];
+        if (imaging_camera(t->scene, group[g].view) == camera) return &group[g];
     return group;
 }
 

@@ -9,7 +9,6 @@
 #define TRAIN_SHORT_RUN_WIDTH   0.3   /* exponents of the short-run factor: divisor of the initial widths */
 #define TRAIN_SHORT_RUN_OPACITY 0.7   /* and their opacities multiplied, */
 #define TRAIN_OPACITY_MOST      0.3   /* up to this */
-#define TRAIN_SPAN_LEAST        2     /* of depths, 0.9 to 0.1 quantile: less does not identify water (docs/WATER.md) */
 #define TRAIN_SAVE_STEPS        500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS      60.0  /* or so long, whichever comes first */
 
@@ -70,11 +69,24 @@ static oxl_result train_fresh_model(struct train *t)
     return rc;
 }
 
+/* Density control cannot split rows with second lobes. */
+static oxl_result train_first_from(struct train *t, const oxl_model *from)
+{
+    const int  most = t->options->sh_degree;
+    oxl_result rc   = model_copy(t->ctx, from, t->model);
+    if (rc == OXL_OK && t->model->lobes > 0)
+        oxl_log(t->ctx, OXL_LOG_WARNING, "the model to start from has second lobes: they are dropped, since Gaussians are split");
+    if (rc == OXL_OK) model_drop_lobes(t->model);
+    if (rc == OXL_OK && most >= 0 && most < t->model->sh_degree) rc = model_set_degree(t->ctx, t->model, most);
+    return rc;
+}
+
 /* Or a model that is there already. */
 static oxl_result train_first_model(struct train *t)
 {
     oxl_result rc;
     if (t->place && t->place->start) return model_copy(t->ctx, t->place->start, t->model);
+    if (t->place && t->place->from) return train_first_from(t, t->place->from);
     rc = train_fresh_model(t);
     if (rc == OXL_OK) train_sharpen_start(t);
     return rc;
@@ -281,8 +293,7 @@ static oxl_result train_loop(struct train *t)
 static void train_describe_imaging(struct train *t)
 {
     const struct imaging *m    = scene_imaging(t->scene);
-    const double          near = scene_depth_quantile(t->scene, 0.1), far_ = scene_depth_quantile(t->scene, 0.9);
-    const double          span = near > 0 ? far_ / near : 1;
+    const double          span = water_span(t->scene);
     if (m->medium.lit)
         oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f; %d lamps", (double)m->medium.falloff,
                 m->lamps);
@@ -293,9 +304,9 @@ static void train_describe_imaging(struct train *t)
                 (double)m->medium.direct[0], (double)m->medium.direct[1], (double)m->medium.direct[2],
                 (double)m->medium.scatter[0], (double)m->medium.scatter[1], (double)m->medium.scatter[2],
                 (double)m->medium.veil[0], (double)m->medium.veil[1], (double)m->medium.veil[2], span);
-    if ((m->medium.on || m->medium.lit) && span < TRAIN_SPAN_LEAST)
+    if ((m->medium.on || m->medium.lit) && span < WATER_SPAN_LEAST)
         oxl_log(
-            t->ctx, OXL_LOG_WARNING,
+            t->ctx, m->medium.on ? OXL_LOG_WARNING : OXL_LOG_INFO,
             "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: water and falloff are not identified, and scene_clear.ply "
             "is not measured colour",
             span);
@@ -332,16 +343,18 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
                        .callback  = callback,
                        .decisions = {.ctx = ctx}};
     oxl_result   rc = train_check(ctx, options), ended = OXL_OK;
+    int          begun; /* 0: stopped before out is the state that there is */
     *out = (oxl_model){0};
     if (rc == OXL_OK) rc = train_begin(&t);
     if (rc == OXL_OK) rc = train_resume(&t);
+    begun = rc == OXL_OK;
     if (rc == OXL_OK) rc = train_loop(&t);
     if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
     if (ended != OXL_OK) rc = ended;
     if (place && place->nonfinite) *place->nonfinite = t.nonfinite;
     if (place && place->trained) *place->trained = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
-    else if (rc != OXL_OK) oxl_model_free(ctx, out);
+    if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !begun)) oxl_model_free(ctx, out);
     train_return_decisions(&t);
     train_leave_gains(&t);
     if (rc == OXL_OK && t.step == options->iterations) train_describe_imaging(&t);

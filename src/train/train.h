@@ -77,6 +77,7 @@ OXL_INTERNAL int  archive_holds(struct archive *a, size_t count, size_t size); /
 
 typedef void            checkpoint_state(struct archive *a, void *user);
 /* FOLDER/checkpoint.oxl; the one before it becomes checkpoint.prev.oxl. `key` says what the run depends on. */
+OXL_INTERNAL uint64_t   checkpoint_sum(const void *bytes, size_t size); /* of a file, as checkpoints have it */
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                          void *user);
 /* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
@@ -204,7 +205,9 @@ struct water {
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
-OXL_INTERNAL oxl_result    water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+#define WATER_SPAN_LEAST 2 /* less does not identify the water: auto is off (docs/WATER.md) */
+OXL_INTERNAL double        water_span(oxl_scene *scene);
 OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* after this step; 0: never */
 OXL_INTERNAL struct medium water_medium(const struct water *w);
 OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
@@ -276,10 +279,11 @@ struct train_output {
     const char      *key;       /* all inputs of the result */
     struct text     *log;       /* the caller's, kept with the state */
     struct text     *notes;     /* so are these */
-    const oxl_model *start;     /* initial model; NULL: from the scene's points */
+    const oxl_model *start;     /* trained before: its gains, water and lamp go on, too; NULL: from the scene's points */
     struct text     *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
     oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
     int             *trained;   /* out: 1: the run is complete; or NULL */
+    const oxl_model *from;      /* in the place of the scene's points; or NULL */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,

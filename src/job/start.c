@@ -1,0 +1,136 @@
+/* start.c - what training starts from other than the survey's points: a model that --from names, or the finished result that OUT holds.
+ *
+ * A larger --iterations on a finished OUT of one block continues it: blocks/000/model.ply and imaging.txt are copied to blocks/start, and
+ * the steps that are missing are those of a refinement (block_refinement): no Gaussian comes or goes, the rates are those before the
+ * cool-down, Adam's moments begin at zero, and the cool-down comes at the end. The first run's checkpoint is spent, so this is not what one
+ * longer run would have given. --from has the schedule of a whole run, with the model in the place of the points.
+ *
+ * Invariant: the line "found" of run.json has the checksum of the model, so the key of the block depends on its bytes.
+ */
+#include "job.h"
+
+#include "../core/json.h"
+
+#define START_CONTINUED "\"after\": " /* member of "start": iterations of the run that is continued; 0: of none */
+
+/* A copy, whole or not at all; a file that is not there is removed there, too. */
+static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)
+{
+    struct os_file_map map    = {0};
+    char              *source = oxl_path_join(ctx, from, name), *target = oxl_path_join(ctx, to, name);
+    oxl_result         rc = source && target ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to keep %s", name);
+    if (rc == OXL_OK && !os_is_file(source)) os_remove(target);
+    else if (rc == OXL_OK) rc = os_read_file(ctx, source, &map);
+    if (rc == OXL_OK && map.data) rc = os_write_file(ctx, target, map.data, map.size);
+    os_release_file(ctx, &map);
+    oxl_free(ctx, source);
+    oxl_free(ctx, target);
+    return rc;
+}
+
+/* blocks/start from blocks/000. */
+static oxl_result start_keep(oxl_context *ctx, const char *out, const char *start)
+{
+    char      *block = oxl_path_join(ctx, out, "blocks/000");
+    oxl_result rc    = block ? os_make_folder(ctx, start) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
+    if (rc == OXL_OK) rc = start_copy(ctx, block, start, "imaging.txt");
+    if (rc == OXL_OK) rc = start_copy(ctx, block, start, "model.ply");
+    oxl_free(ctx, block);
+    return rc;
+}
+
+/* Iterations of the finished run that is continued; 0: it is none that differs by more iterations alone. */
+static oxl_result start_of_finished(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const char *key,
+                                    int iterations, int *after)
+{
+    static const char only[] = "  --iterations: ";
+    struct text       there = {.ctx = ctx}, differs = {.ctx = ctx};
+    const int         was = run->line ? (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run->line), "iterations"), 0, INT_MAX) : 0;
+    oxl_result        rc  = OXL_OK;
+    *after                = 0;
+    if (!run->finished || !run->found || was <= 0 || was >= iterations) return OXL_OK;
+    text_add(&there, "%s, %s", run->line, run->found);
+    rc = there.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare two runs")
+                      : manifest_differences(&differs, there.data, key);
+    if (rc == OXL_OK && differs.data && !strncmp(differs.data, only, sizeof only - 1) &&
+        differs.data[strcspn(differs.data, "\n") + 1] == 0)
+        *after = was;
+    if (*after) {
+        char *list = oxl_path_join(ctx, out, "partition.txt");
+        if (list && os_is_file(list))
+            rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                          "%s holds the finished result of %d iterations in several blocks: only one block can be continued\n"
+                          "fix: --restart trains it anew; or name another folder by -o",
+                          out, was);
+        oxl_free(ctx, list);
+    }
+    text_free(&there);
+    text_free(&differs);
+    return rc;
+}
+
+/* Reads the model; "found" gets its size and checksum. */
+static oxl_result start_read(oxl_context *ctx, const char *path, int after, struct text *found, oxl_model *model)
+{
+    struct os_file_map map = {0};
+    oxl_result         rc  = os_read_file(ctx, path, &map);
+    if (rc != OXL_OK) return rc;
+    found->data[found->size - 1] = 0; /* the brace */
+    found->size--;
+    text_add(found, ", \"start\": {" START_CONTINUED "%d, \"bytes\": %zu, \"checksum\": \"%016llx\"}}", after, map.size,
+             (unsigned long long)checkpoint_sum(map.data, map.size));
+    os_release_file(ctx, &map);
+    rc = oxl_model_read(ctx, path, model);
+    if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const oxl_job_options *o,
+                                   const char *key, struct text *found, struct start *start)
+{
+    char       *folder = oxl_path_join(ctx, out, "blocks/start"), *kept = folder ? oxl_path_join(ctx, folder, "model.ply") : NULL;
+    const char *was = run->found ? strstr(run->found, START_CONTINUED) : NULL, *path = o->from;
+    const int   same = run->line && !strncmp(run->line, key, strlen(run->line));
+    oxl_result  rc   = kept ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
+    *start           = (struct start){0};
+    if (rc == OXL_OK && !o->restart && o->block < 0) {
+        if (same && was) start->after = atoi(was + sizeof START_CONTINUED - 1); /* one that was under way, or is finished */
+        else rc = start_of_finished(ctx, out, run, key, o->train.iterations, &start->after);
+        if (rc == OXL_OK && start->after > 0 && !same) rc = start_keep(ctx, out, folder);
+        if (rc == OXL_OK && start->after > 0) path = kept;
+    }
+    if (rc == OXL_OK && path) rc = start_read(ctx, path, start->after, found, &start->model);
+    if (rc == OXL_OK && start->after > 0 && !same)
+        oxl_log(ctx, OXL_LOG_INFO, "the finished run of %d iterations is continued: %d more, without density control",
+                start->after, o->train.iterations - start->after);
+    oxl_free(ctx, kept);
+    oxl_free(ctx, folder);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start, int blocks,
+                                  struct block_task *task)
+{
+    oxl_result rc = OXL_OK;
+    char      *path;
+    if (start->model.count == 0) return OXL_OK;
+    if (blocks > 1)
+        return oxl_fail(
+            ctx, OXL_ERR_USAGE,
+            "--from starts a single block, and the survey is cut into %d\nfix: --partition none, or a larger --block-points",
+            blocks);
+    if (task->train.max_gaussians > 0 && start->model.count > (size_t)task->train.max_gaussians)
+        return oxl_fail(ctx, OXL_ERR_USAGE,
+                        "the model to start from has %zu Gaussians, and %d are allowed\nfix: a larger --max-gaussians or --ram",
+                        start->model.count, task->train.max_gaussians);
+    if (start->after == 0) {
+        task->from = &start->model;
+        return OXL_OK;
+    }
+    task->start = &start->model;
+    task->train = block_refinement(&task->train, start->model.sh_degree, task->train.iterations - start->after);
+    path        = oxl_path_join(ctx, out, "blocks/start/model.ply");
+    rc          = path ? oxl_scene_read_imaging(ctx, scene, path) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to continue");
+    oxl_free(ctx, path);
+    return rc;
+}
