@@ -142,7 +142,7 @@ TEST(flight_between_cameras_accelerates_smoothly_and_interpolates_rotation)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(flight_around_the_middle_looks_at_it_with_the_sky_up)
+TEST(flight_around_the_centre_faces_it_upright)
 {
     oxl_scene   *scene = ortho_test_scene();
     struct frame f;
@@ -179,7 +179,7 @@ static void ortho_test_pixels(const oxl_scene *scene, const double place[3], cha
     }
 }
 
-TEST(scale_bar_is_as_long_as_it_is)
+TEST(scale_bar_has_its_true_length)
 {
     oxl_scene          *scene     = ortho_test_scene();
     const double        end[2][3] = {{5, 2, 0}, {5, 2.5, 0}}; /* half a unit apart, at the rims of both */
@@ -198,7 +198,7 @@ TEST(scale_bar_is_as_long_as_it_is)
     CHECK_TEXT(text ? text : "", "scale     3 metres");
     free(text);
     CHECK(scale_measure(test_ctx, scene, "a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
-    CHECK_TEXT(error, "seen in two images");
+    CHECK_TEXT(error, "visible in two images");
     CHECK(scale_measure(test_ctx, scene, "c.png,1,2,a.png,1,2:b.png,1,2", 1, stderr, error, sizeof error) == OXL_ERR_USAGE);
     CHECK_TEXT(error, "no image is called 'c.png'");
     oxl_scene_free(test_ctx, scene);

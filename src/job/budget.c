@@ -1,6 +1,6 @@
 /* budget.c - limits that fit the training of a block into a memory budget (--ram), by the predictions of cost.c.
  *
- * What gives way first is the cache of images, then trials (which copy the model: nothing is decided by `auto`, weights by depth
+ * Reduced are first the cache of images, then trials (which copy the model: nothing is decided by `auto`, weights by depth
  * stay as they are), then the number of Gaussians that is expected, then the size of the blocks.
  * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
  * what this machine has or had free.

@@ -380,7 +380,8 @@ static double metrics_over_scales(const struct metrics_row *sum, int scales)
     for (int c = 0; c < 3; c++) {
         double log_product = 0;
         for (int k = 0; k < scales; k++) {
-            const double of = k < scales - 1 ? sum[k].contrast[c] : sum[k].ssim[c]; /* luminance counts at the coarsest alone */
+            const double of =
+                k < scales - 1 ? sum[k].contrast[c] : sum[k].ssim[c]; /* luminance counts at the coarsest scale only */
             log_product += of > 0 ? METRICS_SCALES[k] / used * vecmath_log(of / (double)sum[k].windows) : -HUGE_VAL;
         }
         mean += vecmath_exp(log_product) / 3;

@@ -4,7 +4,7 @@
  * expected to end with, beside the points that there are. The run's mean step lies between them, by the share of the run in which it
  * has grown. What this cannot know is how wide Gaussians become while they are trained, so how many lie over a pixel: that is in the range.
  *
- * Invariant: nothing of this is left behind. The run that follows ends in the same bytes as without.
+ * Invariant: the state of the run is not changed: it ends in the same bytes as without.
  */
 #include "job.h"
 #include "../core/vecmath.h"

@@ -4,7 +4,7 @@
  */
 #include "job.h"
 
-/* FOLDER/NAME + suffix, with the folders that NAME asks for, none of them outside FOLDER; NULL with the error set. */
+/* FOLDER/NAME + suffix; creates the folders in NAME, none of them outside FOLDER; NULL with the error set. */
 static char *render_file_path(oxl_context *ctx, const char *folder, const char *name, const char *suffix)
 {
     struct text t = {.ctx = ctx};
@@ -71,7 +71,7 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     return rc;
 }
 
-/* A grey image of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
+/* Depth as a grey image without limits: mean / (mean + z), so 1 at the camera, 1/2 at the mean depth, 0 at infinity or without depth. */
 static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
                                           int height)
 {
@@ -203,7 +203,7 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
 /* Removes what the last call wrote into the folder, as FOLDER/.renders lists it, and lists what this one will. */
 static oxl_result render_files_replace(oxl_context *ctx, const oxl_scene *scene, const char *folder, const int *view, int asked)
 {
-    static const char *const suffix[] = {".png", ".photo.png", ".depth.png", ".depth.pfm", ".depth16.png"};
+    static const char *const suffix[] = {".png", ".image.png", ".depth.png", ".depth.pfm", ".depth16.png"};
     struct os_file_map       map      = {0};
     struct text              list     = {.ctx = ctx};
     char                    *path     = oxl_path_join(ctx, folder, ".renders"), *name;
