@@ -1,9 +1,9 @@
 /* ucd.c - Underwater-Compensated Densification: weights by depth for the statistics of density control (paper sec. 3.2, eq. 2).
  *
  * Water takes contrast with distance, and the gradients that ask for more Gaussians with it. So a gradient seen from between z_near and
- * z_far counts f_mid times, from beyond z_far f_far times: there alone, never in the optimiser. Both are learned during the run by
- * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same images (model_selection.c): training goes on with it
- * for UCD_SPANS densifications and up to the next one, and the cost of the point is
+ * z_far counts f_mid times, from beyond z_far f_far times: there alone, never in the optimiser. Both are fixed, or learned during the run
+ * by SPSA (spsa.c; --preset paper; docs/ABLATION.md: no gain was measured). Either point of a pair is tried from the same state and on the
+ * same images (model_selection.c): training goes on with it for UCD_SPANS densifications and up to the next one; the cost of the point is
  *     mean log loss over the last half of a span  +  UCD_GROWTH x dN / N,
  * dN the Gaussians that came. Without the second term more would always look better. The point of less cost goes on. A split
  * does harm at first: judged after one span, growth seems to cost, and all weights fall to 1 (docs/ABLATION.md).
@@ -35,7 +35,7 @@ enum {
 
 oxl_ucd oxl_ucd_default(void)
 {
-    return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f, .learn = 1};
+    return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
 }
 
 oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
