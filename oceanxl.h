@@ -364,7 +364,7 @@ typedef struct oxl_ucd {
 } oxl_ucd;
 
 OXL_API oxl_ucd    oxl_ucd_default(void);
-/* "on", "off", "auto", "1.5,2" (on, initial weights of the search), "1.5,2,fixed", "auto,1.5,2". */
+/* "on", "off", "auto" (1.5 and 2, no search), "1.5,2" (on, initial weights of the search), "1.5,2,fixed", "auto,1.5,2". */
 OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out);
 
 typedef struct oxl_train_options {

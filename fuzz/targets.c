@@ -254,6 +254,7 @@ static oxl_train_options fuzz_train_options(void)
     options.densify_every     = 2;
     options.densify_until     = 0.9f;
     options.ucd.mode          = OXL_UCD_ON;
+    options.ucd.learn         = 1;
     options.keep              = (oxl_keep){OXL_KEEP_FRACTION, 0.5};
     options.dog               = OXL_DOG_SELECTIVE;
     options.max_gaussians     = 50;

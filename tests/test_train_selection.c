@@ -19,7 +19,7 @@ TEST(selection_predicts_the_steps_of_its_trials)
     CHECK(selection_trial_steps(&o, 50) == 150 && selection_trial_steps(&o, 7) == 0);
     o.dog = OXL_DOG_AUTO;
     CHECK(selection_trial_steps(&o, 50) == 200);
-    o.ucd.mode      = OXL_UCD_ON;
+    o.ucd.mode = OXL_UCD_ON, o.ucd.learn = 1;
     o.densify_every = INT_MAX;
     CHECK(selection_trial_steps(&o, 50) == 200);
 }
@@ -131,6 +131,7 @@ static oxl_train_options selection_test_weights_options(void)
     o.densify_every     = 3;
     o.densify_gradient  = 8e-3f; /* of some, not of all */
     o.ucd.mode          = OXL_UCD_ON;
+    o.ucd.learn         = 1;
     return o;
 }
 

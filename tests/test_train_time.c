@@ -51,6 +51,16 @@ TEST(predict_time_expects_growth_up_to_the_cap)
     CHECK(predict_time_expected(&o, 1000, 1100) == 1100 && predict_time_expected(&o, 1000, 10) == 10);
 }
 
+/* Each densification adds a share of the Gaussians that there are: twice as many densifications square the factor. */
+TEST(predict_time_expects_growth_in_proportion_to_what_has_grown)
+{
+    oxl_train_options once = oxl_train_options_default(OXL_PRESET_STANDARD), twice = once;
+    once.iterations = twice.iterations = 800;
+    once.densify_every = 400, twice.densify_every = 200;
+    CHECK(schedule_densifications(&once) == 1 && schedule_densifications(&twice) == 2);
+    CHECK_CLOSE(predict_time_expected(&twice, 1000, 1000000) * 1000, pow(predict_time_expected(&once, 1000, 1000000), 2), 1e-3);
+}
+
 /* The share of a run in which it has grown lies between none and all of it, and is more the sooner it is full. */
 TEST(predict_time_weighs_the_grown_model_by_when_the_run_has_grown)
 {

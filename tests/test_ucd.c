@@ -163,11 +163,11 @@ TEST(ucd_options_are_words_or_two_weights_in_order)
     static const char *const wrong[] = {"", "maybe", "2", "2,1", "0.5,1", "1.5;2", "1.5,2,", "1.5,6", "1,nan", "1.5,2,x"};
     oxl_ucd                  o;
     CHECK_OK(oxl_ucd_parse(test_ctx, "auto", &o));
-    CHECK(o.mode == OXL_UCD_AUTO && o.learn && o.f_mid == 1.5f && o.f_far == 2);
+    CHECK(o.mode == OXL_UCD_AUTO && !o.learn && o.f_mid == 1.5f && o.f_far == 2);
     CHECK_OK(oxl_ucd_parse(test_ctx, "off", &o));
     CHECK(o.mode == OXL_UCD_OFF);
     CHECK_OK(oxl_ucd_parse(test_ctx, "on", &o));
-    CHECK(o.mode == OXL_UCD_ON && o.learn);
+    CHECK(o.mode == OXL_UCD_ON && !o.learn);
     CHECK_OK(oxl_ucd_parse(test_ctx, "3,4", &o));
     CHECK(o.mode == OXL_UCD_ON && o.learn && o.f_mid == 3 && o.f_far == 4);
     CHECK_OK(oxl_ucd_parse(test_ctx, "1,1,fixed", &o));

@@ -9,7 +9,7 @@
 #include "job.h"
 #include "../core/vecmath.h"
 
-#define PREDICT_TIME_GROWTH 0.45 /* new Gaussians in a densification for one at the start: 0.25 to 2.0 were seen, until the cap */
+#define PREDICT_TIME_GROWTH 0.4 /* new Gaussians in a densification for each that there is: 0.2 to 0.8 were seen, until the cap */
 #define PREDICT_TIME_TRAINED \
     1.25 /* steps of a run over those that are timed: seven runs of five surveys took 0.95 to 2.07 times as long */
 #define PREDICT_TIME_WITHIN  1.7 /* the factor to either side that holds them */
@@ -18,6 +18,8 @@
 enum {
     PREDICT_TIME_WARM  = 1,      /* steps that make room and wake threads, not counted */
     PREDICT_TIME_STEPS = 48,     /* that are timed, at most; the median counts: what else the machine does comes in bursts */
+    PREDICT_TIME_LEAST = 8,      /* in short runs, */
+    PREDICT_TIME_SHARE = 100,    /* where each model is timed for this part of the run */
     PREDICT_TIME_MOST  = 1000000 /* points: of more, the blocks will be timed; Gaussians: more of them cost in proportion */
 };
 
@@ -28,6 +30,7 @@ struct time_probe {
     struct renderer   *renderer;
     oxl_model          first, second, gradient; /* the shape of the model that is timed */
     float             *target;                  /* (3,H,W) of the largest view: grey */
+    int                steps;                   /* timed of each model */
 };
 
 static oxl_result predict_time_target(struct time_probe *r)
@@ -77,7 +80,7 @@ static oxl_result predict_time_model(struct time_probe *r, oxl_model *model, int
     oxl_result rc    = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->first);
     if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->second);
     if (rc == OXL_OK) rc = oxl_model_create(r->ctx, model->count, model->sh_degree, &r->gradient);
-    for (int k = 0; rc == OXL_OK && steps < PREDICT_TIME_STEPS && spent < PREDICT_TIME_SECONDS; k++) {
+    for (int k = 0; rc == OXL_OK && steps < r->steps && spent < PREDICT_TIME_SECONDS; k++) {
         const oxl_camera *whole  = predict_time_camera(r, k);
         const oxl_camera  camera = halved ? camera_halve(whole) : *whole;
         const double      begun  = os_seconds();
@@ -111,7 +114,8 @@ static oxl_result predict_time_grow(oxl_context *ctx, const oxl_model *model, si
 
 OXL_INTERNAL double predict_time_expected(const oxl_train_options *o, size_t points, size_t cap)
 {
-    return OXL_MIN((1 + PREDICT_TIME_GROWTH * schedule_densifications(o)) * (double)points, (double)cap);
+    const double grown = vecmath_exp(schedule_densifications(o) * vecmath_log(1 + PREDICT_TIME_GROWTH));
+    return OXL_MIN(grown * (double)points, (double)cap);
 }
 
 /* Share of the run, in steps, that its mean number of Gaussians is on the way from `points` to `count`. */
@@ -119,7 +123,7 @@ static double predict_time_grown(const oxl_train_options *o, double points, doub
 {
     double now = points, way = 0;
     for (int step = 1; step <= o->iterations; step++) {
-        if (schedule_densifies_at(o, step)) now = OXL_MIN(now + PREDICT_TIME_GROWTH * points, count);
+        if (schedule_densifies_at(o, step)) now = OXL_MIN((1 + PREDICT_TIME_GROWTH) * now, count);
         way += count > points ? (now - points) / (count - points) : 1;
     }
     return way / o->iterations;
@@ -148,7 +152,10 @@ static oxl_result predict_time_all(struct time_probe *r, const oxl_train_options
 OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const oxl_train_options *o, double gaussians,
                                  double range[2])
 {
-    struct time_probe r      = {.ctx = ctx, .scene = scene, .render = oxl_render_options_default()};
+    struct time_probe r      = {.ctx    = ctx,
+                                .scene  = scene,
+                                .render = oxl_render_options_default(),
+                                .steps  = OXL_CLAMP(o->iterations / PREDICT_TIME_SHARE, PREDICT_TIME_LEAST, PREDICT_TIME_STEPS)};
     const size_t      points = oxl_scene_point_count(scene), count = OXL_MAX(points, (size_t)gaussians);
     const size_t      timed   = OXL_MIN(count, (size_t)PREDICT_TIME_MOST);
     double            step[3] = {0}, coarse, seconds;

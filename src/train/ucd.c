@@ -1,9 +1,10 @@
 /* ucd.c - Underwater-Compensated Densification: weights by depth for the statistics of density control (paper sec. 3.2, eq. 2).
  *
  * Water reduces contrast with distance, and with it the gradients that trigger densification. So a gradient seen from between z_near and
- * z_far counts f_mid times, from beyond z_far f_far times: in density control alone, never in the optimizer. Both are learned during the run by
- * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same images (model_selection.c): training goes on with it
- * for UCD_SPANS densifications and up to the next one, and the cost of the point is
+ * z_far counts f_mid times, from beyond z_far f_far times: in density control alone, never in the optimizer. Both are fixed, or learned
+ * during the run by SPSA (spsa.c; --preset paper; docs/ABLATION.md: no gain was measured). Either point of a pair is tried from the same
+ * state and on the same images (model_selection.c): training goes on with it for UCD_SPANS densifications and up to the next one, and the
+ * cost of the point is
  *     mean log loss over the last half of a span  +  UCD_GROWTH x dN / N,
  * dN the number of added Gaussians. Without the second term more would always be better. Training continues from the point of lower
  * cost. A split raises the loss at first: measured after one span, growth costs, and all weights fall to 1 (docs/ABLATION.md).
@@ -35,7 +36,7 @@ enum {
 
 oxl_ucd oxl_ucd_default(void)
 {
-    return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f, .learn = 1};
+    return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
 }
 
 oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
