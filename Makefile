@@ -27,7 +27,7 @@ THREADS := $(if $(filter 0,$(OPENMP)),-fopenmp-simd,-fopenmp)
 # STB=path: a folder that holds stb_image.h, or a folder stb/ that does.
 STB_FLAGS := $(if $(STB),-I$(STB) -I$(BUILD)/include)
 
-# VULKAN=1: with the Vulkan backend. Wants headers (Debian: libvulkan-dev); the program itself wants nothing, it looks for a loader.
+# VULKAN=1: with the Vulkan backend. Wants headers (Debian: libvulkan-dev); the program itself needs none: it loads Vulkan at run time.
 VULKAN ?=
 VULKAN_FLAGS := $(if $(filter-out 0,$(VULKAN)),-DOXL_VULKAN)
 
@@ -76,7 +76,7 @@ $(BUILD)/flags: FORCE
 
 # ------------------------------------------------------------------------------------------------ tests
 
-test: $(BUILD)/test $(BUILD)/oceanxl ## all tests: the library's, then the command line's (under 3 minutes on 2 cores)
+test: $(BUILD)/test $(BUILD)/oceanxl ## all tests: of the library, then of the command line (under 3 minutes on 2 cores)
 	$(BUILD)/test
 	tests/cli.sh $(BUILD)/oceanxl
 
@@ -96,11 +96,11 @@ $(BUILD)/test: tests/test.c $(BUILD)/test_list.h $(WIDE) $(BUILD)/flags
 
 coverage: ## lines and branches of src/ that the tests reach (gcov)
 	tests/coverage.sh
-mutate: ## plants faults in the kernels and shows which ones the tests miss (a quarter of an hour)
+mutate: ## mutation test of the kernels: lists the mutants that the tests do not detect (a quarter of an hour)
 	tests/mutate.sh
 races: ## the library's tests under ThreadSanitizer: clang with libomp-dev
 	tests/races.sh $(T)
-portable: ## other machines under qemu, musl, mingw-w64, tcc: what is installed of them
+portable: ## tests on other machines under qemu, musl, mingw-w64, tcc, as installed
 	tests/portable.sh
 
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
@@ -127,7 +127,7 @@ FUZZ_CC ?= clang
 FUZZ_TARGETS := $(notdir $(wildcard fuzz/corpus/*))
 FUZZ_RUNS := $(addprefix fuzz-,$(FUZZ_TARGETS))
 .PHONY: $(FUZZ_RUNS)
-fuzz: $(FUZZ_RUNS) ## each reader of strangers' files for SECONDS (10) under libFuzzer, side by side with -j; FUZZ_TARGETS=ply for one
+fuzz: $(FUZZ_RUNS) ## each reader of input files for SECONDS (10) under libFuzzer, in parallel with -j; FUZZ_TARGETS=ply for one
 $(FUZZ_RUNS): fuzz-%: $(BUILD)/fuzz/fuzz
 	@mkdir -p $(BUILD)/fuzz/$*
 	@OXL_FUZZ=$* $< -max_total_time=$(SECONDS) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
@@ -141,7 +141,7 @@ $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 	  fuzz/fuzz.c $(filter-out cli/arguments.c cli/options.c,$(TOOLS)) -o $@ -lm
 
 cost: $(BUILD)/cost ## build/cost SCENE: how a step's time grows with Gaussians, pixels, views, bands, threads
-floaters: $(BUILD)/floaters ## build/floaters PICTURES SURVEY: what hangs in a model's pictures that is not in a synthetic survey (docs/log/ROBUST.md)
+floaters: $(BUILD)/floaters ## build/floaters IMAGES SURVEY: floaters in a model's images of a synthetic survey (docs/log/ROBUST.md)
 $(BUILD)/floaters: SOURCE = bench/floaters.c
 $(BUILD)/cost: SOURCE = bench/cost.c
 $(BUILD)/bench: SOURCE = bench/bench.c
@@ -160,7 +160,7 @@ $(BUILD)/examples/%: examples/%.c $(BUILD)/liboceanxl.a
 
 shaders: ## backends/vulkan/generated/spirv.h from backends/vulkan/shaders (Debian: glslc)
 	backends/vulkan/shaders.sh
-shaders-check: ## fails when the committed SPIR-V is not what the shaders give
+shaders-check: ## fails when the committed SPIR-V does not match the shaders
 	backends/vulkan/shaders.sh check
 
 # ------------------------------------------------------------------------------------------------ other ways to build
@@ -201,12 +201,12 @@ setup: ## installs what the build needs (Debian, as root), or says what that is
 	    apt-get install -y -qq --no-install-recommends -o Dpkg::Use-Pty=0 $(SYSTEM) >/dev/null; \
 	else echo 'setup: as root: apt-get install $(SYSTEM)' >&2; exit 1; fi
 
-demo: ## a synthetic survey, made, trained and judged: pictures in demo/out (a few minutes)
+demo: ## makes, trains and evaluates a synthetic survey: images in demo/out (a few minutes)
 	@$(MAKE) --no-print-directory setup
 	@$(MAKE) --no-print-directory all
 	@scripts/demo.sh $(BUILD)/oceanxl demo
 
-man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of options (the tests tell when they are not current)
+man: $(BUILD)/oceanxl ## docs/oceanxl.1 and docs/OPTIONS.md, from the tables of options (the tests fail when they are not current)
 	$(BUILD)/oceanxl --man > $(BUILD)/oceanxl.1
 	mv $(BUILD)/oceanxl.1 docs/oceanxl.1
 	$(BUILD)/oceanxl --options-page > $(BUILD)/OPTIONS.md

@@ -1,6 +1,6 @@
 /* main.c - the command line: parse, call, print; no algorithm.
  *
- * Results go to standard output, everything else to standard error. The words and the help are in cli/arguments.c.
+ * Results go to standard output, everything else to standard error. Parsing is in cli/arguments.c, help in cli/help.c.
  */
 #ifndef _DEFAULT_SOURCE
 #define _DEFAULT_SOURCE 1 /* glibc's signal() in strict C99 drops the handler at the first signal; with this it stays */
@@ -23,7 +23,7 @@
 struct console {
     int    json;        /* standard error is JSON lines */
     int    quiet, live; /* live: standard error is a terminal, one line is rewritten */
-    int    shown;       /* the live line stands there and has no newline yet */
+    int    shown;       /* the live line has no newline yet */
     int    twentieth;   /* of the run, last shown */
     int    iteration;   /* at the last line */
     double seconds;
@@ -34,7 +34,7 @@ struct console {
 static volatile sig_atomic_t stop_asked;
 static time_t                stop_time;
 
-/* A second Ctrl-C is meant; one in the same breath is an echo: timeout, for one, signals the program and then its group. */
+/* A second Ctrl-C within a fraction of a second is a duplicate: timeout, for example, signals the program and then its group. */
 static void on_signal(int number)
 {
     const time_t now = time(NULL);
@@ -58,7 +58,7 @@ static void catch_signals(void)
     if (signal(SIGHUP, SIG_IGN) != SIG_IGN) signal(SIGHUP, on_signal); /* a closed terminal; nohup ignores it */
 #endif
 #ifdef SIGPIPE
-    signal(SIGPIPE, SIG_IGN); /* whoever listened has gone; the work goes on */
+    signal(SIGPIPE, SIG_IGN); /* the reader of a pipe has ended; training continues */
 #endif
 }
 
@@ -68,7 +68,7 @@ static void console_clear(struct console *c)
     c->shown = 0;
 }
 
-/* Follows "oxl: "; further lines stand below. */
+/* Follows "oxl: "; further lines are indented below. */
 static void print_indented(const char *text)
 {
     for (; *text; text++) {
@@ -106,7 +106,7 @@ static void print_duration(double seconds)
 static void print_progress(struct console *c, const oxl_progress *p)
 {
     const double rate = (p->iteration - c->iteration) / (p->seconds > c->seconds ? p->seconds - c->seconds : 1e-9);
-    if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate; /* a trial goes back */
+    if (rate > 0) c->rate = c->rate > 0 ? 0.7 * c->rate + 0.3 * rate : rate; /* a trial starts at an earlier step */
     c->iteration = p->iteration;
     c->seconds   = p->seconds;
     if (c->json) {
@@ -159,7 +159,7 @@ static void print_error(const char *text)
 
 /* ---------------------------------------------------------------- from arguments to options */
 
-/* A run that is there already keeps its options, unless another preset is asked for. */
+/* An existing run keeps its options, unless another preset is given. */
 static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, oxl_job_options *o, oxl_manifest **run)
 {
     struct arguments changes = *a;
@@ -168,7 +168,7 @@ static oxl_result resumed_options(oxl_context *ctx, const struct arguments *a, o
     *run                     = NULL;
     if (!a->job.restart) rc = oxl_job_resume(ctx, a->path[0], a->out, o, run);
     if (a->given[0] && o->preset && strcmp(o->preset, a->given[0]) == 0)
-        changes.given[0] = NULL; /* setting it would undo the rest */
+        changes.given[0] = NULL; /* setting it would reset the others */
     if (rc == OXL_OK) arguments_apply(&changes, o);
     return rc;
 }
@@ -307,14 +307,16 @@ static int is_there(const char *path)
     return file != NULL;
 }
 
-/* The file of a model: of a folder that train left, or with --clear, scene_clear.ply where there is one, else scene.ply. */
+/* The file of a model that train left: scene.ply is for viewers, and so for orthomosaics and flights; scene_clear.ply, where there is
+ * one, gives the images with imaging.txt. */
 static const char *model_file(const struct arguments *a, char *path, size_t size)
 {
-    const size_t length = strlen(a->path[0]);
-    const int    is_ply = length >= 9 && strcmp(a->path[0] + length - 9, "scene.ply") == 0;
-    snprintf(path, size, "%.*s%sscene_clear.ply", (int)(is_ply ? length - 9 : length), a->path[0], is_ply ? "" : "/");
-    if ((!is_ply || a->clear) && is_there(path)) return path;
-    snprintf(path, size, "%s/scene.ply", a->path[0]);
+    const char *base     = strrchr(a->path[0], '/');
+    const int   is_scene = strcmp(base ? base + 1 : a->path[0], "scene.ply") == 0;
+    const int   length   = is_scene ? (int)strlen(a->path[0]) - 9 : (int)strlen(a->path[0]);
+    snprintf(path, size, "%.*s%sscene_clear.ply", length, a->path[0], is_scene ? "" : "/");
+    if ((a->clear || (!a->ortho && !a->flight)) && is_there(path)) return path;
+    snprintf(path, size, "%.*s%sscene.ply", length, a->path[0], is_scene ? "" : "/");
     return is_there(path) ? path : a->path[0];
 }
 
@@ -381,7 +383,7 @@ static void print_metrics(const oxl_scene *scene, const oxl_metrics *m)
            m->half_psnr);
     puts("cc-PSNR: after one factor for each channel of each view: without what images differ in exposure and white balance.");
     puts("LPIPS is not available here: it needs a trained network. Any program that has one can compare renders/NAME.png with\n"
-         "renders/NAME.photo.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
+         "renders/NAME.image.png, which train leaves in OUT (in Python: pip install lpips, lpips.LPIPS(net='vgg')).");
 }
 
 static oxl_result run_eval(oxl_context *ctx, const struct arguments *a, struct console *console)
@@ -425,6 +427,7 @@ static oxl_result run_convert(oxl_context *ctx, const struct arguments *a)
     if (rc == OXL_OK && a->scale > 0) oxl_model_rescale(&model, a->scale);
     if (rc == OXL_OK) rc = oxl_model_write(ctx, a->path[1], &model);
     if (rc == OXL_OK) printf("%zu Gaussians in %s\n", model.count, a->path[1]);
+    if (rc == OXL_OK && info_copy_imaging(a->path[0], a->path[1])) puts("imaging.txt is copied beside it");
     oxl_model_free(ctx, &model);
     return rc;
 }

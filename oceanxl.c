@@ -19,7 +19,6 @@
 #include "src/survey/colmap_order.c"  /* rows sorted by id */
 #include "src/survey/colmap_points.c" /* points3D.txt, multi-threaded */
 #include "src/survey/colmap.c"        /* cameras.txt, images.txt, and the whole model */
-#include "src/survey/colmap_write.c"  /* writer of COLMAP text files */
 #include "src/survey/json_survey.c"   /* surveys in JSON, converted to COLMAP rows */
 #include "src/survey/nerfstudio.c"    /* transforms.json */
 #include "src/survey/opensfm.c"       /* reconstruction.json */

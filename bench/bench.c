@@ -168,7 +168,7 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
 {
     oxl_render_options        o = oxl_render_options_default();
     struct renderer_loss      loss;
-    struct renderer_nonfinite aside;
+    struct renderer_nonfinite skipped;
     struct gaussians          out;
     const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
     double                    t[STAGES + 1];
@@ -189,7 +189,7 @@ static void bench_step(oxl_context *ctx, struct renderer *r, struct bench_input 
     out  = render_gaussians(&in->gradient, r->in.sh_degree);
     render_project_backward(ctx, r, &out);
     t[6] = os_seconds();
-    bench_check(ctx, renderer_step(ctx, r, &in->model, &in->gradient, &in->first, &in->second, &still, &aside));
+    bench_check(ctx, renderer_step(ctx, r, &in->model, &in->gradient, &in->first, &in->second, &still, &skipped));
     t[7] = os_seconds();
     for (int s = 0; s < STAGES; s++) seconds[s] = t[s + 1] - t[s];
 }

@@ -114,14 +114,14 @@ static void device_step(oxl_context *ctx, struct device_run *r)
     const struct adam_params  still   = {.beta = RENDERER_BETAS, .step = 1};
     oxl_render_options        options = oxl_render_options_default();
     struct renderer_loss      loss;
-    struct renderer_nonfinite aside;
+    struct renderer_nonfinite skipped;
     struct renderer_sums      sums = {.count = r->model.count, .gradient = r->numbers, .views = r->numbers + r->model.count};
     options.near_plane             = 0.01f;
     device_check(ctx, renderer_forward(ctx, r->renderer, &r->model, &r->camera, &options));
     device_check(ctx, renderer_take_image(ctx, r->renderer, 0, &r->image, 0));
     device_check(ctx, renderer_loss(ctx, r->renderer, NULL, NULL, 0.2f, &loss));
     device_check(ctx, renderer_backward(ctx, r->renderer, NULL, &r->gradient));
-    device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, &still, &aside));
+    device_check(ctx, renderer_step(ctx, r->renderer, &r->model, &r->gradient, &r->first, &r->second, &still, &skipped));
     device_check(ctx, renderer_observe(ctx, r->renderer, &sums));
 }
 
@@ -214,7 +214,7 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
            1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
 }
 
-/* What --mask-transients adds in each step: the rendered image comes home, the image and its weights go there. */
+/* What --mask-transients adds in each step: downloads the rendered image, uploads the image and its weights. */
 static double device_robust(oxl_context *ctx, const struct device_run *r)
 {
     const size_t         pixels = (size_t)r->camera.width * (size_t)r->camera.height;

@@ -4,7 +4,7 @@
 #     bench/first_hour.sh > report.md          at most 10 minutes; needs what make VULKAN=1 needs, and the GPU's driver
 #     SMALL=1 bench/first_hour.sh              a rehearsal on a device made of the CPU (lavapipe): the same steps at sizes it can do
 #
-# Each step has its share of the time and is stopped at its end: a step that is stopped says so, the others go on. Exit code: 1 when a
+# Each step has its share of the time and is stopped at its end: a stopped step is reported, the others continue. Exit code: 1 when a
 # test fails or two trainings differ.
 set -u
 cd "$(dirname "$0")/.." || exit 1

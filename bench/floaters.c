@@ -1,10 +1,10 @@
-/* floaters.c - what hangs in the pictures of a model that is not in the truth of a synthetic survey.
+/* floaters.c - floaters: content of the rendered images that is not in the truth of a synthetic survey.
  *
- *     oceanxl render MODEL SURVEY -o PICTURES;  build/floaters PICTURES SURVEY
+ *     oceanxl render MODEL SURVEY -o IMAGES;  build/floaters IMAGES SURVEY
  *
- * Of the pictures that are there, against SURVEY/truth/still/NAME (against images/NAME in a survey without fish), it prints the mean
+ * Of the images that exist, against SURVEY/truth/still/NAME (against images/NAME in a survey without fish), it prints the mean
  * PSNR and the share of squares of 8 x 8 px whose mean colour is more than FLOATERS_OFF off, the mean of the channels: texture that is
- * missing does not count, a blot or a hole does.
+ * missing does not count, a floater or a hole does.
  */
 #include "../oceanxl.c"
 
@@ -13,7 +13,7 @@ enum { FLOATERS_SQUARE = 8, FLOATERS_VIEWS = 100000 };
 
 struct floaters {
     double squares, off, psnr;
-    int    pictures;
+    int    images;
 };
 
 static double floaters_error(const oxl_image *a, const oxl_image *b, int x, int y)
@@ -39,7 +39,7 @@ static void floaters_compare(oxl_context *ctx, struct floaters *f, const oxl_ima
         for (int x = 0; x + FLOATERS_SQUARE <= a->width; x += FLOATERS_SQUARE, f->squares++)
             f->off += floaters_error(a, b, x, y) > FLOATERS_OFF;
     f->psnr += psnr;
-    f->pictures++;
+    f->images++;
 }
 
 int main(int argc, char **argv)
@@ -48,7 +48,7 @@ int main(int argc, char **argv)
     oxl_context        *ctx     = NULL;
     struct floaters     f       = {0};
     if (argc != 3 || oxl_context_create(&options, &ctx) != OXL_OK) {
-        fputs("usage: floaters PICTURES SURVEY\n", stderr);
+        fputs("usage: floaters IMAGES SURVEY\n", stderr);
         return 2;
     }
     for (int i = 0; i < FLOATERS_VIEWS; i++) {
@@ -69,8 +69,8 @@ int main(int argc, char **argv)
         oxl_image_free(ctx, &rendered);
         oxl_image_free(ctx, &truth);
     }
-    if (f.pictures) printf("%d pictures, %.3f dB, off %.2f %%\n", f.pictures, f.psnr / f.pictures, 100 * f.off / f.squares);
-    else fputs("floaters: no picture has its truth\n", stderr);
+    if (f.images) printf("%d images, %.3f dB, off %.2f %%\n", f.images, f.psnr / f.images, 100 * f.off / f.squares);
+    else fputs("floaters: no image has its truth\n", stderr);
     oxl_context_free(ctx);
-    return f.pictures == 0;
+    return f.images == 0;
 }

@@ -1,6 +1,6 @@
-/* arguments.c - the command line's words become a command, its paths and its options, by the tables of options.c.
+/* arguments.c - parses the command line into a command, paths and options, by the tables of options.c.
  *
- * Invariant: the options of the job are applied in the table's order, whatever the order of words: the preset first.
+ * Invariant: the options of the job are applied in the table's order, independent of the command line's: the preset first.
  */
 #include "cli.h"
 
@@ -64,7 +64,7 @@ static int unknown_option(const char *word, const struct arguments *a, char *err
 {
     const char *name = word + strspn(word, "-"), *nearest = NULL;
     char        other[40], best[40];
-    int         least = 4; /* further away it would be a guess */
+    int         least = 4; /* more edits: no suggestion */
     if (a->command == COMMAND_ABLATE && cli_is_set_by_rows(name)) {
         snprintf(error, size, "option '%s': each row of ablate sets it itself\nfix: choose the rows, as --rows 3dgs,v2,oceanxl",
                  word);
@@ -107,7 +107,7 @@ static int find_option(const char *word, struct arguments *a)
         if (!cli_option_is_of(i, a->command)) continue;
         if (strcmp(word, cli_option_word(o, name)) == 0) return i;
         if (!o->alias || strncmp(word, "--", 2) != 0 || strcmp(word + 2, o->alias) != 0) continue;
-        snprintf(a->note, sizeof a->note, "--%s is the former name of %s; the next release will not know it", o->alias, name);
+        snprintf(a->note, sizeof a->note, "--%s is the former name of %s; the next release will not accept it", o->alias, name);
         return i;
     }
     return -1;
@@ -153,7 +153,7 @@ static int check_complete(const struct arguments *a, char *error, size_t size)
         return 1;
     }
     if (a->devices || (a->path_count == c->paths && (!strstr(c->usage, "-o ") || a->out))) return 0;
-    snprintf(error, size, "oceanxl %s wants %s\nfix: for example: %s", c->name, c->usage, c->example);
+    snprintf(error, size, "oceanxl %s needs %s\nfix: for example: %s", c->name, c->usage, c->example);
     return 1;
 }
 
@@ -170,7 +170,7 @@ const char *arguments_given(const struct arguments *a, const char *name)
     return NULL;
 }
 
-/* What may stand in a command's place. */
+/* Options in place of a command. */
 static void parse_first(int argc, char **argv, struct arguments *a)
 {
     int at = 1;

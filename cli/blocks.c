@@ -1,4 +1,4 @@
-/* blocks.c - a partition in tables: what each block holds and will take, and how even the blocks are, beside the baseline. */
+/* blocks.c - tables of a partition: content and predicted cost of each block, and balance compared with the baseline. */
 #include "cli.h"
 
 enum { ROWS = 60 }; /* blocks that are listed; partition.txt has them all */

@@ -1,5 +1,5 @@
-/* tools.h - the parts of the command line that are more than parse, call and print. They speak to oceanxl.h alone, and so
- * prove that it suffices; they are not in the library. One section for each file of cli/ and lab/.
+/* cli.h - the parts of the command line beyond parsing, calling and printing. They use the public headers only and
+ * are not in the library. One section for each file of cli/ and lab/.
  */
 #ifndef TOOLS_H
 #define TOOLS_H
@@ -9,9 +9,11 @@
 
 #include <stdio.h>
 
-/* ---------------------------------------------------------------- info.c: a model in numbers */
+/* ---------------------------------------------------------------- info.c: statistics of a model */
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json);
+/* imaging.txt from beside one model to beside another, unless one is there; of a model for viewers, the gains alone. 1: done. */
+int        info_copy_imaging(const char *from, const char *to);
 
 /* ---------------------------------------------------------------- blocks.c: a partition in tables */
 
@@ -61,7 +63,7 @@ int  output_file_close(struct output_file *f);                             /* 1:
 /* float32 little endian, rows from the bottom: Debevec's portable float map. */
 int  output_write_pfm(const char *path, const float *value, int width, int height);
 
-/* ---------------------------------------------------------------- frame.c: which way is right, up and above in a survey */
+/* ---------------------------------------------------------------- frame.c: the axes right, up and above of a survey */
 
 struct frame {
     double centre[3], axis[3][3]; /* local coordinates; rows: right, up, above, of unit length */
@@ -97,7 +99,7 @@ typedef struct flight_options {
 oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options,
                         char *error, size_t error_size);
 
-/* ---------------------------------------------------------------- scale_bar.c: how long a unit is */
+/* ---------------------------------------------------------------- scale_bar.c: metres per unit */
 
 /* Prints the bar's ends and length, and metres a unit when its length in metres is known (else 0). */
 oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *bar, double length, FILE *to, char *error,
@@ -109,9 +111,9 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
 oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const char *name, char *warning,
                          size_t size);
 
-/* ---------------------------------------------------------------- report.c: what a run left, as one page */
+/* ---------------------------------------------------------------- report.c: one page about a run */
 
-/* Writes OUT/report.html, whole or not at all. What is not there yet is left out. On failure the text says why. */
+/* Writes OUT/report.html, whole or not at all. Absent parts are left out. On failure the text gives the reason. */
 oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t error_size);
 
 /* ---------------------------------------------------------------- synth.c: a procedural underwater survey with known truth */
@@ -128,7 +130,7 @@ typedef struct synth_options {
     const char *scene;           /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
     long        points;          /* sparse points; 0: 400 a view (0) */
     double      noise;           /* sigma of the sensor's noise in 8-bit levels (1.5) */
-    int         fish;            /* that swim into each image (0) */
+    int         fish;            /* fish in each image (0) */
     double      origin[3];       /* where the survey's middle lies in the export's world, metres (0 0 0) */
     uint64_t    seed;            /* (1) */
     int         write_images;    /* 0: the three text files alone, for load tests (1) */
@@ -139,7 +141,7 @@ typedef struct synth_options {
 
 synth_options synth_options_default(void); /* everything but out */
 
-/* Leaves in `out`: images/, sparse/0/ and truth/ (see truth/model.txt). On failure the text says why. */
+/* Writes to `out`: images/, sparse/0/ and truth/ (see truth/model.txt). On failure the text says why. */
 oxl_result synth_run(oxl_context *ctx, const synth_options *options, char *error, size_t error_size);
 
 /* ---------------------------------------------------------------- ablate.c, tradeoff.c: many trainings of one survey, compared */
@@ -150,7 +152,7 @@ typedef struct study_options {
     int                 seeds;         /* each row is trained with 1..seeds */
     double              budget;        /* s: rows that do not fit any more are named, not trained; 0: no limit */
     int                 side_is_given; /* 0: images may be reduced to fit the budget */
-    oxl_job_options     job;           /* what the rows share; what tells them apart is overwritten */
+    oxl_job_options     job;           /* common to the rows; options that differ are overwritten */
     oxl_context_options context;       /* threads and log of the context that is made here */
     oxl_callback        callback;      /* progress of each training */
 } study_options;
@@ -219,17 +221,17 @@ int               cli_option_count(void);
 const oxl_option *cli_option_at(int index);
 int               cli_option_of_job(int index); /* its place in the library's table; -1: the field is in struct arguments */
 int               cli_option_is_of(int index, enum command command);
-int               cli_is_set_by_rows(const char *name);               /* options that tell the rows of ablate apart */
+int               cli_is_set_by_rows(const char *name);               /* options that differ between the rows of ablate */
 const char       *cli_option_word(const oxl_option *o, char out[40]); /* "--name", "-o"; returns out */
 
-/* ---------------------------------------------------------------- arguments.c: the command line's words */
+/* ---------------------------------------------------------------- arguments.c: parsing of the command line */
 
 /* 0, or 1 with a text that says what is wrong. */
 int         arguments_parse(int argc, char **argv, struct arguments *out, char *error, size_t error_size);
 void        arguments_apply(const struct arguments *a, oxl_job_options *o); /* what was given overrides what is there */
 const char *arguments_given(const struct arguments *a, const char *name);   /* text of an option of the job; NULL: not given */
 
-/* ---------------------------------------------------------------- help.c: what is made from the tables */
+/* ---------------------------------------------------------------- help.c: text generated from the tables */
 
 int  complete_print(FILE *to, const char *shell);         /* complete.c: bash | zsh; 1: another shell */
 void help_print(FILE *to, enum command command, int all); /* COMMAND_NONE: the overview */

@@ -1,7 +1,7 @@
-/* flight.c - frames of a flight over a model: along the survey's own cameras, or around its middle.
+/* flight.c - frames along a camera path: through the survey's cameras, or an orbit around its centre.
  *
- * Along the cameras: their places joined by Catmull & Rom's spline (1974), travelled at an even speed; the view turns from one camera's to the
- * next. The lens and the size are those of the first view. Frames are PNG, numbered from 0, as ffmpeg takes them.
+ * Through the cameras: positions on a Catmull-Rom spline (1974), constant speed; rotations are interpolated from one camera to the
+ * next. Intrinsics and size are those of the first view. Frames are PNG, numbered from 0, as ffmpeg takes them.
  */
 #include "cli.h"
 
@@ -17,7 +17,7 @@ static void flight_unit(double a[3])
     for (int k = 0; k < 3 && length > 0; k++) a[k] /= length;
 }
 
-/* The camera at `eye` that looks along `forward`, with `down` as near to the picture's down as it can be. */
+/* The camera at `eye` that looks along `forward`, with `down` as near to the image's down as possible. */
 static void flight_look(const double eye[3], double forward[3], double down[3], oxl_camera *c)
 {
     double right[3];
@@ -32,7 +32,7 @@ static void flight_look(const double eye[3], double forward[3], double down[3], 
         c->translation[i] = -(c->rotation[3 * i] * eye[0] + c->rotation[3 * i + 1] * eye[1] + c->rotation[3 * i + 2] * eye[2]);
 }
 
-/* ---------------------------------------------------------------- around the middle */
+/* ---------------------------------------------------------------- around the centre */
 
 static int flight_orbit(const oxl_scene *scene, double share, oxl_camera *c)
 {
@@ -84,8 +84,7 @@ static void flight_between(const oxl_scene *scene, int i, double t, oxl_camera *
         down[k]    = (1 - ease) * a->rotation[3 + k] + ease * b->rotation[3 + k];
         length += down[k] * down[k];
     }
-    if (length < 1e-3)
-        memcpy(down, t < 0.5 ? a->rotation + 3 : b->rotation + 3, sizeof down); /* a turn on the spot by 180 degrees */
+    if (length < 1e-3) memcpy(down, t < 0.5 ? a->rotation + 3 : b->rotation + 3, sizeof down); /* opposite directions */
     flight_look(eye, forward, down, c);
 }
 
@@ -102,7 +101,7 @@ static void flight_survey(const oxl_scene *scene, double share, oxl_camera *c)
 
 /* ---------------------------------------------------------------- the frames */
 
-/* Of an earlier flight: they are numbered without gaps, and those past the end of this one would be taken for its own. */
+/* Removes frames of an earlier flight past the end of this one. */
 static void flight_remove_frames(const char *folder)
 {
     char path[1100];

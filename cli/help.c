@@ -1,6 +1,6 @@
-/* help.c - what is made from the tables of commands and options: --help, the manual page, docs/OPTIONS.md.
+/* help.c - generates --help, the manual page and docs/OPTIONS.md from the tables of commands and options.
  *
- * Invariant: no option is named here; a row of a table is all that an option needs.
+ * Invariant: no option is named here: a row of a table is sufficient.
  */
 #include "cli.h"
 
@@ -13,19 +13,19 @@ static const char HELP_SCENE[] =
     "SCENE is a folder with images/ and sparse/0/ (or sparse/, or the three text files themselves).\n";
 static const char HELP_CODES[] = "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n";
 
-/* What train leaves in OUT. */
+/* What train writes to OUT. */
 static const struct {
     const char *name, *what;
 } HELP_OUTPUTS[] = {
-    {"scene.ply", "the model: the SH degrees in use, second lobes in an element of their own"},
+    {"scene.ply", "the model, for any viewer: the SH degrees in use, second lobes in an element of their own"},
     {"scene_standard.ply", "the same in the 62 columns that every 3DGS viewer reads, if scene.ply is not that already"},
     {"scene_clear.ply, imaging.txt",
-     "with --lamp, --medium: the scene without lamp and water; what lies between it and the images (--exposure, too)"},
+     "with --lamp, --medium: the scene without lamp and water; parameters of the image formation (also with --exposure). eval and render use both"},
     {"metrics.json",
      "psnr, cc_psnr, ssim, ms_ssim of the held-out views, each and mean; gaussians, bytes, seconds, iterations, peak_rss_bytes"},
     {"run.json", "version, options (\"job\"), what was found in the survey, decisions and their evidence, log lines"},
-    {"report.html", "all of it on one page, with charts, a map and the worst views"},
-    {"renders/", "NAME.png and NAME.photo.png of each held-out view"},
+    {"report.html", "report on one page: charts, a map, the worst views"},
+    {"renders/", "NAME.png and NAME.image.png of each held-out view"},
     {"partition.txt, partition.svg", "the blocks, of a survey that was split"},
     {"blocks/KKK/",
      "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained, and a COLMAP text export"},
@@ -45,7 +45,7 @@ static const char *help_default(int index, char out[HELP_DEFAULT])
     if (o->kind == OXL_OPTION_FLAG) return out;
     if (cli_option_of_job(index) < 0) {
         oxl_option_get(o, &defaults, out, HELP_DEFAULT);
-        if (o->low > 0 && strcmp(out, "0") == 0) out[0] = 0; /* 0 stands for: not given */
+        if (o->low > 0 && strcmp(out, "0") == 0) out[0] = 0; /* 0: not given */
     } else if (o->kind == OXL_OPTION_PRESET) snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
     else if (o->preset[0] && strcmp(o->preset[0], o->preset[1]) == 0 && strcmp(o->preset[0], o->preset[2]) == 0)
         snprintf(out, HELP_DEFAULT, "%s", o->preset[0]);
@@ -210,7 +210,7 @@ void help_manual(FILE *to)
     fputs(".SH OPTIONS\nDefaults are in parentheses.\n", to);
     for (int i = 0; i < cli_option_count(); i++)
         if (help_group_begins(i)) manual_group(to, i);
-    fputs(".SH FILES\nWhat train leaves in OUT:\n", to);
+    fputs(".SH FILES\nWhat train writes to OUT:\n", to);
     for (size_t i = 0; i < sizeof HELP_OUTPUTS / sizeof *HELP_OUTPUTS; i++) {
         manual_lines(to, ".TP\n", HELP_OUTPUTS[i].name);
         manual_lines(to, "", HELP_OUTPUTS[i].what);
@@ -220,7 +220,7 @@ void help_manual(FILE *to)
 
 /* ---------------------------------------------------------------- docs/OPTIONS.md */
 
-/* A number's range, when a value can miss it by a slip. */
+/* A number's range, if it is worth stating. */
 static void page_range(FILE *to, const oxl_option *o)
 {
     const int has = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
@@ -259,7 +259,7 @@ void help_page(FILE *to)
         for (int i = g; i < cli_option_count(); i++)
             if (strcmp(cli_option_at(i)->group, cli_option_at(g)->group) == 0) page_option(to, i);
     }
-    fputs("\n## What train leaves in OUT\n\n", to);
+    fputs("\n## What train writes to OUT\n\n", to);
     for (size_t i = 0; i < sizeof HELP_OUTPUTS / sizeof *HELP_OUTPUTS; i++)
         fprintf(to, "- `%s`: %s.\n", HELP_OUTPUTS[i].name, HELP_OUTPUTS[i].what);
     fprintf(to, "\nExit codes: %s", HELP_CODES);

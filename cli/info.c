@@ -1,8 +1,9 @@
-/* info.c - a model in numbers: how many Gaussians, where, how large, how opaque, and whether all of them are numbers. */
+/* info.c - statistics of a model: number of Gaussians, position, size, opacity, nonfinite values. */
 #include "cli.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 struct spread { /* 5th, 50th and 95th percentile of the finite values of a plane */
     float low, middle, high;
@@ -56,7 +57,63 @@ static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
         if (i == 6) s = (struct spread){1 / (1 + expf(-s.low)), 1 / (1 + expf(-s.middle)), 1 / (1 + expf(-s.high))};
         fprintf(to, json ? ",\n  \"%s\": [%.6g, %.6g, %.6g]" : "%-11s %.4g  %.4g  %.4g\n", names[i], s.low, s.middle, s.high);
     }
-    if (json) fprintf(to, "\n}\n");
+}
+
+/* ---------------------------------------------------------------- imaging.txt beside a model (docs/WATER.md) */
+
+/* Beside `model`; NULL: there is none. */
+static FILE *info_open_imaging(const char *model, const char *mode)
+{
+    const char *base = strrchr(model, '/');
+    char        path[4096];
+    snprintf(path, sizeof path, "%.*simaging.txt", base ? (int)(base + 1 - model) : 0, model);
+    return fopen(path, mode);
+}
+
+/* scene.ply has learned what lamp and water show: of imaging.txt only the gains are its own. */
+static int info_is_for_viewers(const char *model)
+{
+    const char *base = strrchr(model, '/');
+    base             = base ? base + 1 : model;
+    return strcmp(base, "scene.ply") == 0 || strcmp(base, "scene_standard.ply") == 0;
+}
+
+static int info_is_gain(const char *line)
+{
+    return strncmp(line, "gain ", 5) == 0;
+}
+
+static void info_write_imaging(FILE *to, const char *path, int json)
+{
+    FILE *file  = info_open_imaging(path, "rb");
+    int   gains = 0, lines = 0;
+    char  line[4096];
+    while (file && fgets(line, sizeof line, file)) {
+        gains += info_is_gain(line);
+        if (line[0] == '#' || info_is_gain(line) || info_is_for_viewers(path)) continue;
+        line[strcspn(line, "\r\n")] = 0;
+        if (json) fprintf(to, "%s\"%s\"", lines ? ", " : ",\n  \"imaging\": [", line);
+        else fprintf(to, "%s%s\n", lines ? "            " : "imaging     ", line);
+        lines++;
+    }
+    if (lines && json) fputc(']', to);
+    if (gains) fprintf(to, json ? ",\n  \"gains\": %d" : "gains       of %d images, in imaging.txt\n", gains);
+    if (file) fclose(file);
+}
+
+int info_copy_imaging(const char *from, const char *to)
+{
+    FILE *in = info_open_imaging(from, "rb"), *there = in ? info_open_imaging(to, "rb") : NULL, *out = NULL;
+    char  line[4096];
+    int   failed;
+    if (in && !there) out = info_open_imaging(to, "wb");
+    while (out && fgets(line, sizeof line, in))
+        if (line[0] == '#' || info_is_gain(line) || !info_is_for_viewers(from)) fputs(line, out);
+    failed = out && (ferror(in) || ferror(out));
+    if (in) fclose(in);
+    if (there) fclose(there);
+    if (out) failed |= fclose(out) != 0;
+    return out && !failed;
 }
 
 oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
@@ -68,6 +125,8 @@ oxl_result info_print(oxl_context *ctx, FILE *to, const char *path, int json)
     sorted = malloc((model.count + 1) * sizeof *sorted);
     if (sorted) info_write(to, &model, sorted, json);
     else rc = OXL_ERR_MEMORY;
+    if (sorted) info_write_imaging(to, path, json);
+    if (sorted && json) fprintf(to, "\n}\n");
     free(sorted);
     oxl_model_free(ctx, &model);
     return rc;

@@ -1,7 +1,7 @@
 /* options.c - the commands, and the options that are the program's alone: two tables. The options of a training job are the library's
  * (src/job/options.c); both tables have the same type of row, and parsing, help, the manual page and docs/OPTIONS.md are made from both.
  *
- * Invariant: an option that is in neither table is an error. Nothing is accepted in silence.
+ * Invariant: an option that is in neither table is an error. Nothing is ignored silently.
  */
 #include "cli.h"
 
@@ -17,25 +17,25 @@ static const struct cli_command CLI_COMMANDS[] = {
      "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
      "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
     {"merge", COMMAND_MERGE, 1, "OUT", "Joins the blocks that train --block K made, refines the merged model, evaluates it.",
-     "oceanxl merge out", "OUT gets what train would have left there, to the byte."},
-    {"check", COMMAND_CHECK, 1, "SCENE", "Checks a survey: what train would find in it, predicted memory and time.",
-     "oceanxl check survey", "Exit code 3: it cannot be trained, and the message says why."},
-    {"partition", COMMAND_PARTITION, 1, "SCENE -o OUT",
-     "Cuts a survey into blocks of equal work, each a COLMAP text export of its own.", "oceanxl partition survey -o out",
+     "oceanxl merge out", "OUT gets the same bytes as from train."},
+    {"check", COMMAND_CHECK, 1, "SCENE", "Checks a survey: what train reads of it, predicted memory and time.",
+     "oceanxl check survey", "Exit code 3: it cannot be trained; the message gives the reason."},
+    {"partition", COMMAND_PARTITION, 1, "SCENE -o OUT", "Splits a survey into blocks of equal work, each a COLMAP text export.",
+     "oceanxl partition survey -o out",
      "OUT gets blocks/000/ and so on, which COLMAP and other trainers open, partition.txt, and partition.svg to look at."},
     {"render", COMMAND_RENDER, 2, "MODEL SCENE -o DIR",
-     "Draws a model from the cameras of a survey, or from above, or along a path.",
+     "Renders a model from the cameras of a survey, or from above, or along a path.",
      "oceanxl render out/scene.ply survey -o renders",
-     "One PNG a view, named as its image; --ortho and --path draw others instead."},
+     "One PNG a view, named as its image; --ortho and --path render other views instead."},
     {"measure", COMMAND_MEASURE, 1, "SCENE --scale-bar ENDS",
-     "Measures in a survey: a scale bar's length, and so how many metres a unit has.",
+     "Measures in a survey: the length of a scale bar, and from it metres per unit.",
      "oceanxl measure survey --scale-bar a.jpg,410,300,b.jpg,95,310:a.jpg,700,320,b.jpg,390,333 --length 0.5",
      "Pixels are those of the original images, their top-left pixel's centre is 0.5,0.5. The scale goes to render and convert."},
     {"eval", COMMAND_EVAL, 2, "MODEL SCENE",
      "Compares a model with images: PSNR, cc-PSNR (without exposure), SSIM and MS-SSIM, for each view and in the mean.",
      "oceanxl eval out/scene.ply survey",
      "The images are those that train held out, unless --split says otherwise. LPIPS needs a trained network and is\n"
-     "not available: compare OUT/renders/NAME.png with NAME.photo.png by a program that has one."},
+     "not available: compare OUT/renders/NAME.png with NAME.image.png by a program that has one."},
     {"info", COMMAND_INFO, 1, "FILE", "Prints what a model file holds.", "oceanxl info out/scene.ply",
      "Reads .ply, .spz and .splat."},
     {"convert", COMMAND_CONVERT, 2, "IN OUT", "Converts between .ply, .spz and .splat, and to .glb, by the files' extensions.",
@@ -46,10 +46,10 @@ static const struct cli_command CLI_COMMANDS[] = {
     {"synth", COMMAND_SYNTH, 0, "-o DIR", "Makes a synthetic underwater survey with known truth, as a COLMAP text export.",
      "oceanxl synth -o survey",
      "DIR gets images/, sparse/0/ and truth/: images without water, depth maps, the water's parameters."},
-    {"ablate", COMMAND_ABLATE, 1, "SCENE -o OUT", "Trains the paper's variants: what each part gains and costs.",
+    {"ablate", COMMAND_ABLATE, 1, "SCENE -o OUT", "Trains the paper's variants: gain and cost of each part.",
      "oceanxl ablate survey -o ablation --preset standard --seeds 3",
-     "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and a run as train leaves it for each row and seed, in NAME-seedS/. A stopped\n"
-     "one resumes when it is run again. All rows share the options below. Rows: 3dgs (midpoint cuts), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
+     "OUT gets ablation.md (tables), ablation.csv, ablation.svg, and a run as of train for each row and seed, in NAME-seedS/. A stopped\n"
+     "one resumes when it is run again. All rows share the options below. Rows: 3dgs (midpoint splits), v1 (+BSP), v2 (+UCD), v3 (+WAP), v4 (+DoG\n"
      "on all), oceanxl (DoG selective); the controls v1-count (V1 with a lower densify threshold, as many Gaussians as V2: up to 4 trainings) and\n"
      "v3-bytes (V3 with the bytes of OceanXL); and, when named, v3-315 (keeps 0.315, as the paper's sizes say), auto (oceanxl with --ucd auto)."},
     {"tradeoff", COMMAND_TRADEOFF, 1, "SCENE -o OUT",
@@ -71,7 +71,7 @@ static const struct cli_command CLI_COMMANDS[] = {
         NULL, NULL, NULL \
     }
 #define LEAST 1e-9 /* metres: of what is not 0 */
-#define MOST  1e15 /* metres, seconds: what is beyond was not meant */
+#define MOST  1e15 /* metres, seconds: limit of plausible values */
 
 /* Defaults are in arguments_default; `use` has a bit for each command. */
 /* clang-format off */

@@ -1,9 +1,9 @@
 /* ortho.c - an orthomosaic of a model, its world file, and a height model, all from straight above.
  *
- * The picture is taken by a pinhole camera that is 1000 times farther away than the survey is wide, with a lens as long: what stands h above the mean
- * height is displaced by h / 2000 at most, at the picture's edge. Colours that change with the view are those seen from straight above.
+ * A pinhole camera 1000 times farther away than the survey is wide, with a focal length to match: a point h above the mean
+ * height is displaced by at most h / 2000, at the image's edge. Colours that change with the view are those seen from straight above.
  * World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the top-left pixel's centre.
- * Invariant: place in the picture to place in the world is exact for what lies at the mean height.
+ * Invariant: image to world coordinates is exact at the mean height.
  */
 
 #include "cli.h"
@@ -67,7 +67,7 @@ static int ortho_world_file(const struct ortho *o, const char *folder, double un
     return output_file_close(&file);
 }
 
-/* Camera z to height above the frame's centre, in metres or units; nothing there: not a number. In the world's frame: the world's z. */
+/* Camera z to height above the frame's centre, in metres or units; NaN where nothing is rendered. In the world's frame: the world's z. */
 static int ortho_heights(const struct ortho *o, const oxl_scene *scene, const char *folder, double unit, float *depth)
 {
     const size_t pixels = (size_t)o->camera.width * (size_t)o->camera.height;
@@ -114,7 +114,7 @@ oxl_result ortho_write(oxl_context *ctx, const oxl_model *model, const oxl_scene
         return ortho_fail(OXL_ERR_USAGE, error, error_size, "ortho: the folder's name is too long\nfix: -o with a shorter one");
     if (oxl_scene_point_count(scene) < 3)
         return ortho_fail(OXL_ERR_INPUT, error, error_size,
-                          "ortho: the survey has no points to tell what is above by\nfix: export points3D, too");
+                          "ortho: the survey has no points, so its vertical axis is unknown\nfix: export points3D, too");
     frame_of(scene, &o.frame);
     if (!frame_bounds(&o.frame, scene, 0, o.low, o.high))
         return ortho_fail(OXL_ERR_MEMORY, error, error_size, "ortho: no memory");

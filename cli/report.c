@@ -1,7 +1,7 @@
 /* report.c - report.html: quality, decisions with evidence, curves and the command that repeats a run, on one page.
  *
  * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey's text files for the map.
- * Invariant: every figure on the page stands in one of these files; what is not there is left out or said to be missing.
+ * Invariant: every figure on the page is from one of these files; what is absent is left out or reported as missing.
  */
 #include "report.h"
 
@@ -38,7 +38,7 @@ char *report_read(const struct report *r, const char *name, size_t *size)
     return text;
 }
 
-/* Which column of ours stands where in the file; -1: none of ours. */
+/* Our column at each position of the file; -1: none. */
 static int report_heads(const char *text, int *column, int most)
 {
     int n = 0;

@@ -1,4 +1,4 @@
-/* report.h - the doors between the files of the report: what a run left in its folder, as one page that needs nothing else.
+/* report.h - the interface between the files of the report: one self-contained page about a run.
  *
  *     report.c         reads OUT, writes the page from top to bottom
  *     report_page.c    the page's frame: style, escaping, base64, figures with units

@@ -1,6 +1,6 @@
 /* report_map.c - the survey from above (frame.c): its points in their colours, the cameras on top.
  *
- * The points become one image, so the page does not grow with them; cameras are rendered on it, so they can be told apart at any size.
+ * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are distinguishable at any size.
  */
 #include "report.h"
 
@@ -39,7 +39,7 @@ static double map_y(const struct map *m, const double p[3])
     return (m->high[1] - frame_along(&m->frame, p, 1)) * m->scale;
 }
 
-/* ---------------------------------------------------------------- the picture of the points */
+/* ---------------------------------------------------------------- the image of the points */
 
 /* The highest point shows; top (H,W). */
 static void map_draw_points(const struct map *m, oxl_image *image, double *top)

@@ -54,10 +54,10 @@ static void views_free(struct views *v)
     free(v->row);
 }
 
-/* ---------------------------------------------------------------- pictures */
+/* ---------------------------------------------------------------- images */
 
 /* OUT/FOLDER/NAME + suffix, as the library names it: no name leads out of the folder. 0: it is not there. */
-static int views_picture(struct report *r, const char *folder, const char *name, const char *suffix, oxl_image *out)
+static int views_image(struct report *r, const char *folder, const char *name, const char *suffix, oxl_image *out)
 {
     const size_t size = strlen(r->out) + strlen(folder) + strlen(name) + strlen(suffix) + 16;
     char        *path = malloc(size);
@@ -133,7 +133,7 @@ static void views_show(struct report *r, const char *folder, const struct views_
     output_add(t, "<h3>");
     page_text(t, row->name);
     output_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", OUTPUT_FIXED(row->psnr, 2), OUTPUT_FIXED(row->ssim, 3));
-    if (!views_picture(r, folder, row->name, ".png", &rendered) || !views_picture(r, folder, row->name, ".photo.png", &image) ||
+    if (!views_image(r, folder, row->name, ".png", &rendered) || !views_image(r, folder, row->name, ".image.png", &image) ||
         rendered.width != image.width || rendered.height != image.height)
         output_add(t, "<p class=\"pale\">Its images are not in %s/.</p>\n", folder);
     else if (views_reduce(r, &rendered) == OXL_OK && views_reduce(r, &image) == OXL_OK &&
@@ -240,8 +240,8 @@ void views_training_section(struct report *r)
         page_section(t, "Training images that fit worst");
         output_add(
             t,
-            "<p>%d of %d fit far worse than the images taken beside them. A wrong pose, another exposure or blur does that: leave "
-            "such an image out, or mend it, and train again.</p>\n",
+            "<p>%d of %d fit far worse than neighbouring images. The cause is a wrong pose, another exposure or blur: leave "
+            "such an image out, or correct it, and train again.</p>\n",
             flagged > 0 ? (int)flagged : 0, v.count);
         views_training_rows(t, &v);
         for (int i = 0; i < v.count && i < VIEWS_SHOWN; i++) views_show(r, "training_views", &v.row[i]);

@@ -1,6 +1,6 @@
-/* scale_bar.c - how long a unit of a survey is: from a scale bar in two images or more, or from a known distance.
+/* scale_bar.c - the scale of a survey in metres per unit: from a scale bar in two images or more, or from a known distance.
  *
- * Each end of the bar is seen along a ray in each image; where the rays come nearest to each other, in the sense of least squares, is the
+ * Each end of the bar is seen along a ray in each image; the point nearest to the rays in the least-squares sense is the
  * end. The length in metres over the length in units is the scale.
  */
 #include "cli.h"
@@ -95,7 +95,7 @@ static oxl_result scale_read_end(oxl_context *ctx, const oxl_scene *scene, const
         if (at < end && !scale_comma(&at, end)) return scale_fail(error, size, "a comma is wanted in", text, length);
     }
     if (e.rays < 2 || !scale_solve(&e, out))
-        return scale_fail(error, size, "an end is to be seen in two images from different places in", text, length);
+        return scale_fail(error, size, "an end must be visible in two images from different positions in", text, length);
     *miss = 0;
     for (int i = 0; i < e.rays; i++) {
         double from[3], across[3];
@@ -131,7 +131,7 @@ oxl_result scale_measure(oxl_context *ctx, const oxl_scene *scene, const char *b
             snprintf(
                 error, size,
                 "--scale-bar: the rays of end %d miss each other by %.3g units, %.0f %% of the bar's %.3g; at most %.0f %% are wanted\n"
-                "fix: click the same place in all of its images, and check their poses",
+                "fix: mark the same point in all of its images, and check their poses",
                 i + 1, miss[i], units > 0 ? 100 * miss[i] / units : 100.0, units, 100 * SCALE_MISS);
             return OXL_ERR_INPUT;
         }

@@ -1,4 +1,4 @@
-/* targets.c - what reads files and words of strangers, each as a function of some bytes: for fuzz.c and tests/test_fuzz.c.
+/* targets.c - readers of external files and text, each as a function of some bytes: for fuzz.c and tests/test_fuzz.c.
  *
  * It promises of any bytes: no crash, no undefined behaviour, no memory left, never more of it than FUZZ_MEMORY, and a text that
  * says why when something is refused.
@@ -18,7 +18,7 @@ struct fuzz_memory {
     size_t held, blocks;
 };
 
-/* The size stands before the block. */
+/* The size precedes the block. */
 static void *fuzz_reallocate(void *user, void *old, size_t size)
 {
     enum { HEAD = 16 };
@@ -196,7 +196,7 @@ static void fuzz_use_model(oxl_context *ctx, const oxl_model *model)
     oxl_image        image;
     oxl_result       rc = oxl_render(ctx, model, &camera, NULL, &image, NULL);
     fuzz_explained(ctx, rc);
-    for (int i = 0; rc == OXL_OK && i < 3 * 16 * 16; i++) fuzz_promise(fabsf(image.rgb[i]) <= FLT_MAX, "a finite picture");
+    for (int i = 0; rc == OXL_OK && i < 3 * 16 * 16; i++) fuzz_promise(fabsf(image.rgb[i]) <= FLT_MAX, "a finite image");
     oxl_image_free(ctx, &image);
 }
 
@@ -239,7 +239,7 @@ static oxl_scene *fuzz_scene(oxl_context *ctx)
         point[i] = (oxl_point){.position = {0.3 * (i % 3) - 0.3, 0.3 * (i / 3), 0.1 * i}, .rgb = {90, 120, 200}};
     for (int v = 0; v < VIEWS; v++) {
         view[v] = (oxl_view){"view", {SIDE, SIDE, 14, 14, 6, 6, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1 * v, 0, 2}}, 0};
-        fuzz_promise(oxl_image_create(ctx, SIDE, SIDE, &image[v]) == OXL_OK, "memory for a picture");
+        fuzz_promise(oxl_image_create(ctx, SIDE, SIDE, &image[v]) == OXL_OK, "memory for an image");
     }
     fuzz_promise(oxl_scene_from_arrays(ctx, view, image, VIEWS, point, POINTS, &scene) == OXL_OK, "a scene of three views");
     for (int v = 0; v < VIEWS; v++) oxl_image_free(ctx, &image[v]);

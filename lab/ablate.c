@@ -1,6 +1,6 @@
-/* ablate.c - the paper's variants on one survey, with the same seeds and iterations: what each part brings, and costs.
+/* ablate.c - the paper's variants on one survey, with the same seeds and iterations: gain and cost of each part.
  *
- * Controls stand beside the rows that they answer: a part that adds Gaussians is compared with the same number of them without it,
+ * Controls follow the rows that they belong to: a part that adds Gaussians is compared with the same number of them without it,
  * one that adds bytes with the same bytes.
  */
 #include "study.h"

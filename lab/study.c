@@ -1,7 +1,7 @@
 /* study.c - rows of options x seeds, each a training in OUT/NAME-seedS: a study that was stopped, or given more time, resumes.
  *
- * All rows' first seeds come before all second ones: a slow hour of the machine meets every row. With a time budget, what does
- * not fit any more is named, not trained.
+ * All rows' first seeds come before all second ones: a slow hour of the machine affects every row. With a time budget, rows that
+ * do not fit are named, not trained.
  */
 #include "study.h"
 
@@ -12,9 +12,9 @@
 
 #define STUDY_LEAST_SIDE 240  /* px: images are not reduced below this to fit the budget */
 #define STUDY_LONG       3.0  /* times the base: rows of more steps are not counted when the image size is chosen */
-#define STUDY_ALIKE      0.03 /* log of the ratio of counts that is near enough */
+#define STUDY_ALIKE      0.03 /* log of the accepted ratio of counts */
 #define STUDY_GUESS      0.75 /* of the base's densify threshold: where the search for an equal count starts */
-#define STUDY_SLOPE      -0.8 /* of log count over log threshold, until two trials tell it */
+#define STUDY_SLOPE      -0.8 /* of log count over log threshold, until two trials measure it */
 enum { STUDY_TRIALS = 4 };
 
 /* ---------------------------------------------------------------- rows */
@@ -127,7 +127,7 @@ static double study_steps(const struct study *s, int row)
 }
 
 /* Without a size asked for, images are reduced until the first seeds of all rows but the longest are likely to fit the budget.
- * What was chosen stays chosen in this folder: a study that resumes compares like with like. */
+ * The choice is kept in this folder, so a resumed study compares equal sizes. */
 static oxl_result study_choose_side(struct study *s)
 {
     char         *before = study_read(s->options->out, "study.json");
@@ -184,8 +184,8 @@ static double study_next(const double *threshold, const double *off, int k)
     return threshold[k] - off[k] / slope;
 }
 
-/* A control: the densify threshold, the same at all depths, is moved until as many Gaussians come out as in the row `like`. The
- * nearest trial counts. */
+/* A control: the densify threshold, the same at all depths, is adjusted until the number of Gaussians equals that of the row `like`. The
+ * nearest trial is used. */
 static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
 {
     const double wanted = s->value[study_row_index(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];

@@ -1,6 +1,6 @@
-/* study_plot.c - a study as a drawing: PSNR over processor time, and beside it PSNR over bytes.
+/* study_plot.c - a study as an SVG: PSNR over processor time and over bytes.
  *
- * All lengths are in the drawing's own units, px at its natural size. Costs run by their logarithm. A point on the front is filled.
+ * All lengths are in the drawing's own units, px at its natural size. Cost axes are logarithmic. Points on the Pareto front are filled.
  */
 #include "study.h"
 
@@ -82,7 +82,7 @@ static void plot_fit(struct plot *p)
     for (int k = 0; k < 2; k++) {
         const double room = fmax(0.08 * (p->high[k] - p->low[k]), k ? 0.1 : 0.05);
         p->low[k] -= room;
-        p->high[k] += k ? room : 3.5 * room; /* names stand on the right of their points */
+        p->high[k] += k ? room : 3.5 * room; /* names are to the right of their points */
     }
 }
 
@@ -130,7 +130,7 @@ static int plot_higher(const void *a, const void *b)
     return p->y != q->y ? (p->y > q->y ? -1 : 1) : strcmp(p->name, q->name);
 }
 
-/* From the highest down, names beside their points; pushed down by those above when they would meet. */
+/* Names beside their points, from the highest down; moved down where they would overlap. */
 static void plot_points(struct output *t, struct plot *p)
 {
     double name_y[STUDY_ROWS];

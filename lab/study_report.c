@@ -1,8 +1,7 @@
-/* study_report.c - what a study found: means, spreads, comparisons, the Pareto front; one page for people, one CSV for programs.
+/* study_report.c - results of a study: means, spreads, comparisons, the Pareto front; one page for people, one CSV for programs.
  *
- * A row is compared with others seed by seed: what both share, the seed's luck, is not taken for an effect. An effect that is not
- * larger than its spread over the seeds is "none". A saving is worth its price only if fewer iterations, which any user can have,
- * would cost more: so each row of a sweep is compared with that, too.
+ * Rows are compared seed by seed, which removes what both share. An effect not larger than its spread over the seeds is "none".
+ * A saving is useful only if the same time with fewer iterations gives less: each row of a sweep is compared with that, too.
  */
 #include "study.h"
 

@@ -1,7 +1,7 @@
-/* study_train.c - one training of a study, in a folder of its own, so that a study that was stopped resumes.
+/* study_train.c - one training of a study, in a folder of its own, so that a stopped study resumes.
  *
- * Memory is counted by the allocator that the trainings get, one by one: the process's own peak never falls, and says nothing
- * about a training that comes after a larger one. Counts stand in the folder's study.json for the processes that resume.
+ * Memory is counted by the allocator that the trainings get, one by one: the process's own peak never falls and is
+ * useless after a larger training. Counts are kept in the folder's study.json for resumed runs.
  */
 #include "study.h"
 #include "synth.h" /* output_file: files appear whole */
@@ -13,7 +13,7 @@
 
 /* ---------------------------------------------------------------- memory, counted */
 
-struct study_head { /* stands before each allocation, and keeps it aligned to 16 bytes */
+struct study_head { /* header of each allocation; keeps it aligned to 16 bytes */
     size_t size, unused[16 / sizeof(size_t) - 1];
 };
 

@@ -3,9 +3,9 @@
  *     images/IMG_00000.png ...                images: through water, with the sensor's noise
  *     sparse/0/{cameras,images,points3D}.txt  the poses and a sparse cloud with tracks
  *     truth/clean, truth/depth                the same images without water and noise; camera z in metres
- *     truth/water.txt, truth/model.txt        the water's coefficients; the world and these files in words
+ *     truth/water.txt, truth/model.txt        the water's coefficients; description of the world and of these files
  *     truth/exposure.txt, truth/lamp.txt      with --exposure-jitter and --lamp: what was applied
- *     truth/still, truth/masks                with --fish: the images before any swam in; where they are, in black
+ *     truth/still, truth/masks                with --fish: the images without fish; masks of the fish, in black
  *
  * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range along the ray.
  * Invariant: an image is that formula on clean and depth, pixel by pixel, plus noise and rounding: nothing else, but for fish,
@@ -76,7 +76,7 @@ static oxl_result synth_check(struct synth_run *s)
         return synth_fail(s, OXL_ERR_USAGE, "synth: the extent can be 0 to 2000 metres", "");
     if (!(o->noise >= 0 && o->noise <= 100)) return synth_fail(s, OXL_ERR_USAGE, "synth: the noise can be 0 to 100 levels", "");
     if (o->fish < 0 || o->fish > SYNTH_FISH_MOST)
-        return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100 fish can swim into an image", "");
+        return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100 fish per image are possible", "");
     if (o->points < 0 || o->points > 100000000)
         return synth_fail(s, OXL_ERR_USAGE, "synth: 0 to 100000000 points can be made", "");
     for (int i = 0; i < 3; i++)
@@ -108,7 +108,7 @@ static int synth_stopped(const synth_options *o, const char *what, long done, lo
 
 /* ---------------------------------------------------------------- water */
 
-/* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); the veil turns from blue in
+/* Attenuation per metre of Jerlov's water types (Akkaynak & Treibitz 2018, as in algorithm.md); backscatter changes from blue in
  * the ocean to green and brown at the coast. Backscatter builds up 1.2 times as fast as the direct light fades. */
 static const struct {
     const char *name;
@@ -370,7 +370,7 @@ static int synth_write_water(const struct synth_run *s, const char *path)
     output_file_open(&f, path);
     output_file_text(&f,
                      "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
-                     "# I, J: values of images/ and truth/clean/ over 255, as they stand in the PNG files, no gamma removed\n"
+                     "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
                      "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
                      "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\n");
     output_file_text(&f, "type ");
@@ -402,9 +402,10 @@ static int synth_write_model(const struct synth_run *s, const char *path)
                      "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
                      "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
     if (o->fish > 0)
-        output_file_text(&f, "Fish     in images/ alone; each swims into one image and on into its neighbours, a second apart.\n"
-                             "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
-                             "         black where they are. No points are on them, they throw no shadow.\n\n");
+        output_file_text(
+            &f, "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
+                "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
+                "         black where they are. No points are on them, they throw no shadow.\n\n");
     output_file_text(&f, "seed ");
     output_file_integer(&f, o->seed);
     output_file_text(&f, "\npath ");
@@ -465,7 +466,7 @@ static int synth_has(const struct synth_run *s, const char *folder)
     return oxl_is_folder(path);
 }
 
-/* Poses and images that have no truth beside them are somebody's own. */
+/* Poses and images without truth/ are not ours: they are not overwritten. */
 static oxl_result synth_spare_survey(struct synth_run *s)
 {
     if (synth_has(s, "truth") || !(synth_has(s, "images") || synth_has(s, "sparse"))) return OXL_OK;

@@ -1,10 +1,10 @@
-/* synth.h - the doors between the files of the synthetic survey.
+/* synth.h - the interface between the files of the synthetic survey.
  *
  *     synth.c         options, images through water, truth: the run
- *     synth_world.c   where things stand: seabed, rocks, corals, a wreck, as one distance function
+ *     synth_world.c   the geometry: seabed, rocks, corals, a wreck, as one distance function
  *     synth_shade.c   rays, light and colour
  *     synth_path.c    where the camera flies
- *     synth_fish.c    what swims through the images
+ *     synth_fish.c    fish in the images
  *     synth_light.c   exposure that drifts, a lamp that moves with the camera
  *     synth_points.c  sparse points with tracks
  *     synth_export.c  the three text files
@@ -75,7 +75,7 @@ struct synth_world {
     v3                wreck;   /* its centre, at the height of its deck */
     double            turn[9]; /* world to wreck, row-major */
     struct synth_limb mast;    /* in the wreck's frame */
-    double            top;     /* nothing stands higher, metres */
+    double            top;     /* maximum height, metres */
     v3                sun;     /* unit, towards it */
 
     double x0, y0, step; /* baked heights: first sample and spacing, metres */
@@ -88,7 +88,7 @@ struct synth_world {
     int                  cells_x, cells_y; /* of SYNTH_CELL metres, from (x0, y0) */
     uint32_t            *cell_first;       /* (cells_x cells_y + 1) into near */
     struct synth_near   *near;             /* objects that come near each cell */
-    float               *ceiling;          /* (cells_y,cells_x) metres: no object within 1 m of the cell stands higher */
+    float               *ceiling;          /* (cells_y,cells_x) metres: no object within 1 m of the cell is higher */
 };
 
 struct synth_surface { /* what is nearest to a point */
@@ -144,7 +144,7 @@ int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y
 
 /* ---------------------------------------------------------------- synth_fish.c */
 
-enum { SYNTH_FISH_MOST = 100 }; /* born for an image */
+enum { SYNTH_FISH_MOST = 100 }; /* per image */
 
 struct synth_fish {
     v3       at, ahead, side, up; /* metres; unit vectors */
@@ -209,7 +209,7 @@ void       synth_points_collect(struct synth_points *points, int view, const oxl
 void       synth_points_free(struct synth_points *points);
 /* The observation of a point in a view that sees it. */
 const struct synth_observation *synth_observation_in(const struct synth_points *points, size_t point, int view);
-/* Keypoints without a point that stand after the k-th observation of a view: 0 or 1. */
+/* Keypoints without a point after the k-th observation of a view: 0 or 1. */
 int                             synth_stray(uint64_t seed, int view, size_t k);
 
 /* ---------------------------------------------------------------- synth_export.c */

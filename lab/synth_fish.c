@@ -1,8 +1,8 @@
-/* synth_fish.c - what swims through an image and is gone in the next but one.
+/* synth_fish.c - fish: transient objects, each in at most three consecutive images.
  *
- * A fish is a handful of ellipsoids: body, peduncle, tail and fins; dark above, pale below, some with bars, as reef fish are. Each is
- * born for one image, somewhere between the camera and the ground, and swims on: the images before and after it, a second
- * apart, may see it too, elsewhere. It throws no shadow, and sparse points are matched on what stands still.
+ * A fish is a set of ellipsoids: body, peduncle, tail and fins; dark above, pale below, some with bars, as reef fish are. Each is
+ * placed in one image, between the camera and the ground, and moves: the images before and after, a second
+ * apart, may see it elsewhere. It casts no shadow, and sparse points lie on the static scene.
  *
  * Invariant: a fish is a function of the options, the world and its number alone.
  */
@@ -29,7 +29,7 @@ static uint64_t fish_bits(const synth_options *o, int view, int number, uint64_t
     return synth_bits(o->seed, 400 + what, (uint64_t)view * SYNTH_FISH_MOST + (uint64_t)number);
 }
 
-/* The number-th fish that is born for a view, as it is `after` seconds later. */
+/* The number-th fish of a view, `after` seconds later. */
 static struct synth_fish fish_of(const synth_options *o, const struct synth_world *w, const struct synth_camera *c, int view,
                                  int number, double after)
 {
@@ -55,9 +55,9 @@ int synth_fish_near(const synth_options *o, const struct synth_world *w, const s
                     struct synth_fish *out)
 {
     int count = 0;
-    for (int born = view - 1; born <= view + 1; born++)
-        for (int i = 0; i < o->fish && born >= 0 && born < path->count; i++)
-            out[count++] = fish_of(o, w, &path->camera[born], born, i, FISH_SECONDS * (view - born));
+    for (int source = view - 1; source <= view + 1; source++)
+        for (int i = 0; i < o->fish && source >= 0 && source < path->count; i++)
+            out[count++] = fish_of(o, w, &path->camera[source], source, i, FISH_SECONDS * (view - source));
     return count;
 }
 

@@ -1,8 +1,8 @@
-/* synth_path.c - where the camera flies.
+/* synth_path.c - camera paths.
  *
  * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 % along a row and
- * rows by 60 %, as survey manuals ask for. orbit: two rings round the wreck, looking at it. Nothing is flown exactly: position,
- * height and angles waver. rov: three legs along the ridge, low and forward-looking: at the foot of the wall, along the crest, and back
+ * rows by 60 %, as survey manuals recommend. orbit: two rings around the wreck, looking at it. Position, height
+ * and angles are perturbed. rov: three legs along the ridge, low and forward-looking: at the foot of the wall, along the crest, and back
  * over the slope; near and far lie 1 : 10 and more apart in a view. forward: one straight line, 2 m over the ground, looking ahead and
  * 35 degrees down, as a vehicle does.
  */
@@ -29,7 +29,7 @@ static double path_waver(const synth_options *o, int view, uint64_t what, double
     return sigma * synth_clamp(n, -2.5, 2.5);
 }
 
-/* Looks along `forward`; the top of the image towards `up`; turned around the line of sight by `roll`. */
+/* Looks along `forward`; the top of the image towards `up`; rotated around the view direction by `roll`. */
 static void path_aim(struct synth_camera *c, v3 forward, v3 up, double roll)
 {
     const v3 z = v3_unit(forward), level = v3_unit(v3_cross(z, up)), down = v3_cross(z, level);
@@ -82,7 +82,7 @@ static void path_orbit(const synth_options *o, struct synth_path *path)
 }
 
 #define ROV_STEP  0.4  /* metres from image to image */
-#define ROV_RANGE 16.0 /* metres: what stands farther off is lost in coastal water */
+#define ROV_RANGE 16.0 /* metres: farther objects are invisible in coastal water */
 #define CLEARANCE 0.5  /* metres over the ground around, at least */
 
 static const struct path_leg {
@@ -129,14 +129,14 @@ static void path_forward(const synth_options *o, struct synth_path *path)
     path->wreck = v3_of(1.5, 0.1 * length, 0);
 }
 
-/* Where the corners' rays meet z = -0.5, lower than most of the ground. sight: how far the world is strewn, metres. */
-static void path_measure(struct synth_path *path, double sight)
+/* Where the corners' rays meet z = -0.5, lower than most of the ground. reach: radius of the world, metres. */
+static void path_measure(struct synth_path *path, double reach)
 {
     for (int i = 0; i < path->count; i++) {
         const struct synth_camera *c = &path->camera[i];
         for (int k = 0; k < 4; k++) {
             const v3     ray   = synth_pixel_ray(c, k & 1 ? c->width : 0, k & 2 ? c->height : 0);
-            const double range = ray.z < 0 ? synth_min(sight, (c->centre.z + 0.5) / -ray.z) : sight;
+            const double range = ray.z < 0 ? synth_min(reach, (c->centre.z + 0.5) / -ray.z) : reach;
             const v3     hit   = v3_along(c->centre, ray, range);
             path->reach        = synth_max(path->reach, hypot(hit.x - c->centre.x, hit.y - c->centre.y));
             path->half         = synth_max(path->half, synth_max(fabs(hit.x), fabs(hit.y)));

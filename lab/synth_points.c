@@ -2,7 +2,7 @@
  *
  * Each point starts as a random pixel of an image; the ray through it meets the surface there. Every other view that has
  * the point in its frame, looks from a similar side and is not blocked (a ray again; in load tests, without images, the
- * surface's normal alone) finds it with a certain chance, 0.3 px off. One point in a hundred is an outlier: a mismatch that
+ * surface's normal alone) finds it with probability DETECTED, 0.3 px off. One point in a hundred is an outlier: a mismatch that
  * was triangulated off the surface.
  *
  * Invariant: a point depends on the seed and its number alone. Points are made in parallel by the chunk and appended in order.
@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DETECTED      0.75 /* chance that a view which could see a point has it */
+#define DETECTED      0.75 /* probability that a view which could see a point has it */
 #define SIMILAR_SIDE  0.68 /* cosine: descriptors match up to about 47 degrees apart */
 #define FACING        0.15 /* cosine between normal and view when no ray is cast */
 #define NOISE         0.3  /* px, each axis */
@@ -29,12 +29,12 @@ struct points_track { /* one point as it is made */
     struct synth_observation seen[MOST_VIEWS];
 };
 
-struct points_search { /* cameras by the square of ground that they stand over */
+struct points_search { /* cameras by the square of ground below them */
     const synth_options      *options;
     const struct synth_world *world;
     const struct synth_path  *path;
     const struct synth_water *water;
-    double                    side, x0, y0; /* metres; a view of a point stands in its square or one next to it */
+    double                    side, x0, y0; /* metres; the views of a point are in its square or a neighbouring one */
     int                       nx, ny;
     uint32_t                 *first; /* (nx ny + 1) into list */
     uint32_t                 *list;
@@ -130,7 +130,7 @@ static int points_list(const struct points_search *s, const struct points_candid
     return found;
 }
 
-/* Of these views the source has the point, and each other one by chance, if nothing is in its way. */
+/* The source view has the point, each other one with probability `chance` unless it is occluded. */
 static void points_detect(const struct points_search *s, const struct points_candidate *k, uint64_t seed,
                           const struct points_observation *list, int found, struct points_track *t)
 {
@@ -161,7 +161,7 @@ static void points_colour(const struct points_search *s, const struct points_can
         t->rgb[c] = (uint8_t)(255 * synth_clamp(synth_through_water(s->water, c, value[c], range), 0, 1) + 0.5);
 }
 
-/* Bare sand has few features: so most of the points lie on what stands on it. */
+/* Bare sand has few features: so most points lie on the objects on it. */
 static int points_is_bare(const struct points_search *s, v3 p, uint64_t seed)
 {
     struct synth_surface surface;

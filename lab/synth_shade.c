@@ -1,7 +1,7 @@
 /* synth_shade.c - rays, light and colour.
  *
- * Rays walk by the distance function (sphere tracing, Hart 1996). Light: a sun high in the south-west with soft shadows
- * (Quilez's penumbra from the nearest miss), a blue-green sky dimmed where things stand close, light thrown back by the sand.
+ * Rays march along the distance function (sphere tracing, Hart 1996). Light: a sun high in the south-west with soft shadows
+ * (Quilez's penumbra from the nearest miss), a blue-green sky dimmed by near objects (ambient occlusion), light reflected by the sand.
  * Colour is procedural down to the pixel: waves and specks finer than the footprint of a pixel fade out. It does not depend
  * on the direction of view: what differs between images is water and noise alone.
  */
@@ -25,7 +25,7 @@ double synth_cast(const struct synth_world *w, v3 from, v3 direction, double far
         if (p.z > w->top && direction.z >= 0) return -1;
         t += d;
     }
-    return t < far ? t : -1; /* 256 steps: it grazes; where it stands is near enough */
+    return t < far ? t : -1; /* 256 steps: a grazing ray; its position is near enough */
 }
 
 /* ---------------------------------------------------------------- relief finer than the geometry, in normals alone */
@@ -205,7 +205,7 @@ static double shade_sunlit(const struct synth_world *w, v3 p)
     return lit * lit * (3 - 2 * lit);
 }
 
-/* 1 in the open; less where surfaces stand closer along the normal than they would on a plane. */
+/* Ambient occlusion: 1 in the open, less where surfaces along the normal are nearer than on a plane. */
 static double shade_open(const struct synth_world *w, v3 p, v3 normal)
 {
     static const double reach[2] = {0.05, 0.2}, share[2] = {0.45, 0.5};

@@ -1,11 +1,11 @@
-/* synth_world.c - where things stand: seabed, rocks, corals, starfish, a wreck, as one distance function.
+/* synth_world.c - geometry: seabed, rocks, corals, starfish, a wreck, as one distance function.
  *
  * The ground is a height field: swell, reef patches and sand ripples, baked once and read back through a cubic B-spline, whose
  * slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing): displaced ellipsoids, boxes, and limbs
  * melted together. A grid of cells lists what comes near each.
  *
  * Invariant: synth_distance promises no more way to an object than there is: what a cell does not list is at least SYNTH_NEAR away from
- * the whole cell. For the ground it is an estimate; a ray that steps under a steep slope is told so and steps back.
+ * the whole cell. For the ground it is an estimate; a ray that steps below a steep slope steps back.
  */
 #include "synth.h"
 
@@ -13,7 +13,7 @@
 
 #define SYNTH_CELL 0.5  /* metres */
 #define SYNTH_NEAR 0.25 /* metres; shading asks for distances up to this */
-#define TALLEST    1.3  /* metres: nothing stands higher over the ground */
+#define TALLEST    1.3  /* metres: maximum height over the ground */
 #define BAKED_STEP 0.02 /* metres, at most MAX_BAKED samples */
 #define MAX_BAKED  48e6
 
@@ -27,7 +27,7 @@
 #define RIDGE_SLOPE   9.0 /* and across its gentle side */
 #define RIDGE_MEANDER 1.2 /* metres that its crest wanders to either side */
 
-/* Where x stands on the ridge, whose crest runs along y: metres from the crest, the wall's side negative. */
+/* Position of x relative to the ridge, whose crest runs along y: metres from the crest, the wall's side negative. */
 static double world_across(const struct synth_world *w, double x, double y)
 {
     return x - RIDGE_MEANDER * synth_noise2(w->seed + 80, 0.5, y / 6);
@@ -189,7 +189,7 @@ static double world_hull(v3 p, enum synth_material *material)
     return d;
 }
 
-/* What stands on it: a cabin with windows and a door, a boiler, a leaning funnel. */
+/* Its superstructure: a cabin with windows and a door, a boiler, a leaning funnel. */
 static double world_upper_works(v3 p, double least, enum synth_material *material)
 {
     const v3     cabin = v3_sub(p, v3_of(-1.0, 0, 0.34)), funnel = v3_of(p.z - 0.45 - 0.2 * p.x, p.y - 0.12, p.x + 0.25);
@@ -376,7 +376,7 @@ static void world_branching(struct synth_shape *s, uint64_t seed)
     }
 }
 
-/* Tubes that stand together. */
+/* A cluster of tubes. */
 static void world_tubes(struct synth_shape *s, uint64_t seed)
 {
     const int tubes = 4 + (int)(4 * synth_unit(synth_bits(seed, 0, 1)));
@@ -426,7 +426,7 @@ struct world_kind {
     enum synth_material material;
     int                 shape, shapes;    /* first index and how many; or SYNTH_STONE, SYNTH_BOX */
     double              density;          /* tries on a square metre */
-    double              on_sand, on_reef; /* share of the tries that settle */
+    double              on_sand, on_reef; /* share of accepted candidates */
     double              small, large;     /* radius, metres */
     double              sunk;             /* radii that the centre lies under the ground; negative: above */
 };
@@ -444,7 +444,7 @@ static const struct world_kind world_kinds[] = {
 
 enum { WORLD_KINDS = sizeof world_kinds / sizeof *world_kinds };
 
-/* Whether try number i of a kind settles, and where. */
+/* Whether candidate i of a kind is accepted, and its position. */
 static int world_settle(const struct synth_world *w, double half, int kind, uint64_t i, struct synth_object *o)
 {
     const struct world_kind *k    = &world_kinds[kind];

@@ -11,7 +11,7 @@ static const struct study_row TRADEOFF_ROWS[] = {
     {.name = "sh-degree-1", .label = "--sh-degree 1", .change = {{STUDY_SH_DEGREE, 1}}},
     {.name = "sh-degree-0", .label = "--sh-degree 0", .change = {{STUDY_SH_DEGREE, 0}}},
     {.name = "short-run-exponent-0", .label = "--short-run-exponent 0", .change = {{STUDY_SHORT_RUN, 0}}},
-    {.name = "settle-0", .label = "--settle 0", .change = {{STUDY_COOLDOWN, 0}}},
+    {.name = "cooldown-0", .label = "--cooldown 0", .change = {{STUDY_COOLDOWN, 0}}},
     {.name = "keep-0.5", .label = "--keep 0.5", .change = {{STUDY_KEEP, 0.5}}},
     {.name = "iterations-quarter", .label = "a quarter of the iterations", .change = {{STUDY_ITERATIONS, 0.25}}},
     {.name = "draft", .label = "--preset draft", .change = {{STUDY_PRESET, OXL_PRESET_DRAFT}}},

@@ -10,4 +10,4 @@ echo "demo 3/3: evaluating it on held-out images"
 "$program" eval "$folder/out/scene.ply" "$folder/survey"
 echo
 echo "The model:    $folder/out/scene.ply (for other viewers: scene_standard.ply beside it, when it is there)"
-echo "Images: $folder/out/renders/ (NAME.png the render, NAME.photo.png the image)"
+echo "Images: $folder/out/renders/ (NAME.png the render, NAME.image.png the image)"

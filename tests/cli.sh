@@ -80,7 +80,7 @@ doubled() { # MODEL MODEL: places and sizes of the second are twice those of the
     "$program" info "$1" --json >one.txt && "$program" info "$2" --json >two.txt &&
         awk -F '[][, ]+' '/"x"|"scale_0"/ { if (NR == FNR) was[$2] = $3; else n += ($3 / was[$2] - 2) ^ 2 < 1e-6 } END { exit n != 2 }' one.txt two.txt
 }
-without() { # WORDS COMMAND...: it succeeds and says nothing of the kind
+without() { # WORDS COMMAND...: it succeeds without printing WORDS
     words_not=$1
     shift
     "$@" >said.txt 2>&1 && cat said.txt && ! grep -qF -- "$words_not" said.txt
@@ -94,8 +94,8 @@ promise options_page_is_the_one_in_docs 0 "" sh -c "'$program' --options-page | 
 promise options_page_is_short 0 "" sh -c "test \$('$program' --options-page | wc -w) -le 2500"
 promise help_shows_basic_options 0 "" sh -c "'$program' train --help | grep -q -- --iterations && ! '$program' train --help | grep -q -- --lr-scale"
 promise help_all_shows_every_option 0 "--lr-scale" on_stdout "$program" train --help all
-promise former_names_are_read_with_a_word 3 "--haste is the former name of --short-run-exponent" on_stderr "$program" check nowhere --haste 0
-promise removed_options_are_said_to_be 2 "option '--ssim-every' was removed" on_stderr "$program" train survey -o out --ssim-every=2
+promise former_names_are_read_with_a_warning 3 "--haste is the former name of --short-run-exponent" on_stderr "$program" check nowhere --haste 0
+promise removed_options_are_reported 2 "option '--ssim-every' was removed" on_stderr "$program" train survey -o out --ssim-every=2
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0
 promise man_page_has_no_warning_of_groff 0 "" sh -c "! command -v groff || test -z \"\$('$program' --man | groff -man -ww -Tascii 2>&1 >/dev/null)\""
 promise bash_completion_offers_the_values_of_an_option 0 "draft standard paper" bash -c "eval \"\$('$program' --completion bash)\"; COMP_WORDS=(oceanxl train --preset ''); COMP_CWORD=3; _oceanxl; echo \${COMPREPLY[*]}"
@@ -106,10 +106,10 @@ promise no_command_is_a_usage_error 2 "a command is wanted" on_stderr "$program"
 promise unknown_command_offers_the_nearest 2 "did you mean train?" on_stderr "$program" trian survey
 promise unknown_option_offers_the_nearest 2 "did you mean --iterations?" on_stderr "$program" train survey -o out --iteration 3
 promise option_of_another_command_is_refused 2 "option '--depth' is not known" "$program" train survey -o out --depth
-promise missing_scene_is_a_usage_error 2 "wants SCENE -o OUT" "$program" train
+promise missing_scene_is_a_usage_error 2 "needs SCENE -o OUT" "$program" train
 promise missing_value_is_named 2 "option --max-time takes a value: TIME" "$program" train s -o o --max-time
 promise wrong_value_is_shown 2 "'-3' seen" "$program" train s -o o --iterations=-3
-promise sparse_that_is_not_there_is_told_as_such 3 "--sparse names the folder" on_stderr "$program" check . --sparse nowhere
+promise missing_sparse_folder_is_named 3 "--sparse names the folder" on_stderr "$program" check . --sparse nowhere
 promise endless_numbers_are_refused 2 "'1e999' seen" "$program" render m.ply s -o o --scale 1e999
 promise endless_places_are_refused 2 "'0,1e999,0' seen" "$program" synth -o o --origin 0,1e999,0
 promise wrong_unit_is_refused 2 "'20q' seen" "$program" train s -o o --max-time 20q
@@ -118,7 +118,7 @@ promise no_such_scene_is_bad_input 3 "nowhere" "$program" check nowhere
 # Without /proc (a folder that chroot was called with) the program does not know what to call again, and they do as OpenMP likes.
 promise waiting_threads_sleep 0 "" \
     sh -c "env -u OMP_WAIT_POLICY OMP_DISPLAY_ENV=true '$program' check nowhere >env.txt 2>&1; ! grep -q WAIT_POLICY env.txt || grep -qi \"WAIT_POLICY *= *'passive\" env.txt"
-promise waiting_threads_look_before_they_sleep 0 "" \
+promise waiting_threads_spin_before_they_sleep 0 "" \
     sh -c "env -u OMP_WAIT_POLICY -u GOMP_SPINCOUNT OMP_DISPLAY_ENV=verbose '$program' check nowhere >env.txt 2>&1; [ ! -e /proc/self/exe ] || ! grep -q GOMP_SPINCOUNT env.txt || grep -q \"GOMP_SPINCOUNT *= *'500'\" env.txt"
 promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
 
@@ -137,14 +137,14 @@ done
 promise metrics_hold_what_is_promised 0 "peak_rss_bytes" \
     sh -c 'for k in psnr ssim ms_ssim gaussians bytes seconds iterations peak_rss_bytes; do grep -q "^  \"$k\": " out/metrics.json || exit 1; done; cat out/metrics.json'
 promise metrics_are_json 0 "" sh -c '! command -v python3 || { python3 -m json.tool out/metrics.json && python3 -m json.tool out/run.json; }'
-promise renders_show_the_held_out_views 0 "" files 2 out/renders "*.photo.png"
+promise renders_show_the_held_out_views 0 "" files 2 out/renders "*.image.png"
 promise a_pipe_sees_plain_lines 0 "ETA" sh -c "'$program' train survey -o lines --iterations 60 2>&1 | tr '\\r' '#' | grep -v '#'"
-promise any_number_of_threads_will_do 0 "" "$program" check survey --threads 100000
+promise threads_beyond_the_processors_are_accepted 0 "" "$program" check survey --threads 100000
 promise a_message_has_its_fix_below_it 0 "     fix: " on_stderr sh -c "cp -r survey hurt; for i in hurt/images/*; do : >\$i; break; done; '$program' check hurt"
 promise a_preset_does_not_undo_what_stands_before_it 0 '"iterations": 40,' sh -c "'$program' train survey -o order --iterations 40 --preset paper --quiet >said.txt && cat order/run.json"
 promise quiet_is_quiet 0 "" sh -c "'$program' train survey -o silent --iterations 20 --quiet 2>said.txt && test -s silent/scene.ply && ! test -s said.txt"
 promise report_is_written_by_train 0 "</html>" tail -n 1 out/report.html
-promise report_is_written_anew 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"
+promise report_is_rewritten 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"
 promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report survey
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
 promise run_json_has_floats_as_short_as_they_are 0 '"refine": 0.1,' grep '"refine"' out/run.json
@@ -169,21 +169,21 @@ promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads are asked for"
 promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_stderr "$program" train survey -o points --block-points 1
 promise a_signal_before_training_stops_the_run 130 "interrupted" on_stderr stopped_early "$program" train long -o early
 promise nothing_was_trained_then 1 "" test -e early/blocks
-if env --default-signal=HUP true 2>/dev/null; then # whoever starts the tests may ignore SIGHUP
+if env --default-signal=HUP true 2>/dev/null; then # the caller may ignore SIGHUP
     promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP env --default-signal=HUP "$program" train survey -o hung --iterations 1000000
 else
     echo "skip hangup_saves_as_ctrl_c_does: env has no --default-signal"
 fi
-promise nohup_goes_on 0 "hup/scene.ply" sh -c "nohup '$program' train survey -o hup --iterations 400 --quiet & sleep 0.3; kill -HUP \$!; wait \$!"
-promise a_limit_on_files_is_told_as_a_full_disk_is 1 "room on the disk" on_stderr sh -c "ulimit -f 8; '$program' train survey -o limited --iterations 20 --quiet"
+promise nohup_continues 0 "hup/scene.ply" sh -c "nohup '$program' train survey -o hup --iterations 400 --quiet & sleep 0.3; kill -HUP \$!; wait \$!"
+promise a_file_size_limit_is_reported_as_a_full_disk 1 "room on the disk" on_stderr sh -c "ulimit -f 8; '$program' train survey -o limited --iterations 20 --quiet"
 promise a_folder_of_blocks_that_is_deleted_is_made_again 130 "the state is saved" on_stderr with_signal "INT rm -rf gone/blocks" "$program" train survey -o gone --iterations 1000000
 promise the_state_is_there_again 0 "" files 1 gone/blocks/000 checkpoint.oxl
-promise a_mask_of_another_shape_is_told_by_train 0 "the mask is stretched" on_stderr sh -c \
+promise a_mask_of_another_shape_is_reported_by_train 0 "the mask is stretched" on_stderr sh -c \
     "mkdir -p masked && cp -r survey/. masked && '$program' synth -o square --views 2 --size 50x50 --points 50 --quiet && mkdir masked/masks && cp square/images/IMG_00000.png masked/masks/\$(ls survey/images | head -n 1).png && '$program' train masked -o masked/out --iterations 20"
 promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/out/report.html
 promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
 promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
-promise little_memory_is_told_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
+promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
 promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"
 promise a_refused_resume_names_the_options 2 "  --cooldown: 0.2 there, 0.1 here" on_stderr "$program" train survey -o stopped --cooldown 0.1
 promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 there, 0.1 here" sh -c \
@@ -192,27 +192,27 @@ promise ctrl_c_left_the_model 0 "Gaussians" "$program" info stopped/scene.ply
 promise info_counts_gaussians 0 '"gaussians": ' on_stdout "$program" info out/scene.ply --json
 promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.ply survey
 promise eval_prints_json 0 '  "psnr": ' on_stdout "$program" eval out/scene.ply survey --json
-promise a_model_lies_where_its_origin_says 0 "" sh -c \
+promise a_model_is_placed_by_its_origin 0 "" sh -c \
     "LC_ALL=C sed '1,/^end_header/s/^comment origin.*/comment origin 1e6 0 0/' out/scene.ply >moved.ply; for m in out/scene moved; do '$program' eval \$m.ply survey >\$(basename \$m).txt || exit 1; done; ! cmp -s scene.txt moved.txt"
 promise render_draws_every_view 0 "16 images in all" "$program" render out/scene.ply survey -o all --split all --depth
 promise render_writes_depth 0 "" files 16 all "*.depth.pfm"
 promise render_writes_depth_of_16_bits_too 0 "" files 16 all "*.depth16.png"
 promise render_writes_an_orthomosaic 0 "ortho.pgw places it in the world's x and y" on_stdout "$program" render out/scene.ply survey -o ortho --ortho --pixel 0.05 --depth
 promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s ortho/ortho.png && test -s ortho/ortho.height.pfm && head -n 1 ortho/ortho.pgw'
-promise render_flies_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
-promise a_shorter_flight_leaves_no_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --path survey --frames 5 && '$program' render out/scene.ply survey -o flight --path survey --frames 3"
-promise a_flight_leaves_its_frames 0 "" files 3 flight "frame_*.png"
+promise render_follows_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
+promise a_shorter_flight_removes_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --path survey --frames 5 && '$program' render out/scene.ply survey -o flight --path survey --frames 3"
+promise a_flight_keeps_its_frames 0 "" files 3 flight "frame_*.png"
 promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
-promise a_listener_that_goes_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
-promise render_draws_one_kind_of_pictures 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho
+promise a_closed_pipe_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
+promise render_refuses_two_kinds_of_images 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho
 promise measure_wants_pixels_of_the_image 3 "lies outside of its" "$program" measure survey --scale-bar IMG_00000.png,5000,9000,IMG_00001.png,5,9:0,0,0
 promise measure_refuses_rays_that_miss 3 "miss each other by" on_stderr "$program" measure survey --scale-bar $first,10,50,$last,90,5:0,0,0 --length 1
 promise measure_refuses_a_bar_without_length 3 "both ends are at the same place" on_stderr "$program" measure survey --scale-bar 1,2,3:1,2,3 --length 1
-promise measure_knows_a_distance 0 "scale     0.5 metres a unit" "$program" measure survey --scale-bar 0,0,0:2,0,0 --length 1
+promise measure_prints_a_distance 0 "scale     0.5 metres a unit" "$program" measure survey --scale-bar 0,0,0:2,0,0 --length 1
 promise measure_wants_a_bar 2 "--scale-bar" "$program" measure survey
-promise no_vulkan_is_told 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend vulkan
-promise no_vulkan_to_list_is_told 1 "Vulkan" env OXL_VULKAN_LIBRARY=none "$program" info --devices
-promise backend_auto_makes_do_with_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend auto
+promise missing_vulkan_is_reported 1 "fix: " env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend vulkan
+promise listing_without_vulkan_is_reported 1 "Vulkan" env OXL_VULKAN_LIBRARY=none "$program" info --devices
+promise backend_auto_falls_back_to_the_cpu 0 "mean of 2" env OXL_VULKAN_LIBRARY=none "$program" eval out/scene.ply survey --backend auto
 promise another_backend_is_refused 2 "cpu|auto|vulkan" "$program" eval out/scene.ply survey --backend cuda
 promise a_dry_run_predicts_and_writes_nothing 0 "prediction" sh -c "'$program' train survey -o dry --iterations 30 --dry-run && test ! -e dry"
 promise a_dry_run_refuses_what_the_run_would 3 "fix: " "$program" train nowhere -o dry --dry-run
@@ -222,27 +222,34 @@ promise convert_scales 0 "Gaussians in metric.ply" "$program" convert out/scene.
 promise convert_scales_places_and_sizes 0 "" doubled out/scene.ply metric.ply
 promise convert_keeps_the_scale_for_info 0 '"scale": 2' on_stdout "$program" info metric.ply --json
 promise a_scaled_model_is_compared_in_the_survey_s_unit 0 "" sh -c \
-    "[ ! -e out/imaging.txt ] || cp out/imaging.txt .; for m in out/scene metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
+    "'$program' convert out/scene.ply plain.ply && for m in plain metric; do '$program' eval \$m.ply survey 2>warned.txt | awk '/mean of 2/ { print \$1 }' >\$(basename \$m).txt; done; ! grep . warned.txt &&
      '$program' convert metric.ply metric.spz && '$program' convert metric.spz again.ply && LC_ALL=C grep -a -c '^comment scale 2' again.ply &&
-     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' scene.txt metric.txt && rm -f imaging.txt"
+     awk 'NR == FNR { was = \$1; next } { exit (\$1 - was) ^ 2 > 1e-4 }' plain.txt metric.txt && rm -f imaging.txt"
 promise a_model_of_another_scale_is_warned_of 0 "does not seem to cover the survey" on_stderr sh -c \
     "LC_ALL=C sed '1,/^end_header/{/^comment scale/d;}' metric.ply >unmarked.ply && ! cmp -s metric.ply unmarked.ply && '$program' eval unmarked.ply survey"
-promise a_model_that_lies_elsewhere_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved
+promise a_model_of_another_position_is_warned_of 0 "does not seem to cover the survey" on_stderr "$program" render moved.ply survey -o moved
+promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
+    "'$program' train survey -o lit --iterations 60 --lamp on --medium on --quiet >/dev/null && grep '^  \"psnr\": ' lit/metrics.json >lit.txt &&
+     for m in lit lit/scene.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done"
+promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
+promise convert_of_a_model_for_viewers_copies_no_lamp 0 "" sh -c \
+    "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
+     ! grep -q '^[lbB]' shown/imaging.txt && grep -q '^lamp' clear/imaging.txt"
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply
 promise partition_compares_both_cuts 0 "balanced   midpoint" on_stdout "$program" partition survey -o cut --block-points 250
-promise partition_leaves_its_list_and_picture 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
+promise partition_writes_list_and_drawing 0 "<svg" sh -c 'test -s cut/partition.txt && head -c 100 cut/partition.svg'
 promise a_block_is_a_survey_of_its_own 0 "0 held-out views" "$program" check cut/blocks/001 --test-every 0
 promise partition_prints_json 0 '"midpoint": {"blocks": ' on_stdout "$program" partition survey -o cut --block-points 250 --json
 promise partition_none_is_one_block 0 "stay one block" "$program" partition survey -o whole --block-points 9 --partition none
 promise ablate_compares_rows 0 "V1 +BSP against 3DGS, midpoint" on_stdout "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1 --quiet
-promise ablate_leaves_a_drawing 0 "</svg>" tail -n 1 ablation/ablation.svg
-promise ablate_leaves_each_run 0 "v1,3dgs,mean," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && test -s ablation/ablation.md && cat ablation/ablation.csv'
+promise ablate_writes_a_drawing 0 "</svg>" tail -n 1 ablation/ablation.svg
+promise ablate_keeps_each_run 0 "v1,3dgs,mean," sh -c 'test -s ablation/3dgs-seed1/scene.ply && test -s ablation/v1-seed1/scene.ply && test -s ablation/ablation.md && cat ablation/ablation.csv'
 promise ablate_does_not_train_again 0 "V1 +BSP" without ETA "$program" ablate survey -o ablation --rows 3dgs,v1 --iterations 20 --block-points 250 --threads 1
 promise ablate_makes_controls_equal 0 "V3, bytes of OceanXL" on_stdout "$program" ablate survey -o controls --rows v2,v1-count,oceanxl,v3-bytes --iterations 20 --threads 1 --quiet
 promise ablate_sets_what_rows_differ_by 2 "each row of ablate sets it itself" "$program" ablate survey -o ablation --ucd on
-promise tradeoff_says_the_price 0 "half the iterations against base" on_stdout "$program" tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5,paper --iterations 20 --max-side 100 --budget 30s --threads 1 --quiet
+promise tradeoff_states_the_cost 0 "half the iterations against base" on_stdout "$program" tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5,paper --iterations 20 --max-side 100 --budget 30s --threads 1 --quiet
 promise tradeoff_leaves_page_drawing_and_runs 0 "coarse-0.5,base,mean," sh -c 'test -s tradeoff/tradeoff.md && tail -n 1 tradeoff/tradeoff.svg | grep -q "</svg>" && test -s tradeoff/base-seed1/scene.ply && cat tradeoff/tradeoff.csv'
 promise tradeoff_resumes 0 "half the iterations against base" without ETA "$program" tradeoff survey -o tradeoff --rows iterations-half,coarse-0.5 --iterations 20 --max-side 100 --budget 30s --threads 1
 promise blocks_side_by_side_give_the_bytes_of_one_process 0 "" sh -c \

@@ -62,7 +62,7 @@ static void extreme_fail(const char *what)
     abort();
 }
 
-/* Gaussians of a tenth of the picture's width and all shapes, 3 away. */
+/* Gaussians of a tenth of the image's width and all shapes, 3 away. */
 static void extreme_ordinary(oxl_context *ctx, const struct extreme *e, struct extreme_scene *s)
 {
     *s        = (struct extreme_scene){.near_plane = 0.25f};
@@ -137,7 +137,7 @@ static void extreme_near(struct extreme_scene *s, double steps)
     extreme_size(s, 0.02);
 }
 
-/* Centres at this x/z, far to the side, so wide that they reach into the picture. */
+/* Centres at this x/z, far to the side, so wide that they reach into the image. */
 static void extreme_aside(struct extreme_scene *s, double slope)
 {
     camera_rotation_from_quaternion((double[4]){1, 0, 0, 0}, s->camera.rotation);

@@ -110,8 +110,8 @@ struct extreme_survey {
     const char *what;
     double      shift, unit;   /* the world's: unit x (x + shift / unit) */
     int         points, twins; /* 0: all of the grid; 1: all views stand in one place */
-    double      paint;         /* grey of every image; -1: the picture */
-    double      image; /* asserted: the largest mean difference of a picture from that of the plain survey; -1: finite alone */
+    double      paint;         /* grey of every image; -1: the image */
+    double      image; /* asserted: the largest mean difference of a image from that of the plain survey; -1: finite alone */
 };
 
 /* A unit that is no power of two rounds every number anew, and training lets that grow, by --short-run-exponent more than without. */
@@ -202,21 +202,21 @@ static void extreme_write_survey(oxl_context *ctx, const struct extreme_survey *
     text_free(&cloud);
 }
 
-static int extreme_count_faults(void *user, const oxl_progress *p)
+static int extreme_count_nonfinite(void *user, const oxl_progress *p)
 {
     *(oxl_nonfinite *)user = p->nonfinite;
     return 0;
 }
 
 /* Trains the survey for a short while and draws its views, (EXTREME_VIEWS,3,SIDE,SIDE). Returns 1 when all of it is finite. */
-static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const char *folder, float *pictures)
+static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const char *folder, float *images)
 {
     const size_t       values = 3 * EXTREME_SIDE * EXTREME_SIDE;
     oxl_train_options  train  = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_scene_options  load   = oxl_scene_options_default();
     oxl_render_options draw   = oxl_render_options_default();
-    oxl_nonfinite      faults = {0};
-    const oxl_callback count  = {extreme_count_faults, &faults};
+    oxl_nonfinite      found  = {0};
+    const oxl_callback count  = {extreme_count_nonfinite, &found};
     oxl_scene         *scene;
     oxl_model          model;
     int                finite = 1;
@@ -231,12 +231,12 @@ static int extreme_train(oxl_context *ctx, const struct extreme_survey *e, const
         oxl_image image;
         if (oxl_render(ctx, &model, &oxl_scene_view(scene, v)->camera, &draw, &image, NULL) != OXL_OK)
             extreme_fail(oxl_error_text(ctx));
-        memcpy(pictures + (size_t)v * values, image.rgb, values * sizeof *pictures);
+        memcpy(images + (size_t)v * values, image.rgb, values * sizeof *images);
         oxl_image_free(ctx, &image);
     }
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
-    for (size_t i = 0; i < EXTREME_VIEWS * values; i++) finite &= fabsf(pictures[i]) <= FLT_MAX;
-    finite &= faults.steps == 0 && faults.rows == 0 && faults.cleared == 0 && faults.images == 0;
+    for (size_t i = 0; i < EXTREME_VIEWS * values; i++) finite &= fabsf(images[i]) <= FLT_MAX;
+    finite &= found.steps == 0 && found.rows == 0 && found.cleared == 0 && found.images == 0;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
     return finite;
@@ -253,21 +253,21 @@ static int extreme_survey_holds(const struct extreme_survey *e, const struct ext
 static struct extreme_error extreme_run_survey(oxl_context *ctx, const struct extreme_survey *e, const char *folder,
                                                const float *plain)
 {
-    struct extreme_error error    = {0};
-    float               *pictures = oxl_alloc(ctx, EXTREME_VALUES, sizeof *pictures);
-    const int            values   = EXTREME_VALUES / EXTREME_VIEWS;
-    if (!pictures) extreme_fail("no memory");
-    error.finite = extreme_train(ctx, e, folder, pictures);
+    struct extreme_error error  = {0};
+    float               *images = oxl_alloc(ctx, EXTREME_VALUES, sizeof *images);
+    const int            values = EXTREME_VALUES / EXTREME_VIEWS;
+    if (!images) extreme_fail("no memory");
+    error.finite = extreme_train(ctx, e, folder, images);
     for (int v = 0; v < EXTREME_VIEWS; v++) {
         double sum = 0;
         for (int i = v * values; i < (v + 1) * values; i++) {
-            const double off = fabs((double)pictures[i] - plain[i]);
+            const double off = fabs((double)images[i] - plain[i]);
             error.most       = OXL_MAX(error.most, off);
             sum += off / values;
         }
         error.mean = OXL_MAX(error.mean, sum);
     }
-    oxl_free(ctx, pictures);
+    oxl_free(ctx, images);
     return error;
 }
 

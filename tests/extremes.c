@@ -111,8 +111,8 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
 {
     synth_options     options = synth_options_default();
     oxl_train_options train   = oxl_train_options_default(OXL_PRESET_PAPER);
-    oxl_nonfinite     faults  = {0};
-    oxl_callback      count   = {extreme_count_faults, &faults};
+    oxl_nonfinite     found   = {0};
+    oxl_callback      count   = {extreme_count_nonfinite, &found};
     oxl_scene        *scene   = NULL;
     oxl_model         model   = {0};
     char              path[600], error[400];
@@ -127,7 +127,7 @@ static void extreme_print_long_run(oxl_context *ctx, const char *folder)
     if (oxl_scene_load(ctx, path, NULL, &scene) != OXL_OK || oxl_train(ctx, scene, &train, &count, &model) != OXL_OK)
         extreme_fail(oxl_error_text(ctx));
     for (size_t i = 0; i < model.count; i++) finite &= model_row_is_finite(&model, i);
-    finite &= faults.steps == 0 && faults.rows == 0 && faults.cleared == 0;
+    finite &= found.steps == 0 && found.rows == 0 && found.cleared == 0;
     printf("| %d iterations in Jerlov 9C water, with depth weights, pruning and second lobes | %zu Gaussians | finite |",
            EXTREME_LONG, model.count);
     extreme_say_whether(finite);

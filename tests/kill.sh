@@ -31,7 +31,7 @@ train() { # OUT [option...]
 }
 
 "$program" synth -o survey --views 12 --size 96x64 --points 1200 --quiet >/dev/null || exit 1
-promise an_undisturbed_run_ends train calm
+promise an_undisturbed_run_ends train reference
 promise in_blocks_too train calm_blocks --block-points 500
 
 # kill_often OUT [option...]: after a time that no clock of the program's knows; the last start is left to end by itself.
@@ -50,7 +50,7 @@ kill_often() {
 }
 same() { cmp "$1/scene.ply" "$2/scene.ply"; }
 promise "a_run_survives_${kills}_kills" kill_often killed
-promise it_gives_the_same_bytes same calm killed
+promise it_gives_the_same_bytes same reference killed
 promise "a_run_in_blocks_survives_${kills}_kills" kill_often killed_blocks --block-points 500
 promise it_gives_the_same_bytes_in_blocks same calm_blocks killed_blocks
 promise nothing_is_left_of_files_half_written sh -c '! find killed killed_blocks -name "*.tmp" | grep .'
@@ -71,21 +71,21 @@ interrupt() {
     stop_at checkpoint.oxl "$1" && grep "resume: oceanxl train survey -o $1" message.txt && "$program" train survey -o "$1" --quiet
 }
 promise ctrl_c_says_how_to_go_on_and_that_command_does interrupt stopped
-promise after_ctrl_c_the_bytes_are_the_same same calm stopped
+promise after_ctrl_c_the_bytes_are_the_same same reference stopped
 limited() {
     for i in 1 2 3 4 5 6 7 8 9 10 11 12; do train "$1" --max-time 1s; done
 }
 promise max_time_again_and_again_comes_to_an_end limited limited
-promise it_too_gives_the_same_bytes same calm limited
+promise it_too_gives_the_same_bytes same reference limited
 
-damage() { # the newer checkpoint loses its end, the run goes on from the older; two are kept from the second save on
+damage() { # the newer checkpoint loses its end, the run continues from the older; two are kept from the second save on
     stop_at checkpoint.prev.oxl "$1" || return 1
     checkpoint=$1/blocks/000/checkpoint.oxl
     head -c 5000 "$checkpoint" >cut && cp cut "$checkpoint"
     "$program" train survey -o "$1" 2>&1 | grep "is not whole"
 }
 promise a_damaged_checkpoint_is_noticed damage damaged
-promise and_the_bytes_are_the_same same calm damaged
+promise and_the_bytes_are_the_same same reference damaged
 
 full_disk() {
     mkdir small && mount -t tmpfs -o size=700k tmpfs small || return 1

@@ -78,12 +78,12 @@ plant() { # FILE LINE COLUMN OLD NEW [NAME]
 }
 
 tests="tests/test_adam.c tests/test_extremes.c tests/test_gradient.c tests/test_loss.c tests/test_oracle.c tests/test_raster.c tests/test_reference.c tests/test_train.c"
-names='adam_ pixel_that extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_'
+names='adam_ pixel_ extremes_are extremes_of gradient_ float_ loss_ binning_ raster_ renderer_ image_and plain_ negative_ density_ a_step reference_'
 [ "${1:-}" = constants ] && tests=tests/test_reference.c names=reference_
 rm -rf "$work"
 mkdir -p "$work/tree"
-cp -r Makefile oceanxl.c oceanxl.h src backends cli lab reference tests fuzz "$work/tree"
-try || { echo "the tests fail without any fault, see $work/test.log"; exit 1; }
+cp -r Makefile oceanxl.c oceanxl.h oceanxl_job.h examples src backends cli lab reference tests fuzz "$work/tree"
+try || { echo "the tests fail without any fault, see $work/build.log, $work/test.log"; exit 1; }
 killed=0 survived=0 invalid=0
 if [ "${1:-}" = constants ]; then
     numbers "$sizes" "${*:2}" >"$work/sites"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # tests/races.sh [WORD...] - the library's tests, or those whose names hold a word, with three threads under ThreadSanitizer.
 #
-# gcc's libgomp is not built for it: this takes clang, LLVM's libomp, and archer, libomp's tool that tells ThreadSanitizer where OpenMP
+# gcc's libgomp is not built for it: this takes clang, LLVM's libomp, and archer, libomp's tool that informs ThreadSanitizer where OpenMP
 # synchronises (Debian: clang, libomp-dev has both). A loop with a race and the same loop without one prove first that it sees and that it
 # does not cry wolf. Without vectors of ours (OXL_NO_SIMD): accesses of more than 16 bytes go unseen.
 set -u
@@ -10,7 +10,7 @@ work=build/races
 mkdir -p "$work"
 export OMP_NUM_THREADS=3 OMP_WAIT_POLICY=passive TSAN_OPTIONS=ignore_noninstrumented_modules=1
 
-probe() { # NAME CLAUSE: tells how many races are seen in a sum over a parallel loop
+probe() { # NAME CLAUSE: prints the number of races detected in a sum over a parallel loop
     echo "int main(void) { int sum = 0, x[999];
     #pragma omp parallel for
     for (int i = 0; i < 999; i++) x[i] = i;

@@ -1,6 +1,6 @@
 /* test.h - the smallest harness that serves: TEST(promise) { CHECK(...); }
  *
- * A test's name is its promise. A failed CHECK prints file:line and what was seen, marks the test as failed and goes on.
+ * A test's name is its promise. A failed CHECK prints file:line and what was seen, marks the test as failed and continues.
  * The list of tests is made by the Makefile from the lines that begin with TEST( (build/test_list.h).
  */
 #ifndef TEST_H

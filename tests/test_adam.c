@@ -39,7 +39,7 @@ TEST(adam_follows_the_formulas)
     for (int i = 0; i < ADAM_ROWS; i++) CHECK_CLOSE(s.parameter[i], p[i], 2e-5);
 }
 
-TEST(adam_leaves_rows_out_of_sight_alone)
+TEST(adam_does_not_change_rows_out_of_view)
 {
     uint16_t          some[2] = {0x00F0, 0};
     struct adam_state s;
@@ -53,7 +53,7 @@ TEST(adam_leaves_rows_out_of_sight_alone)
     }
 }
 
-TEST(adam_survives_zero_and_enormous_gradients)
+TEST(adam_handles_zero_and_very_large_gradients)
 {
     uint16_t          all[2] = {0xFFFF, 0xFFFF};
     struct adam_state s      = {{0}, {0}, {0}, {0}};
@@ -65,7 +65,7 @@ TEST(adam_survives_zero_and_enormous_gradients)
     }
 }
 
-TEST(adam_strikes_out_rows_that_are_not_finite_and_steps_their_neighbours)
+TEST(adam_skips_nonfinite_rows_and_steps_their_neighbours)
 {
     uint16_t          all[2] = {0xFFFF, 0xFFFF};
     struct adam_state s;

@@ -1,4 +1,4 @@
-/* test_bands.c - which pixels show what is near, mid or far, as the points tell. */
+/* test_bands.c - assignment of pixels to the depth bands near, mid and far by the points. */
 
 enum { BANDS_W = 64, BANDS_H = 48 }; /* a reach of 4 px */
 
@@ -41,7 +41,7 @@ TEST(bands_of_pixels_are_those_of_the_nearest_point_and_none_far_from_all)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Both views stand at the origin and have both points in their picture; each saw one of them. */
+/* Both views stand at the origin and have both points in their image; each saw one of them. */
 TEST(bands_go_by_tracks_where_there_are_some)
 {
     oxl_scene         *scene = NULL;

@@ -84,7 +84,7 @@ TEST(camera_models_have_the_ids_of_colmap)
     CHECK(camera_model_count() == 18);
 }
 
-TEST(camera_of_the_whole_sphere_is_refused_with_what_to_do)
+TEST(camera_of_the_whole_sphere_is_refused_with_a_fix)
 {
     const double               p[] = {640, 320};
     const struct colmap_camera c   = camera_make("EQUIRECTANGULAR", 640, 320, 2, p);
@@ -95,7 +95,7 @@ TEST(camera_of_the_whole_sphere_is_refused_with_what_to_do)
     CHECK_TEXT(oxl_error_text(test_ctx), "panorama_sfm.py");
 }
 
-TEST(camera_lenses_without_distortion_of_the_new_models_are_pinholes)
+TEST(camera_new_models_without_distortion_are_pinholes)
 {
     const double               fov[] = {500, 510, 320, 240, 0}, eucm[] = {500, 510, 320, 240, 0, 1};
     const struct colmap_camera none[] = {camera_make("FOV", 640, 480, 5, fov), camera_make("DIVISION", 640, 480, 5, fov),
@@ -140,7 +140,7 @@ TEST(camera_without_distortion_is_taken_as_it_is)
     CHECK(ideal.width == 640 && ideal.height == 480 && ideal.fx == 500 && ideal.fy == 510 && ideal.cx == -30 && ideal.cy == 700);
 }
 
-/* Every pixel of `ideal`, not its border alone, was seen; and farther out along a row or column the picture goes on. */
+/* Every pixel of `ideal`, not its border alone, was seen; and farther out along a row or column the image continues. */
 static void camera_check_seen(const struct colmap_camera *c, const oxl_camera *ideal)
 {
     int unseen = 0, folded = 0;
@@ -169,12 +169,12 @@ TEST(camera_undistorted_holds_only_pixels_that_were_seen_once)
     } cases[] = {
         {"SIMPLE_RADIAL", 4, {500, 320, 240, -0.3}, 640}, /* barrel, as a dome port gives */
         {"SIMPLE_RADIAL", 4, {500, 320, 240, 0.3}, 400},  /* pincushion */
-        {"SIMPLE_RADIAL", 4, {200, 320, 240, -0.3}, 300}, /* folds back inside of the picture */
+        {"SIMPLE_RADIAL", 4, {200, 320, 240, -0.3}, 300}, /* folds back inside of the image */
         {"RADIAL", 5, {400, 100, 400, -0.4, 0.1}, 600},   /* off centre */
         {"OPENCV", 8, {500, 480, 330, 230, -0.3, 0.08, 0.01, -0.01}, 600},
         {"OPENCV_FISHEYE", 8, {200, 200, 320, 240, 0, 0, 0, 0}, 1000}, /* 183 degrees wide: bounded growth */
         {"OPENCV_FISHEYE", 8, {300, 300, 320, 240, 0.05, 0.01, -0.02, 0}, 700},
-        {"SIMPLE_RADIAL_FISHEYE", 4, {100, 320, 240, 0}, 1000}, /* 360 degrees: the picture holds what lies behind */
+        {"SIMPLE_RADIAL_FISHEYE", 4, {100, 320, 240, 0}, 1000}, /* 360 degrees: the image holds what lies behind */
         {"FULL_OPENCV", 12, {500, 500, 320, 240, 0.5, -0.2, 0.001, 0.002, 0.01, 0.8, 0.1, 0.02}, 600},
         {"FOV", 5, {300, 300, 320, 240, 0.9}, 640},
         {"THIN_PRISM_FISHEYE", 12, {300, 300, 320, 240, 0.05, 0.01, 0.001, 0.002, -0.02, 0, 0.002, -0.003}, 640},
@@ -197,7 +197,7 @@ TEST(camera_undistorted_holds_only_pixels_that_were_seen_once)
     }
 }
 
-TEST(camera_nonsense_is_refused_with_a_word_on_what_to_do)
+TEST(camera_invalid_values_are_refused_with_a_fix)
 {
     static const struct {
         const char *model;

@@ -132,7 +132,7 @@ static const char *colmap_replaced(const char *text, char from, const char *to)
 
 /* ---------------------------------------------------------------- what is read */
 
-TEST(colmap_a_file_of_fewer_rows_than_it_announces_is_told)
+TEST(colmap_a_file_of_fewer_rows_than_announced_is_reported)
 {
     char          images[1024], points[1024];
     struct colmap c;
@@ -596,7 +596,7 @@ static void *colmap_reallocate(void *user, void *old, size_t size)
     return colmap_scarce.reallocate(user, old, size);
 }
 
-TEST(colmap_when_memory_runs_out_nothing_leaks_and_it_is_said)
+TEST(colmap_out_of_memory_is_reported_and_nothing_leaks)
 {
     struct colmap c;
     oxl_result    rc = OXL_ERR_MEMORY;
@@ -696,7 +696,7 @@ TEST(colmap_a_place_in_a_track_has_32_bits)
     CHECK_TEXT(colmap_refused_points("9 1 2 3 4 5 6 0.5 7 4294967296\n"), "seen '4294967296', wanted POINT2D_IDX");
 }
 
-TEST(colmap_it_is_known_where_the_text_of_2d_points_lies)
+TEST(colmap_records_the_offset_of_the_text_of_2d_points)
 {
     static const char *const wanted[3] = {"10.5 20.25 4 30 -0.5 -1", "", "1.5 2.5 9"};
     struct colmap            c;
@@ -718,59 +718,4 @@ TEST(colmap_it_is_known_where_the_text_of_2d_points_lies)
         colmap_free(test_ctx, &c);
     }
     os_reader_close(&file);
-}
-
-/* ---------------------------------------------------------------- writing */
-
-static void colmap_check_written(const struct colmap *c)
-{
-    struct colmap back;
-    CHECK_OK(colmap_write(test_ctx, test_path("deep/copy"), c));
-    CHECK_OK(colmap_read(test_ctx, test_path("deep/copy"), 1, &back));
-    CHECK(colmap_same(c, &back));
-    CHECK(back.warnings == 0);
-    colmap_free(test_ctx, &back);
-}
-
-TEST(colmap_what_is_written_reads_back_the_same)
-{
-    struct colmap c;
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
-    c.image[0].translation[0] = 0.1 + 0.2; /* needs all 17 digits */
-    c.point[0].position[2]    = -4.9e-324;
-    colmap_check_written(&c);
-    colmap_free(test_ctx, &c);
-}
-
-TEST(colmap_a_real_survey_written_reads_back_the_same)
-{
-    const char   *path = test_shared("data/subvo_pool_distorted/sparse/0");
-    struct colmap c;
-    if (!path) SKIP("no shared data");
-    CHECK_OK(colmap_read(test_ctx, path, 1, &c));
-    colmap_check_written(&c);
-    colmap_free(test_ctx, &c);
-}
-
-TEST(colmap_a_model_without_points_and_observations_is_written)
-{
-    struct colmap c;
-    CHECK_OK(colmap_try(colmap_good_cameras, "7 1 0 0 0 0 0 0 1 b.jpg\n\n", "", &c));
-    colmap_check_written(&c);
-    colmap_free(test_ctx, &c);
-}
-
-TEST(colmap_written_numbers_have_points_in_every_locale)
-{
-    struct colmap      c;
-    struct os_file_map file;
-    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8") && !setlocale(LC_NUMERIC, "fr_FR.UTF-8"))
-        SKIP("no locale with a decimal comma is installed");
-    CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
-    colmap_check_written(&c);
-    setlocale(LC_NUMERIC, "C");
-    CHECK_OK(os_read_file(test_ctx, test_path("deep/copy/cameras.txt"), &file));
-    CHECK_TEXT(file.data, "1 PINHOLE 640 480 500.5 501.5 320 240\n");
-    os_release_file(test_ctx, &file);
-    colmap_free(test_ctx, &c);
 }

@@ -195,7 +195,7 @@ TEST(colmap_binary_rigs_and_frames_are_not_read)
     colmap_free(test_ctx, &c);
 }
 
-TEST(colmap_binary_oddities_are_mended_as_in_text)
+TEST(colmap_binary_invalid_values_are_handled_as_in_text)
 {
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));

@@ -1,7 +1,7 @@
 /* test_extremes.c - the quick rows of docs/STABILITY.md: float against double within the stated bounds. */
 #include "extreme_runs.c"
 
-TEST(extremes_are_drawn_and_differentiated_within_the_stated_bounds)
+TEST(extremes_are_rendered_and_differentiated_within_the_stated_bounds)
 {
     for (size_t i = 0; i < OXL_COUNT(EXTREMES); i++) {
         struct extreme_result r;
@@ -33,7 +33,7 @@ TEST(extremes_of_the_loss_and_the_optimiser_stay_within_the_stated_bounds)
     }
 }
 
-TEST(extremes_a_survey_shifted_or_scaled_trains_to_the_same_picture_and_a_degenerate_one_stays_finite)
+TEST(extremes_a_survey_shifted_or_scaled_trains_to_the_same_image_and_a_degenerate_one_stays_finite)
 {
     float *plain = oxl_alloc(test_ctx, EXTREME_VALUES, sizeof *plain);
     CHECK(extreme_train(test_ctx, &EXTREME_SURVEYS[0], test_path("0"), plain));

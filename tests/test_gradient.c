@@ -142,7 +142,7 @@ TEST(gradient_of_lobes_agrees_with_finite_differences_for_every_parameter_type)
     wide_free(&r);
 }
 
-/* Narrow Gaussians beside the picture, with second lobes that reach over all of it: alpha is negative in every pixel, T grows. */
+/* Narrow Gaussians beside the image, with second lobes that reach over all of it: alpha is negative in every pixel, T grows. */
 TEST(gradient_is_exact_where_alpha_is_negative)
 {
     struct wide r;
@@ -257,7 +257,7 @@ TEST(a_step_moves_the_lobes_that_were_seen_and_nothing_past_them)
     oxl_model                 m, first, second, gradient, old;
     struct renderer_nonfinite aside;
     gradient_lobed_scene(&r, 40, 19, 0);
-    r.plane[OXL_MEAN + 2][3] = -50; /* out of sight */
+    r.plane[OXL_MEAN + 2][3] = -50; /* out of view */
     gradient_to_model(&r, &m);
     gradient_to_model(&r, &old);
     for (size_t i = 0; i < OXL_COUNT(drgb); i++) drgb[i] = (float)gradient_weight(i);

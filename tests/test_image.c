@@ -174,7 +174,7 @@ static void image_refused(const char *path, const char *words)
     (void)image_size(test_ctx, path, &w, &h);
 }
 
-TEST(image_that_is_none_is_refused_by_name)
+TEST(image_of_another_file_type_is_refused_by_name)
 {
     static const char giant[] = /* 40000 x 1, grey */
         "\x89\x50\x4e\x47\x0d\x0a\x1a\x0a\x00\x00\x00\x0d\x49\x48\x44\x52\x00\x00\x9c\x40\x00\x00\x00\x01\x08\x00\x00\x00"
@@ -243,7 +243,7 @@ TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
     os_release_file(test_ctx, &whole);
 }
 
-TEST(image_with_flipped_bits_is_read_or_refused_but_never_worse)
+TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
 {
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {
         struct os_file_map whole;
@@ -361,7 +361,7 @@ static void image_check_undistorted(int file_width, int file_height, double redu
     image_training_free(test_ctx, &image);
 }
 
-TEST(image_undistortion_looks_where_the_lens_model_says)
+TEST(image_undistortion_follows_the_camera_model)
 {
     image_check_undistorted(64, 48, 1);
     image_check_undistorted(32, 24, 1); /* the file was halved after COLMAP saw it */

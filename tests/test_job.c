@@ -82,7 +82,7 @@ static int job_test_progress(void *user, const oxl_progress *p)
     return p->iteration == w->stop_at;
 }
 
-TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
+TEST(job_writes_model_metrics_log_renders_and_last_run_json)
 {
     const oxl_job_options options = job_test_options();
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
@@ -95,7 +95,7 @@ TEST(job_leaves_model_metrics_log_pictures_and_last_of_all_run_json)
     CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n12,"));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
     CHECK(os_is_file(test_path("out/renders/0.png.png")));
-    CHECK(os_is_file(test_path("out/renders/0.png.photo.png")));
+    CHECK(os_is_file(test_path("out/renders/0.png.image.png")));
     CHECK(!os_is_file(test_path("out/renders/1.png.png")));
 }
 
@@ -105,7 +105,7 @@ TEST(job_log_holds_no_iteration_twice_and_no_trial)
     oxl_job_options    options = job_test_options();
     struct os_file_map map     = {0};
     int                last = 0, tried = 0, gaps = 0;
-    options.scene.test_every = 0; /* 9 views: enough to spare one */
+    options.scene.test_every = 0; /* 9 views: enough for validation views */
     options.train.iterations = 120;
     options.train.sh_degree  = -1;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
@@ -399,14 +399,14 @@ TEST(job_keeps_the_checkpoint_of_a_run_whose_run_json_is_lost)
     const char           *survey   = job_test_stopped(&options);
     CHECK(remove(test_path("out/run.json")) == 0);
     options.train.iterations++;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL)); /* nobody can tell whose work that was */
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL)); /* it cannot be known which survey that was */
     CHECK(os_is_file(test_path("out/blocks/000/checkpoint.oxl.other")));
     CHECK(job_test_has(test_path("out/blocks/000/block.json"), "is kept as"));
     CHECK(rename(test_path("out/blocks/000/checkpoint.oxl.other"), test_path("out/blocks/000/checkpoint.oxl")) == 0);
     CHECK(remove(test_path("out/run.json")) == 0);
     options.train.iterations--;
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, &callback));
-    CHECK(watch.calls < options.train.iterations); /* its owner can go on with it */
+    CHECK(watch.calls < options.train.iterations); /* it can be resumed */
 }
 
 TEST(job_does_not_overwrite_the_finished_model_of_another_survey)
@@ -461,7 +461,7 @@ TEST(job_resume_finds_the_options_that_a_run_was_given)
     oxl_manifest_free(test_ctx, &run);
 }
 
-TEST(job_without_held_out_views_judges_training_views_and_says_so)
+TEST(job_without_held_out_views_evaluates_training_views_and_says_so)
 {
     oxl_job_options options  = job_test_options();
     options.scene.test_every = 0;
@@ -477,19 +477,19 @@ TEST(job_of_a_missing_survey_is_bad_input)
     CHECK_TEXT(oxl_error_text(test_ctx), "nowhere");
 }
 
-TEST(job_pictures_stay_inside_their_folder)
+TEST(job_renders_stay_inside_their_folder)
 {
-    char *path = render_file_path(test_ctx, test_path("pictures"), "../dive/a.jpg", ".png");
-    CHECK(path && strcmp(path, test_path("pictures/.._dive_a.jpg.png")) == 0);
+    char *path = render_file_path(test_ctx, test_path("images"), "../dive/a.jpg", ".png");
+    CHECK(path && strcmp(path, test_path("images/.._dive_a.jpg.png")) == 0);
     oxl_free(test_ctx, path);
-    path = render_file_path(test_ctx, test_path("pictures"), "dive/a.jpg", ".png");
-    CHECK(path && strcmp(path, test_path("pictures/dive/a.jpg.png")) == 0);
-    CHECK(os_is_folder(test_path("pictures/dive")));
+    path = render_file_path(test_ctx, test_path("images"), "dive/a.jpg", ".png");
+    CHECK(path && strcmp(path, test_path("images/dive/a.jpg.png")) == 0);
+    CHECK(os_is_folder(test_path("images/dive")));
     oxl_free(test_ctx, path);
 }
 
-/* With four threads, which write four views' pictures side by side: a folder stands where one of the second view's is to be. */
-TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
+/* With four threads, which write four views' images side by side: a folder stands where one of the second view's is to be. */
+TEST(renders_that_cannot_be_written_are_named_and_those_before_counted)
 {
     const oxl_render_output what    = {.split = OXL_SPLIT_ALL, .images = 1};
     const oxl_point         point   = {.position = {0, 0, 4}};
@@ -501,18 +501,18 @@ TEST(pictures_that_cannot_be_written_say_which_and_count_those_before)
     CHECK_OK(oxl_model_from_points(test_ctx, &point, 1, 0, &model));
     test_ctx->threads = 4;
     CHECK_OK(oxl_render_views(test_ctx, &model, scene, &what, test_path("drawn"), &count));
-    CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) && os_is_file(test_path("drawn/8.png.photo.png")));
+    CHECK(count == JOB_VIEWS && os_is_file(test_path("drawn/0.png.png")) && os_is_file(test_path("drawn/8.png.image.png")));
     test_write("again/1.png.png/.keep", "");
     CHECK(oxl_render_views(test_ctx, &model, scene, &what, test_path("again"), &count) == OXL_ERR_IO);
     CHECK_TEXT(oxl_error_text(test_ctx), "again/1.png.png");
-    CHECK(count == 1 && os_is_file(test_path("again/0.png.photo.png")) && !os_is_file(test_path("again/8.png.png")));
+    CHECK(count == 1 && os_is_file(test_path("again/0.png.image.png")) && !os_is_file(test_path("again/8.png.png")));
     test_ctx->threads = threads;
     oxl_model_free(test_ctx, &model);
     oxl_scene_free(test_ctx, scene);
 }
 
 /* Of six depths: thousandths for the map of 16 bits, rows from the bottom in the float map. */
-TEST(pictures_of_depth_hold_thousandths_and_floats)
+TEST(renders_of_depth_hold_thousandths_and_floats)
 {
     static const float    depth[6]  = {0, 1.2344f, 0.0001f, 65.6f, 1e9f, 12.0006f};
     static const uint16_t wanted[6] = {0, 1234, 1, 65535, 65535, 12001};
@@ -592,7 +592,7 @@ TEST(job_leaves_out_images_that_cannot_be_read_and_counts_them)
     oxl_job_options options = job_test_options();
     const char     *survey  = job_test_survey();
     oxl_image       mask;
-    test_write("survey/images/4.png", "no picture");
+    test_write("survey/images/4.png", "no image");
     test_write("survey/images/2.png", "nor this");
     CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
     CHECK_OK(oxl_image_create(test_ctx, 8, 8, &mask));
@@ -623,18 +623,18 @@ TEST(job_has_as_many_gaussians_as_were_asked_for_also_in_blocks)
     }
 }
 
-TEST(job_ends_well_when_an_image_held_out_cannot_be_read)
+TEST(job_completes_when_a_held_out_image_cannot_be_read)
 {
     oxl_job_options options = job_test_options();
     const char     *survey  = job_test_survey();
-    test_write("survey/images/8.png", "no picture");
+    test_write("survey/images/8.png", "no image");
     CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
     CHECK(job_test_has(test_path("out/metrics.json"), "\"count\": 1"));
-    CHECK(os_is_file(test_path("out/renders/8.png.png")) && !os_is_file(test_path("out/renders/8.png.photo.png")));
+    CHECK(os_is_file(test_path("out/renders/8.png.png")) && !os_is_file(test_path("out/renders/8.png.image.png")));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
 }
 
-/* A model with second lobes is followed by a standard one, refined without them; a run that ended between the two goes on there. */
+/* A model with second lobes is followed by a standard one, refined without them; a run that ended between the two resumes there. */
 TEST(job_writes_a_standard_model_beside_one_with_lobes)
 {
     oxl_job_options    options = job_test_options();
@@ -660,6 +660,44 @@ TEST(job_writes_a_standard_model_beside_one_with_lobes)
     CHECK(first.size == again.size && memcmp(first.data, again.data, first.size) == 0);
     os_release_file(test_ctx, &first);
     os_release_file(test_ctx, &again);
+}
+
+/* Held-out views of the survey by a model of OUT, with the imaging.txt beside it or with none. */
+static oxl_metrics job_test_evaluate(const char *model, int imaging)
+{
+    oxl_scene        *scene = NULL;
+    oxl_model         read  = {0};
+    oxl_metrics       m     = {0}, out;
+    oxl_scene_options o     = oxl_scene_options_default();
+    o.test_every            = oxl_job_options_default(OXL_PRESET_DRAFT).scene.test_every;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o, &scene));
+    CHECK_OK(oxl_model_read(test_ctx, test_path(model), &read));
+    if (imaging) CHECK_OK(oxl_scene_read_imaging(test_ctx, scene, test_path(model)));
+    CHECK_OK(oxl_evaluate(test_ctx, &read, scene, OXL_SPLIT_TEST, &m));
+    out = m;
+    oxl_metrics_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &read);
+    oxl_scene_free(test_ctx, scene);
+    return out;
+}
+
+/* scene.ply has learned what lamp and water showed; scene_clear.ply has not, and shows it with imaging.txt. */
+TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_and_the_figures_of_both)
+{
+    oxl_job_options    options = job_test_options();
+    struct os_file_map json    = {0};
+    oxl_metrics        full, plain, gains;
+    options.train.lamp = options.train.medium = OXL_ON;
+    options.train.iterations                  = 60;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
+    gains = job_test_evaluate("out/scene.ply", 1);
+    CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
+    CHECK(full.psnr > 0 && fabs(full.psnr - plain.psnr) > 1e-6);
+    CHECK_CLOSE(manifest_number(json.data, "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
+    os_release_file(test_ctx, &json);
 }
 
 TEST(job_says_in_run_json_what_was_decided_and_why)

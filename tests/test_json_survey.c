@@ -90,7 +90,7 @@ static void jsurvey_check_same(const struct colmap *a, const struct colmap *b)
               memcmp(a->point[i].rgb, b->point[i].rgb, 3) == 0);
 }
 
-TEST(nerfstudio_survey_is_that_of_colmap_with_every_lens)
+TEST(nerfstudio_survey_equals_that_of_colmap_with_every_camera_model)
 {
     static const char *const cases[][2] = {
         {"1 OPENCV 640 480 500 501 321 239 0.1 -0.02 1e-3 -2e-4\n",
@@ -112,7 +112,7 @@ TEST(nerfstudio_survey_is_that_of_colmap_with_every_lens)
     }
 }
 
-TEST(opensfm_survey_is_that_of_colmap_with_every_lens)
+TEST(opensfm_survey_equals_that_of_colmap_with_every_camera_model)
 {
     static const char *const cases[][2] = {
         {"1 FULL_OPENCV 640 480 320 326.4 326.4 236.8 0.1 -0.02 1e-3 -2e-4 0.003 0 0 0\n",

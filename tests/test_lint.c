@@ -26,7 +26,7 @@ static const char *lint_survey(void)
     return survey;
 }
 
-TEST(lint_finds_nothing_in_a_sound_survey)
+TEST(lint_finds_nothing_in_a_valid_survey)
 {
     oxl_survey s;
     CHECK_OK(oxl_check(test_ctx, lint_survey(), NULL, &s));
@@ -69,7 +69,7 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     oxl_survey  s;
     CHECK_OK(oxl_image_create(test_ctx, 32, 48, &other));
     CHECK_OK(oxl_image_write(test_ctx, test_path("survey/images/2.png"), &other)); /* turned */
-    test_write("survey/images/8.png", "no picture");                               /* held out */
+    test_write("survey/images/8.png", "no image");                                 /* held out */
     CHECK_OK(os_make_folder(test_ctx, test_path("survey/masks")));
     oxl_image_free(test_ctx, &other);
     CHECK_OK(oxl_image_create(test_ctx, 24, 16, &other));
@@ -93,7 +93,7 @@ TEST(lint_counts_images_and_masks_that_cannot_be_used)
     for (int i = 0; i < JOB_VIEWS; i++) {
         char name[64];
         snprintf(name, sizeof name, "survey/images/%d.png", i);
-        test_write(name, "no picture");
+        test_write(name, "no image");
     }
     CHECK(oxl_check(test_ctx, test_path("survey"), NULL, &s) == OXL_ERR_INPUT);
     CHECK_TEXT(oxl_error_text(test_ctx), "none of the 7 training views can be used");

@@ -42,10 +42,10 @@ TEST(lock_of_a_live_process_is_refused_by_its_number_and_that_of_a_killed_one_is
     const char *folder = test_path("out");
     const pid_t child  = lock_test_child(folder, 0);
     oxl_lock   *lock   = NULL;
-    char        who[64];
-    snprintf(who, sizeof who, "is in use by process %ld on ", (long)child);
+    char        message[64];
+    snprintf(message, sizeof message, "is in use by process %ld on ", (long)child);
     CHECK(oxl_lock_folder(test_ctx, folder, &lock) == OXL_ERR_FAILED && !lock);
-    CHECK(strstr(oxl_error_text(test_ctx), who) && strstr(oxl_error_text(test_ctx), "\nfix: "));
+    CHECK(strstr(oxl_error_text(test_ctx), message) && strstr(oxl_error_text(test_ctx), "\nfix: "));
     CHECK(lock_folder(test_ctx, folder, 1, &lock) == OXL_ERR_FAILED);
     lock_test_kill(child);
     test_ctx->options.log = lock_test_log;

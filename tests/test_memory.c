@@ -54,12 +54,12 @@ static uint64_t memory_sum(const char *file)
     return sum;
 }
 
-TEST(memory_refused_anywhere_in_a_job_is_told_or_changes_nothing)
+TEST(memory_refused_anywhere_in_a_job_is_reported_or_changes_nothing)
 {
     const char *survey = job_test_survey(), *out = test_path("out");
     char        name[64], ply[512];
     uint64_t    whole;
-    long        count, stride, held, told = 0;
+    long        count, stride, held, reported = 0;
     test_write("survey/masks/.keep", "");
     for (int i = 0; i < 3; i++) {
         snprintf(name, sizeof name, "survey/masks/%d.png", i);
@@ -75,7 +75,7 @@ TEST(memory_refused_anywhere_in_a_job_is_told_or_changes_nothing)
     CHECK(whole != 0 && count > 1000);
     for (long n = stride / 2; n < count; n += stride) {
         const oxl_result rc = memory_job(survey, out, n);
-        told += rc == OXL_ERR_MEMORY;
+        reported += rc == OXL_ERR_MEMORY;
         if (rc == OXL_ERR_MEMORY ? blocks_held == held && oxl_error_text(test_ctx)[0] : rc == OXL_OK && memory_sum(ply) == whole)
             continue;
         test_failed++;
@@ -84,5 +84,5 @@ TEST(memory_refused_anywhere_in_a_job_is_told_or_changes_nothing)
         if (rc == OXL_OK) continue;
         held = blocks_held;
     }
-    CHECK(told > 10);
+    CHECK(reported > 10);
 }

@@ -17,7 +17,7 @@ static void merge_test_partition(struct partition *p, struct partition_block blo
     block[1].box.high[1] = block[2].box.low[1] = 1;
 }
 
-/* The world's coordinates are local + origin; every other plane tells the row. */
+/* The world's coordinates are local + origin; every other plane identifies the row. */
 static oxl_model merge_test_cloud(size_t count, int degree, const double origin[3])
 {
     oxl_model m;
@@ -89,9 +89,9 @@ TEST(merge_goes_by_block_and_keeps_the_order_within_one)
 
 TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
 {
-    const double           zero[3] = {0, 0, 0};
-    const float            at[5]   = {0, -0.0f, -1e-30f, 3e38f, -3e38f};
-    const int              home[5] = {1, 1, 0, 1, 0};
+    const double           zero[3]    = {0, 0, 0};
+    const float            at[5]      = {0, -0.0f, -1e-30f, 3e38f, -3e38f};
+    const int              kept_in[5] = {1, 1, 0, 1, 0};
     struct partition_block block[3];
     struct partition       p;
     oxl_model              m = merge_test_cloud(5, 0, zero);
@@ -103,7 +103,7 @@ TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
         size_t    expected = 0;
         CHECK_OK(merge_block(test_ctx, &p, b, &m, &merged));
         for (int i = 0; i < 5; i++)
-            if (home[i] == b) CHECK(expected < merged.count && merge_test_row(&merged, expected++) == (size_t)i);
+            if (kept_in[i] == b) CHECK(expected < merged.count && merge_test_row(&merged, expected++) == (size_t)i);
         CHECK(merged.count == expected);
         oxl_model_free(test_ctx, &merged);
     }
@@ -114,7 +114,7 @@ TEST(merge_gives_a_border_to_the_block_above_it_and_the_far_to_the_outer_blocks)
     CHECK(merged.count == 1 && merge_test_row(&merged, 0) == 1);
     CHECK_OK(merge_block(test_ctx, &p, 0, &m, &merged));
     CHECK_OK(merge_block(test_ctx, &p, 1, &m, &merged));
-    CHECK(merged.count == 3); /* those that are not a number have no home */
+    CHECK(merged.count == 3); /* those that are not a number have no block */
     oxl_model_free(test_ctx, &merged);
     oxl_model_free(test_ctx, &m);
 }

@@ -215,7 +215,7 @@ static oxl_scene *metrics_scene(const oxl_model *model, oxl_view view[2])
     return scene;
 }
 
-TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
+TEST(metrics_evaluate_each_view_of_a_split_and_write_json)
 {
     oxl_model   model;
     oxl_view    view[2];
@@ -247,7 +247,7 @@ TEST(metrics_evaluate_each_view_of_a_split_and_tell_it_in_json)
     oxl_model_free(test_ctx, &model);
 }
 
-/* A model that is wrong around a far point alone, whatever its own depth there: the far band's PSNR tells of it, no other. */
+/* A model that is wrong around a far point alone, whatever its own depth there: only the far band's PSNR falls. */
 TEST(metrics_by_depth_are_of_the_same_pixels_for_every_model)
 {
     static float pixels[3 * 64 * 48];

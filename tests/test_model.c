@@ -715,7 +715,7 @@ TEST(model_splat_bytes_survive_reading_and_writing_at_their_ends_too)
     oxl_model_free(test_ctx, &m);
 }
 
-TEST(model_splat_of_nothing_a_flat_scale_and_no_rotation_is_mended_and_a_cut_file_refused)
+TEST(model_splat_of_no_rows_zero_scale_or_zero_rotation_is_repaired_and_a_cut_file_refused)
 {
     unsigned char bytes[64] = {0};
     const char   *path      = test_path("m.splat");
@@ -788,7 +788,7 @@ TEST(model_is_in_the_same_place_relative_to_another_origin)
     oxl_model_free(test_ctx, &m);
 }
 
-TEST(model_jobs_survive_any_allocation_that_is_refused)
+TEST(model_functions_report_any_refused_allocation)
 {
     oxl_point *points     = model_test_points(100);
     oxl_model  m          = model_test_random(300, 2);

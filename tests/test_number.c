@@ -149,7 +149,7 @@ TEST(number_nan_and_infinity_are_taken_in_every_spelling)
     }
 }
 
-TEST(number_what_is_no_number_is_refused_and_the_cursor_stays)
+TEST(number_other_text_is_refused_and_the_cursor_does_not_move)
 {
     static const char *const text[] = {"", "-", "+", ".", "e5", "-e5", "x1", ",5", "--1", "na", "i", " 1"};
     for (size_t i = 0; i < OXL_COUNT(text); i++) {

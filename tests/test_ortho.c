@@ -126,7 +126,7 @@ TEST(flight_along_the_survey_begins_and_ends_at_its_cameras)
 }
 
 /* A quarter of the way in time: Catmull-Rom's place with its ends doubled, (t + 3 t^2 - 2 t^3) / 2, and a view eased by t^2 (3 - 2 t). */
-TEST(flight_between_cameras_leaves_gently_and_turns_with_it)
+TEST(flight_between_cameras_accelerates_smoothly_and_interpolates_rotation)
 {
     const double angle = 0.5, t = 0.25, ease = 0.15625, way = 0.203125;
     oxl_scene   *scene = ortho_test_turned(angle);
@@ -217,7 +217,7 @@ TEST(scale_of_a_model_moves_means_scales_and_origin)
 }
 
 /* Through a fisheye: what camera_distort makes of the ray is the pixel that was asked for. */
-TEST(scale_sight_undoes_the_lens)
+TEST(scale_rays_undo_the_distortion)
 {
     static const char *const cameras[] = {"1 OPENCV 200 150 120 118 101 74 -0.12 0.03 0.001 -0.002\n",
                                           "1 OPENCV_FISHEYE 200 150 90 90 100 75 0.02 0.01 0 0\n"};

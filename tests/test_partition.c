@@ -148,7 +148,7 @@ static oxl_scene *partition_test_reef_scene(double flat)
     return partition_test_load(partition_test_survey("reef", &t));
 }
 
-TEST(partition_gives_every_place_exactly_one_home)
+TEST(partition_assigns_every_position_to_exactly_one_block)
 {
     for (int flat = 0; flat < 2; flat++) {
         oxl_scene       *scene = partition_test_reef_scene(flat ? 2 : 30);
@@ -521,7 +521,7 @@ TEST(partition_file_reads_back_to_the_same_bits_and_does_not_depend_on_threads)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(partition_file_that_is_broken_is_explained)
+TEST(partition_file_that_is_damaged_is_refused_with_a_reason)
 {
     static const struct {
         const char *text, *words;

@@ -1,4 +1,4 @@
-/* test_partition_export.c - blocks as files: COLMAP exports that say what the survey said, the picture, the report. */
+/* test_partition_export.c - blocks as files: COLMAP exports equal to the survey, the drawing, the report. */
 
 static const struct colmap_image *export_test_image(const struct colmap *c, int64_t id)
 {
@@ -159,7 +159,7 @@ TEST(partition_export_does_not_depend_on_threads)
 }
 
 /* CR LF, tabs, doubled blanks; an index past the list's end, and one that two points claim. */
-TEST(partition_export_copies_2d_points_letter_by_letter_and_tells_of_tracks_that_do_not_fit)
+TEST(partition_export_copies_2d_points_byte_by_byte_and_reports_inconsistent_tracks)
 {
     oxl_partition_options o = partition_test_options(100, OXL_CUT_BALANCED);
     struct os_file_map    file;
@@ -213,7 +213,7 @@ TEST(partition_links_images_and_clears_what_an_earlier_one_left_but_no_model)
     CHECK(os_is_folder(test_path("reef/images/dive1"))); /* the link went, not what it led to */
 }
 
-TEST(partition_picture_is_small_shows_both_sides_of_a_3d_survey_and_holds_no_script)
+TEST(partition_drawing_is_small_shows_both_sides_of_a_3d_survey_and_holds_no_script)
 {
     const oxl_partition_options o = partition_test_options(300, OXL_CUT_BALANCED);
     for (int flat = 0; flat < 2; flat++) {

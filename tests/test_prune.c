@@ -1,4 +1,4 @@
-/* test_prune.c - what to keep, when to drop, who goes. */
+/* test_prune.c - number to keep, schedule of drops, scores. */
 
 TEST(prune_keep_reads_shares_counts_sizes_and_auto)
 {
@@ -107,7 +107,7 @@ TEST(prune_row_bytes_are_those_of_the_file)
     }
 }
 
-TEST(prune_auto_goes_on_while_views_it_does_not_train_on_stay_as_good)
+TEST(prune_auto_continues_while_the_validation_loss_holds)
 {
     struct prune p;
     size_t       count = 8000, at_limit = 0;
@@ -132,7 +132,7 @@ static void prune_state(struct archive *a, void *user)
     prune_archive(a, user);
 }
 
-TEST(prune_goes_on_from_its_archive)
+TEST(prune_continues_from_its_archive)
 {
     struct prune whole, half;
     size_t       count = 100000, again;
@@ -151,7 +151,7 @@ TEST(prune_goes_on_from_its_archive)
     CHECK(found && count == 30000 && again == 30000);
 }
 
-/* ---------------------------------------------------------------- who */
+/* ---------------------------------------------------------------- scores */
 
 TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
 {
@@ -293,7 +293,7 @@ TEST(prune_drops_the_faint_before_the_opaque)
 }
 
 /* With more views than a pass takes, rows that its sample does not show are kept. */
-TEST(prune_does_not_judge_by_views_it_did_not_take)
+TEST(prune_scores_use_the_sampled_views_only)
 {
     struct prune_case c = prune_two_patches(10, 1, -2); /* the last view alone sees the right patch */
     struct prune      p;

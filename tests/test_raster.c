@@ -150,7 +150,7 @@ TEST(negative_alpha_lets_no_pixel_grow_past_32)
 }
 
 /* Four plain splats end the pixels in the middle; in the same batch alpha is negative behind them. */
-TEST(pixel_that_has_ended_does_not_come_back_where_alpha_is_negative)
+TEST(pixel_below_the_minimum_transmittance_stays_ended_where_alpha_is_negative)
 {
     struct wide w;
     raster_scene(&w, 16, 12, 40, 40);
@@ -223,7 +223,7 @@ TEST(raster_score_is_the_sum_of_squared_slopes_of_every_pixel)
     }
 }
 
-/* The float door against double, and against itself with other threads and another vector width. */
+/* The float kernels against double, and against itself with other threads and another vector width. */
 TEST(renderer_score_adds_up_and_does_not_depend_on_threads_or_vectors)
 {
     const oxl_camera camera = {
@@ -298,7 +298,7 @@ TEST(raster_depth_is_that_of_the_surface)
     oxl_model_free(test_ctx, &m);
 }
 
-/* ---------------------------------------------------------------- who runs it does not show */
+/* ---------------------------------------------------------------- independent of threads and vector width */
 
 struct raster_result {
     oxl_image image;
@@ -412,7 +412,7 @@ TEST(base_instruction_set_differs_by_rounding_alone)
     raster_result_free(&base);
 }
 
-/* One lobed row that nobody sees sends the whole picture through the passes for mixed batches. */
+/* One invisible row with a lobe sends the whole image through the passes for mixed batches. */
 TEST(plain_splats_have_the_same_bytes_beside_lobed_ones)
 {
     const oxl_camera     camera = {113, 71, 50, 50, 60, 30, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 4}};

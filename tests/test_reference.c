@@ -623,6 +623,29 @@ TEST(reference_density_control_removes_keeps_clones_and_splits_the_same_rows)
     }
 }
 
+/* Where 1 - opacity rounds to 0 the reference gives infinity; the children of the kernel have 1 - 1e-6. */
+TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
+{
+    const struct density_rules rules = {.gradient = 1e-9f, .extent = 1};
+    oxl_model                  m, first, second;
+    struct density            *d;
+    struct density_change      change;
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &m));
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &first));
+    CHECK_OK(oxl_model_create(test_ctx, 1, 0, &second));
+    m.plane[OXL_OPACITY][0] = 60;
+    CHECK_OK(density_create(test_ctx, &d));
+    CHECK_OK(density_clear(test_ctx, d, 1));
+    d->gradient[0] = 1, d->views[0] = 1;
+    CHECK_OK(density_control(test_ctx, d, &m, &first, &second, &rules, &change));
+    CHECK(m.count == 2);
+    for (size_t i = 0; i < m.count; i++) CHECK_CLOSE(m.plane[OXL_OPACITY][i], log((1 - 1e-6) / 1e-6), 1e-4);
+    density_free(test_ctx, d);
+    oxl_model_free(test_ctx, &m);
+    oxl_model_free(test_ctx, &first);
+    oxl_model_free(test_ctx, &second);
+}
+
 TEST(reference_opacities_are_reset_to_a_hundredth)
 {
     oxl_model m, first, second;

@@ -66,7 +66,7 @@ TEST(report_escapes_every_name)
     report_test_run();
     CHECK_OK(oxl_make_folder(test_ctx, test_path("out/renders")));
     report_test_picture("out/renders/<b>&\".jpg.png", 0.5f);
-    report_test_picture("out/renders/<b>&\".jpg.photo.png", 0.75f);
+    report_test_picture("out/renders/<b>&\".jpg.image.png", 0.75f);
     page = report_test_page();
     CHECK(!strstr(page, "<b>&\""));
     CHECK(!strstr(page, "<warning>"));

@@ -158,7 +158,7 @@ TEST(scene_extent_is_that_of_3dgs_and_an_outlier_camera_does_not_change_it)
     scene_listen();
     CHECK_OK(stats_camera_radius(test_ctx, view, 10, &robust));
     CHECK_CLOSE(robust, 4, 1e-12);
-    CHECK_TEXT(scene_log, "1 cameras stand far from all others");
+    CHECK_TEXT(scene_log, "1 cameras are far from all others");
 }
 
 /* Two thirds of the points in front of the cameras were seen by none of them: haze. */
@@ -189,7 +189,7 @@ TEST(scene_of_one_image_trains_on_it_and_has_an_extent)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_without_points_is_told_and_gets_random_ones_in_sight)
+TEST(scene_without_points_is_reported_and_gets_random_ones_in_view)
 {
     oxl_scene  *scene;
     oxl_point  *points, *again;
@@ -315,7 +315,7 @@ TEST(scene_is_found_beside_the_images_too)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(scene_that_is_none_is_refused_with_a_word_on_what_to_do)
+TEST(scene_that_is_missing_is_refused_with_a_fix)
 {
     oxl_scene *scene;
     CHECK(oxl_scene_load(test_ctx, test_path("nothing"), NULL, &scene) == OXL_ERR_INPUT);
@@ -460,7 +460,7 @@ TEST(scene_image_that_cannot_be_read_ahead_is_named_when_it_is_asked_for)
     const int   order[3] = {1, 0, 2}, threads = test_ctx->threads;
     const char *path = scene_survey("s", 3, 0, 1);
     oxl_scene  *scene;
-    test_write("s/images/img01.png", "no picture");
+    test_write("s/images/img01.png", "no image");
     test_ctx->threads = 3;
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     test_ctx->error[0] = 0;
@@ -477,7 +477,7 @@ TEST(scene_image_that_is_corrupt_is_named_and_the_rest_goes_on)
     const char *path = scene_survey("s", 3, 0, 1);
     oxl_scene  *scene;
     oxl_image   image;
-    test_write("s/images/img01.png", "no picture");
+    test_write("s/images/img01.png", "no image");
     CHECK_OK(oxl_scene_load(test_ctx, path, NULL, &scene));
     CHECK(image_cache_get(test_ctx, scene_image_cache(scene), 1) == NULL);
     CHECK_TEXT(oxl_error_text(test_ctx), "img01.png");
@@ -561,7 +561,7 @@ TEST(scene_from_arrays_is_sorted_and_keeps_what_it_was_given)
     CHECK(!image_cache_get(test_ctx, scene_image_cache(scene), 2)->mask &&
           image_cache_get(test_ctx, scene_image_cache(scene), 2)->rgb[23] == 23);
     CHECK(oxl_scene_points(scene)->position[2] == 3 && oxl_scene_points(scene)->rgb[0] == 9 && oxl_scene_origin(scene)[0] == 0);
-    CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 3, 1e-12); /* by sight: there are no tracks */
+    CHECK_CLOSE(scene_depth_quantile(scene, 0.5), 3, 1e-12); /* by projection: there are no tracks */
     CHECK(scene_colmap(scene) == NULL);
     oxl_scene_free(test_ctx, scene);
     view[1].camera.width = 5;
@@ -578,7 +578,7 @@ static void *scene_failing_reallocate(void *user, void *old, size_t size)
     return counting_reallocate(user, old, size);
 }
 
-TEST(scene_gives_everything_back_when_any_allocation_fails)
+TEST(scene_frees_all_memory_when_any_allocation_fails)
 {
     const char *path             = scene_survey("s", 3, 0, 1);
     int         failures         = 0;

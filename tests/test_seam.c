@@ -92,7 +92,7 @@ TEST(seam_knows_where_a_pixel_lies_along_each_axis_of_the_camera)
     t.partition.origin[0] = 0.25;
     s                     = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
     CHECK(s.near_pixels == 12 * SEAM_TEST_W);
-    t.camera.cy           = 10; /* the border is 10 rows above that: at the picture's edge, and all of one block is below */
+    t.camera.cy           = 10; /* the border is 10 rows above that: at the image's edge, and all of one block is below */
     t.partition.origin[0] = 0.5;
     s                     = seam_test_run(&t, OXL_SPLIT_TEST, 0, 0, 0, NULL);
     CHECK(s.near_pixels == 4 * SEAM_TEST_W);

@@ -27,7 +27,7 @@ static struct spsa spsa_run(double mid, double back, int pairs, double noise, ui
     return s;
 }
 
-TEST(spsa_finds_the_least_of_a_noisy_bowl_from_below_and_from_above)
+TEST(spsa_finds_the_minimum_of_a_noisy_bowl_from_below_and_from_above)
 {
     for (uint64_t seed = 1; seed <= 8; seed++)
         for (int above = 0; above < 2; above++) {
@@ -39,7 +39,7 @@ TEST(spsa_finds_the_least_of_a_noisy_bowl_from_below_and_from_above)
 
 TEST(spsa_keeps_the_order_and_the_cap_wherever_the_cost_pulls)
 {
-    for (int pull = 0; pull < 8; pull++) { /* down, mid up and far down, mid down and far up, up; the same with less doubt */
+    for (int pull = 0; pull < 8; pull++) { /* down, mid up and far down, mid down and far up, up; the same with lower precision */
         struct spsa s;
         double      f[2];
         spsa_begin(&s, (double[]){3.1, 0.5}, (double[]){1.5, 2}, pull < 4 ? 3 : 0.01, 5, 3);
@@ -54,8 +54,8 @@ TEST(spsa_keeps_the_order_and_the_cap_wherever_the_cost_pulls)
     }
 }
 
-/* A slope of -0.002 for f_mid: 0.2, where the doubt is 0.01. What a pair tells of the wrong weight, the next takes back. */
-TEST(spsa_is_the_mean_of_home_and_of_where_each_pair_would_put_it_wherever_it_began)
+/* A slope of -0.002 for f_mid: 0.2, where the prior precision is 0.01. The error of a pair in the other weight cancels in the next. */
+TEST(spsa_estimate_is_the_mean_of_prior_and_pairs_independent_of_the_start)
 {
     struct spsa s;
     double      f[2];
@@ -71,7 +71,7 @@ TEST(spsa_is_the_mean_of_home_and_of_where_each_pair_would_put_it_wherever_it_be
     }
 }
 
-TEST(spsa_believes_no_pair_too_much)
+TEST(spsa_limits_the_influence_of_each_pair)
 {
     struct spsa s;
     double      f[2];
@@ -85,20 +85,20 @@ TEST(spsa_believes_no_pair_too_much)
 }
 
 /* Where the bounds bring points together, cost differences over next to nothing would be noise, enlarged. */
-TEST(spsa_takes_no_step_along_what_the_bounds_took_away)
+TEST(spsa_takes_no_step_along_an_axis_removed_by_the_bounds)
 {
     struct spsa s;
     spsa_begin(&s, (double[]){2, 2.25}, (double[]){2, 2.25}, 1, 5, 1);
     s.point[0][0] = 2.25, s.point[0][1] = 2.5; /* f_far - f_mid is the same */
     s.point[1][0] = 1.75, s.point[1][1] = 2;
-    s.told = 0, s.first = 0;
+    s.known = 0, s.first = 0;
     spsa_update(&s, 1);
     spsa_update(&s, 0);
     CHECK(s.f[0] < 2 && s.f[1] - s.f[0] == 0.25);
 }
 
-/* In the corner, f_far is worth its cost and f_mid is not: it must not be held there by the order of the two. */
-TEST(spsa_leaves_the_corner_along_the_edge)
+/* In the corner, a larger f_far lowers the cost and f_mid does not: the order of the two must not hold it there. */
+TEST(spsa_leaves_a_corner_of_the_bounds_along_an_edge)
 {
     for (uint64_t seed = 1; seed <= 8; seed++) {
         struct spsa s;
@@ -126,7 +126,7 @@ static int spsa_is_same(const struct spsa *a, const struct spsa *b)
            !memcmp(next_a.f, next_b.f, sizeof a->f) && !memcmp(next_a.point, next_b.point, sizeof a->point);
 }
 
-TEST(spsa_is_a_function_of_the_seed_and_goes_on_from_its_archive)
+TEST(spsa_is_a_function_of_the_seed_and_continues_from_its_archive)
 {
     struct spsa a = spsa_run(1.5, 2, 30, 0.2, 5), b = spsa_run(1.5, 2, 30, 0.2, 5), other = spsa_run(1.5, 2, 30, 0.2, 6);
     int         found = 0;
@@ -134,7 +134,7 @@ TEST(spsa_is_a_function_of_the_seed_and_goes_on_from_its_archive)
     spsa_update(&a, 1); /* in the middle of a pair */
     CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", spsa_state, &a));
     CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", spsa_state, &other, &found));
-    CHECK(found && other.told == 1 && spsa_is_same(&a, &other));
+    CHECK(found && other.known == 1 && spsa_is_same(&a, &other));
 }
 
 TEST(spsa_drops_a_pair_that_a_skipped_window_or_a_broken_cost_interrupts)
@@ -152,7 +152,7 @@ TEST(spsa_drops_a_pair_that_a_skipped_window_or_a_broken_cost_interrupts)
     CHECK(f[0] == first[0] && f[1] == first[1] && s.pair == 0 && s.f[0] == 1.5);
 }
 
-TEST(spsa_asks_for_either_point_first_as_chance_has_it)
+TEST(spsa_randomizes_the_order_of_the_two_points)
 {
     struct spsa s;
     double      f[2];

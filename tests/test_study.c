@@ -312,7 +312,7 @@ TEST(tradeoff_options_are_off_in_the_papers_preset)
     CHECK(o.coarse == 0 && o.alpha_min == 1.0f / 255 && o.sh_degree == 3 && o.iterations == 40000 && o.short_run_exponent == 0);
 }
 
-/* What the rows are told to be compared with, and made equal to, is there, and before the controls. */
+/* Rows that others are compared with, or made equal to, exist and precede the controls. */
 TEST(study_rows_name_rows_of_their_study)
 {
     const struct study_kind *const kinds[] = {&ABLATE_KIND, &TRADEOFF_KIND};
@@ -337,7 +337,7 @@ static oxl_result study_test_run(oxl_result (*run)(const study_options *o, FILE 
     return run(&o, stdout, error, 400);
 }
 
-TEST(study_refuses_rows_and_seeds_that_make_no_sense)
+TEST(study_refuses_invalid_rows_and_seeds)
 {
     char error[400];
     CHECK(study_test_run(ablate_run, "v1,v9", 1, error) == OXL_ERR_USAGE);

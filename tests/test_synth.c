@@ -286,7 +286,7 @@ TEST(synth_images_are_clean_pictures_behind_the_stated_water_within_noise)
     }
     CHECK_CLOSE(sum / (double)count, 0, 0.05);
     CHECK_CLOSE(sqrt(square / (double)count), sqrt(o.noise * o.noise + 2 / 12.),
-                0.1); /* both pictures are rounded: 1/12 each, at most */
+                0.1); /* both images are rounded: 1/12 each, at most */
     colmap_free(test_ctx, &survey);
 }
 
@@ -330,7 +330,7 @@ TEST(synth_writes_the_same_bytes_with_one_and_three_threads_and_others_with_anot
     }
 }
 
-/* Pixels of one picture that are not those of another; outside: of them where the mask is white. */
+/* Pixels of one image that are not those of another; outside: of them where the mask is white. */
 static int synth_test_differences(const char *survey, int view, int *outside, int *covered)
 {
     oxl_image image = {0}, still = {0}, mask = {0};
@@ -391,7 +391,7 @@ TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
     }
 }
 
-TEST(synth_fish_swim_between_images_in_front_of_the_ground)
+TEST(synth_fish_move_between_images_in_front_of_the_ground)
 {
     synth_options      o     = synth_test_options("fish");
     struct synth_path  path  = {0};
@@ -424,7 +424,7 @@ static double synth_test_depth_ratio(const synth_options *o, const char *name)
     return most / least;
 }
 
-TEST(synth_rov_looks_ahead_over_depths_of_one_to_ten_clear_of_the_ground)
+TEST(synth_rov_views_span_depths_of_one_to_ten_above_the_ground)
 {
     synth_options      o      = synth_test_options("rov");
     struct synth_path  path   = {0};
@@ -448,7 +448,7 @@ TEST(synth_rov_looks_ahead_over_depths_of_one_to_ten_clear_of_the_ground)
     synth_path_free(&path);
 }
 
-/* Steeper than the reef's 41 degrees, but not than what rays are told. */
+/* Steeper than the reef's 41 degrees, but not than the slope limit of rays. */
 TEST(synth_ridge_has_a_wall_that_rays_do_not_pass)
 {
     struct synth_world world   = {0};
@@ -500,7 +500,7 @@ TEST(synth_wreck_scene_has_most_of_its_points_on_the_wreck)
     CHECK(wreck > 0.5);
 }
 
-TEST(synth_refuses_what_makes_no_sense_and_says_what_would)
+TEST(synth_refuses_invalid_options_with_a_fix)
 {
     char          error[300];
     synth_options o = synth_test_options("survey");

@@ -138,7 +138,7 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
     density_case_free(&c);
 }
 
-TEST(density_removes_faint_rows_and_such_as_are_not_finite)
+TEST(density_removes_faint_and_nonfinite_rows)
 {
     struct density_case   c = density_case((float[]){0, 0, 0, 1});
     struct density_change d;
@@ -163,7 +163,7 @@ TEST(density_splits_large_rows_whatever_their_gradient_but_only_after_a_reset)
     density_case_free(&c);
 }
 
-TEST(density_cap_lets_those_with_the_largest_gradients_grow)
+TEST(density_cap_splits_the_largest_gradients)
 {
     struct density_case         c = density_case((float[]){1, 4, 2, 3});
     const struct density_change d = density_run(&c, (struct density_rules){.gradient = 0.5, .extent = 1, .cap = 6});
@@ -171,7 +171,7 @@ TEST(density_cap_lets_those_with_the_largest_gradients_grow)
     density_case_free(&c);
 }
 
-TEST(density_reset_lowers_opacity_to_a_hundredth_and_forgets_its_moments)
+TEST(density_reset_lowers_opacity_to_a_hundredth_and_clears_its_moments)
 {
     struct density_case c         = density_case((float[]){0, 0, 0, 0});
     c.model.plane[OXL_OPACITY][1] = -5.5f;
@@ -209,7 +209,7 @@ TEST(density_weights_count_by_the_depth_at_which_a_row_was_seen)
     }
 }
 
-TEST(density_mean_gradient_knows_no_weights)
+TEST(density_mean_gradient_is_unweighted)
 {
     struct density_case c      = density_banded_case();
     c.density->gradient_far[0] = 0.75f; /* seen once more, from afar */
@@ -423,7 +423,7 @@ static int train_note_calls(void *user, const oxl_progress *progress)
     return 0;
 }
 
-TEST(train_asks_for_no_memory_between_steps_once_it_is_under_way)
+TEST(train_allocates_no_memory_between_steps_after_the_first)
 {
     oxl_scene         *scene     = train_scene(7);
     oxl_train_options  options   = train_options(90);
@@ -462,7 +462,7 @@ TEST(train_without_points_starts_from_random_ones)
     oxl_scene_free(test_ctx, with);
 }
 
-TEST(train_refuses_options_that_make_no_sense)
+TEST(train_refuses_invalid_options)
 {
     oxl_scene        *scene   = train_scene(2);
     oxl_train_options options = train_options(0);
@@ -541,7 +541,7 @@ TEST(train_of_a_short_run_starts_from_narrower_and_more_opaque_gaussians)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(train_halves_large_images_alone_when_it_is_to_choose)
+TEST(train_auto_halves_large_images_only)
 {
     oxl_train_options o = oxl_train_options_default(OXL_PRESET_DRAFT);
     CHECK(schedule_coarse_share(&o, 320, 640) == 0.25 && schedule_coarse_share(&o, 639, 400) == 0);
@@ -551,7 +551,7 @@ TEST(train_halves_large_images_alone_when_it_is_to_choose)
     CHECK(schedule_coarse_share(&o, 8000, 6000) == 0);
 }
 
-TEST(train_refuses_shares_of_a_run_that_are_none)
+TEST(train_refuses_shares_of_a_run_outside_0_to_1)
 {
     oxl_scene        *scene = train_scene(4);
     oxl_train_options o     = train_options(5);
@@ -591,7 +591,7 @@ static struct adam_params train_adam_params_of(int iterations, float short_run_e
 }
 
 /* Of 10 001 steps, so that shares of the run are round. */
-TEST(train_settles_to_a_tenth_of_all_steps_in_the_last_share_of_the_run)
+TEST(train_cooldown_reduces_all_rates_to_a_tenth_at_the_end)
 {
     const struct adam_params usual  = train_adam_params_at(10001, 10001, 0, 0),
                              before = train_adam_params_at(8000, 10001, 0, 0.2f),
@@ -619,7 +619,7 @@ TEST(train_rates_of_a_short_run_begin_larger_by_the_root_of_its_factor_and_not_f
     CHECK_CLOSE(start.rate[OXL_MEAN] / paper.rate[OXL_MEAN], h, 1e-5);
 }
 
-TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_settled_or_not)
+TEST(train_counts_every_contribution_from_four_fifths_of_the_run_on_with_or_without_cooldown)
 {
     const oxl_train_options o = {.iterations = 1000, .alpha_min = 0.03f};
     struct train            t = {.options = &o, .step = 800};

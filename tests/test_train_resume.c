@@ -1,4 +1,4 @@
-/* test_train_resume.c - a run that was stopped at any step goes on as if nothing had been; a damaged file is noticed. */
+/* test_train_resume.c - a run stopped at any step resumes to the same bytes; a damaged file is detected. */
 
 struct checkpoint_watch {
     int stop_at, first; /* iteration: to stop at; of the first report, 0: none yet */
@@ -110,7 +110,7 @@ static void checkpoint_cut(const char *path, size_t size)
     os_release_file(test_ctx, &map);
 }
 
-/* Two checkpoints, the newer damaged in each of several places: the run goes on from the older. */
+/* Two checkpoints, the newer damaged in each of several places: the run continues from the older. */
 TEST(checkpoint_that_is_damaged_is_noticed_and_the_one_before_it_used)
 {
     static const long      places[] = {0, 30, 5000, -1, -20};

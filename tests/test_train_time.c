@@ -1,4 +1,4 @@
-/* test_train_time.c - steps that are timed before a run tell a time with its uncertainty, and leave nothing behind. */
+/* test_train_time.c - timed steps before a run predict its time with uncertainty, and do not change the run. */
 
 TEST(predict_time_leaves_the_run_as_it_would_be)
 {
@@ -27,8 +27,8 @@ TEST(predict_time_states_a_range_around_its_value_and_more_for_more_steps)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Where steps cannot be timed, the caller is told so by 0 and keeps its own range. */
-TEST(predict_time_of_a_scene_without_points_is_not_told)
+/* Where steps cannot be timed, the result is 0 and the caller keeps its own range. */
+TEST(predict_time_of_a_scene_without_points_is_not_stated)
 {
     const oxl_view    view     = {"v.png", {32, 32, 50, 50, 16, 16, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 3}}, 0};
     oxl_train_options o        = train_options(20);

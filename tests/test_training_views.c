@@ -1,4 +1,4 @@
-/* test_training_views.c - images that fit far worse than their neighbours are told, and no others. */
+/* test_training_views.c - images that fit far worse than their neighbours are reported, and no others. */
 
 enum { TVIEWS = 24, TVIEWS_W = 96, TVIEWS_H = 64, TVIEWS_GAUSSIANS = 600 };
 
@@ -47,7 +47,7 @@ static oxl_scene *tviews_scene(const oxl_model *m, int broken)
     return scene;
 }
 
-TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_told_and_no_others)
+TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_reported_and_no_others)
 {
     oxl_model   m     = tviews_model();
     oxl_scene  *scene = tviews_scene(&m, 1);
@@ -68,13 +68,13 @@ TEST(training_views_with_a_wrong_pose_another_exposure_or_blur_are_told_and_no_o
         if (strcmp(flag, wanted)) printf("  %s: '%s', wanted '%s'\n", name, flag, wanted);
         CHECK(strcmp(flag, wanted) == 0);
     }
-    CHECK(os_is_file(test_path("worst/v20.png")) && os_is_file(test_path("worst/v20.photo.png")));
+    CHECK(os_is_file(test_path("worst/v20.png")) && os_is_file(test_path("worst/v20.image.png")));
     text_free(&t);
     oxl_scene_free(test_ctx, scene);
     oxl_model_free(test_ctx, &m);
 }
 
-TEST(training_views_of_a_sound_survey_are_not_flagged)
+TEST(training_views_of_a_valid_survey_are_not_flagged)
 {
     oxl_model   m     = tviews_model();
     oxl_scene  *scene = tviews_scene(&m, 0);

@@ -49,7 +49,7 @@ static oxl_scene *wall_scene(double beta)
     return scene;
 }
 
-TEST(contrast_fades_as_the_water_has_it_and_not_as_dull_points_would)
+TEST(contrast_decay_follows_the_water_and_not_the_texture_of_points)
 {
     static const double waters[] = {0, 0.1, 0.3};
     for (size_t i = 0; i < OXL_COUNT(waters); i++) {
@@ -74,7 +74,7 @@ static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn, int den
 }
 
 /* To ask again for every point took minutes where 15 images of 1000 points each were turned. */
-TEST(contrast_asks_for_an_image_once_even_when_it_cannot_be_read)
+TEST(contrast_reads_each_image_once_even_when_it_cannot_be_read)
 {
     oxl_scene      *scene = wall_scene(0.1);
     struct contrast c;
@@ -117,7 +117,7 @@ TEST(contrast_of_a_scene_without_tracks_is_not_measured)
 
 /* ---------------------------------------------------------------- whether */
 
-TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_fades)
+TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
 {
     for (int turbid = 0; turbid < 2; turbid++) {
         oxl_scene *scene = wall_scene(turbid ? 0.2 : 0);
@@ -144,7 +144,7 @@ TEST(ucd_bands_are_thirds_of_depth_or_thirds_of_the_points_or_where_contrast_fad
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(ucd_keeps_its_weights_when_told_to_or_when_the_run_is_short_and_says_so)
+TEST(ucd_keeps_fixed_weights_by_option_and_in_short_runs_and_says_so)
 {
     oxl_scene *scene = wall_scene(0.2);
     for (int is_short = 0; is_short < 2; is_short++) {
@@ -180,7 +180,7 @@ TEST(ucd_options_are_words_or_two_weights_in_order)
 
 /* ---------------------------------------------------------------- the search */
 
-/* A run without pictures, whose log loss after a densification is least with (1.6, 2.4). */
+/* A run without images, whose log loss after a densification is least with (1.6, 2.4). */
 static struct ucd search_begin(double mid, double back, int densifications, uint64_t seed)
 {
     struct ucd u = {.on = 1, .learns = 1, .f = {mid, back}};
@@ -226,7 +226,7 @@ TEST(ucd_spreads_its_pairs_over_the_densifications)
     CHECK(ucd_tries(&u));
 }
 
-TEST(ucd_growth_has_a_price)
+TEST(ucd_cost_rises_with_the_number_of_gaussians)
 {
     struct ucd u = search_begin(1.5, 2, 33, 1);
     CHECK_CLOSE(ucd_update(&u, -3, 0), -3, 1e-12);
@@ -239,7 +239,7 @@ static void ucd_state(struct archive *a, void *user)
     ucd_archive(a, user);
 }
 
-TEST(ucd_goes_on_from_its_archive)
+TEST(ucd_continues_from_its_archive)
 {
     struct ucd a = search_begin(1.5, 2, 66, 3), b = search_begin(1.5, 2, 66, 3);
     int        found = 0;

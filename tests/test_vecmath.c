@@ -85,7 +85,7 @@ TEST(vecmath_sigmoid_keeps_its_digits_at_both_ends_and_logit_undoes_it)
 }
 
 /* Cast to a whole number it would be undefined, as the sanitizer says of the line without its guard. */
-TEST(kernel_exp_of_what_is_no_number_is_no_number)
+TEST(kernel_exp_of_nan_is_nan)
 {
     CHECK(isnan(real_exp(0, NAN)) && isnan(real_exp(1, NAN)));
     CHECK(real_exp(0, -INFINITY) < 1e-37f && real_exp(0, INFINITY) > 1e38f);

@@ -1,4 +1,4 @@
-/* test_vulkan.c - the Vulkan backend against the CPU's: one harness, both behind the same doors, the same input, stated bounds.
+/* test_vulkan.c - the Vulkan backend against the CPU's: one harness, both behind the same interface, the same input, stated bounds.
  *
  * Wants a build with make VULKAN=1 and a device; Mesa's lavapipe will do, and is what the bounds were seen on. The validation layer
  * listens to every test where it is installed.
@@ -396,7 +396,7 @@ static void vulkan_check_refusal(oxl_context *device)
     CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), "in one array");
     device->vulkan->range = range;
-    CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* and goes on */
+    CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* still usable */
     renderer_free(device, r);
     oxl_model_free(test_ctx, &m);
 }
@@ -441,7 +441,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_instance(const VkInstanceCreat
     return VK_ERROR_INCOMPATIBLE_DRIVER;
 }
 
-/* As MoltenVK: listed to those alone who ask for portability drivers, and usable when the subset is enabled. */
+/* As MoltenVK: listed only on request of portability drivers, and usable when the subset is enabled. */
 static void vulkan_check_portability(oxl_context *device)
 {
     struct vulkan            v          = {.ctx                                  = device,
@@ -635,17 +635,17 @@ static void vulkan_run_free(struct vulkan_run *r)
 
 /* Steps from..to against noise; so many rows are skipped in each as not finite. */
 static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_camera *camera, struct vulkan_run *run,
-                             const float *drgb, int from, int to, size_t aside_wanted)
+                             const float *drgb, int from, int to, size_t skipped_wanted)
 {
     oxl_render_options        options = oxl_render_options_default();
-    struct renderer_nonfinite aside;
+    struct renderer_nonfinite skipped;
     struct adam_params        adam = {.beta = {0.7, 0.9995}};
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
     for (adam.step = from; adam.step <= to; adam.step++) {
         CHECK_OK(renderer_forward(ctx, r, &run->model, camera, &options));
         CHECK_OK(renderer_backward(ctx, r, drgb, &run->gradient));
-        CHECK_OK(renderer_step(ctx, r, &run->model, &run->gradient, &run->first, &run->second, &adam, &aside));
-        CHECK(aside.rows == aside_wanted);
+        CHECK_OK(renderer_step(ctx, r, &run->model, &run->gradient, &run->first, &run->second, &adam, &skipped));
+        CHECK(skipped.rows == skipped_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
     CHECK_OK(renderer_download(ctx, r));
@@ -684,7 +684,7 @@ static void vulkan_check_steps(oxl_context *device)
 }
 
 /* When the host looks, and at what, does not show in the result: checkpoints come when they come. */
-static void vulkan_check_fetches(oxl_context *device)
+static void vulkan_check_downloads(oxl_context *device)
 {
     const oxl_camera  camera = vulkan_camera(64, 48);
     float            *drgb   = vulkan_noise((size_t)3 * 64 * 48, 52);
@@ -773,13 +773,13 @@ static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
     struct vulkan_run         run     = vulkan_run_begin(300, 1, 0);
     oxl_render_options        options = oxl_render_options_default();
     struct adam_params        adam    = {.beta = {0.7, 0.9995}, .step = 3};
-    struct renderer_nonfinite aside;
+    struct renderer_nonfinite skipped;
     struct renderer          *r;
     CHECK_OK(renderer_create(device, &r));
     vulkan_run_steps(device, r, &camera, &run, drgb, 1, 2, 0);
     CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
     CHECK_OK(renderer_backward(device, r, drgb, &run.gradient));
-    CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &aside));
+    CHECK_OK(renderer_step(device, r, &run.model, &run.gradient, &run.first, &run.second, &adam, &skipped));
     if (times_out) device->vulkan->WaitForFences = vulkan_play_timeout;
     else device->vulkan->QueueSubmit = vulkan_play_loss;
     vulkan_check_given_up(device, r, &run, times_out ? "did not answer in time" : "the device is lost");
@@ -899,7 +899,7 @@ static void vulkan_check_full(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
-/* --backend auto: the CPU goes on, with the image that the device had. */
+/* --backend auto: the CPU continues, with the image that the device had. */
 static void vulkan_check_fallback(oxl_context *device)
 {
     struct vulkan_twins  t = vulkan_twins(device, 64, 48);
@@ -1025,7 +1025,7 @@ static size_t vulkan_bytes_of(const oxl_model *m)
     return sizeof(float) * (m->count * (size_t)oxl_model_planes(m) + m->lobes * MODEL_LOBE_PLANES);
 }
 
-/* In evaluations and pictures nothing but the model is sent, so every byte tells. */
+/* In evaluations and images only the model is uploaded, so the bytes are counted. */
 static void vulkan_check_one_upload(oxl_context *device)
 {
     oxl_scene              *scene = vulkan_survey(device);
@@ -1052,7 +1052,7 @@ static void vulkan_repaint(oxl_model *m)
     for (size_t i = 0; i < m->count; i++) m->plane[OXL_SH][i] += (float)(1 + vulkan_random(i, 90));
 }
 
-/* Behind the doors: a model that was changed after renderer_download, and another in the shape of the first. */
+/* Behind the interface: a model that was changed after renderer_download, and another in the shape of the first. */
 static void vulkan_check_models_of_a_renderer(oxl_context *device)
 {
     struct vulkan_twins t = vulkan_twins(device, 64, 48);
@@ -1074,7 +1074,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
-/* From outside a model is the caller's, who may change it at any time. */
+/* Outside of training a model belongs to the caller and may change at any time. */
 static void vulkan_check_model_now(oxl_context *device)
 {
     oxl_context *ctx[2]       = {test_ctx, device};
@@ -1142,43 +1142,43 @@ static void vulkan_check_training(oxl_context *device)
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
 }
 
-static char vulkan_told[200]; /* the log line of --mask-transients */
+static char vulkan_log[200]; /* the log line of --mask-transients */
 
 static void vulkan_listen(void *user, oxl_log_level level, const char *text)
 {
-    if (strstr(text, "transients: ")) snprintf(vulkan_told, sizeof vulkan_told, "%s", text);
+    if (strstr(text, "transients: ")) snprintf(vulkan_log, sizeof vulkan_log, "%s", text);
     vulkan_test_log(user, level, text);
 }
 
-/* A blot in one of nine images. Returns the masked pixels of recent images, per cent. */
-static double vulkan_train_robust(oxl_context *ctx, int robust, oxl_metrics *metrics)
+/* A square in one of nine images. Returns the masked pixels of recent images, per cent. */
+static double vulkan_train_masked(oxl_context *ctx, int masked, oxl_metrics *metrics)
 {
-    oxl_scene        *scene                          = robust_test_scene(9);
+    oxl_scene        *scene                          = transients_test_scene(9);
     oxl_train_options options                        = train_options(160);
     void (*log)(void *, oxl_log_level, const char *) = ctx->options.log;
-    double    aside                                  = 0;
+    double    skipped                                = 0;
     oxl_model model;
-    options.mask_transients    = robust;
+    options.mask_transients    = masked;
     options.short_run_exponent = 0;
     ctx->options.log           = vulkan_listen;
-    vulkan_told[0]             = 0;
+    vulkan_log[0]              = 0;
     CHECK_OK(oxl_train(ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(ctx, &model, scene, OXL_SPLIT_ALL, metrics));
-    if (robust) CHECK(sscanf(vulkan_told, "transients: %lf %%", &aside) == 1);
+    if (masked) CHECK(sscanf(vulkan_log, "transients: %lf %%", &skipped) == 1);
     ctx->options.log = log;
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
-    return aside;
+    return skipped;
 }
 
-static void vulkan_check_robust(oxl_context *device)
+static void vulkan_check_transients(oxl_context *device)
 {
     oxl_context *ctx[3] = {test_ctx, device, device};
     oxl_metrics  metrics[3];
-    double       aside[3];
-    for (int k = 0; k < 3; k++) aside[k] = vulkan_train_robust(ctx[k], k < 2, &metrics[k]);
-    CHECK(aside[0] > 0.5);
-    CHECK_CLOSE(aside[1], aside[0], 0.2);
+    double       skipped[3];
+    for (int k = 0; k < 3; k++) skipped[k] = vulkan_train_masked(ctx[k], k < 2, &metrics[k]);
+    CHECK(skipped[0] > 0.5);
+    CHECK_CLOSE(skipped[1], skipped[0], 0.2);
     for (int i = 0; i < metrics[0].count; i++) CHECK_CLOSE(metrics[1].views[i].psnr, metrics[0].views[i].psnr, 0.2);
     CHECK(metrics[2].psnr != metrics[1].psnr);
     for (int k = 0; k < 3; k++) oxl_metrics_free(ctx[k], &metrics[k]);
@@ -1201,37 +1201,37 @@ TEST(vulkan_projects_as_the_cpu_does_at_the_extremes_too)
     ON_DEVICE(vulkan_check_projection);
 }
 
-TEST(vulkan_draws_as_the_cpu_does)
+TEST(vulkan_renders_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_drawing);
 }
 
-TEST(vulkan_draws_wild_gaussians_as_the_cpu_does)
+TEST(vulkan_renders_extreme_gaussians_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_wild_drawing);
 }
 
-TEST(vulkan_draws_nothing_as_the_background)
+TEST(vulkan_renders_an_empty_model_as_the_background)
 {
     ON_DEVICE(vulkan_check_nothing);
 }
 
-TEST(vulkan_draws_depths_as_the_cpu_does)
+TEST(vulkan_renders_depths_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_depth);
 }
 
-TEST(vulkan_draws_the_same_within_the_limits_of_any_device)
+TEST(vulkan_renders_the_same_within_the_limits_of_any_device)
 {
     ON_DEVICE(vulkan_check_limits);
 }
 
-TEST(vulkan_says_what_is_too_large_and_goes_on)
+TEST(vulkan_refuses_what_is_too_large_and_remains_usable)
 {
     ON_DEVICE(vulkan_check_refusal);
 }
 
-TEST(vulkan_takes_portability_drivers)
+TEST(vulkan_uses_portability_drivers)
 {
     ON_DEVICE(vulkan_check_portability);
 }
@@ -1256,7 +1256,7 @@ TEST(vulkan_drops_images_where_memory_is_short)
     ON_DEVICE(vulkan_check_full);
 }
 
-TEST(vulkan_hands_over_to_the_cpu_where_memory_is_gone)
+TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)
 {
     ON_DEVICE(vulkan_check_fallback);
 }
@@ -1271,7 +1271,7 @@ TEST(vulkan_validation_reports_planted_faults)
     ON_DEVICE(vulkan_check_validation);
 }
 
-TEST(vulkan_draws_the_same_whole_and_in_parts)
+TEST(vulkan_renders_the_same_whole_and_in_parts)
 {
     ON_DEVICE(vulkan_check_parts);
 }
@@ -1313,20 +1313,20 @@ TEST(vulkan_steps_and_statistics_agree_with_the_cpus)
 
 TEST(vulkan_steps_do_not_depend_on_when_the_host_looks)
 {
-    ON_DEVICE(vulkan_check_fetches);
+    ON_DEVICE(vulkan_check_downloads);
 }
 
-TEST(vulkan_puts_aside_what_is_not_finite)
+TEST(vulkan_skips_nonfinite_rows)
 {
     ON_DEVICE(vulkan_check_aside);
 }
 
-TEST(vulkan_takes_a_model_once_for_all_the_views_of_an_evaluation)
+TEST(vulkan_uploads_a_model_once_for_all_views_of_an_evaluation)
 {
     ON_DEVICE(vulkan_check_one_upload);
 }
 
-TEST(vulkan_draws_a_model_as_it_is_now)
+TEST(vulkan_renders_the_current_model)
 {
     ON_DEVICE(vulkan_check_model_now);
 }
@@ -1336,13 +1336,13 @@ TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
     ON_DEVICE(vulkan_check_training);
 }
 
-TEST(vulkan_leaves_out_what_swims_through_one_image_as_the_cpu_does)
+TEST(vulkan_masks_transients_as_the_cpu_does)
 {
-    ON_DEVICE(vulkan_check_robust);
+    ON_DEVICE(vulkan_check_transients);
 }
 
 /* In any build. */
-TEST(vulkan_where_there_is_none_is_told_in_one_line)
+TEST(vulkan_without_a_device_is_reported_in_one_line)
 {
     oxl_context_options options = test_ctx->options;
     oxl_context        *ctx;

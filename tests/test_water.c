@@ -257,7 +257,7 @@ TEST(exposure_is_read_as_it_was_written)
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(exposure_of_a_broken_file_names_line_and_value)
+TEST(exposure_of_a_damaged_file_names_line_and_value)
 {
     static const char *const broken[] = {"gain 1 0 1 a.png\n", "gain 1 1\n",     "lamp 1\n",    "bD 1 2\n",
                                          "falloff 1\n",        "lamp all 1 2\n", "lantern 1\n", "gain 1 1e9 1 a.png\n"};
@@ -407,7 +407,8 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     through = medium_score(r, camera, &model, &m, drgb);
     clear   = medium_score(r, camera, &model, NULL, drgb);
     CHECK(fabs(clear - through) > 0.1 * clear);
-    medium_bake(&m, scene, &model);
+    scene_imaging(scene)->medium = m;
+    medium_bake(scene, &model);
     CHECK_CLOSE(medium_score(r, camera, &model, NULL, drgb), through, 1e-3 * through);
     oxl_free(test_ctx, drgb);
     oxl_model_free(test_ctx, &model);
@@ -415,7 +416,7 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* No Gaussian in sight: only water. */
+/* No Gaussian in view: only water. */
 TEST(medium_alone_shows_its_veil)
 {
     oxl_scene         *scene = train_scene(3);
@@ -470,9 +471,9 @@ TEST(medium_is_read_as_it_was_written)
 
 /* ---------------------------------------------------------------- the lamp */
 
-static struct lamp lamp_of(int64_t camera)
+static struct lamp lamp_of(int view)
 {
-    struct lamp lamp = {.camera = camera};
+    struct lamp lamp = {.view = view};
     for (int t = 0; t < LAMP_TERMS; t++) lamp.shape[t] = 0.15f * (float)sin(1.7 * t + 1);
     return lamp;
 }
@@ -482,7 +483,7 @@ TEST(lamp_has_a_log_gain_of_zero_mean_over_the_image)
     enum { W = 64, H = 48 };
     static float gain[W * H];
     for (int t = 0; t < LAMP_TERMS; t++) {
-        struct lamp lamp = {.camera = -1};
+        struct lamp lamp = {.view = -1};
         double      sum = 0, square = 0;
         lamp.shape[t] = 0.5f;
         lamp_gain(lamp.shape, W, H, gain);
@@ -567,6 +568,7 @@ TEST(lamp_of_known_shape_is_recovered_and_helps_views_that_were_held_out)
     oxl_model         model;
     oxl_metrics       metrics;
     double            off;
+    options.lamp = options.medium = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &options, NULL, &model));
     CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TEST, &metrics));
     off = metrics.psnr;
@@ -607,17 +609,32 @@ TEST(lamp_a_run_stopped_before_and_after_it_starts_ends_in_the_same_bytes)
     checkpoint_case_free(&c);
 }
 
-TEST(lamp_is_read_as_it_was_written_and_a_camera_without_one_has_that_of_the_others)
+TEST(lamp_of_a_stereo_pair_is_one_for_each_folder_or_prefix)
+{
+    static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png",
+                                        "03_left.png", "03_right.png", "04_left.png", "04_right.png"};
+    oxl_scene               *scene   = exposure_scene_named(names, 8);
+    struct imaging           m       = water_imaging(8, NULL, 0), read;
+    m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(1);
+    CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
+    CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
+    CHECK(read.lamps == 2 && memcmp(read.lamp, m.lamp, 2 * sizeof *m.lamp) == 0);
+    for (int v = 0; v < 8; v++) CHECK(imaging_lamp(&read, scene, v) == &read.lamp[v % 2]);
+    imaging_free(test_ctx, &read);
+    imaging_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
+}
+
+TEST(lamp_is_read_as_it_was_written)
 {
     oxl_scene     *scene = train_scene(3);
     struct imaging m     = water_imaging(3, NULL, 0), read;
     m.on                 = 0;
     m.medium.lit = 1, m.medium.falloff = 1.25f, m.medium.reference = 3.5f;
-    m.lamps = 2, m.lamp[0] = lamp_of(-1), m.lamp[1] = lamp_of(7);
-    m.lamp[1].shape[3] = 0.01f;
+    m.lamps = 1, m.lamp[0] = lamp_of(-1);
     CHECK_OK(imaging_write(test_ctx, test_path("imaging.txt"), scene, &m));
     CHECK_OK(imaging_read(test_ctx, test_path("imaging.txt"), scene, &read));
-    CHECK(read.lamps == 2 && memcmp(read.lamp, m.lamp, 2 * sizeof *m.lamp) == 0);
+    CHECK(read.lamps == 1 && memcmp(read.lamp, m.lamp, sizeof *m.lamp) == 0);
     CHECK(!read.medium.on && memcmp(&read.medium, &m.medium, sizeof m.medium) == 0);
     CHECK(imaging_lamp(&read, scene, 0) == &read.lamp[0]);
     imaging_free(test_ctx, &read);

@@ -1,5 +1,5 @@
-"""viewer.py MODEL:PICTURES ... - opens index.html of the current folder in headless Chromium, has it draw survey's held-out views of each
-model, and compares them with the PNG in PICTURES. Fails below 35 dB. The browser's door is its DevTools protocol, over a websocket."""
+"""viewer.py MODEL:IMAGES ... - opens index.html of the current folder in headless Chromium, has it draw survey's held-out views of each
+model, and compares them with the PNG in IMAGES. Fails below 35 dB. The browser is controlled by its DevTools protocol over a websocket."""
 import base64, http.server, json, math, os, re, shutil, socket, struct, subprocess, sys, tempfile, threading, time, urllib.request, zlib
 
 LIMIT = 35.0

@@ -1,6 +1,6 @@
 #!/bin/sh
-# viewer.sh PROGRAM [FOLDER] - examples/viewer draws what the program draws: headless Chromium against `oceanxl render`, PSNR of each picture.
-# Needs chromium (Debian's package) and python3, which serves the folder, talks to the browser and reads the PNG; FOLDER keeps the pictures.
+# viewer.sh PROGRAM [FOLDER] - examples/viewer renders as the program does: headless Chromium against `oceanxl render`, PSNR of each image.
+# Needs chromium (Debian's package) and python3, which serves the folder, controls the browser and reads the PNG; FOLDER keeps the images.
 set -eu
 program=$(realpath "${1:-build/oceanxl}")
 here=$(realpath "$(dirname "$0")")

@@ -3,7 +3,7 @@
  *     make VULKAN=1 build/vulkan_compile
  *     RADV_FORCE_FAMILY=navi21 RADV_DEBUG=shaderstats VK_ICD_FILENAMES=.../radeon_icd.x86_64.json build/vulkan_compile
  *
- * Mesa's RADV compiles for an AMD GPU that it is told of and prints what each shader takes (to stderr); a line of ours says which it was.
+ * Mesa's RADV compiles for an AMD GPU given by name and prints the resources of each shader (to stderr); a line of ours says which it was.
  */
 #include "../oceanxl.c"
 

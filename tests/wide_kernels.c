@@ -1,5 +1,5 @@
 /* wide_kernels.c - the kernels from their own source in double, as the tests call them: see wide.h. No vectors chosen at run time, libm's exp
- * and log, one thread. What float costs is the difference to this; whether the formulas are right, it cannot tell.
+ * and log, one thread. What float costs is the difference to this; it does not test the formulas.
  */
 #define OXL_MODULES /* what render.h declares is elsewhere, if anywhere: this unit has what the kernels call */
 #include "../src/render/render.h"

@@ -1,6 +1,6 @@
 /* device.c - the Vulkan loader, opened at run time, an instance, the choice of a device.
  *
- * Built by make VULKAN=1 alone; needs the headers to compile, and nothing to start: a machine without a loader or a device says so in
+ * Built by make VULKAN=1 alone; needs the headers to compile, and nothing at run time: a machine without a loader or a device says so in
  * one line.
  */
 #include "device.h"
@@ -67,7 +67,7 @@ static VKAPI_ATTR VkBool32 VKAPI_CALL vulkan_complaint(VkDebugUtilsMessageSeveri
 
 static const char *const VULKAN_VALIDATION = "VK_LAYER_KHRONOS_validation";
 
-/* The validation layer is for those who change this file: OXL_VULKAN_VALIDATE=1, and installed. */
+/* The validation layer is for developers of this file: OXL_VULKAN_VALIDATE=1, and the layer installed. */
 static int vulkan_validates(struct vulkan *v)
 {
     const char       *mode = getenv("OXL_VULKAN_VALIDATE");
@@ -99,7 +99,7 @@ static int vulkan_enable(struct vulkan_extensions *e, const char *name)
     return 0;
 }
 
-/* A portability driver (MoltenVK on Apple's) is listed only for those who say that they know of its limits. */
+/* A portability driver (MoltenVK on Apple's) is listed only for programs that declare support for its limits. */
 static VkInstanceCreateFlags vulkan_instance_extensions(struct vulkan *v, struct vulkan_extensions *e)
 {
     e->count = VULKAN_LISTED;

@@ -28,7 +28,7 @@ enum {
     VULKAN_DIGITS      = 256,
     VULKAN_COMMANDS    = 64,  /* submissions without a wait in between, at most */
     VULKAN_PARTS       = 24,  /* of an image, at most */
-    VULKAN_ASKED       = 128, /* pieces that the host waits for at a time */
+    VULKAN_READS       = 128, /* pieces that the host waits for at a time */
     VULKAN_IMAGE_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
 };
 
@@ -94,7 +94,7 @@ struct vulkan_buffer {
     VkDeviceSize   size;
 };
 
-struct vulkan_asked { /* something that the host waits for */
+struct vulkan_read { /* something that the host waits for */
     void  *to;
     size_t at, size; /* in the staging buffer */
 };
@@ -131,10 +131,10 @@ struct vulkan {
     size_t                           staged;            /* bytes of it in use */
     size_t                           sent;              /* bytes that vulkan_upload took there so far */
     size_t                           waits, dispatches; /* of the host for the device; passes: so far */
-    struct vulkan_asked              ask[VULKAN_ASKED];
-    int                              asked;
+    struct vulkan_read               read[VULKAN_READS];
+    int                              reads;
     int                              recording, sets;
-    int                              lost;                 /* for good: nothing may be asked of the device, not even to wait */
+    int                              lost;                 /* permanently: no call to the device is allowed, not even to wait */
     VkQueryPool                      clock;                /* (2 VULKAN_SETS) see vulkan_measure */
     uint8_t                          pass_at[VULKAN_SETS]; /* of the sets in use: which pass */
     double                           pass_seconds[PASS_COUNT];
@@ -172,13 +172,13 @@ OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be r
 OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for it */
 OXL_INTERNAL void       vulkan_flush(struct vulkan *v);  /* submits what was recorded, without waiting */
-OXL_INTERNAL void       vulkan_enter(struct vulkan *v);  /* first in every interface function: forgets an earlier error */
+OXL_INTERNAL void       vulkan_enter(struct vulkan *v);  /* first in every interface function: clears an earlier error */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
 OXL_INTERNAL size_t     vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
 
 OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
-/* vulkan_ask records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in between. */
-OXL_INTERNAL void vulkan_ask(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
+/* vulkan_queue_read records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in between. */
+OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
 OXL_INTERNAL void vulkan_collect(struct vulkan *v);
 OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
 OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);

@@ -108,24 +108,24 @@ OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
     v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
 }
 
-/* Forgets what was recorded, or submitted and is done. */
+/* Clears what was recorded, or submitted and is complete. */
 static void vulkan_drop(struct vulkan *v)
 {
     v->ResetCommandPool(v->device, v->command_pool, 0);
     v->ResetDescriptorPool(v->device, v->descriptor_pool, 0);
-    v->recording = v->sets = v->asked = v->command_at = 0;
+    v->recording = v->sets = v->reads = v->command_at = 0;
     v->staged                                         = 0;
 }
 
-/* After a timeout the submission goes on, or hangs: its fence, buffers and pools must not be touched, and another wait may not end. A
- * lost device gives nothing back either. In both cases the device is given up, and what belongs to it stays allocated. */
+/* After a timeout the submission continues, or hangs: its fence, buffers and pools must not be touched, and another wait may not end. A
+ * lost device frees nothing either. In both cases the device is abandoned, and its objects stay allocated. */
 static int vulkan_submitted(struct vulkan *v, VkResult result)
 {
     if (result == VK_TIMEOUT || result == VK_ERROR_DEVICE_LOST) v->lost = 1;
     if (!v->lost) return vulkan_ok(v, result, "a submission");
     if (v->rc == OXL_OK)
         v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED,
-                         "Vulkan, %s: %s (%d)\nfix: run the command again, it goes on from the last checkpoint; if that does "
+                         "Vulkan, %s: %s (%d)\nfix: run the command again, it continues from the last checkpoint; if that does "
                          "not help, a smaller --max-side, or --backend cpu",
                          v->properties.deviceName, vulkan_word(result), (int)result);
     return 0;
@@ -199,25 +199,25 @@ OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to
     }
 }
 
-/* Waits for all that was recorded, and hands out what was asked for. */
+/* Waits for all that was recorded, and copies the queued reads. */
 OXL_INTERNAL void vulkan_collect(struct vulkan *v)
 {
-    const int asked = v->asked;
-    v->asked        = 0;
+    const int reads = v->reads;
+    v->reads        = 0;
     if (vulkan_finish(v) != OXL_OK) return;
-    for (int i = 0; i < asked; i++) memcpy(v->ask[i].to, v->mapped + v->ask[i].at, v->ask[i].size);
+    for (int i = 0; i < reads; i++) memcpy(v->read[i].to, v->mapped + v->read[i].at, v->read[i].size);
 }
 
 /* `to` is filled by vulkan_collect, which must come before anything else is sent: many small pieces, one wait. */
-OXL_INTERNAL void vulkan_ask(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
+OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
 {
     for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
         VkBufferCopy copy;
         piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
-        if (v->staged + piece > VULKAN_STAGING || v->asked == VULKAN_ASKED) vulkan_collect(v);
+        if (v->staged + piece > VULKAN_STAGING || v->reads == VULKAN_READS) vulkan_collect(v);
         if (!vulkan_record(v)) return;
-        copy               = (VkBufferCopy){offset + done, vulkan_stage(v, piece), piece};
-        v->ask[v->asked++] = (struct vulkan_asked){(char *)to + done, copy.dstOffset, piece};
+        copy                = (VkBufferCopy){offset + done, vulkan_stage(v, piece), piece};
+        v->read[v->reads++] = (struct vulkan_read){(char *)to + done, copy.dstOffset, piece};
         v->CmdCopyBuffer(v->commands, from->handle, v->staging.handle, 1, &copy);
         vulkan_barrier(v);
     }
@@ -225,7 +225,7 @@ OXL_INTERNAL void vulkan_ask(struct vulkan *v, const struct vulkan_buffer *from,
 
 OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
 {
-    vulkan_ask(v, from, offset, to, size);
+    vulkan_queue_read(v, from, offset, to, size);
     vulkan_collect(v);
 }
 

@@ -201,7 +201,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
-        const oxl_result rc = vulkan_fetch(device); /* another model is rendered in between */
+        const oxl_result rc = vulkan_download_model(device); /* another model is rendered in between */
         if (rc != OXL_OK) return rc;
     }
     vulkan_enter(r->v);
@@ -302,7 +302,7 @@ static oxl_result vulkan_backward(void *device, const float *drgb)
 }
 
 /* Rows that were not seen have none: the device leaves theirs as they were. */
-static void vulkan_fetch_plane(struct vulkan_renderer *r, size_t slab, uint32_t plane, const uint32_t *seen, float *out)
+static void vulkan_download_plane(struct vulkan_renderer *r, size_t slab, uint32_t plane, const uint32_t *seen, float *out)
 {
     const size_t rows = vulkan_slab_rows(r, slab, plane < r->lobe_plane ? r->count : r->lobes), first = slab * r->stride;
     const int    past = plane < r->lobe_plane && plane >= (uint32_t)(OXL_SH + 3 * (r->bands + 1) * (r->bands + 1));
@@ -335,7 +335,7 @@ static oxl_result vulkan_gradient(void *device, oxl_model *gradient)
     vulkan_project_backward(r);
     vulkan_download(r->v, &r->seen, 0, seen, r->count * sizeof *seen);
     for (size_t s = 0; s < r->slabs; s++)
-        for (uint32_t k = 0; k < r->planes; k++) vulkan_fetch_plane(r, s, k, seen, vulkan_host_plane(gradient, r, k));
+        for (uint32_t k = 0; k < r->planes; k++) vulkan_download_plane(r, s, k, seen, vulkan_host_plane(gradient, r, k));
     oxl_free(r->v->ctx, seen);
     return r->v->rc;
 }
@@ -360,35 +360,35 @@ static oxl_result vulkan_score(void *device, const float *drgb, float *score)
 
 /* ---------------------------------------------------------------- step and statistics */
 
-static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *pace,
+static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
                               struct renderer_nonfinite *out)
 {
     struct vulkan_renderer *r          = device;
     struct vulkan          *v          = r->v;
-    const double            correction = 1 - vecmath_exp(pace->step * vecmath_log(pace->beta[0]));
-    const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(pace->step * vecmath_log(pace->beta[1]))));
+    const double            correction = 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]));
+    const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))));
     float                   rate[OXL_PLANES];
-    uint32_t                aside[2] = {0, UINT32_MAX}, push[6];
+    uint32_t                skipped[2] = {0, UINT32_MAX}, push[6];
     vulkan_enter(v);
     for (uint32_t k = 0; k < r->planes; k++)
-        rate[k] = (float)(pace->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
+        rate[k] = (float)(adam->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
     if (r->model != model) v->rc = oxl_fail(v->ctx, OXL_ERR_USAGE, "a step of another model than the one that was drawn");
     vulkan_take_moments(r, first, second);
     vulkan_reserve(v, &r->mean2d, r->count, 4, "Gaussians");
     vulkan_update(v, &r->rates, 0, rate, r->planes * sizeof *rate);
-    vulkan_update(v, &r->counts, COUNT_ASIDE * sizeof *aside, aside, sizeof aside);
+    vulkan_update(v, &r->counts, COUNT_NONFINITE * sizeof *skipped, skipped, sizeof skipped);
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
         VULKAN_RUN(v, STEP, 0, vulkan_groups(push[1]),
-                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], COUNT_ASIDE,
-                               vulkan_bits((float)pace->beta[0]), vulkan_bits((float)pace->beta[1]), vulkan_bits(inverse)),
+                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], COUNT_NONFINITE,
+                               vulkan_bits((float)adam->beta[0]), vulkan_bits((float)adam->beta[1]), vulkan_bits(inverse)),
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
                                   &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first, &r->slab[s].second,
                                   &r->counts, &r->rates));
     }
     r->stepped = 1;
-    vulkan_download(v, &r->counts, COUNT_ASIDE * sizeof *aside, aside, sizeof aside);
-    *out = (struct renderer_nonfinite){aside[0], aside[0] ? aside[1] : SIZE_MAX};
+    vulkan_download(v, &r->counts, COUNT_NONFINITE * sizeof *skipped, skipped, sizeof skipped);
+    *out = (struct renderer_nonfinite){skipped[0], skipped[0] ? skipped[1] : SIZE_MAX};
     return v->rc;
 }
 
@@ -407,7 +407,7 @@ static oxl_result vulkan_observe(void *device, const struct renderer_sums *sums)
     return v->rc;
 }
 
-static oxl_result vulkan_forget(void *device)
+static oxl_result vulkan_clear_visible(void *device)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
@@ -456,21 +456,21 @@ static oxl_result vulkan_rows(void *device, struct splat *splat, uint16_t *visib
 
 OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
 {
-    static const struct renderer_device doors = {.create     = vulkan_renderer_create,
-                                                 .free       = vulkan_renderer_free,
-                                                 .forward    = vulkan_forward,
-                                                 .image      = vulkan_image,
-                                                 .has_image  = vulkan_has_image,
-                                                 .take_image = vulkan_take_image,
-                                                 .target     = vulkan_target,
-                                                 .loss       = vulkan_loss,
-                                                 .backward   = vulkan_backward,
-                                                 .gradient   = vulkan_gradient,
-                                                 .score      = vulkan_score,
-                                                 .step       = vulkan_step,
-                                                 .observe    = vulkan_observe,
-                                                 .fetch      = vulkan_fetch,
-                                                 .forget     = vulkan_forget,
-                                                 .rows       = vulkan_rows};
-    return &doors;
+    static const struct renderer_device interface = {.create        = vulkan_renderer_create,
+                                                     .free          = vulkan_renderer_free,
+                                                     .forward       = vulkan_forward,
+                                                     .image         = vulkan_image,
+                                                     .has_image     = vulkan_has_image,
+                                                     .take_image    = vulkan_take_image,
+                                                     .target        = vulkan_target,
+                                                     .loss          = vulkan_loss,
+                                                     .backward      = vulkan_backward,
+                                                     .gradient      = vulkan_gradient,
+                                                     .score         = vulkan_score,
+                                                     .step          = vulkan_step,
+                                                     .observe       = vulkan_observe,
+                                                     .download      = vulkan_download_model,
+                                                     .clear_visible = vulkan_clear_visible,
+                                                     .rows          = vulkan_rows};
+    return &interface;
 }

@@ -3,7 +3,7 @@
  * The model lies in slabs of rows, each a buffer of its own: so no array that a shader sees exceeds maxStorageBufferRange, however many
  * Gaussians there are. What is indexed by any row has at most 16 bytes a row or pair.
  *
- * Invariant: between vulkan_forward and vulkan_fetch the device's copy is the model; vulkan_fetch brings it back and forgets it.
+ * Invariant: between vulkan_forward and vulkan_download_model the device's copy is the model; vulkan_download_model downloads it and ends that.
  */
 #include "resident.h"
 
@@ -81,7 +81,7 @@ static void vulkan_copy_model(struct vulkan_renderer *r, oxl_model *m, int up)
             if (rows == 0) continue;
             host += s * r->stride;
             if (up) vulkan_upload(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host, rows * sizeof(float));
-            else vulkan_ask(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host, rows * sizeof(float));
+            else vulkan_queue_read(r->v, vulkan_slab_part(&r->slab[s], r, m), offset, host, rows * sizeof(float));
         }
     if (!up) vulkan_collect(r->v);
 }
@@ -134,7 +134,7 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     if (r->model_here && r->model == m && r->plane == m->plane[0] && r->count == m->count && r->lobes == m->lobes &&
         r->sh_degree == m->sh_degree)
         return;
-    r->model = (oxl_model *)m; /* written in vulkan_fetch alone, when vulkan_step was given it as its own to write */
+    r->model = (oxl_model *)m; /* written in vulkan_download_model alone, when vulkan_step was given it as its own to write */
     r->first = r->second = NULL;
     r->plane             = m->plane[0];
     r->count = m->count, r->lobes = m->lobes, r->sh_degree = m->sh_degree;
@@ -184,7 +184,7 @@ OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up)
     oxl_free(r->v->ctx, sum);
 }
 
-OXL_INTERNAL oxl_result vulkan_fetch(void *device)
+OXL_INTERNAL oxl_result vulkan_download_model(void *device)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);

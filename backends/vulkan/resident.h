@@ -19,7 +19,7 @@ struct vulkan_training_image { /* (3,H,W) bytes, then from a word on the mask's 
     uint32_t             width, height, mask_at; /* mask_at: bytes; 0: there is none */
 };
 
-enum vulkan_count { COUNT_VISIBLE, COUNT_PAIRS, COUNT_SCRATCH, COUNT_ASIDE, COUNT_FIRST_ASIDE, COUNTS = 8 };
+enum vulkan_count { COUNT_VISIBLE, COUNT_PAIRS, COUNT_SCRATCH, COUNT_NONFINITE, COUNT_FIRST_NONFINITE, COUNTS = 8 };
 
 struct vulkan_renderer {
     struct vulkan                *v;
@@ -66,7 +66,7 @@ OXL_INTERNAL void   vulkan_take_model(struct vulkan_renderer *r, const oxl_model
 OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
-OXL_INTERNAL oxl_result vulkan_fetch(void *device);
+OXL_INTERNAL oxl_result vulkan_download_model(void *device);
 OXL_INTERNAL int        vulkan_has_image(const void *device, int view);
 OXL_INTERNAL size_t     vulkan_target(void *device, float *rgb, float *weight, int *masked);
 OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image, int halved);

@@ -4,7 +4,7 @@
 
 #include "../../src/render/render.h"
 
-struct vulkan; /* an open device; its renderers borrow it */
+struct vulkan; /* an open device; its renderers refer to it */
 
 /* device: its number in the list, or -1: the best. any: a device that is a CPU will do. One that is named always does. */
 OXL_INTERNAL oxl_result  vulkan_open(oxl_context *ctx, int device, int any, struct vulkan **out);

@@ -61,7 +61,7 @@ static const char *ply_show(const char *from, const char *end, char out[48])
 static oxl_result ply_header_fail(const struct ply_header *h, const char *wanted)
 {
     char seen[48];
-    return oxl_fail(h->ctx, OXL_ERR_INPUT, "%s:%d: seen '%s', wanted %s\nfix: mend the header or export the file again",
+    return oxl_fail(h->ctx, OXL_ERR_INPUT, "%s:%d: seen '%s', wanted %s\nfix: correct the header or export the file again",
                     h->ply->path, h->line, ply_show(h->line_start, h->line_end, seen), wanted);
 }
 
@@ -342,7 +342,7 @@ static oxl_result ply_ascii_fail(const struct ply_rows *w, uint64_t row, const c
     int  line = w->ply->data_line;
     for (const char *c = w->ply->file.data + w->ply->data; c < w->cursor; c++) line += *c == '\n';
     return oxl_fail(w->ctx, OXL_ERR_INPUT,
-                    "%s:%d: row %llu of element %s: seen '%s', wanted %s\nfix: mend the line or export the file again",
+                    "%s:%d: row %llu of element %s: seen '%s', wanted %s\nfix: correct the line or export the file again",
                     w->ply->path, line, (unsigned long long)row, w->element->name, ply_show(w->cursor, w->end, seen), wanted);
 }
 
@@ -383,7 +383,7 @@ static oxl_result ply_rows(struct ply_rows *w)
     return ply_read_fixed(w);
 }
 
-/* ---------------------------------------------------------------- the door */
+/* ---------------------------------------------------------------- public functions */
 
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out)
 {

@@ -43,7 +43,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
 #define SIMD_TARGET_AVX512 \
     __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512,tune=skylake-avx512")))
 #endif
-#define SIMD_DISPATCH(door, name, job_type)                           \
+#define SIMD_DISPATCH(linkage, name, job_type)                        \
     SIMD_TARGET_AVX512 static void name##_avx512(const job_type *job) \
     {                                                                 \
         name##_body(1, job);                                          \
@@ -56,7 +56,7 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
     {                                                                 \
         name##_body(SIMD_BASE_FUSED, job);                            \
     }                                                                 \
-    door void name(int isa, const job_type *job)                      \
+    linkage void name(int isa, const job_type *job)                   \
     {                                                                 \
         if (isa == ISA_AVX512) name##_avx512(job);                    \
         else if (isa == ISA_AVX2) name##_avx2(job);                   \
@@ -64,11 +64,11 @@ enum isa { ISA_BASE, ISA_AVX2, ISA_AVX512 };
     }
 #else
 #define SIMD_X86 0
-#define SIMD_DISPATCH(door, name, job_type)      \
-    door void name(int isa, const job_type *job) \
-    {                                            \
-        (void)isa;                               \
-        name##_body(SIMD_BASE_FUSED, job);       \
+#define SIMD_DISPATCH(linkage, name, job_type)      \
+    linkage void name(int isa, const job_type *job) \
+    {                                               \
+        (void)isa;                                  \
+        name##_body(SIMD_BASE_FUSED, job);          \
     }
 #endif
 

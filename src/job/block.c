@@ -1,7 +1,7 @@
 /* block.c - the training of one block, in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply, log.csv, block.json.
  *
- * A model with second lobes may be followed by model_standard.ply, for viewers that know none: the lobes dropped, the rest refined for a
- * twentieth of the run. block.json is written last. Invariant: a block.json that says "finished": true describes the model.ply beside it, and the line
+ * A model with second lobes, lamp or water may be followed by model_standard.ply, for viewers that know none: the lobes dropped, lamp and
+ * water baked into the colours, the rest refined for a twentieth of the run. block.json is written last. Invariant: a block.json that says "finished": true describes the model.ply beside it, and the line
  * "job" in it says of which run it is.
  */
 #include "job.h"
@@ -10,7 +10,10 @@
 
 #define BLOCK_LOG_ROWS    200  /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
-#define BLOCK_REFINE      0.05 /* of the run: how long a model without its second lobes is refined */
+#define BLOCK_REFINE      0.05 /* of the run: how long a model for viewers is refined, */
+#define BLOCK_REFINE_MORE \
+    300 /* and where it had lamp or water, twice as long, or three times up to so many steps (docs/WATER.md); */
+#define BLOCK_REFINE_SH 10 /* its SH then learn what they showed, at such a multiple of their rate */
 
 struct block {
     oxl_context             *ctx;
@@ -270,23 +273,30 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     return o;
 }
 
-/* model loses its lobes. *done: model_standard.ply is there. */
+/* model loses its lobes, lamp and water. *done: model_standard.ply is there. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
-    const oxl_train_options o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
-    struct text             key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
-    struct train_output     place = {
-            .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .nonfinite = &b->nonfinite};
+    oxl_train_options   o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
+    struct text         key = {.ctx = b->ctx}, log = {.ctx = b->ctx}, notes = {.ctx = b->ctx};
+    struct train_output place = {
+        .folder = b->task->folder, .log = &log, .notes = &notes, .start = model, .nonfinite = &b->nonfinite};
+    const int  hides = imaging_hides_colours(scene_imaging(scene));
     oxl_model  plain = {0};
     oxl_result rc;
     *done     = 0;
     b->before = b->task->train.iterations;
     model_drop_lobes(model);
+    if (hides) medium_bake(scene, model);
+    imaging_keep_gains(scene_imaging(scene));
+    o.lamp = o.medium = OXL_OFF;
+    o.rate_sh *= hides ? BLOCK_REFINE_SH : 1;
+    if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
     place.key = key.data;
-    rc        = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model without lobes") : OXL_OK;
+    rc        = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
     if (rc == OXL_OK)
-        oxl_log(b->ctx, OXL_LOG_INFO, "the model without its second lobes is refined for %d iterations", o.iterations);
+        oxl_log(b->ctx, OXL_LOG_INFO, "the model without second lobes, lamp and water, for viewers, is refined for %d iterations",
+                o.iterations);
     if (rc == OXL_OK) rc = train_run(b->ctx, scene, &o, &(oxl_callback){block_refine_progress, b}, &place, &plain);
     *done = rc == OXL_OK && b->last.iteration == o.iterations;
     if (*done) rc = block_write_model(b, "model_standard.ply", &plain);
@@ -315,7 +325,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
 {
     int        done = 1;
     oxl_result rc   = OXL_OK;
-    if (model->lobes > 0 && b->task->standard > 0) {
+    if ((model->lobes > 0 || imaging_hides_colours(scene_imaging(scene))) && b->task->standard > 0) {
         b->last      = (oxl_progress){0};
         b->nonfinite = (oxl_nonfinite){0};
         rc           = block_refine(b, scene, model, &done);

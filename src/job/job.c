@@ -695,10 +695,10 @@ static oxl_result job_merged(struct job *job)
 
 /* ---------------------------------------------------------------- at the end */
 
-/* Water or a lamp's falloff lies between the model's colours and the images. */
-static int job_has_medium(const struct job *job)
+/* Lamp or water lie between the model's colours and the images: scene.ply is a model for viewers that know neither. */
+static int job_hides_colours(const struct job *job)
 {
-    return job->scene && (scene_imaging(job->scene)->medium.on || scene_imaging(job->scene)->medium.lit);
+    return job->scene && imaging_hides_colours(scene_imaging(job->scene));
 }
 
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
@@ -713,35 +713,30 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
     return rc;
 }
 
-/* As viewers without imaging.txt are to show it (docs/WATER.md). */
-static oxl_result job_write_appearance(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
+/* Without lobes, lamp and water; of an unfinished run, not refined. */
+static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
-    oxl_model  baked = {0};
-    oxl_result rc;
-    if (!job_has_medium(job)) return job_write_ply(job, name, model, degree, bytes);
-    rc = model_copy(job->ctx, model, &baked);
-    if (rc == OXL_OK) medium_bake(&scene_imaging(job->scene)->medium, job->scene, &baked);
-    if (rc == OXL_OK) rc = job_write_ply(job, name, &baked, degree, bytes);
-    oxl_model_free(job->ctx, &baked);
+    const int  made = !job->unfinished && (job->model.lobes > 0 || job_hides_colours(job));
+    oxl_result rc   = made ? job_join(job, 1, out) : model_copy(job->ctx, &job->model, out);
+    model_drop_lobes(out);
+    if (rc == OXL_OK && !made && job_hides_colours(job)) medium_bake(job->scene, out);
     return rc;
 }
 
-/* scene.ply holds the bands that are carried, and the lobes; unless that is the standard's file already, scene_standard.ply is. */
+/* scene.ply holds the bands that are carried, and the lobes, or with lamp or water the standard model; scene_clear.ply then has the
+ * former. Unless scene.ply has the standard columns already, scene_standard.ply has. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
-    const int  is_standard = job->model.sh_degree == 3 && job->model.lobes == 0;
-    oxl_result rc          = job_write_appearance(job, "scene.ply", &job->model, job->model.sh_degree, &bytes[0]);
-    bytes[1]               = bytes[0];
-    if (rc == OXL_OK && job_has_medium(job))
-        rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
-    else job_remove(job, "scene_clear.ply");
+    const int        hides = job_hides_colours(job), is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
+    const oxl_model *shown = hides ? standard : &job->model;
+    oxl_result       rc    = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
+    bytes[0]               = 0;
+    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[0]);
     bytes[1] = bytes[0];
+    if (rc == OXL_OK && hides) rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
+    else job_remove(job, "scene_clear.ply");
     if (is_standard) job_remove(job, "scene_standard.ply");
-    if (rc != OXL_OK || is_standard) return rc;
-    if (job->model.lobes > 0 && !job->unfinished) rc = job_join(job, 1, standard);
-    else rc = model_copy(job->ctx, &job->model, standard);
-    model_drop_lobes(standard);
-    return rc == OXL_OK ? job_write_appearance(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
+    return rc == OXL_OK && !is_standard ? job_write_ply(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
 }
 
 static void job_add(struct text *t, const char *name, double value)
@@ -769,23 +764,30 @@ static oxl_split job_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* What a viewer that knows no second lobes will show. */
-static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, double psnr)
+/* What a viewer that knows no second lobes, lamp and water will show: *m gets its PSNR at mean exposure. */
+static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
 {
-    oxl_metrics m;
-    oxl_result  rc;
-    if (job->model.lobes == 0) return OXL_OK;
-    rc = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &m);
+    struct imaging *imaging = scene_imaging(job->scene), whole = *imaging;
+    const int       hides = job_hides_colours(job);
+    oxl_metrics     plain;
+    oxl_result      rc;
+    if (job->model.lobes == 0 && !hides) return OXL_OK;
+    imaging_keep_gains(imaging);
+    rc       = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &plain);
+    *imaging = whole;
     if (rc != OXL_OK) return rc;
-    oxl_log(job->ctx, OXL_LOG_INFO, "scene_standard.ply, without lobes: PSNR %.2f dB (%.2f less)", m.psnr, psnr - m.psnr);
+    oxl_log(job->ctx, OXL_LOG_INFO, "%s in any viewer: PSNR %.2f dB (%.2f less), %.2f at mean exposure",
+            hides ? "scene.ply" : "scene_standard.ply", plain.psnr, m->psnr - plain.psnr, plain.plain_psnr);
+    for (int i = 0; i < m->count && i < plain.count && hides; i++) m->views[i].plain_psnr = plain.views[i].plain_psnr;
+    if (hides) m->plain_psnr = plain.plain_psnr;
     text_add(t, "  \"standard\": {\"psnr\": ");
-    text_add_number(t, m.psnr);
+    text_add_number(t, plain.psnr);
     text_add(t, ", \"ssim\": ");
-    text_add_number(t, m.ssim);
+    text_add_number(t, plain.ssim);
     text_add(t, ", \"psnr_lost\": ");
-    text_add_number(t, psnr - m.psnr);
+    text_add_number(t, m->psnr - plain.psnr);
     text_add(t, ", \"bytes\": %zu},\n", bytes);
-    oxl_metrics_free(job->ctx, &m);
+    oxl_metrics_free(job->ctx, &plain);
     return OXL_OK;
 }
 
@@ -832,7 +834,7 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
                 "PSNR is %.2f dB with one factor for each channel of each view (cc_psnr): exposure may differ from view to view",
                 m.cc_psnr);
     job_add_figures(job, &t, bytes[0]);
-    rc = job_add_standard(job, &t, standard, bytes[1], m.psnr);
+    rc = job_add_standard(job, &t, standard, bytes[1], &m);
     if (rc == OXL_OK && job->partition.block_count > 1)
         rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
     if (rc != OXL_OK) goto done;

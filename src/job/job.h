@@ -41,14 +41,14 @@ struct block_task {
     int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
     double predicted_seconds, predicted_peak;
 };
-/* A run that goes on for `steps` steps from a model that another has ended with: no Gaussian comes or goes. */
+/* A run of `steps` further steps from a finished model: the number of Gaussians does not change. */
 OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, int sh_degree, int steps);
-/* How many steps model_standard.ply is worth after such a run. */
+/* Equivalent number of steps of model_standard.ply after such a run. */
 OXL_INTERNAL int               block_standard_steps(const oxl_train_options *run);
 OXL_INTERNAL oxl_result        block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out);
 /* Adds what the training of a block decided, the members of a JSON object; nothing when there is no block.json. */
 OXL_INTERNAL oxl_result        block_read_decisions(oxl_context *ctx, const char *folder, struct text *out);
-/* Goes on from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as far as it came. */
+/* Continues from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as far as it came. */
 OXL_INTERNAL oxl_result        block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
 
 /* ---------------------------------------------------------------- start.c: a model in the place of the points */

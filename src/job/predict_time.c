@@ -14,7 +14,7 @@
     1.25 /* steps of a run over those that are timed: seven runs of five surveys took 0.95 to 2.07 times as long */
 #define PREDICT_TIME_WITHIN  1.7 /* the factor to either side that holds them */
 #define PREDICT_TIME_SECONDS 1.0 /* each model is timed for at most about so long */
-#define PREDICT_TIME_APART   0.7 /* new Gaussians stand so many standard deviations from those that they grow beside */
+#define PREDICT_TIME_APART   0.7 /* distance of new Gaussians from their parents, in standard deviations */
 enum {
     PREDICT_TIME_WARM  = 1,      /* steps that make room and wake threads, not counted */
     PREDICT_TIME_STEPS = 48,     /* that are timed, at most; the median counts: what else the machine does comes in bursts */
@@ -47,15 +47,15 @@ static oxl_result predict_time_step(struct time_probe *r, oxl_model *model, cons
 {
     const struct adam_params  still = {.beta = RENDERER_BETAS, .step = 1};
     struct renderer_loss      loss;
-    struct renderer_nonfinite aside;
+    struct renderer_nonfinite skipped;
     oxl_result                rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
     if (rc == OXL_OK) rc = renderer_loss(r->ctx, r->renderer, r->target, NULL, 0.2f, &loss);
     if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, &r->gradient);
-    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, &still, &aside);
+    if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, &still, &skipped);
     return rc;
 }
 
-/* The k-th of a walk all over the survey, each far from the one before as in a run: what one view saw is not in the cache for the next. */
+/* The k-th view of an order in which neighbours are far apart, as in a run: data of one view is not in the cache for the next. */
 static const oxl_camera *predict_time_camera(const struct time_probe *r, int k)
 {
     const double along = k * 0.6180339887498949; /* the golden ratio's multiples fill a circle evenly */

@@ -71,26 +71,26 @@ static oxl_result render_file_write_depth16(oxl_context *ctx, const char *folder
     return rc;
 }
 
-/* A picture of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
+/* A grey image of depth that needs no limits: mean / (mean + z), so 1 is here, 1/2 the mean depth, 0 far or nothing. */
 static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, const char *name, const float *depth, int width,
                                           int height)
 {
-    const size_t pixels  = (size_t)width * height;
-    oxl_image    picture = {0};
-    double       sum     = 0;
-    size_t       met     = 0;
-    oxl_result   rc      = oxl_image_create(ctx, width, height, &picture);
+    const size_t pixels = (size_t)width * height;
+    oxl_image    grey   = {0};
+    double       sum    = 0;
+    size_t       met    = 0;
+    oxl_result   rc     = oxl_image_create(ctx, width, height, &grey);
     if (rc != OXL_OK) return rc;
     for (size_t i = 0; i < pixels; i++)
         if (depth[i] > 0) sum += depth[i], met++;
     for (size_t i = 0; i < pixels; i++) {
         const float mean = (float)(met ? sum / (double)met : 1), v = depth[i] > 0 ? mean / (mean + depth[i]) : 0;
-        for (int c = 0; c < 3; c++) picture.rgb[c * pixels + i] = v;
+        for (int c = 0; c < 3; c++) grey.rgb[c * pixels + i] = v;
     }
-    rc = render_file_write_image(ctx, folder, name, ".depth.png", &picture);
+    rc = render_file_write_image(ctx, folder, name, ".depth.png", &grey);
     if (rc == OXL_OK) rc = render_file_write_pfm(ctx, folder, name, depth, width, height);
     if (rc == OXL_OK) rc = render_file_write_depth16(ctx, folder, name, depth, width, height);
-    oxl_image_free(ctx, &picture);
+    oxl_image_free(ctx, &grey);
     return rc;
 }
 
@@ -130,18 +130,26 @@ static oxl_result render_file_take_image(oxl_context *ctx, oxl_scene *scene, int
     return rc == OXL_ERR_INPUT ? OXL_OK : rc;
 }
 
-static oxl_result render_file_render(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
-                                     const oxl_render_output *what, struct render_file *out)
+struct render_files { /* of one call */
+    struct renderer         *renderer;
+    const oxl_model         *model;
+    oxl_scene               *scene;
+    const oxl_render_output *what;
+};
+
+static oxl_result render_file_render(oxl_context *ctx, const struct render_files *f, int view, struct render_file *out)
 {
-    const oxl_view    *of      = oxl_scene_view(scene, view);
-    oxl_render_options options = oxl_render_options_default();
-    oxl_result         rc      = OXL_OK;
-    options.near_plane         = (float)scene_near_plane(scene);
-    *out                       = (struct render_file){
-                              .name = of->name, .width = of->camera.width, .height = of->camera.height, .own = context_for_thread(ctx)};
+    const oxl_render_output *what    = f->what;
+    oxl_scene               *scene   = f->scene;
+    const oxl_view          *of      = oxl_scene_view(scene, view);
+    oxl_render_options       options = oxl_render_options_default();
+    oxl_result               rc      = OXL_OK;
+    options.near_plane               = (float)scene_near_plane(scene);
+    *out                             = (struct render_file){
+                                    .name = of->name, .width = of->camera.width, .height = of->camera.height, .own = context_for_thread(ctx)};
     if (what->depth) rc = render_file_reserve_depth(ctx, out);
-    renderer_set_medium(r, what->clear ? NULL : &scene_imaging(scene)->medium);
-    if (rc == OXL_OK) rc = renderer_draw(ctx, r, model, &of->camera, &options, &out->rendered, out->depth);
+    renderer_set_medium(f->renderer, what->clear ? NULL : &scene_imaging(scene)->medium);
+    if (rc == OXL_OK) rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->rendered, out->depth);
     if (rc == OXL_OK && !what->clear) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), view, &out->rendered);
     if (rc == OXL_OK && !what->clear) imaging_apply(scene_imaging(scene), view, &out->rendered);
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
@@ -155,25 +163,24 @@ static oxl_result render_file_write(struct render_file *p, const char *folder)
 {
     oxl_result rc = render_file_write_image(&p->own, folder, p->name, ".png", &p->rendered);
     if (rc == OXL_OK && p->depth) rc = render_file_write_depth(&p->own, folder, p->name, p->depth, p->width, p->height);
-    if (rc == OXL_OK && p->image.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".photo.png", &p->image);
+    if (rc == OXL_OK && p->image.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".image.png", &p->image);
     return rc;
 }
 
 /* As many of the views as may be in memory at once: one for each thread, within a quarter of the cache. *rendered: without the one that
  * failed. */
-static oxl_result render_files_render(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene,
-                                      const int *view, int count, const oxl_render_output *what, struct render_file *out,
-                                      int *rendered)
+static oxl_result render_files_render(oxl_context *ctx, const struct render_files *f, const int *view, int count,
+                                      struct render_file *out, int *rendered)
 {
     size_t     bytes = 0;
     oxl_result rc    = OXL_OK;
     *rendered        = 0;
-    if (what->images) image_cache_ahead(ctx, scene_image_cache(scene), view, count);
+    if (f->what->images) image_cache_ahead(ctx, scene_image_cache(f->scene), view, count);
     while (*rendered < OXL_MIN(count, OXL_MIN(ctx->threads, RENDER_FILES_AT_ONCE))) {
-        const oxl_camera *camera = &oxl_scene_view(scene, view[*rendered])->camera;
+        const oxl_camera *camera = &oxl_scene_view(f->scene, view[*rendered])->camera;
         bytes += (size_t)RENDER_FILES_BYTES * (size_t)camera->width * (size_t)camera->height;
-        if (*rendered > 0 && bytes > scene_image_cache(scene)->limit / 4) break;
-        rc = render_file_render(ctx, r, model, scene, view[*rendered], what, &out[*rendered]);
+        if (*rendered > 0 && bytes > scene_image_cache(f->scene)->limit / 4) break;
+        rc = render_file_render(ctx, f, view[*rendered], &out[*rendered]);
         if (rc != OXL_OK) break;
         ++*rendered;
     }
@@ -181,15 +188,15 @@ static oxl_result render_files_render(oxl_context *ctx, struct renderer *r, cons
 }
 
 /* *written: before the first that could not be. */
-static oxl_result render_files_write(oxl_context *ctx, struct render_file *picture, int count, const char *folder, int *written)
+static oxl_result render_files_write(oxl_context *ctx, struct render_file *file, int count, const char *folder, int *written)
 {
     oxl_result rc[RENDER_FILES_AT_ONCE];
     *written = 0;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(ctx->threads)
-    for (int i = 0; i < count; i++) rc[i] = render_file_write(&picture[i], folder);
+    for (int i = 0; i < count; i++) rc[i] = render_file_write(&file[i], folder);
     while (*written < count && rc[*written] == OXL_OK) ++*written;
-    if (*written < count) oxl_fail(ctx, rc[*written], "%s", oxl_error_text(&picture[*written].own));
-    for (int i = 0; i < count; i++) render_file_free(ctx, &picture[i]);
+    if (*written < count) oxl_fail(ctx, rc[*written], "%s", oxl_error_text(&file[*written].own));
+    for (int i = 0; i < count; i++) render_file_free(ctx, &file[i]);
     return *written < count ? ctx->failed : OXL_OK;
 }
 
@@ -224,24 +231,24 @@ static oxl_result render_files_replace(oxl_context *ctx, const oxl_scene *scene,
 OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                         const char *folder, const int *view, int asked, int *count)
 {
-    struct renderer    *r       = NULL;
-    struct render_file *picture = oxl_alloc(ctx, RENDER_FILES_AT_ONCE, sizeof *picture);
-    oxl_result          rc      = os_make_folder(ctx, folder);
-    *count                      = 0;
-    if (rc == OXL_OK && !picture) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    struct render_files f    = {.model = model, .scene = scene, .what = what};
+    struct render_file *file = oxl_alloc(ctx, RENDER_FILES_AT_ONCE, sizeof *file);
+    oxl_result          rc   = os_make_folder(ctx, folder);
+    *count                   = 0;
+    if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
     if (rc == OXL_OK) rc = render_files_replace(ctx, scene, folder, view, asked);
-    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &f.renderer);
     while (rc == OXL_OK && *count < asked) {
         int        rendered, written;
         oxl_result wrote;
-        rc    = render_files_render(ctx, r, model, scene, view + *count, asked - *count, what, picture, &rendered);
-        wrote = render_files_write(ctx, picture, rendered, folder, &written);
+        rc    = render_files_render(ctx, &f, view + *count, asked - *count, file, &rendered);
+        wrote = render_files_write(ctx, file, rendered, folder, &written);
         *count += written;
         if (wrote != OXL_OK) rc = wrote;
         if (rc == OXL_OK) rc = context_stopped(ctx);
     }
-    renderer_free(ctx, r);
-    oxl_free(ctx, picture);
+    renderer_free(ctx, f.renderer);
+    oxl_free(ctx, file);
     return rc;
 }
 

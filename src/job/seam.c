@@ -1,6 +1,6 @@
 /* seam.c - PSNR near the borders between blocks, compared with PSNR elsewhere.
  *
- * Where a pixel lies is told by the depth that the model draws there. Blocks are trained apart, so where two meet, their colours may
+ * A pixel's position follows from the rendered depth. Blocks are trained apart, so where two meet, their colours may
  * not: that would show as a PSNR that is lower near the border than elsewhere.
  *
  * Invariant: a pixel that counts is in exactly one of the two sums; both are filled view by view and row by row.
@@ -16,7 +16,7 @@ static int seam_block(const struct partition *p, const double frame[3], int gues
     return -1; /* not a number */
 }
 
-/* Within SEAM_WIDTH of a face that the owner shares with another block: outer faces are infinite. */
+/* Within SEAM_WIDTH of a face that its own block shares with another: outer faces are infinite. */
 static int seam_is_near(const struct partition_block *block, const double frame[3])
 {
     int beside = 0;
@@ -49,7 +49,7 @@ struct seam_view {
 /* sum[1] is of the pixels near a border, sum[0] of the others. Serial: it takes a tenth of the drawing. */
 static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
 {
-    int owner = 0;
+    int own = 0;
     for (int y = 0; y < v->rendered->height; y++)
         for (int x = 0; x < v->rendered->width; x++) {
             const size_t i      = (size_t)y * v->rendered->width + x;
@@ -58,8 +58,8 @@ static void seam_add_view(const struct seam_view *v, struct metrics_sum sum[2])
                 double world[3], frame[3];
                 seam_unproject(v->camera, v->origin, x, y, v->depth[i], world);
                 partition_to_frame(v->partition, world, frame);
-                owner  = seam_block(v->partition, frame, OXL_MAX(owner, 0));
-                beside = owner >= 0 && seam_is_near(&v->partition->block[owner], frame);
+                own    = seam_block(v->partition, frame, OXL_MAX(own, 0));
+                beside = own >= 0 && seam_is_near(&v->partition->block[own], frame);
             }
             metrics_add_pixel(v->rendered, v->image, i, &sum[beside]);
         }

@@ -133,7 +133,7 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
             s, "warning: memory may not suffice; reduce it with --max-side, --max-gaussians, --image-cache or --sh-degree 0\n");
 }
 
-/* ---------------------------------------------------------------- doors */
+/* ---------------------------------------------------------------- public functions */
 
 OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *options, int closely,
                                         oxl_survey *out)

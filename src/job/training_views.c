@@ -1,9 +1,9 @@
 /* training_views.c - how well each training view is fitted, and which fit far worse than their neighbours: a wrong pose, another
  * exposure, or blur.
  *
- * A view is compared with the 8 that stand nearest and look the same way. What one factor for each channel mends beyond their median is
+ * A view is compared with the 8 nearest of similar direction. The gain of one factor for each channel beyond their median is
  * set against its spread over all views (median absolute deviation, 1.4826 of it is a standard deviation [Rousseeuw & Croux 1993]).
- * A view that lacks decibels has a wrong pose when a shift of the picture explains them, and is blurred when it is less sharp.
+ * A view that lacks decibels has a wrong pose when a shift of the image explains them, and is blurred when it is less sharp.
  *
  * Invariant: nothing here changes the model; no view is left out of training.
  */
@@ -50,7 +50,7 @@ static double training_median(double *value, int count)
 
 /* ---------------------------------------------------------------- what a view lacks */
 
-static double training_mended(const oxl_view_metrics *v)
+static double training_corrected(const oxl_view_metrics *v)
 {
     return v->cc_psnr - v->psnr;
 }
@@ -59,15 +59,15 @@ static void training_compare(struct training_views *t)
 {
     for (int i = 0; i < t->m->count; i++) {
         int       near[QUALITY_NEIGHBOURS];
-        double    fit[QUALITY_NEIGHBOURS], mended[QUALITY_NEIGHBOURS];
+        double    fit[QUALITY_NEIGHBOURS], corrected[QUALITY_NEIGHBOURS];
         const int count = training_nearest(t, i, near);
         for (int k = 0; k < count; k++) {
-            fit[k]    = t->m->views[near[k]].cc_psnr;
-            mended[k] = training_mended(&t->m->views[near[k]]);
+            fit[k]       = t->m->views[near[k]].cc_psnr;
+            corrected[k] = training_corrected(&t->m->views[near[k]]);
         }
         t->row[i]          = (struct training_row){.at = i};
         t->row[i].lacks    = training_median(fit, count) - t->m->views[i].cc_psnr;
-        t->row[i].exposure = training_mended(&t->m->views[i]) - training_median(mended, count);
+        t->row[i].exposure = training_corrected(&t->m->views[i]) - training_median(corrected, count);
     }
 }
 
@@ -99,7 +99,7 @@ static void training_reduce(const oxl_image *image, int n, float *out)
         }
 }
 
-/* Share of the squared difference of two pictures that one shift of the whole explains [Lucas & Kanade 1981]. */
+/* Share of the squared difference of two images that one shift of the whole explains [Lucas & Kanade 1981]. */
 static double training_shift(const float *rendered, const float *image, int w, int h)
 {
     double xx = 0, xy = 0, yy = 0, xe = 0, ye = 0, ee = 0, det;
@@ -113,7 +113,7 @@ static double training_shift(const float *rendered, const float *image, int w, i
     return det > 0 && ee > 0 ? (yy * xe * xe - 2 * xy * xe * ye + xx * ye * ye) / (det * ee) : 0;
 }
 
-/* The most over halvings, since a shift of many pixels is one of few in a small picture. A displaced camera draws the scene beside its
+/* The most over halvings, since a shift of many pixels is one of few in a small image. A displaced camera draws the scene beside its
  * place; where a view is merely hard to fit, no shift helps. */
 static oxl_result training_displaced(struct training_views *t, const oxl_model *model, int at, double *out)
 {

@@ -239,7 +239,7 @@ OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model,
 
 /* ---------------------------------------------------------------- start from points: rows in Z-order
  *
- * Kernels work on packs of neighbouring rows and skip those out of sight: rows near in memory should be near in space.
+ * Kernels work on packs of neighbouring rows and skip those out of view: rows near in memory should be near in space.
  */
 
 struct model_key {
@@ -288,7 +288,7 @@ static void model_sort_by_code(const oxl_point *points, size_t count, struct mod
 
 /* ---------------------------------------------------------------- start from points: the 3 nearest neighbours
  *
- * A balanced k-d tree without pointers: the median of [first, end) stands in its middle, and divides along split[middle].
+ * A balanced k-d tree without pointers: the median of [first, end) is in its middle, and divides along split[middle].
  */
 
 enum { MODEL_LEAF = 8, MODEL_NEIGHBOURS = 3 };

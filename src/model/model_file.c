@@ -524,7 +524,7 @@ static oxl_result model_file_read_splat(oxl_context *ctx, const char *path, oxl_
     return rc;
 }
 
-/* ---------------------------------------------------------------- the door */
+/* ---------------------------------------------------------------- public functions */
 
 static int model_file_ends_in(const char *path, const char *extension)
 {

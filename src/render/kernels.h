@@ -328,6 +328,10 @@ OXL_INTERNAL void render_set_alpha_min(struct kernel_camera *kernel_camera, floa
 /* ---------------------------------------------------------------- medium.c: water between the camera and the Gaussians */
 
 #ifndef OXL_REFERENCE
+struct medium_pack { /* what backward reads of forward, by channel and row */
+    float range[PACK], log_near[PACK], through[3][PACK], rest[3][PACK], clear[3][PACK];
+    float drange[PACK]; /* dL/dr / r */
+};
 struct medium_job {
     const struct medium        *medium;
     struct gaussians            in;
@@ -335,11 +339,10 @@ struct medium_job {
     size_t                      first_pack, end_pack;
     const uint16_t             *visible; /* (packs) */
     struct splat               *splat;   /* (count) colours: with the medium after forward, without it after backward */
-    float                      *clear;   /* (count,3) */
-    float                      *drange;  /* (count) dL/dr / r */
+    struct medium_pack         *pack;    /* (packs) of the visible rows */
     real (*sums)[SPLAT_SUMS];            /* (slots, SPLAT_SUMS) */
 };
-OXL_INTERNAL void medium_forward(const struct medium_job *job);
+OXL_INTERNAL void medium_forward(int isa, const struct medium_job *job);
 /* sum: of the rows; bD, bB, Binf by channel, then the falloff. */
 OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIUM_SUMS]);
 OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const struct gaussians *out);

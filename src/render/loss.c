@@ -156,16 +156,15 @@ SIMD_INLINE void loss_open(const struct loss_strip *s, const struct loss_rows *r
 
 /* ---------------------------------------------------------------- blurs */
 
-/* A window is symmetric: values at equal distances are added before they are weighted. */
-SIMD_INLINE real loss_fold(const int fused, real r0, real r1, real r2, real r3, real r4, real r5, real r6, real r7, real r8,
-                           real r9, real r10)
+/* A window is symmetric: values at equal distances are added before they are weighted. s5: sum of the two at distance 5, and so on. */
+SIMD_INLINE real loss_fold(const int fused, real s5, real s4, real s3, real s2, real s1, real centre)
 {
-    real sum = LOSS_WINDOW[0] * (r0 + r10);
-    sum      = muladd(fused, LOSS_WINDOW[1], r1 + r9, sum);
-    sum      = muladd(fused, LOSS_WINDOW[2], r2 + r8, sum);
-    sum      = muladd(fused, LOSS_WINDOW[3], r3 + r7, sum);
-    sum      = muladd(fused, LOSS_WINDOW[4], r4 + r6, sum);
-    return muladd(fused, LOSS_WINDOW[5], r5, sum);
+    real sum = LOSS_WINDOW[0] * s5;
+    sum      = muladd(fused, LOSS_WINDOW[1], s4, sum);
+    sum      = muladd(fused, LOSS_WINDOW[2], s3, sum);
+    sum      = muladd(fused, LOSS_WINDOW[3], s2, sum);
+    sum      = muladd(fused, LOSS_WINDOW[4], s1, sum);
+    return muladd(fused, LOSS_WINDOW[5], centre, sum);
 }
 
 /* Columns of all phases. `one` is 1 but not a constant: otherwise clang reuses loads between columns and does not vectorise. */
@@ -182,10 +181,10 @@ SIMD_INLINE void loss_blur_along(const int fused, const size_t one, const struct
             const size_t j = j0 + l;
             const real p0 = d0[j], p1 = a1[j], p2 = b1[j], p3 = c1[j], p4 = d1[j], p5 = a2[j], p6 = b2[j], p7 = c2[j], p8 = d2[j],
                        p9 = a3[j], p10 = b3[j], p11 = c3[j], p12 = d3[j], p13 = a4[j];
-            out[j]                = loss_fold(fused, p0, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10);
-            out[r->phase + j]     = loss_fold(fused, p1, p2, p3, p4, p5, p6, p7, p8, p9, p10, p11);
-            out[2 * r->phase + j] = loss_fold(fused, p2, p3, p4, p5, p6, p7, p8, p9, p10, p11, p12);
-            out[3 * r->phase + j] = loss_fold(fused, p3, p4, p5, p6, p7, p8, p9, p10, p11, p12, p13);
+            out[j]                = loss_fold(fused, p0 + p10, p1 + p9, p2 + p8, p3 + p7, p4 + p6, p5);
+            out[r->phase + j]     = loss_fold(fused, p1 + p11, p2 + p10, p3 + p9, p4 + p8, p5 + p7, p6);
+            out[2 * r->phase + j] = loss_fold(fused, p2 + p12, p3 + p11, p4 + p10, p5 + p9, p6 + p8, p7);
+            out[3 * r->phase + j] = loss_fold(fused, p3 + p13, p4 + p12, p5 + p11, p6 + p10, p7 + p9, p8);
         }
     }
 }
@@ -211,14 +210,14 @@ SIMD_INLINE void loss_blur_down(const int fused, const int map, const real *cons
         const real   m12 = loss_map(fused, map, x[12][j], y[12][j]), m13 = loss_map(fused, map, x[13][j], y[13][j]);
         const real   m14 = loss_map(fused, map, x[14][j], y[14][j]), m15 = loss_map(fused, map, x[15][j], y[15][j]);
         const real   m16 = loss_map(fused, map, x[16][j], y[16][j]), m17 = loss_map(fused, map, x[17][j], y[17][j]);
-        out[l]              = loss_fold(fused, m0, m1, m2, m3, m4, m5, m6, m7, m8, m9, m10);
-        out[stride + l]     = loss_fold(fused, m1, m2, m3, m4, m5, m6, m7, m8, m9, m10, m11);
-        out[2 * stride + l] = loss_fold(fused, m2, m3, m4, m5, m6, m7, m8, m9, m10, m11, m12);
-        out[3 * stride + l] = loss_fold(fused, m3, m4, m5, m6, m7, m8, m9, m10, m11, m12, m13);
-        out[4 * stride + l] = loss_fold(fused, m4, m5, m6, m7, m8, m9, m10, m11, m12, m13, m14);
-        out[5 * stride + l] = loss_fold(fused, m5, m6, m7, m8, m9, m10, m11, m12, m13, m14, m15);
-        out[6 * stride + l] = loss_fold(fused, m6, m7, m8, m9, m10, m11, m12, m13, m14, m15, m16);
-        out[7 * stride + l] = loss_fold(fused, m7, m8, m9, m10, m11, m12, m13, m14, m15, m16, m17);
+        out[l]              = loss_fold(fused, m0 + m10, m1 + m9, m2 + m8, m3 + m7, m4 + m6, m5);
+        out[stride + l]     = loss_fold(fused, m1 + m11, m2 + m10, m3 + m9, m4 + m8, m5 + m7, m6);
+        out[2 * stride + l] = loss_fold(fused, m2 + m12, m3 + m11, m4 + m10, m5 + m9, m6 + m8, m7);
+        out[3 * stride + l] = loss_fold(fused, m3 + m13, m4 + m12, m5 + m11, m6 + m10, m7 + m9, m8);
+        out[4 * stride + l] = loss_fold(fused, m4 + m14, m5 + m13, m6 + m12, m7 + m11, m8 + m10, m9);
+        out[5 * stride + l] = loss_fold(fused, m5 + m15, m6 + m14, m7 + m13, m8 + m12, m9 + m11, m10);
+        out[6 * stride + l] = loss_fold(fused, m6 + m16, m7 + m15, m8 + m14, m9 + m13, m10 + m12, m11);
+        out[7 * stride + l] = loss_fold(fused, m7 + m17, m8 + m16, m9 + m15, m10 + m14, m11 + m13, m12);
     }
 }
 

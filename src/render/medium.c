@@ -13,14 +13,6 @@
 #include "kernels.h"
 #include "../core/vecmath.h"
 
-static float medium_range(const struct medium_job *job, size_t i)
-{
-    const float x = job->in.plane[OXL_MEAN][i] - job->kernel_camera->eye.x,
-                y = job->in.plane[OXL_MEAN + 1][i] - job->kernel_camera->eye.y;
-    const float z = job->in.plane[OXL_MEAN + 2][i] - job->kernel_camera->eye.z;
-    return real_sqrt(x * x + y * y + z * z);
-}
-
 /* Of J: attenuation and, with a lamp, falloff. *log_near: ln (reference / r), 0 where the falloff does not change with r. */
 static void medium_through(const struct medium *m, float range, float through[3], float *log_near)
 {
@@ -29,40 +21,68 @@ static void medium_through(const struct medium *m, float range, float through[3]
     for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * *log_near - m->direct[c] * range);
 }
 
-OXL_INTERNAL void medium_forward(const struct medium_job *job)
+SIMD_BODY void medium_pack_forward(const int fused, const struct medium_job *job, size_t pack)
 {
-    for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
-        for (unsigned l = 0; l < PACK; l++) {
-            const size_t i = pack * PACK + l;
-            float        range, through[3], log_near;
-            if (!(job->visible[pack] >> l & 1)) continue;
-            range = medium_range(job, i);
-            medium_through(job->medium, range, through, &log_near);
-            for (int c = 0; c < 3; c++) {
-                const struct medium *m        = job->medium;
-                const float          clear    = job->splat[i].colour[c];
-                job->clear[3 * i + (size_t)c] = clear;
-                job->splat[i].colour[c]       = clear * through[c] + m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
-            }
-        }
+    const struct medium *m     = job->medium;
+    struct medium_pack  *out   = &job->pack[pack];
+    const struct vec3    eye   = job->kernel_camera->eye;
+    const float          least = m->lit ? LAMP_RANGE_LEAST * m->reference : 0;
+#pragma omp simd
+    for (int l = 0; l < PACK; l++) {
+        const size_t i = pack * PACK + (size_t)l;
+        const float  x = job->in.plane[OXL_MEAN][i] - eye.x, y = job->in.plane[OXL_MEAN + 1][i] - eye.y;
+        const float  z = job->in.plane[OXL_MEAN + 2][i] - eye.z;
+        out->range[l]  = real_sqrt(x * x + y * y + z * z);
+        out->log_near[l] =
+            m->lit ? real_log2(fused, m->reference / (out->range[l] > least ? out->range[l] : least)) * 0.693147181f : 0;
+    }
+    for (int c = 0; c < (m->on ? 3 : 1); c++)
+#pragma omp simd
+        for (int l = 0; l < PACK; l++)
+            out->through[c][l] = real_exp(fused, m->falloff * out->log_near[l] - m->direct[c] * out->range[l]);
+    for (int c = 0; c < 3 && m->on; c++)
+#pragma omp simd
+        for (int l = 0; l < PACK; l++) out->rest[c][l] = real_exp(fused, -m->scatter[c] * out->range[l]);
+    for (int c = 1; c < 3 && !m->on; c++) memcpy(out->through[c], out->through[0], sizeof out->through[c]);
 }
 
-/* A visible row: dL/dc' of each channel (3) -> the parameters' sums; returns dL/dr. range: not 0. */
-static float medium_row(const struct medium_job *job, size_t i, float range, const float g[3], const float through[3],
-                        float log_near, double sum[MEDIUM_SUMS])
+SIMD_BODY void medium_forward_body(const int fused, const struct medium_job *job)
 {
-    const struct medium *m       = job->medium;
-    const float          falloff = m->lit && range > LAMP_RANGE_LEAST * m->reference ? m->falloff / range : 0;
-    float                dr      = 0;
-    for (int c = 0; c < 3; c++) {
-        const float rest = real_exp(0, -m->scatter[c] * range), direct = job->clear[3 * i + (size_t)c] * through[c];
-        sum[c] += -(double)g[c] * range * direct;
-        sum[3 + c] += (double)g[c] * m->veil[c] * range * rest;
-        sum[6 + c] += (double)g[c] * (1 - rest);
-        sum[9] += (double)g[c] * log_near * direct;
-        dr += g[c] * (m->veil[c] * m->scatter[c] * rest - (m->direct[c] + falloff) * direct);
+    const struct medium *m = job->medium;
+    for (size_t pack = job->first_pack; pack < job->end_pack; pack++) {
+        if (!job->visible[pack]) continue;
+        medium_pack_forward(fused, job, pack);
+        for (unsigned l = 0; l < PACK; l++) {
+            struct splat *s = &job->splat[pack * PACK + l];
+            if (!(job->visible[pack] >> l & 1)) continue;
+            for (int c = 0; c < 3; c++) {
+                const float clear           = s->colour[c];
+                job->pack[pack].clear[c][l] = clear;
+                s->colour[c]                = clear * job->pack[pack].through[c][l];
+                if (m->on) s->colour[c] += m->veil[c] * (1 - job->pack[pack].rest[c][l]);
+            }
+        }
     }
-    return dr;
+}
+SIMD_DISPATCH(OXL_INTERNAL, medium_forward, struct medium_job)
+
+/* A visible row: dL/dc' of each channel (3) -> the parameters' sums; returns dL/dr. */
+static float medium_row(const struct medium *m, const struct medium_pack *p, unsigned l, const float g[3],
+                        double sum[MEDIUM_SUMS])
+{
+    const float range = p->range[l], falloff = m->lit && range > LAMP_RANGE_LEAST * m->reference ? m->falloff / range : 0;
+    float       dr = 0, lit = 0;
+    for (int c = 0; c < 3; c++) {
+        const float direct = g[c] * p->clear[c][l] * p->through[c][l];
+        lit += direct;
+        if (!m->on) continue;
+        sum[c] += -(double)range * direct;
+        sum[3 + c] += (double)g[c] * m->veil[c] * range * p->rest[c][l];
+        sum[6 + c] += (double)g[c] * (1 - p->rest[c][l]);
+        dr += g[c] * m->veil[c] * m->scatter[c] * p->rest[c][l] - m->direct[c] * direct;
+    }
+    sum[9] += (double)p->log_near[l] * lit;
+    return dr - falloff * lit;
 }
 
 /* Converts sums and the splats' colours to those without the medium. */
@@ -71,19 +91,17 @@ OXL_INTERNAL void medium_backward(const struct medium_job *job, double sum[MEDIU
     memset(sum, 0, MEDIUM_SUMS * sizeof *sum);
     for (size_t pack = job->first_pack; pack < job->end_pack; pack++)
         for (unsigned l = 0; l < PACK; l++) {
-            const size_t  i    = pack * PACK + l;
-            struct splat *s    = &job->splat[i];
-            float         g[3] = {0, 0, 0}, range, through[3], log_near;
+            struct splat       *s    = &job->splat[pack * PACK + l];
+            struct medium_pack *p    = &job->pack[pack];
+            float               g[3] = {0, 0, 0};
             if (!(job->visible[pack] >> l & 1)) continue;
-            range = medium_range(job, i);
-            medium_through(job->medium, range, through, &log_near);
             for (uint32_t slot = s->first_slot; slot < s->first_slot + s->slots; slot++)
                 for (int c = 0; c < 3; c++) {
                     g[c] += job->sums[slot][SUM_RED + c];
-                    job->sums[slot][SUM_RED + c] *= through[c];
+                    job->sums[slot][SUM_RED + c] *= p->through[c][l];
                 }
-            job->drange[i] = range > 0 ? medium_row(job, i, range, g, through, log_near, sum) / range : 0;
-            for (int c = 0; c < 3; c++) s->colour[c] = job->clear[3 * i + (size_t)c];
+            p->drange[l] = p->range[l] > 0 ? medium_row(job->medium, p, l, g, sum) / p->range[l] : 0;
+            for (int c = 0; c < 3; c++) s->colour[c] = p->clear[c][l];
         }
 }
 
@@ -95,41 +113,52 @@ OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const st
         for (unsigned l = 0; l < PACK; l++) {
             const size_t i = pack * PACK + l;
             if (!(job->visible[pack] >> l & 1)) continue;
-            for (int a = 0; a < 3; a++) out->plane[OXL_MEAN + a][i] += job->drange[i] * (job->in.plane[OXL_MEAN + a][i] - eye[a]);
+            for (int a = 0; a < 3; a++)
+                out->plane[OXL_MEAN + a][i] += job->pack[pack].drange[l] * (job->in.plane[OXL_MEAN + a][i] - eye[a]);
         }
 }
 
-/* What a viewer without imaging.txt is to show: the colours through the water, and the lamp's falloff, at the ranges from which the
- * training views see the centre; the mean of both terms over these views, by the centre's size in the
- * image, 1 / r^2; or over all views where none sees it. */
-OXL_INTERNAL void medium_bake(const struct medium *m, oxl_scene *scene, oxl_model *model)
+/* What a viewer without imaging.txt is to show: the colours through the water and by the lamp, as the training views see the centre;
+ * the mean of both terms over these views, by the centre's size in the image, 1 / r^2; over all views, without the lamp's polynomial,
+ * where none sees it. */
+OXL_INTERNAL void medium_bake(oxl_scene *scene, oxl_model *model)
 {
     enum { VIEWS = 64 };
-    const oxl_camera *camera[VIEWS];
-    double            eye[VIEWS][3];
-    int               views = 0;
-    const int         all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
-    const int         bands = (model->sh_degree + 1) * (model->sh_degree + 1);
-    for (int v = 0; v < all; v += stride)
-        camera[views] = &oxl_scene_view(scene, v)->camera, camera_position(camera[views], eye[views]), views++;
+    const struct imaging *imaging = scene_imaging(scene);
+    const struct medium  *m       = &imaging->medium;
+    const oxl_camera     *camera[VIEWS];
+    const struct lamp    *lamp[VIEWS];
+    double                eye[VIEWS][3];
+    int                   views = 0;
+    const int             all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
+    const int             bands = (model->sh_degree + 1) * (model->sh_degree + 1);
+    for (int v = 0; v < all; v += stride, views++) {
+        camera[views] = &oxl_scene_view(scene, v)->camera;
+        lamp[views]   = imaging_lamp(imaging, scene, v);
+        camera_position(camera[views], eye[views]);
+    }
     for (size_t i = 0; i < model->count; i++) {
         double sum[2][7] = {{0}}; /* over all views, over those that see it: both terms by channel, their number */
         for (int v = 0; v < views; v++) {
             const double *r = camera[v]->rotation, *t = camera[v]->translation;
             const double  p[3]  = {model->plane[OXL_MEAN][i], model->plane[OXL_MEAN + 1][i], model->plane[OXL_MEAN + 2][i]};
             const double  z     = r[6] * p[0] + r[7] * p[1] + r[8] * p[2] + t[2];
-            const double  x     = camera[v]->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) + camera[v]->cx * z;
-            const double  y     = camera[v]->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) + camera[v]->cy * z;
-            const int     seen  = z > 0 && x >= 0 && y >= 0 && x <= camera[v]->width * z && y <= camera[v]->height * z;
+            const double  x     = camera[v]->fx * (r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + t[0]) / z + camera[v]->cx;
+            const double  y     = camera[v]->fy * (r[3] * p[0] + r[4] * p[1] + r[5] * p[2] + t[1]) / z + camera[v]->cy;
+            const int     seen  = z > 0 && x >= 0 && y >= 0 && x <= camera[v]->width && y <= camera[v]->height;
             const double  d[3]  = {p[0] - eye[v][0], p[1] - eye[v][1], p[2] - eye[v][2]};
             const float   range = (float)sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
             float         through[3], log_near;
             medium_through(m, range, through, &log_near);
             for (int k = 0; k <= seen; k++) {
                 const double weight = 1 / OXL_MAX(range * range, 1e-12); /* its size in the image */
+                const double gain   = k && lamp[v]
+                                          ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * x / camera[v]->width - 1),
+                                                                      (float)(2 * y / camera[v]->height - 1)))
+                                          : 1;
                 for (int c = 0; c < 3; c++) {
-                    sum[k][c] += weight * through[c];
-                    sum[k][3 + c] += weight * m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
+                    sum[k][c] += weight * gain * through[c];
+                    sum[k][3 + c] += weight * gain * m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
                 }
                 sum[k][6] += weight;
             }

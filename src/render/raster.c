@@ -246,8 +246,9 @@ struct raster_block_state { /* a block's pixels */
 };
 
 SIMD_INLINE void raster_composite(const int fused, const int mixed, const int lobed, const struct raster_batch *batch, int n,
-                                  const real *restrict x, const real *restrict y, struct raster_block_state *out)
+                                  int block, struct raster_block_state *out)
 {
+    const real *restrict x = RASTER_X[block % 4], *restrict y = RASTER_Y[block / 4];
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
 #pragma omp simd
@@ -265,7 +266,6 @@ SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const 
                                         struct raster_pixels *pixels)
 {
     const int                 at = block * PACK;
-    const real               *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
     struct raster_block_state state;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -277,8 +277,8 @@ SIMD_INLINE void raster_composite_block(const int fused, const int lobed, const 
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, x, y, &state);
-        else raster_composite(fused, lobed, 0, batch, n, x, y, &state);
+        if (raster_lobed(lobed, batch, n)) raster_composite(fused, 1, 1, batch, n, block, &state);
+        else raster_composite(fused, lobed, 0, batch, n, block, &state);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -330,9 +330,9 @@ struct raster_block_grad { /* a block's pixels */
 /* value: alpha dL/dalpha = weight (g . c) - alpha/(1 - alpha) (S - s), for the score dS/dalpha; with a second lobe value and lobe are
  * o dL/do and o' dL/do'. Each is 0 where its clamp at ALPHA_MAX holds, all are 0 without a contribution. */
 SIMD_INLINE void raster_differentiate(const int fused, const int mixed, const int lobed, const int score,
-                                      struct raster_batch *batch, int n, int block, const real *restrict x,
-                                      const real *restrict y, struct raster_block_grad *d)
+                                      struct raster_batch *batch, int n, int block, struct raster_block_grad *d)
 {
+    const real *restrict x = RASTER_X[block % 4], *restrict y = RASTER_Y[block / 4];
     const real *colour = batch->splat[n].colour;
     const real  red = colour[0], green = colour[1], blue = colour[2];
     real *restrict value = batch->value[n][block], *restrict lobe = batch->lobe[n][block];
@@ -363,7 +363,6 @@ SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, co
                                             int block, struct raster_gradients *tile)
 {
     const int                at = block * PACK;
-    const real              *x = RASTER_X[block % 4], *y = RASTER_Y[block / 4];
     struct raster_block_grad d;
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {
@@ -375,8 +374,8 @@ SIMD_INLINE void raster_differentiate_block(const int fused, const int lobed, co
     }
     for (uint32_t splats = batch->splats[block]; splats; splats &= splats - 1) {
         const int n = simd_lowest_bit(splats);
-        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, 1, score, batch, n, block, x, y, &d);
-        else raster_differentiate(fused, lobed, 0, score, batch, n, block, x, y, &d);
+        if (raster_lobed(lobed, batch, n)) raster_differentiate(fused, 1, 1, score, batch, n, block, &d);
+        else raster_differentiate(fused, lobed, 0, score, batch, n, block, &d);
     }
 #pragma omp simd
     for (int l = 0; l < PACK; l++) {

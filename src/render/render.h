@@ -10,7 +10,7 @@
 OXL_INTERNAL oxl_result backend_begin(oxl_context *ctx);
 OXL_INTERNAL void       backend_end(oxl_context *ctx);
 
-/* ---------------------------------------------------------------- renderer.c: the kernels behind one door */
+/* ---------------------------------------------------------------- renderer.c: the kernels behind one interface */
 
 struct renderer; /* state of one view, kept between views to avoid allocations */
 
@@ -81,7 +81,8 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
  * any of them. The next renderer_forward uploads the host's model. */
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r);
 
-OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r); /* marks all rows invisible in the last view */
+OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context     *ctx,
+                                               struct renderer *r); /* marks all rows invisible in the last view */
 /* Results of the last view for row i; on a device, as of renderer_download_rows. */
 OXL_INTERNAL oxl_result renderer_download_rows(oxl_context *ctx, struct renderer *r);
 OXL_INTERNAL int        renderer_row_finite(const struct renderer *r, size_t row); /* 1 also for invisible rows */
@@ -113,8 +114,8 @@ struct renderer_device {
     oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
                        struct renderer_nonfinite *out);
     oxl_result (*observe)(void *device, const struct renderer_sums *sums);
-    oxl_result (*fetch)(void *device);
-    oxl_result (*forget)(void *device);
+    oxl_result (*download)(void *device);
+    oxl_result (*clear_visible)(void *device);
     /* Results of the last view, as in struct renderer: splats of visible rows, visibility bits, |dL/d(u,v)|. */
     oxl_result (*rows)(void *device, struct splat *splat, uint16_t *visible, float *dmean2d);
 };
@@ -132,8 +133,8 @@ OXL_INTERNAL void          renderer_set_gain(struct renderer *r, const float gai
 OXL_INTERNAL void          renderer_set_lamp(struct renderer *r, const struct lamp *lamp);
 /* (14) dL/d(shape) of the last loss. */
 OXL_INTERNAL const double *renderer_lamp_gradient(const struct renderer *r);
-/* The model as viewers are to show it, without imaging.txt: through water and falloff at the ranges of the scene's views. */
-OXL_INTERNAL void          medium_bake(const struct medium *medium, oxl_scene *scene, oxl_model *model);
+/* The model as viewers are to show it, without imaging.txt: through the water and by the lamp of scene_imaging, as its views see it. */
+OXL_INTERNAL void          medium_bake(oxl_scene *scene, oxl_model *model);
 OXL_INTERNAL int           renderer_has_device(const struct renderer *r);
 /* From the next forward on; CPU only. */
 OXL_INTERNAL void          renderer_set_medium(struct renderer *r, const struct medium *medium);

@@ -29,10 +29,10 @@ struct renderer {
     float               *dmean2d; /* (count) */
     float               *rgb, *drgb, *transmittance;
     struct medium        medium;
-    float               *clear, *drange; /* (count,3), (count): with a medium */
-    double (*medium_sum)[MEDIUM_SUMS];   /* (tasks) */
+    struct medium_pack  *medium_pack;  /* (packs) with a medium */
+    double (*medium_sum)[MEDIUM_SUMS]; /* (tasks) */
     double             dmedium[MEDIUM_SUMS];
-    size_t             clear_capacity, drange_capacity, medium_sum_capacity;
+    size_t             medium_pack_capacity, medium_sum_capacity;
     float              gain[3]; /* of renderer_set_gain */
     int                has_gain;
     const struct lamp *lamp;     /* of renderer_set_lamp, or NULL */
@@ -91,8 +91,7 @@ OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
     oxl_free(ctx, r->target);
     oxl_free(ctx, r->exposed);
     oxl_free(ctx, r->lamp_map);
-    oxl_free(ctx, r->clear);
-    oxl_free(ctx, r->drange);
+    oxl_free(ctx, r->medium_pack);
     oxl_free(ctx, r->medium_sum);
     oxl_free(ctx, r->weight);
     oxl_free(ctx, r->sums);
@@ -178,7 +177,7 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO) return rc;
     snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
     rc = render_download_target(ctx, r);
-    if (rc == OXL_OK) rc = r->backend->fetch(r->device);
+    if (rc == OXL_OK) rc = r->backend->download(r->device);
     if (rc != OXL_OK) return rc;
     r->backend->free(r->device);
     r->device = NULL;
@@ -232,24 +231,22 @@ static struct medium_job render_medium_job(struct renderer *r, int64_t task)
                                .end_pack      = OXL_MIN((size_t)(task + 1) * RENDER_TASK, r->bins.packs),
                                .visible       = r->visible,
                                .splat         = r->splat,
-                               .clear         = r->clear,
-                               .drange        = r->drange,
+                               .pack          = r->medium_pack,
                                .sums          = r->sums};
 }
 
 static oxl_result render_medium(oxl_context *ctx, struct renderer *r)
 {
     const int64_t tasks = render_tasks(r);
-    const size_t  rows  = r->bins.packs * PACK;
-    oxl_result    rc    = oxl_reserve(ctx, (void **)&r->clear, &r->clear_capacity, 3 * rows + 1, sizeof *r->clear);
-    if (rc == OXL_OK) rc = oxl_reserve(ctx, (void **)&r->drange, &r->drange_capacity, rows + 1, sizeof *r->drange);
+    oxl_result    rc =
+        oxl_reserve(ctx, (void **)&r->medium_pack, &r->medium_pack_capacity, r->bins.packs + 1, sizeof *r->medium_pack);
     if (rc == OXL_OK)
         rc = oxl_reserve(ctx, (void **)&r->medium_sum, &r->medium_sum_capacity, (size_t)tasks + 1, sizeof *r->medium_sum);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
     for (int64_t task = 0; task < tasks; task++) {
         const struct medium_job job = render_medium_job(r, task);
-        medium_forward(&job);
+        medium_forward(ctx->isa, &job);
     }
     if (r->medium.on) memcpy(r->background, r->medium.veil, sizeof r->background);
     return OXL_OK;
@@ -267,7 +264,7 @@ static void render_medium_backward(oxl_context *ctx, struct renderer *r, const f
     memset(r->dmedium, 0, sizeof r->dmedium);
     for (int64_t task = 0; task < tasks; task++)
         for (int k = 0; k < MEDIUM_SUMS; k++) r->dmedium[k] += r->medium_sum[task][k];
-    medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
+    if (r->medium.on) medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
@@ -607,10 +604,10 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out)
 {
-    const struct render_step s     = {model,    first,      second,
-                                      gradient, adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
-    const int64_t            tasks = render_tasks(r);
-    size_t                   aside = 0, first_aside = SIZE_MAX;
+    const struct render_step s       = {model,    first,      second,
+                                        gradient, adam->rate, 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]))};
+    const int64_t            tasks   = render_tasks(r);
+    size_t                   skipped = 0, first_skipped = SIZE_MAX;
     struct adam_job          rows = {.visible            = r->visible,
                                      .beta1              = (float)adam->beta[0],
                                      .beta2              = (float)adam->beta[1],
@@ -621,7 +618,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
     rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
     render_step_planes(&s, 0, rows.planes, 0, &rows);
     render_step_planes(&s, OXL_LOBE, rows.lobe_planes, rows.planes, &rows);
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : aside) reduction(min : first_aside)
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
     for (int64_t task = 0; task < tasks; task++) {
         struct adam_job           job  = rows;
         struct renderer_nonfinite here = {0, SIZE_MAX};
@@ -631,10 +628,10 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         adam_step(ctx->isa, &job);
         for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
             render_count_aside(seen[pack - job.first_pack], r->visible[pack], pack, &here);
-        aside += here.rows;
-        first_aside = OXL_MIN(first_aside, here.first);
+        skipped += here.rows;
+        first_skipped = OXL_MIN(first_skipped, here.first);
     }
-    *out = (struct renderer_nonfinite){aside, first_aside};
+    *out = (struct renderer_nonfinite){skipped, first_skipped};
     return OXL_OK;
 }
 
@@ -660,7 +657,7 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    return r->device ? r->backend->fetch(r->device) : OXL_OK;
+    return r->device ? r->backend->download(r->device) : OXL_OK;
 }
 
 OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row)
@@ -668,10 +665,10 @@ OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row)
     return r->visible[row / PACK] >> (row % PACK) & 1;
 }
 
-OXL_INTERNAL oxl_result renderer_forget(oxl_context *ctx, struct renderer *r)
+OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context *ctx, struct renderer *r)
 {
     (void)ctx;
-    if (r->device) return r->backend->forget(r->device);
+    if (r->device) return r->backend->clear_visible(r->device);
     memset(r->visible, 0, r->bins.packs * sizeof *r->visible);
     return OXL_OK;
 }
@@ -721,7 +718,7 @@ OXL_INTERNAL struct renderer_counts renderer_counts(const struct renderer *r)
     return c;
 }
 
-/* ---------------------------------------------------------------- the public doors */
+/* ---------------------------------------------------------------- the public functions */
 
 /* Renders the splats with (depth, 1, 0) as colour: the same kernel gives the sums of alpha T z and of alpha T. */
 static void render_depth_tiles(oxl_context *ctx, struct renderer *r)

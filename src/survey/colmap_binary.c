@@ -387,7 +387,7 @@ static oxl_result binary_points(struct colmap_reader *r)
     return rc;
 }
 
-/* ---------------------------------------------------------------- door */
+/* ---------------------------------------------------------------- entry */
 
 OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations)
 {

@@ -494,7 +494,7 @@ OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
     }
 }
 
-/* ---------------------------------------------------------------- pictures out */
+/* ---------------------------------------------------------------- writing images */
 
 static uint8_t image_to_byte(float v)
 {
@@ -590,7 +590,7 @@ static void image_take(void *user, void *part, int size)
     s->size += (size_t)size;
 }
 
-/* ---------------------------------------------------------------- the public door */
+/* ---------------------------------------------------------------- public functions */
 
 oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size)
 {

@@ -57,11 +57,13 @@ static uint64_t imaging_hash(uint64_t hash, unsigned char byte) /* FNV-1a */
 }
 
 /* CAMERA_ID, the folder, and the letters of the name: IMG_0012.JPG and IMG_0013.JPG are of one camera, L/0012.png and R/0012.png are not. */
-static uint64_t imaging_camera_key(const oxl_scene *scene, int view, int camera_ids)
+OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 {
-    const char    *name = oxl_scene_view(scene, view)->name, *base = survey_find_base_name(name);
-    const uint64_t id   = camera_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
-    uint64_t       hash = UINT64_C(14695981039346656037);
+    const struct colmap *from    = scene_colmap(scene);
+    const int            has_ids = from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)oxl_scene_view_count(scene);
+    const char          *name = oxl_scene_view(scene, view)->name, *base = survey_find_base_name(name);
+    const uint64_t       id   = has_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
+    uint64_t             hash = UINT64_C(14695981039346656037);
     for (int k = 0; k < 8; k++) hash = imaging_hash(hash, (unsigned char)(id >> 8 * k & 255));
     for (const char *c = name; *c; c++)
         if (c < base || *c < '0' || *c > '9') hash = imaging_hash(hash, (unsigned char)*c);
@@ -78,12 +80,10 @@ static int imaging_compare_keys(const void *a, const void *b)
  * say nothing: all views count as one camera's. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
 {
-    const struct colmap *from    = scene_colmap(scene);
-    const int            ids     = from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)m->views;
-    uint64_t            *sorted  = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
-    int                  cameras = 0;
+    uint64_t *sorted  = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
+    int       cameras = 0;
     if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the cameras of %d views", m->views);
-    for (int i = 0; i < m->views; i++) sorted[i] = m->camera[i] = imaging_camera_key(scene, i, ids);
+    for (int i = 0; i < m->views; i++) sorted[i] = m->camera[i] = imaging_camera(scene, i);
     qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_keys);
     for (int i = 0; i < m->views; i++) cameras += i == 0 || sorted[i] != sorted[i - 1];
     if (cameras * IMAGING_CAMERA_VIEWS > m->views) memset(m->camera, 0, (size_t)m->views * sizeof *m->camera);
@@ -169,6 +169,15 @@ static float lamp_place(int i, int count)
     return (float)(2 * i + 1) / (float)count - 1;
 }
 
+OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y)
+{
+    float  px[LAMP_DEGREE + 1], py[LAMP_DEGREE + 1];
+    double sum = 0;
+    lamp_evaluate(x, px), lamp_evaluate(y, py);
+    for (int t = 0; t < LAMP_TERMS; t++) sum += shape[t] * py[lamp_terms[t][0]] * px[lamp_terms[t][1]];
+    return sum;
+}
+
 OXL_INTERNAL void lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain)
 {
     for (int y = 0; y < height; y++) {
@@ -205,9 +214,10 @@ OXL_INTERNAL void lamp_project(const float *by, int width, int height, double su
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view)
 {
     const struct lamp *others = NULL;
+    const uint64_t     camera = m->lamps > 1 ? imaging_camera(scene, view) : 0;
     for (int i = 0; i < m->lamps; i++) {
-        if (m->lamp[i].camera < 0) others = &m->lamp[i];
-        else if (m->lamp[i].camera == scene_camera_id(scene, view)) return &m->lamp[i];
+        if (m->lamp[i].view < 0) others = &m->lamp[i];
+        else if (imaging_camera(scene, m->lamp[i].view) == camera) return &m->lamp[i];
     }
     return others;
 }
@@ -229,15 +239,15 @@ OXL_INTERNAL oxl_result imaging_apply_lamp(oxl_context *ctx, const oxl_scene *sc
 
 /* ---------------------------------------------------------------- as text */
 
-/* A line of the file: a word, then `count` numbers. */
-static void imaging_write_numbers(struct text *t, const char *word, const float *values, int count)
+/* A line of the file: a word, `count` numbers, and the name of an image or NULL. */
+static void imaging_write_line(struct text *t, const char *word, const float *values, int count, const char *name)
 {
     text_add(t, "%s", word);
     for (int k = 0; k < count; k++) {
         text_add(t, " ");
         text_add_number(t, (double)values[k]);
     }
-    text_add(t, "\n");
+    text_add(t, name ? " %s\n" : "\n", name);
 }
 
 static void imaging_write_medium(struct text *t, const struct medium *m)
@@ -245,39 +255,66 @@ static void imaging_write_medium(struct text *t, const struct medium *m)
     const float falloff[2] = {m->falloff, m->reference};
     if (m->on) {
         text_add(t, "# I = J exp(-bD r) + Binf (1 - exp(-bB r)), red green blue; r: range, bD and bB per unit of the scene\n");
-        imaging_write_numbers(t, "bD", m->direct, 3);
-        imaging_write_numbers(t, "bB", m->scatter, 3);
-        imaging_write_numbers(t, "Binf", m->veil, 3);
+        imaging_write_line(t, "bD", m->direct, 3, NULL);
+        imaging_write_line(t, "bB", m->scatter, 3, NULL);
+        imaging_write_line(t, "Binf", m->veil, 3, NULL);
     }
     if (m->lit) {
         text_add(t, "# falloff P R: J times (R / r)^P\n");
-        imaging_write_numbers(t, "falloff", falloff, 2);
+        imaging_write_line(t, "falloff", falloff, 2, NULL);
     }
 }
 
-static void imaging_write_lamps(struct text *t, const struct imaging *m)
+static void imaging_write_lamps(struct text *t, const oxl_scene *scene, const struct imaging *m)
 {
     if (m->lamps > 0)
-        text_add(t, "# lamp CAMERA: log gain over the image, products of Legendre polynomials of degree 0 to 4 in y and x\n");
-    for (int i = 0; i < m->lamps; i++) {
-        char word[64];
-        if (m->lamp[i].camera < 0) snprintf(word, sizeof word, "lamp all");
-        else snprintf(word, sizeof word, "lamp %lld", (long long)m->lamp[i].camera);
-        imaging_write_numbers(t, word, m->lamp[i].shape, LAMP_TERMS);
+        text_add(
+            t,
+            "# lamp all; lamp ... NAME: of the camera that took NAME; log gain over the image, products of Legendre polynomials of "
+            "degree 0 to 4 in y and x\n");
+    for (int i = 0; i < m->lamps; i++)
+        imaging_write_line(t, m->lamp[i].view < 0 ? "lamp all" : "lamp", m->lamp[i].shape, LAMP_TERMS,
+                           m->lamp[i].view < 0 ? NULL : oxl_scene_view(scene, m->lamp[i].view)->name);
+}
+
+static int imaging_read_values(const char **at, const char *end, double lowest, double highest, float *values, int count)
+{
+    for (int k = 0; k < count; k++) {
+        double value;
+        while (*at < end && **at == ' ') ++*at;
+        if (!parse_double(at, end, &value) || !(value >= lowest && value <= highest)) return 0;
+        values[k] = (float)value;
     }
+    while (*at < end && **at == ' ') ++*at;
+    return 1;
 }
 
 /* 1: `count` numbers from lowest to highest, and no more. */
 static int imaging_read_numbers(const char *at, const char *end, double lowest, double highest, float *values, int count)
 {
-    for (int k = 0; k < count; k++) {
-        double value;
-        while (at < end && *at == ' ') at++;
-        if (!parse_double(&at, end, &value) || !(value >= lowest && value <= highest)) return 0;
-        values[k] = (float)value;
+    return imaging_read_values(&at, end, lowest, highest, values, count) && (at == end || *at == '\r');
+}
+
+/* Views are ordered by name. -1: none of that name. */
+static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
+{
+    for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
+        const int   middle = low + (high - low) / 2;
+        const char *at     = oxl_scene_view(scene, middle)->name;
+        int         order  = strncmp(at, name, length);
+        if (order == 0 && at[length]) order = 1;
+        if (order == 0) return middle;
+        if (order < 0) low = middle + 1;
+        else high = middle - 1;
     }
-    while (at < end && (*at == ' ' || *at == '\r')) at++;
-    return at == end;
+    return -1;
+}
+
+/* Of the rest of a line. */
+static int imaging_find_name(const oxl_scene *scene, const char *at, const char *end)
+{
+    while (end > at && (end[-1] == '\r' || end[-1] == ' ')) end--;
+    return imaging_find(scene, at, (size_t)(end - at));
 }
 
 static int imaging_skip_word(const char **at, const char *end, const char *word)
@@ -302,23 +339,40 @@ static int imaging_read_medium(const char *at, const char *end, struct medium *m
     return m->lit = falloff[1] > 0;
 }
 
-/* 1: the line was of a lamp and whole. */
-static int imaging_read_lamp(const char *at, const char *end, struct imaging *m)
+/* 1: the line was of a lamp and whole; that of a camera which the scene has not is passed over. */
+static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *scene, struct imaging *m)
 {
-    int64_t camera = -1;
-    int     which  = 0;
+    struct lamp lamp  = {.view = -1};
+    int         which = 0;
     if (!imaging_skip_word(&at, end, "lamp")) return 0;
-    if (!imaging_skip_word(&at, end, "all") && (!parse_int64(&at, end, &camera) || camera < 0 || at == end || *at++ != ' '))
-        return 0;
-    while (which < m->lamps && m->lamp[which].camera != camera) which++;
+    if (imaging_skip_word(&at, end, "all")) {
+        if (!imaging_read_numbers(at, end, -LAMP_SHAPE_MOST, LAMP_SHAPE_MOST, lamp.shape, LAMP_TERMS)) return 0;
+    } else {
+        if (!imaging_read_values(&at, end, -LAMP_SHAPE_MOST, LAMP_SHAPE_MOST, lamp.shape, LAMP_TERMS)) return 0;
+        lamp.view = imaging_find_name(scene, at, end);
+        if (lamp.view < 0) return 1;
+    }
+    while (which < m->lamps && m->lamp[which].view != lamp.view) which++;
     if (which == LAMP_MOST) return 0;
-    if (which == m->lamps) m->lamp[m->lamps++] = (struct lamp){.camera = camera};
-    return imaging_read_numbers(at, end, -LAMP_SHAPE_MOST, LAMP_SHAPE_MOST, m->lamp[which].shape, LAMP_TERMS);
+    m->lamps       = OXL_MAX(m->lamps, which + 1);
+    m->lamp[which] = lamp;
+    return 1;
 }
 
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
 {
-    return m->on || m->medium.on || m->medium.lit || m->lamps > 0;
+    return m->on || imaging_hides_colours(m);
+}
+
+OXL_INTERNAL int imaging_hides_colours(const struct imaging *m)
+{
+    return m->medium.on || m->medium.lit || m->lamps > 0;
+}
+
+OXL_INTERNAL void imaging_keep_gains(struct imaging *m)
+{
+    m->medium = (struct medium){0};
+    m->lamps  = 0;
 }
 
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m)
@@ -328,7 +382,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
     text_add(&t, "# what lies between the colours of the model and the images: OceanXL " OXL_VERSION ", docs/WATER.md\n"
                  "# gain RED GREEN BLUE NAME: the rendered image times these is the image; training views\n");
     imaging_write_medium(&t, &m->medium);
-    imaging_write_lamps(&t, m);
+    imaging_write_lamps(&t, scene, m);
     for (int i = 0; i < m->views; i++) {
         if (!m->known[i]) continue;
         text_add(&t, "gain");
@@ -341,21 +395,6 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
     rc = t.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to write %s", path) : os_write_file(ctx, path, t.data, t.size);
     text_free(&t);
     return rc;
-}
-
-/* Views are ordered by name. -1: none of that name. */
-static int imaging_find(const oxl_scene *scene, const char *name, size_t length)
-{
-    for (int low = 0, high = oxl_scene_view_count(scene) - 1; low <= high;) {
-        const int   middle = low + (high - low) / 2;
-        const char *at     = oxl_scene_view(scene, middle)->name;
-        int         order  = strncmp(at, name, length);
-        if (order == 0 && at[length]) order = 1;
-        if (order == 0) return middle;
-        if (order < 0) low = middle + 1;
-        else high = middle - 1;
-    }
-    return -1;
 }
 
 /* A line "gain R G B NAME" of the file. */
@@ -373,8 +412,7 @@ static oxl_result imaging_read_gain(oxl_context *ctx, const char *path, int line
                 line, c, EXPOSURE_LEAST, 1 / EXPOSURE_LEAST);
     }
     while (at < end && *at == ' ') at++;
-    while (end > at && (end[-1] == '\r' || end[-1] == ' ')) end--;
-    view = imaging_find(scene, at, (size_t)(end - at));
+    view = imaging_find_name(scene, at, end);
     if (view < 0) return OXL_OK; /* of another part of the survey */
     out->known[view] = 1;
     out->on          = 1;
@@ -396,7 +434,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
         line++;
         if (stop - at > 5 && strncmp(at, "gain ", 5) == 0) rc = imaging_read_gain(ctx, path, line, at + 5, stop, scene, out);
         else if (stop > at && *at != '#' && *at != '\r' && !imaging_read_medium(at, stop, &out->medium) &&
-                 !imaging_read_lamp(at, stop, out))
+                 !imaging_read_lamp(at, stop, scene, out))
             rc = oxl_fail(
                 ctx, OXL_ERR_INPUT,
                 "%s:%d: the line is no whole one of gain, bD, bB, Binf, falloff, lamp or #\nfix: write the file again by training",
@@ -423,10 +461,7 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
         imaging_free(ctx, scene_imaging(scene));
         *scene_imaging(scene) = read;
     }
-    oxl_free(ctx, path);
-    path = folder.failed ? NULL : oxl_path_join(ctx, folder.data, "scene_clear.ply");
-    if (rc == OXL_OK && path && os_is_file(path) && strcmp(name, "scene_clear.ply") != 0)
-        scene_imaging(scene)->medium = (struct medium){0}; /* the colours of scene.ply are those behind it */
+    if (strcmp(name, "scene.ply") == 0 || strcmp(name, "scene_standard.ply") == 0) imaging_keep_gains(scene_imaging(scene));
     oxl_free(ctx, path);
     text_free(&folder);
     return rc;

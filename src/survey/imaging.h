@@ -20,8 +20,8 @@ enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MOST = 8 };
 /* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its constant. Its terms are products of
  * Legendre polynomials in x and y, each -1..1 across the image, so that the mean over the image is 0: by degree in y, then in x. */
 struct lamp {
-    int64_t camera; /* COLMAP's id; -1: of all that have none of their own */
-    float   shape[LAMP_TERMS];
+    int   view; /* the first of the camera's; -1: of all cameras that have none of their own */
+    float shape[LAMP_TERMS];
 };
 struct imaging {
     struct medium medium;
@@ -34,7 +34,9 @@ struct imaging {
     uint64_t     *camera;   /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called */
 };
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
-/* Which views are of one camera, by COLMAP's CAMERA_ID, folder and name without its digits. */
+/* The camera of a view, by COLMAP's CAMERA_ID, folder and name without its digits: equal for views of one camera. */
+OXL_INTERNAL uint64_t   imaging_camera(const oxl_scene *scene, int view);
+/* Which views are of one camera. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
 OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
 OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
@@ -44,6 +46,8 @@ OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float ga
 OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
 OXL_INTERNAL void       imaging_apply(const struct imaging *m, int view,
                                       oxl_image *image); /* the gain, to what is rendered at mean exposure */
+/* The polynomial at a place, -1..1 across the image. */
+OXL_INTERNAL double     lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
 /* gain (H,W): exp of the polynomial. */
 OXL_INTERNAL void       lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain);
 /* sum (14): of by (H,W) x each term. */
@@ -52,7 +56,9 @@ OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
                                                    oxl_image *image); /* to what is rendered; before the gain */
 OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
-OXL_INTERNAL int        imaging_is_needed(const struct imaging *m); /* 1: something lies between the colours and the images */
+OXL_INTERNAL int        imaging_is_needed(const struct imaging *m);     /* 1: something lies between the colours and the images */
+OXL_INTERNAL int        imaging_hides_colours(const struct imaging *m); /* 1: lamp or water; viewers need a model of their own */
+OXL_INTERNAL void       imaging_keep_gains(struct imaging *m);          /* as for such a model: no lamp, no water */
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);

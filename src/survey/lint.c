@@ -9,7 +9,7 @@
 
 enum {
     LINT_SAMPLE = 1 << 16, /* track entries checked, at a fixed stride */
-    LINT_LEAST  = 4,       /* minimum of entries to judge an image */
+    LINT_LEAST  = 4,       /* minimum of entries to check an image */
     LINT_NAMED  = 3        /* images or masks named per message */
 };
 #define LINT_MARGIN 0.05 /* tolerance outside the image, of the longer side */

@@ -117,7 +117,7 @@ OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats
     kept    = stats_drop_outliers(centre, count, middle, STATS_OUTLIER * stats_pick(distance, count, 0.5));
     *radius = stats_radius(centre, kept);
     if (kept < count)
-        oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras stand far from all others and do not count for the extent", count - kept);
+        oxl_log(ctx, OXL_LOG_WARNING, "%zu cameras are far from all others and are excluded from the extent", count - kept);
 done:
     oxl_free(ctx, centre);
     oxl_free(ctx, distance);
@@ -172,25 +172,27 @@ static int stats_is_in_image(const oxl_camera *c, const double p[3])
            fabs(c->fy * x[1] / x[2] + c->cy - 0.5 * c->height) <= 0.5 * c->height;
 }
 
-static void stats_by_image(const struct stats_view *views, size_t count, const oxl_point *points, size_t n,
+static void stats_by_image(const struct stats_view *views, size_t count, const struct stats_points *points,
                            struct stats_depths *d)
 {
-    const size_t view_step = count / STATS_VIEWS + 1, step = n / STATS_POINTS + 1;
+    const size_t view_step = count / STATS_VIEWS + 1, step = points->count / STATS_POINTS + 1;
     for (size_t v = 0; v < count; v += view_step)
-        for (size_t i = 0; i < n; i += step)
-            if (stats_is_in_image(views[v].camera, points[i].position)) stats_add_depth(d, views[v].camera, points[i].position);
+        for (size_t i = 0; i < points->count; i += step) {
+            const double *position = points->point[i].position;
+            if (stats_is_in_image(views[v].camera, position)) stats_add_depth(d, views[v].camera, position);
+        }
 }
 
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
-                                     const struct colmap *c, const double origin[3], double **out, size_t *out_count)
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const struct stats_points *points,
+                                     double **out, size_t *out_count)
 {
     struct stats_depths d = {.z = oxl_alloc(ctx, STATS_SAMPLE, sizeof *d.z)};
     *out                  = d.z;
     *out_count            = 0;
     if (!d.z) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a sample of depths");
     if (count) qsort(views, count, sizeof *views, stats_compare_views);
-    stats_by_tracks(views, count, c, origin, &d);
-    if (d.count == 0) stats_by_image(views, count, points, n, &d);
+    stats_by_tracks(views, count, points->colmap, points->origin, &d);
+    if (d.count == 0) stats_by_image(views, count, points, &d);
     qsort(d.z, d.count, sizeof *d.z, stats_compare);
     *out_count = d.count;
     return OXL_OK;

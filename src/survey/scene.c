@@ -410,9 +410,10 @@ static oxl_result scene_measure(oxl_context *ctx, oxl_scene *scene)
         if (!scene->view[i].is_test) views[count++] = (struct stats_view){image_row, &scene->view[i].camera};
     }
     rc = stats_camera_radius(ctx, views, count, &radius);
-    if (rc == OXL_OK)
-        rc = stats_depths(ctx, views, count, scene->point, scene->point_count, &scene->colmap, scene->origin, &scene->depth,
-                          &scene->depth_count);
+    if (rc == OXL_OK) {
+        const struct stats_points points = {scene->point, scene->point_count, &scene->colmap, scene->origin};
+        rc                               = stats_depths(ctx, views, count, &points, &scene->depth, &scene->depth_count);
+    }
     if (rc == OXL_OK && scene->point_count)
         rc = stats_bounds(ctx, scene->point->position, scene->point_count, sizeof *scene->point, scene->stats.bounds_min, middle,
                           scene->stats.bounds_max);
@@ -683,11 +684,6 @@ OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *sc
     return &scene->colmap.camera[scene->source[view].camera];
 }
 
-OXL_INTERNAL int64_t scene_camera_id(const oxl_scene *scene, int view)
-{
-    return scene->from_files ? scene_source_camera(scene, view)->id : -1;
-}
-
 OXL_INTERNAL const char *scene_images_folder(const oxl_scene *scene)
 {
     return scene->images;
@@ -716,7 +712,7 @@ oxl_result oxl_scene_ray(oxl_context *ctx, const oxl_scene *scene, int view, dou
     }
     if (camera && !(fabs(pixel[0] - x) < 1e-3 && fabs(pixel[1] - y) < 1e-3))
         return oxl_fail(ctx, OXL_ERR_INPUT,
-                        "%s: no direction leads to pixel %g, %g: it lies beyond what the camera's lens model describes\n"
+                        "%s: no direction leads to pixel %g, %g: it is outside the range of the camera model\n"
                         "fix: name a pixel nearer to the middle of the image",
                         scene->view[view].name, x, y);
     camera_position(c, start);

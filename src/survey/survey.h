@@ -84,8 +84,6 @@ OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *fol
                                                struct colmap *out);
 /* colmap_order.c: sorts cameras, images and points by id; observations and tracks are not moved. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
-/* colmap_write.c: numbers as %.17g. */
-OXL_INTERNAL oxl_result colmap_write(oxl_context *ctx, const char *folder, const struct colmap *c);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
 /* json_survey.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
@@ -192,9 +190,15 @@ OXL_INTERNAL oxl_result stats_bounds(oxl_context *ctx, const double *position, s
                                      double middle[3], double high[3]);
 /* Largest distance from the mean of the camera centres, without those beyond 5 median distances; 0 for one camera. */
 OXL_INTERNAL oxl_result stats_camera_radius(oxl_context *ctx, const struct stats_view *views, size_t count, double *radius);
+struct stats_points {
+    const oxl_point     *point; /* (count) local */
+    size_t               count;
+    const struct colmap *colmap; /* points with their tracks; local = position - origin */
+    const double        *origin;
+};
 /* Ascending sample of the camera z of points in the views of their tracks; without tracks, in all images. Sorts views by image. */
-OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const oxl_point *points, size_t n,
-                                     const struct colmap *c, const double origin[3], double **out, size_t *out_count);
+OXL_INTERNAL oxl_result stats_depths(oxl_context *ctx, struct stats_view *views, size_t count, const struct stats_points *points,
+                                     double **out, size_t *out_count);
 
 /* ---------------------------------------------------------------- scene.c: from the files to views, points and images */
 
@@ -208,7 +212,6 @@ OXL_INTERNAL const struct scene_stats   *scene_stats_of(const oxl_scene *scene);
 OXL_INTERNAL const struct colmap        *scene_colmap(const oxl_scene *scene); /* NULL for scenes from arrays */
 /* Of a scene from files: the source of a view, and 1 for a point of the scene, 0 for one too far from its origin. */
 OXL_INTERNAL const struct colmap_camera *scene_source_camera(const oxl_scene *scene, int view);
-OXL_INTERNAL int64_t                     scene_camera_id(const oxl_scene *scene, int view); /* -1: not of a COLMAP export */
 OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *scene);
 OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);

@@ -51,12 +51,12 @@ OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
 }
 
 /* Copies `start` to t, and the former state of t to `other`. */
-OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start, struct train_branch *aside)
+OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start, struct train_branch *other)
 {
     oxl_result rc;
-    branch_free(t, aside);
+    branch_free(t, other);
     rc = branch_swap(t, start);
     if (rc != OXL_OK) return rc;
-    *aside = *start;
+    *other = *start;
     return branch_copy(t, start);
 }

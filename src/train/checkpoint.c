@@ -121,8 +121,7 @@ OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count)
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so)
 {
     if (a->reading && !is_so)
-        archive_fail(a, OXL_ERR_INPUT,
-                     "holds numbers that no run writes\nfix: remove this file and run again; the run starts anew");
+        archive_fail(a, OXL_ERR_INPUT, "holds invalid numbers\nfix: remove this file and run again; the run starts again");
 }
 
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t)
@@ -171,7 +170,7 @@ static void checkpoint_add_key(struct archive *a, const char *key)
 }
 
 static const char *const checkpoint_names[] = {"checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
-                                               "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_put_aside */
+                                               "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_rename */
 
 static oxl_result checkpoint_paths(oxl_context *ctx, const char *folder, char *path[2])
 {
@@ -181,14 +180,14 @@ static oxl_result checkpoint_paths(oxl_context *ctx, const char *folder, char *p
 }
 
 /* A checkpoint of another run is renamed to NAME.other, which replaces an earlier one. */
-static oxl_result checkpoint_put_aside(oxl_context *ctx, const char *path)
+static oxl_result checkpoint_rename(oxl_context *ctx, const char *path)
 {
-    const size_t size  = strlen(path) + sizeof ".other";
-    char        *aside = oxl_alloc(ctx, size, 1);
-    oxl_result   rc    = OXL_OK;
-    if (!aside) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
-    snprintf(aside, size, "%s.other", path);
-    if (os_rename(path, aside) != 0)
+    const size_t size    = strlen(path) + sizeof ".other";
+    char        *renamed = oxl_alloc(ctx, size, 1);
+    oxl_result   rc      = OXL_OK;
+    if (!renamed) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
+    snprintf(renamed, size, "%s.other", path);
+    if (os_rename(path, renamed) != 0)
         rc = oxl_fail(ctx, OXL_ERR_IO,
                       "%s is of a run with other options or of another version, and cannot be moved out of the way (%s)\n"
                       "fix: move it, or name another folder by -o",
@@ -197,8 +196,8 @@ static oxl_result checkpoint_put_aside(oxl_context *ctx, const char *path)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s is of a run with other options or of another version; it is kept as %s\n"
                 "fix: rename it back and remove run.json to resume that run, or delete it",
-                path, aside);
-    oxl_free(ctx, aside);
+                path, renamed);
+    oxl_free(ctx, renamed);
     return rc;
 }
 
@@ -287,7 +286,7 @@ static oxl_result checkpoint_read_one(oxl_context *ctx, const char *path, const 
     *found = a.rc == OXL_OK;
 done:
     fclose(a.file);
-    return other ? checkpoint_put_aside(ctx, path) : a.rc;
+    return other ? checkpoint_rename(ctx, path) : a.rc;
 }
 
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,

@@ -1,24 +1,24 @@
 /* density.c - the number of Gaussians and their places: split, prune, reset (Kerbl et al. 2023, sec. 5).
  *
- * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers what it cannot model. Two replace it, half a covariance each on its
- * longest axis, so that the image nearly stays as it was (density_make_child); Kerbl clones small ones and replaces large ones by two
+ * A Gaussian whose mean over the views of |dL/d(u,v)| is large covers more than it can model. Two replace it, each with half the variance on
+ * its longest axis, so that the image nearly stays the same (density_make_child); Kerbl clones small ones and replaces large ones by two
  * random samples. Faint ones are removed. After the first reset interval the very large are split too, not removed as in Kerbl: in turbid
- * water they render the far range, and without them nothing is left there to grow. Under water the gradients of the far range are too
- * small: paper eq. 2 gives them a weight by depth. There is one sum for each band of depths, so that the weights are chosen when they are
+ * water they render the far range, and without them no Gaussian is left there to split. Under water the gradients of the far range are
+ * too small: paper eq. 2 gives them a weight by depth. There is one sum for each band of depths, so that the weights are chosen when
  * needed, and the unweighted sum (criterion of second lobes, eq. 4) costs nothing more.
  *
- * Invariants: children stand next to each other, so rows that are near in memory stay near in space (packs out of sight are skipped
- * whole); once rows have a second lobe none may grow, so those stay first. A row with a number that is not finite never survives.
+ * Invariants: children stand next to each other, so rows that are near in memory stay near in space (packs out of view are skipped);
+ * once rows have a second lobe none may split, so those stay first. A row with a nonfinite number is removed.
  */
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define DENSITY_OPACITY_MIN   0.005 /* fainter ones are removed [Kerbl 2023] */
+#define DENSITY_OPACITY_MIN   0.005 /* Gaussians of lower opacity are removed [Kerbl 2023] */
 #define DENSITY_OPACITY_RESET 2.55  /* times the faintest contribution that counts: 0.01 [Kerbl 2023] */
 #define DENSITY_SCALE_MAX     0.1   /* x extent: larger ones are split after the first reset interval; removed in [Kerbl 2023] */
 #define DENSITY_OPACITY_MAX   0.999999 /* of a child: its logit is finite */
-#define DENSITY_SPLIT_SHARE \
-    0.70710678118654752 /* sqrt(1/2): scale and distance of a child in longest scales; of log(1 - opacity) */
+/* sqrt(1/2): scale and distance of a child in longest scales; share of log(1 - opacity) */
+#define DENSITY_SPLIT_SHARE 0.70710678118654752
 
 enum density_verdict { DENSITY_REMOVE, DENSITY_KEEP, DENSITY_SPLIT };
 
@@ -153,7 +153,7 @@ static void density_weigh(oxl_context *ctx, struct density *d, size_t count, con
         d->gradient[i] = (float)(d->gradient[i] + rules->f_mid * d->gradient_mid[i] + rules->f_far * d->gradient_far[i]);
 }
 
-/* ---------------------------------------------------------------- verdicts */
+/* ---------------------------------------------------------------- decisions */
 
 static double density_scale(const oxl_model *m, size_t i)
 {

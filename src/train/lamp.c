@@ -1,7 +1,7 @@
 /* lamp.c - a light that moves with the camera, optimised with the scene.
  *
  * Model: the rendered image times exp(s(x, y)), s a polynomial of degree 4 of zero mean over the image, one for each physical camera
- * (survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.c), p from 0 to 2, one for all cameras, r0 the median
+ * (imaging_camera, survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.c), p from 0 to 2, one for all cameras, r0 the median
  * range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin.
  *
  * Adam (Kingma & Ba 2015) from LAMP_FROM of the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes
@@ -17,25 +17,26 @@
 #define LAMP_LAST  0.05 /* and of that at the end of the run */
 #define LAMP_VIEWS 8    /* training views of a camera that has a lamp of its own */
 
-static int lamp_own_views(const oxl_scene *scene, int view)
+/* The first view of the same camera; -1: the camera has too few training views for a lamp of its own, or all of them. */
+static int lamp_own_view(const oxl_scene *scene, int view)
 {
-    int count = 0;
-    for (int i = 0; i < oxl_scene_view_count(scene); i++)
-        count += !oxl_scene_view(scene, i)->is_test && scene_camera_id(scene, i) == scene_camera_id(scene, view);
-    return count;
+    const uint64_t camera = imaging_camera(scene, view);
+    int            count = 0, all = 0, first = -1;
+    for (int i = oxl_scene_view_count(scene) - 1; i >= 0; i--) {
+        const int trains = !oxl_scene_view(scene, i)->is_test, own = imaging_camera(scene, i) == camera;
+        all += trains, count += trains && own;
+        if (own) first = i;
+    }
+    return count >= LAMP_VIEWS && count < all ? first : -1;
 }
 
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct imaging *goes_on)
 {
     *l = (struct lamp_fit){.groups = 1, .reference = scene_depth_quantile(scene, 0.5)};
     if (!(l->reference > 0)) l->reference = 1;
-    l->group[0].camera = -1;
-    for (int i = 0; i < oxl_scene_view_count(scene); i++) {
-        const int64_t id    = scene_camera_id(scene, i);
-        int           known = id < 0;
-        for (int g = 0; g < l->groups; g++) known |= l->group[g].camera == id;
-        if (!known && l->groups < LAMP_MOST && lamp_own_views(scene, i) >= LAMP_VIEWS) l->group[l->groups++].camera = id;
-    }
+    l->group[0].view = -1;
+    for (int i = 0; i < oxl_scene_view_count(scene) && l->groups < LAMP_MOST; i++)
+        if (lamp_own_view(scene, i) == i) l->group[l->groups++].view = i;
     l->decided = goes_on != NULL;
     if (!goes_on || goes_on->lamps == 0) return;
     l->on     = 1;

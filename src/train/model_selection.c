@@ -1,31 +1,31 @@
 /* model_selection.c - model only what the scene requires: SH degree and second lobes are kept if they improve validation views.
  *
- * Some training views stand aside until the last decision is made, and train from then on like all others. A decision is a trial: a
- * fortieth of the run is trained from the same state in each way, and the way that is good enough for less goes on. (To leave bands
- * out of the picture does not tell: the others have grown used to them. A scene without any shine seemed to need degree 3 so.) Each
- * decision is noted with its evidence (run.json).
+ * Some training views are validation views until the last decision, and are trained from then on. A decision is a trial: each
+ * alternative is trained from the same state for a fortieth of the run, and the smallest one that is good enough is kept. (Rendering
+ * without some SH bands is no evidence: the others have adapted to them. By that test a scene without view dependence seemed to need
+ * degree 3.) Each decision is noted with its evidence (run.json).
  *
- * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and judged by the images
- * that they are trained on.
+ * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and compared on training
+ * images.
  *
- * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial makes it again.
+ * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial repeats the trial.
  */
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define SELECTION_SH_MIN_GAIN      0.1  /* dB that bands must bring together over fewer of them */
-#define SELECTION_LOBES_MIN_GAIN   0.05 /* dB that second lobes must bring */
-#define SELECTION_IMAGING_MIN_GAIN 0.05 /* dB that a lamp or water must bring, each */
-#define SELECTION_NOISE            6e-5 /* mean squared error of 2 grey levels, a JPEG image's own: what lies below it is no evidence */
+#define SELECTION_SH_MIN_GAIN      0.1  /* dB: minimum gain of all bands over fewer */
+#define SELECTION_LOBES_MIN_GAIN   0.05 /* dB: minimum gain of second lobes */
+#define SELECTION_IMAGING_MIN_GAIN 0.05 /* dB: minimum gain of a lamp, and of a medium */
+#define SELECTION_NOISE            6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
 #define SELECTION_WATCH            (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
-#define SELECTION_TRIAL            (1.0 / 40) /* of the run: how long each way of a trial is trained */
+#define SELECTION_TRIAL            (1.0 / 40) /* of the run: length of a trial */
 enum {
-    SELECTION_VIEWS_LEAST = 8,  /* fewer training views cannot spare one */
+    SELECTION_VIEWS_LEAST = 8,  /* with fewer training views none is used for validation */
     SELECTION_VIEWS_MOST  = 8,  /* limit of validation views */
     SELECTION_RECOVERY    = 500 /* steps after an opacity reset in which losses depend on the reset */
 };
 
-/* What was chosen, and why: one member of the object. */
+/* Choice and evidence: one member of the object. */
 static void selection_note(struct train *t, const char *what, const char *chosen, const char *why)
 {
     struct text *d = &t->decisions;
@@ -43,7 +43,7 @@ static int selection_has_noted(const struct train *t, const char *quoted)
     return !t->decisions.failed && strstr(t->decisions.data, quoted) != NULL;
 }
 
-/* ---------------------------------------------------------------- views that stand aside */
+/* ---------------------------------------------------------------- validation views */
 
 static int selection_sh_degree_at(const oxl_train_options *o)
 {
@@ -202,7 +202,7 @@ static void selection_sh_degree(struct train *t)
 
 /* ---------------------------------------------------------------- gains of images (exposure.c) */
 
-/* The watched gains are applied for the second look, and then decided about. */
+/* The estimated gains are applied for the second trial; then the decision is made. */
 static oxl_result selection_exposure(struct train *t)
 {
     double     loss, plain = NAN, gained = NAN;
@@ -239,7 +239,7 @@ static oxl_result selection_threshold(const struct train *t, double *out)
     return OXL_OK;
 }
 
-/* Those that the loss still pulls about get a second lobe: decided once [OceanXL sec. 3.2]. */
+/* Gaussians whose gradients are still large get a second lobe: assigned once [OceanXL sec. 3.2]. */
 static oxl_result selection_assign_lobes(struct train *t)
 {
     const oxl_train_options *o         = t->options;
@@ -283,8 +283,7 @@ static oxl_result selection_lobes(struct train *t)
 
 /* ---------------------------------------------------------------- weights by depth (ucd.c) */
 
-/* Nothing else may be decided before the trial ends, and no reset of opacities be just made up for: that alone is what the
- * losses would tell of. */
+/* No other decision may fall into the trial, and no opacity reset may be recent: the losses would measure the recovery from it. */
 static int selection_weights_can_be_tried_at(const oxl_train_options *o, int begin)
 {
     const int end = begin + UCD_SPANS * o->densify_every, bands = selection_sh_degree_at(o), lobes = selection_lobes_at(o);
@@ -327,7 +326,7 @@ static oxl_result selection_try_weights(struct train *t, struct train_branch *st
     const struct ucd before  = t->ucd;
     double           cost[2] = {0, 0};
     oxl_result       rc;
-    spsa_skip(&t->ucd.spsa); /* a pair that was broken off began from another state */
+    spsa_skip(&t->ucd.spsa); /* an interrupted pair began from another state */
     rc = selection_try_point(t, &cost[0]);
     if (rc == OXL_OK) rc = branch_restart(t, start, other);
     t->ucd.densified = before.densified;
@@ -404,7 +403,7 @@ static oxl_result selection_try_imaging(struct train *t, struct train_branch *st
     if (!on) rc = branch_swap(t, other);
     if (lamp) t->lamp.decided = 1;
     else t->water.decided = 1;
-    snprintf(why, sizeof why, "%d validation views, after %d steps: %.2f dB with it, %.2f without; worth it from +%.2g dB",
+    snprintf(why, sizeof why, "%d validation views, after %d steps: %.2f dB with it, %.2f without; kept from +%.2g dB",
              t->held_views, selection_steps(t, SELECTION_TRIAL), psnr[1], psnr[0], SELECTION_IMAGING_MIN_GAIN);
     selection_note_imaging(t, lamp, on, why);
     return rc;
@@ -413,18 +412,24 @@ static oxl_result selection_try_imaging(struct train *t, struct train_branch *st
 /* Starts what is asked for by name, and the trials of the rest; a trial before this one may have gone past the step. */
 static oxl_result selection_imaging_part(struct train *t, int lamp, oxl_switch mode, int from, int *decided)
 {
+    double     span;
+    char       narrow[96];
     oxl_result rc = OXL_OK;
     if (mode == OXL_OFF || *decided || t->step < from || t->trial_is_next) return OXL_OK;
-    if (mode == OXL_AUTO && t->held_views > 0 && !renderer_has_device(t->renderer)) {
+    span = water_span(t->scene);
+    if (mode == OXL_AUTO && t->held_views > 0 && !renderer_has_device(t->renderer) && (lamp || span >= WATER_SPAN_LEAST)) {
         t->trial_is_next = lamp ? TRAIN_TRIES_LAMP : TRAIN_TRIES_WATER;
         return OXL_OK;
     }
     *decided = 1;
+    snprintf(narrow, sizeof narrow, "the points' depths span a factor of %.1f: less than %d does not identify water", span,
+             WATER_SPAN_LEAST);
     if (mode == OXL_ON) rc = selection_turn_on(t, lamp);
     else
         selection_note_imaging(t, lamp, 0,
-                               t->held_views > 0 ? "a device renders: it is fitted on the CPU alone"
-                                                 : "too few training views to spare one to judge by");
+                               t->held_views == 0                 ? "too few training views for validation"
+                               : renderer_has_device(t->renderer) ? "a device renders: it is fitted on the CPU alone"
+                                                                  : narrow);
     return rc;
 }
 
@@ -442,7 +447,7 @@ static void selection_note_lobes(struct train *t, int kept, const double psnr[2]
     char why[256];
     snprintf(why, sizeof why,
              "%d validation views, after %d steps: %.2f dB with second lobes, %.2f without; %.1f %% more bytes; "
-             "worth it from +%.2g dB",
+             "kept from +%.2g dB",
              t->held_views, selection_steps(t, SELECTION_TRIAL), psnr[1], psnr[0], 100 * (bytes[1] / bytes[0] - 1),
              SELECTION_LOBES_MIN_GAIN);
     selection_note(t, "dog", kept ? "selective" : "off", why);
@@ -478,7 +483,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
         if (t->trial_is_next == TRAIN_TRIES_SH_DEGREE) selection_note_sh_degree(t, most, psnr);
         t->trial_is_next = TRAIN_TRIES_NOTHING;
         selection_release_views(t);
-    } else if (start.second.memory) { /* as if it had not begun */
+    } else if (start.second.memory) { /* as before the trial */
         t->sh_degree = start.model.sh_degree;
         if (branch_swap(t, &start) != OXL_OK) rc = OXL_ERR_MEMORY;
     }
@@ -487,7 +492,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
     return rc;
 }
 
-/* ---------------------------------------------------------------- what trials take */
+/* ---------------------------------------------------------------- the cost of trials */
 
 static int selection_pairs_of_weights(const oxl_train_options *o)
 {
@@ -504,8 +509,8 @@ static int selection_pairs_of_weights(const oxl_train_options *o)
     return u.spsa.pair;
 }
 
-/* In a trial of bands all but one of four ways are trained beside the run, in one of lobes one of two, and one of each pair of weights
- * by depth; half of these count where the images have yet to tell whether there are weights at all. */
+/* Steps beyond the run's own: three of the four alternatives of a trial of bands, one of two of lobes, one of each pair of depth
+ * weights; half of the latter while auto is undecided. */
 OXL_INTERNAL int selection_trial_steps(const oxl_train_options *o, int views)
 {
     const int each  = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));

@@ -63,13 +63,13 @@ OXL_INTERNAL void nonfinite_of_view(oxl_context *ctx, oxl_nonfinite *f, int step
 {
     size_t       found = 0;
     const size_t rows  = nonfinite_clear(r, model, first, second, &found);
-    char         who[64];
+    char         rows_text[64];
     f->cleared += rows;
     if (f->steps++ >= NONFINITE_NAMED) return;
-    nonfinite_name_rows(who, found, rows);
+    nonfinite_name_rows(rows_text, found, rows);
     if (rows)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite because of %s: cleared, the step is skipped", step,
-                view, who);
+                view, rows_text);
     else oxl_log(ctx, OXL_LOG_WARNING, "step %d: the loss of %s is not finite; the step is skipped", step, view);
 }
 
@@ -77,13 +77,13 @@ OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step
                                     struct renderer_nonfinite skipped, oxl_model *model, oxl_model *first, oxl_model *second)
 {
     size_t found = 0, cleared;
-    char   who[64];
+    char   rows_text[64];
     if (skipped.rows == 0) return;
     cleared = nonfinite_clear(NULL, model, first, second, &found);
-    nonfinite_name_rows(who, skipped.first, skipped.rows);
+    nonfinite_name_rows(rows_text, skipped.first, skipped.rows);
     if (f->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: in %s, %s met a number that is not finite: the step is skipped, %zu cleared",
-                step, view, who, cleared);
+                step, view, rows_text, cleared);
     f->rows += skipped.rows;
     f->cleared += cleared;
 }

@@ -1,16 +1,16 @@
 /* prune.c - Wise Adaptive Pruning: drops that shrink, with refinement between them (paper sec. 3.2 and 4; "Prune Wisely, Reconstruct
  * Sharply", arXiv 2602.24136, and its code, for the schedule; Speedy-Splat, arXiv 2412.00578, for the score).
  *
- * When density control is over, a window of a quarter of the run opens. In it go 1/2, 1/4, 1/8, 1/16 and 1/16 of what is too much:
- * the first at once, each further one when the mean L1 of training has come down to 0.99 of what it was before the last, or when
- * 1500 of 40 000 iterations have passed in vain.
+ * When density control is over, a window of a quarter of the run opens. In it 1/2, 1/4, 1/8, 1/16 and 1/16 of the excess are removed:
+ * the first at once, each further one when the mean L1 of training has fallen to 0.99 of its value before the last drop, or after
+ * 1500 of 40 000 iterations without that.
  *
- * Who goes: those that matter least to the picture,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
- * rendered image, pixels where the image has fine detail counting up to 1.3 times. It is the plain sum: divided by the number of
- * views it did worse in 7 of 7 pairs (docs/PAPER.md).
+ * Removed are those with the lowest score,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
+ * rendered image and pixels with fine detail have weights up to 1.3. It is the plain sum: divided by the number of views it was worse
+ * in 7 of 7 pairs (docs/PAPER.md).
  *
- * Invariants: the window ends with exactly the number asked for (or what there is, when that is less). Rows keep their order. The
- * choice is a function of the model, the scene and the options: ties go by row.
+ * Invariants: the window ends with exactly the requested number (or fewer, if there are fewer). Rows keep their order. The choice
+ * is a function of the model, the scene and the options; ties are resolved by row.
  */
 #include "train.h"
 
@@ -23,7 +23,7 @@
 #define PRUNE_EPSILON  0.01            /* auto: the held-out views' loss may rise by this share */
 #define PRUNE_FILE     2048            /* bytes of a PLY that are not rows: its header */
 enum {
-    PRUNE_EVERY_LEAST  = 25,  /* steps: in fewer no Gaussian has adapted */
+    PRUNE_EVERY_LEAST  = 25,  /* steps: minimum for Gaussians to adapt */
     PRUNE_AUTO_SHARE   = 8,   /* auto: each drop removes one eighth of the rest */
     PRUNE_VIEWS        = 100, /* a score is taken of so many views, or of 1 for each */
     PRUNE_STEPS_A_VIEW = 40   /* steps of the run, if that is more: five scores then cost about a sixteenth of it */
@@ -106,7 +106,7 @@ OXL_INTERNAL void prune_observe(struct prune *p, int step, double l1)
     p->l1_count++;
 }
 
-/* One eighth more, as long as views that are not trained on do not suffer and there is time left to refine. */
+/* One eighth more, while the validation loss permits and steps for refinement remain. */
 static size_t prune_due_auto(struct prune *p, int step, size_t count, double held)
 {
     if (p->held == 0) p->held = held; /* not always at the start of the window: a trial may be under way there */
@@ -231,16 +231,16 @@ done:
     return rc;
 }
 
-/* ---------------------------------------------------------------- who matters */
+/* ---------------------------------------------------------------- scores */
 
 struct prune_pass { /* over the views */
     float *one;     /* (count) the score in the view at hand */
-    float *views;   /* (count) in how many views it shows */
+    float *views;   /* (count) number of views with a contribution */
     float *drgb;    /* (3,H,W) weights of the pixels: dS/d(image) */
     size_t drgb_capacity;
 };
 
-/* What each pixel of a view counts. */
+/* Weights of the pixels of a view. */
 static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view, float detail, struct prune_pass *pass)
 {
     const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;

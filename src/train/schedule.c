@@ -6,10 +6,9 @@
 #define SCHEDULE_RESET_LEAST          3000  /* iterations between opacity resets [Kerbl 2023] */
 #define SCHEDULE_RESET_RECOVERY       1000  /* iterations until the loss recovers from an opacity reset, */
 #define SCHEDULE_RESET_RECOVERY_SHARE 0.025 /* and as a share of the run, for long ones */
-#define SCHEDULE_PIXELS_EACH \
-    60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel tells 3 (PAPER.md) */
-#define SCHEDULE_COARSE_SIDE 640  /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
-#define SCHEDULE_COARSE_AUTO 0.25 /* of the run, for larger ones */
+#define SCHEDULE_PIXELS_EACH          60 /* training pixels for each Gaussian at least: it has up to 59 numbers, a pixel 3 (PAPER.md) */
+#define SCHEDULE_COARSE_SIDE          640  /* px: half the sides of smaller images cost more than they save (docs/TRADEOFF.md) */
+#define SCHEDULE_COARSE_AUTO          0.25 /* of the run, for larger ones */
 #define SCHEDULE_MOMENTUM_ITERATIONS \
     7000 /* iterations from which on Kerbl's momentum is the better one; not tried between 2000 and this */
 #define SCHEDULE_BETA_LEAST           0.5     /* of the mean gradient */
@@ -19,7 +18,7 @@
 #define SCHEDULE_EARLY_EXPONENT       0.5 /* of a short run's factor: by this power of it, rates other than of positions begin larger */
 #define SCHEDULE_EARLY_UNTIL          0.5 /* of the run: from then on they are not */
 #define SCHEDULE_ALPHA_MIN_UNTIL      0.8 /* of the run: until then alpha_min holds */
-#define SCHEDULE_COOLDOWN_END         0.1 /* times the usual steps at the end of a run */
+#define SCHEDULE_COOLDOWN_END         0.1 /* factor on the learning rates at the end of a run */
 
 OXL_INTERNAL double schedule_short_run_factor(const oxl_train_options *o)
 {
@@ -43,14 +42,14 @@ OXL_INTERNAL float schedule_scale_rate(const oxl_train_options *o)
     return (float)(schedule_short_run_factor(o) * sqrt(schedule_momentum_factor(o)) * o->rate_log_scale);
 }
 
-/* 0 until the run settles, 1 at its end. */
+/* 0 until the cooldown, 1 at its end. */
 static double schedule_cooldown(const struct train *t)
 {
     const double left = 1 - (double)(t->step - 1) / OXL_MAX(1, t->options->iterations - 1);
     return left < t->options->cooldown ? 1 - left / t->options->cooldown : 0;
 }
 
-/* What viewers leave out in the run's last part, whether it settles or not. */
+/* What viewers leave out in the run's last part, with or without a cooldown. */
 OXL_INTERNAL float schedule_alpha_min(const struct train *t)
 {
     return t->step <= SCHEDULE_ALPHA_MIN_UNTIL * t->options->iterations ? t->options->alpha_min : 0;

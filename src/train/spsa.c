@@ -1,14 +1,14 @@
 /* spsa.c - optimises the two depth weights from noisy costs, without a gradient (paper sec. 3.2; Spall 1998, "Implementation of the
  * simultaneous perturbation algorithm for stochastic optimization", IEEE Trans. AES 34(3)).
  *
- * Pair k shifts both weights at once by c_k times random signs, once there and once back, and asks for the cost of either point;
- * their difference, over the distance of the two points, is the gradient's estimate. To the costs that are told comes one that is
- * known: doubt/2 (f - prior_mean)^2. Where the costs are flat, and between few pairs of much noise they are, a search without it stays where
- * it began, or wanders. With its curvature known the best gain is so too, a_k = 1 / (doubt (k + 2)) [Spall 1998, III.B: exponent 1]:
- *     f <- project(f - a_k ((cost+ - cost-) / (point+ - point-) + doubt (f - prior_mean))),   c_k = c / (k + 1)^0.101,
- * after a first step that forgets where the search began: f is the mean of prior_mean and of where each pair alone would put it,
- * prior_mean - slope / doubt.
- * Every second pair goes at a right angle to the one before it, so that what either sees of the other weight cancels (Bhatnagar 2003,
+ * Pair k shifts both weights at once by c_k times random signs, in both directions, and asks for the cost of either point;
+ * their difference, over the distance of the two points, is the gradient's estimate. A prior is added to the measured costs:
+ * P/2 (f - prior_mean)^2, P = prior_precision. Where the costs are flat, as they are between few noisy pairs, a search without it stays
+ * where it began, or drifts. Its curvature is known, and with it the best gain, a_k = 1 / (P (k + 2)) [Spall 1998, III.B: exponent 1]:
+ *     f <- project(f - a_k ((cost+ - cost-) / (point+ - point-) + P (f - prior_mean))),   c_k = c / (k + 1)^0.101,
+ * after a first step that is independent of the start: f is the mean of prior_mean and of each pair's own estimate,
+ * prior_mean - slope / P.
+ * Every second pair is perpendicular to the one before it, so that the effect of the other weight cancels (Bhatnagar 2003,
  * "Two-timescale simultaneous perturbation stochastic approximation using deterministic perturbation sequences").
  * The order of the two points is random, so that a drift of the cost has no bias.
  *
@@ -21,10 +21,10 @@
 #include "../core/vecmath.h"
 
 #define SPSA_SHIFT_DECAY    0.101
-#define SPSA_SHIFT          1.0 /* c: what a difference over less tells is lost in the noise of a cost (docs/ABLATION.md) */
-#define SPSA_OFFSET_MAX     1.0 /* no pair alone puts a weight farther from prior_mean: in the first, the loss still falls fast */
+#define SPSA_SHIFT          1.0 /* c: differences over less are lost in the noise of a cost (docs/ABLATION.md) */
+#define SPSA_OFFSET_MAX     1.0 /* limit of a single pair's distance from prior_mean: during the first, the loss still falls fast */
 #define SPSA_STREAM         (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
-#define SPSA_DISTANCE_LEAST 0.5 /* x c_k: where the projection left less between the two points, a difference tells nothing */
+#define SPSA_DISTANCE_LEAST 0.5 /* x c_k: minimum distance of the projected points for a usable difference */
 
 static double spsa_power(double base, double exponent)
 {
@@ -63,7 +63,7 @@ static void spsa_open_pair(struct spsa *s)
     spsa_move(s->cap, s->f, -mid, -beyond, s->point[1]);
     s->signs = signs;
     s->first = (int)(bits >> 61 & 1);
-    s->told  = 0;
+    s->known = 0;
 }
 
 OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double prior_mean[2], double prior_precision,
@@ -81,7 +81,7 @@ OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double
 
 OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2])
 {
-    memcpy(f, s->point[s->told ? !s->first : s->first], 2 * sizeof *f);
+    memcpy(f, s->point[s->known ? !s->first : s->first], 2 * sizeof *f);
 }
 
 static void spsa_step(struct spsa *s)
@@ -101,8 +101,8 @@ OXL_INTERNAL int spsa_update(struct spsa *s, double cost)
         spsa_skip(s);
         return 0;
     }
-    s->cost[s->told ? !s->first : s->first] = cost;
-    if (!s->told++) return 0;
+    s->cost[s->known ? !s->first : s->first] = cost;
+    if (!s->known++) return 0;
     spsa_step(s);
     s->pair++;
     spsa_open_pair(s);
@@ -111,7 +111,7 @@ OXL_INTERNAL int spsa_update(struct spsa *s, double cost)
 
 OXL_INTERNAL void spsa_skip(struct spsa *s)
 {
-    s->told = 0; /* discards half a pair */
+    s->known = 0; /* discards half a pair */
 }
 
 OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
@@ -126,7 +126,7 @@ OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s)
     archive_u64(a, &s->seed);
     archive_u64(a, &s->signs);
     archive_int(a, &s->pair);
-    archive_int(a, &s->told);
+    archive_int(a, &s->known);
     archive_int(a, &s->first);
-    archive_expect(a, s->pair >= 0 && s->pair < INT_MAX / 2 && (s->told | 1) == 1 && (s->first | 1) == 1);
+    archive_expect(a, s->pair >= 0 && s->pair < INT_MAX / 2 && (s->known | 1) == 1 && (s->first | 1) == 1);
 }

@@ -88,12 +88,13 @@ static oxl_result step_mask_transients(struct train *t, const oxl_camera *camera
     const size_t pixels   = (size_t)camera->width * (size_t)camera->height;
     const float *rendered = NULL;
     oxl_result   rc       = oxl_reserve(t->ctx, (void **)&t->weight, &t->weight_capacity, pixels, sizeof *t->weight);
-    const int    masked   = t->masked;
-    t->masked             = 1;
     if (rc == OXL_OK) rc = renderer_image(t->ctx, t->renderer, &rendered);
-    if (rc != OXL_OK) return rc;
-    return transients_weigh(t->ctx, &t->transients, t->scene, camera, t->render.near_plane, rendered, t->target,
-                            !t->trial_is_next, masked, t->weight);
+    if (rc == OXL_OK) {
+        const struct transients_view view = {camera, t->render.near_plane, rendered, t->target, t->weight, t->masked};
+        rc                                = transients_mask(t->ctx, &t->transients, t->scene, &view, !t->trial_is_next);
+    }
+    t->masked = 1;
+    return rc;
 }
 
 static void step_set_gain(struct train *t, int view)
@@ -114,10 +115,11 @@ static struct imaging step_imaging(const struct train *t)
 /* Of the view's camera; NULL: none. */
 static const struct lamp *step_lamp(const struct train *t, int view)
 {
-    const struct lamp *group = t->lamp.group;
+    const struct lamp *group  = t->lamp.group;
+    const uint64_t     camera = t->lamp.groups > 1 ? imaging_camera(t->scene, view) : 0;
     if (!t->lamp.on) return NULL;
     for (int g = 1; g < t->lamp.groups; g++)
-        if (group[g].camera == scene_camera_id(t->scene, view)) return &group[g];
+        if (imaging_camera(t->scene, group[g].view) == camera) return &group[g];
     return group;
 }
 
@@ -174,7 +176,7 @@ static oxl_result step_on_view(struct train *t, int view)
         if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
         if (rc != OXL_OK) return rc;
         nonfinite_of_view(t->ctx, &t->nonfinite, t->step, name, t->renderer, t->model, &t->first, &t->second);
-        return renderer_forget(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
+        return renderer_clear_visible(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
     }
     if (t->exposure.of.on)
         exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));

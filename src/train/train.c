@@ -9,7 +9,6 @@
 #define TRAIN_SHORT_RUN_WIDTH   0.3   /* exponents of the short-run factor: divisor of the initial widths */
 #define TRAIN_SHORT_RUN_OPACITY 0.7   /* and their opacities multiplied, */
 #define TRAIN_OPACITY_MOST      0.3   /* up to this */
-#define TRAIN_SPAN_LEAST        2     /* of depths, 0.9 to 0.1 quantile: less does not identify water (docs/WATER.md) */
 #define TRAIN_SAVE_STEPS        500   /* a checkpoint after so many iterations, */
 #define TRAIN_SAVE_SECONDS      60.0  /* or so long, whichever comes first */
 
@@ -173,7 +172,7 @@ static int train_are_squares(const oxl_model *second)
     return 1;
 }
 
-/* All that the steps to come depend on; the gradient is made anew in each. */
+/* All state that later steps depend on; the gradient is computed in each step. */
 static void train_archive(struct archive *a, void *user)
 {
     struct train *t     = user;
@@ -294,8 +293,7 @@ static oxl_result train_loop(struct train *t)
 static void train_describe_imaging(struct train *t)
 {
     const struct imaging *m    = scene_imaging(t->scene);
-    const double          near = scene_depth_quantile(t->scene, 0.1), far_ = scene_depth_quantile(t->scene, 0.9);
-    const double          span = near > 0 ? far_ / near : 1;
+    const double          span = water_span(t->scene);
     if (m->medium.lit)
         oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f; %d lamps", (double)m->medium.falloff,
                 m->lamps);
@@ -306,9 +304,9 @@ static void train_describe_imaging(struct train *t)
                 (double)m->medium.direct[0], (double)m->medium.direct[1], (double)m->medium.direct[2],
                 (double)m->medium.scatter[0], (double)m->medium.scatter[1], (double)m->medium.scatter[2],
                 (double)m->medium.veil[0], (double)m->medium.veil[1], (double)m->medium.veil[2], span);
-    if ((m->medium.on || m->medium.lit) && span < TRAIN_SPAN_LEAST)
+    if ((m->medium.on || m->medium.lit) && span < WATER_SPAN_LEAST)
         oxl_log(
-            t->ctx, OXL_LOG_WARNING,
+            t->ctx, m->medium.on ? OXL_LOG_WARNING : OXL_LOG_INFO,
             "the points' depths, without the nearest and the farthest tenth, span a factor of %.1f: water and falloff are not identified, and scene_clear.ply "
             "is not measured colour",
             span);

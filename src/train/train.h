@@ -43,7 +43,7 @@ OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, str
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
 /* Of a row, over the views that saw it since the statistics were cleared, without weights. */
 OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
-/* Judges every row, rebuilds the model and its moments, clears the statistics. */
+/* Splits and removes rows, rebuilds the model and its moments, clears the statistics. */
 OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
                                         oxl_model *second, const struct density_rules *rules, struct density_change *out);
 /* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
@@ -53,7 +53,7 @@ OXL_INTERNAL void       density_archive(struct archive *a, struct density *d, si
 
 /* ---------------------------------------------------------------- checkpoint.c: the state of a run in a file */
 
-/* Goes both ways: a module lists its state once, and the archive writes it or reads it back. After a failure, calls do nothing.
+/* Writes and reads: a module lists its state once, and the archive writes it or reads it back. After a failure, calls do nothing.
  * Counts are read before what they count, and are checked against what is left of the file. */
 struct archive {
     oxl_context *ctx;
@@ -69,7 +69,7 @@ OXL_INTERNAL void archive_size(struct archive *a, size_t *value);
 OXL_INTERNAL void archive_ints(struct archive *a, int *values, size_t count);
 OXL_INTERNAL void archive_floats(struct archive *a, float *values, size_t count);
 OXL_INTERNAL void archive_doubles(struct archive *a, double *values, size_t count);
-/* When reading: what was read must be so, or the file is refused. The sum at its end tells of accidents, not of intent. */
+/* When reading: the file is refused unless `ok`. The checksum finds accidental damage, not intended changes. */
 OXL_INTERNAL void archive_expect(struct archive *a, int is_so);
 OXL_INTERNAL void archive_text(struct archive *a, struct text *t);             /* reading: the text is replaced */
 OXL_INTERNAL void archive_model(struct archive *a, oxl_model *model);          /* reading: the model is replaced */
@@ -95,8 +95,8 @@ struct spsa {
     double   cost[2];       /* of the two points */
     double   cap;           /* the most that f may be */
     uint64_t seed, signs;
-    int      pair, told; /* pairs finished; costs known of the current pair */
-    int      first;      /* index of the point that is evaluated first */
+    int      pair, known; /* pairs finished; known costs of the current pair */
+    int      first;       /* index of the point that is evaluated first */
 };
 /* prior_precision: half of it is the prior's cost at a distance of 1 from prior_mean. */
 OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double prior_mean[2], double prior_precision,
@@ -123,7 +123,7 @@ struct ucd {
     struct contrast contrast;
     char            reason[256];
 };
-/* What is `on` and between which depths; densifications: how many there will be. Logs nothing: ucd_describe has the words. */
+/* What is `on` and between which depths; densifications: how many there will be. Logs nothing; ucd_describe gives the text. */
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications);
 /* Of weights that are learned, if so many densifications are enough; ucd_begin does it, too. */
 OXL_INTERNAL void       ucd_begin_search(struct ucd *u, int densifications, uint64_t seed);
@@ -168,28 +168,33 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
 OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_image *p, float *out); /* (H,W) 0..3 */
 
-/* ---------------------------------------------------------------- transients.c: what swims through one image */
+/* ---------------------------------------------------------------- transients.c: masks of moving objects */
 
 struct transients_square { /* of pixels, in the present view */
     float    error;        /* how far off its mean colour is, of white; -1: none of its pixels counts */
-    float    usual;        /* the largest usual error of the points in it; -1: there are none */
+    float    expected;     /* the largest expected error of the points in it; -1: there are none */
     unsigned marks;
 };
 struct transients {
-    size_t                    points; /* of the scene; 0: off */
-    float                    *usual;  /* (points) error where it lies, over the views that see it, of late */
-    int32_t                  *place;  /* (points) its square in the present view, or -1 */
+    size_t                    points;   /* of the scene; 0: off */
+    float                    *expected; /* (points) running mean of the error at its position, over the views that see it */
+    int32_t                  *place;    /* (points) its square in the present view, or -1 */
     struct transients_square *square;
     size_t                    square_capacity;
     double                    masked_share; /* share of masked pixels, smoothed over the last images */
 };
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on);
 OXL_INTERNAL void       transients_free(oxl_context *ctx, struct transients *r);
-/* weight (H,W): set to 0 where masked as transient. masked: it contains a mask; otherwise all of it is set. rendered, image (3,H,W).
- * remember 0: what is usual stays as it is, as in the steps of a trial. */
-OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
-                                         double near_plane, const float *rendered, const float *image, int remember, int masked,
-                                         float *weight);
+struct transients_view {
+    const oxl_camera *camera;
+    double            near_plane;
+    const float      *rendered, *image; /* (3,H,W) */
+    float            *weight;           /* (H,W): set to 0 where masked as transient */
+    int               has_mask;         /* weight contains a mask; 0: all of it is set */
+};
+/* update 0: expected errors stay as they are, as in the steps of a trial. */
+OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *r, const oxl_scene *scene,
+                                        const struct transients_view *view, int update);
 OXL_INTERNAL void       transients_describe(const struct transients *r, char *out, size_t size); /* the masked share, as text */
 OXL_INTERNAL void       transients_archive(struct archive *a, struct transients *r);
 
@@ -200,7 +205,9 @@ struct water {
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
-OXL_INTERNAL oxl_result    water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+#define WATER_SPAN_LEAST 2 /* less does not identify the water: auto is off (docs/WATER.md) */
+OXL_INTERNAL double        water_span(oxl_scene *scene);
 OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* after this step; 0: never */
 OXL_INTERNAL struct medium water_medium(const struct water *w);
 OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
@@ -251,7 +258,7 @@ struct exposure {
     struct imaging of;             /* the gains; on: they are applied */
     float         *first, *second; /* (views,3) Adam's moments */
     int           *visits;         /* (views) steps of a view's gains */
-    double         mean[3];        /* of the log gains after each step: 0, or that of the run which this one goes on from */
+    double         mean[3];        /* of the log gains after each step: 0, or that of the run that this one continues */
 };
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
@@ -275,7 +282,7 @@ struct train_output {
     const oxl_model *start;     /* trained before: its gains, water and lamp go on, too; NULL: from the scene's points */
     struct text     *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
     oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
-    int             *trained;   /* out: 1: nothing of the run is left to be done; or NULL */
+    int             *trained;   /* out: 1: the run is complete; or NULL */
     const oxl_model *from;      /* in the place of the scene's points; or NULL */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
@@ -284,7 +291,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
 
 /* The most Gaussians that training may make of a scene. */
 OXL_INTERNAL size_t     schedule_gaussian_cap(const oxl_scene *scene, const oxl_train_options *options);
-/* By how much a run too short for the usual steps of geometry takes larger ones (docs/TRADEOFF.md). */
+/* Factor on the learning rates of geometry in short runs (docs/TRADEOFF.md). */
 OXL_INTERNAL double     schedule_short_run_factor(const oxl_train_options *options);
 OXL_INTERNAL oxl_result train_check(oxl_context *ctx, const oxl_train_options *options);
 OXL_INTERNAL float      schedule_scale_rate(const oxl_train_options *options);

@@ -1,54 +1,55 @@
-/* transients.c - what swims through one image is not learned: where it stays unexplained while the other images of the same place
- * are explained, its pixels do not count.
+/* transients.c - masks transients (fish, divers): squares of pixels with a large error in one image where other images of the same
+ * place have a small one.
  *
- * From RobustNeRF (Sabour et al. 2023, arXiv 2302.00833, its trimmed least squares) come the residual as the witness, the vote of the
- * neighbourhood, and weights of 0 or 1 made anew in each step. Its threshold, the median of a batch's residuals, is not taken: it
- * masks half of all pixels at first, and for good what is hard to model (thin corals, the survey's rim), which is then never learned. A
- * fish and a coral that is not learned yet leave the same residual in one image; they differ in the others. So each sparse point
- * keeps what error is `usual` where it lies, over the views that see it: small behind a fish, for the other views explain the ground;
- * large at the coral until it is learned; and TRANSIENTS_MOST at first, so that little is masked before errors have been observed.
+ * From RobustNeRF (Sabour et al. 2023, arXiv 2302.00833, trimmed least squares): the residual, the vote of the neighbourhood, and
+ * weights of 0 or 1 computed in each step. Its threshold, the median of a batch's residuals, is not used: it masks half of all pixels
+ * at first, and always what is hard to model (thin corals, the survey's border), which is then never learned. A fish and a coral that
+ * is not learned yet have the same residual in one image; they differ in the others. So each sparse point keeps its `expected` error,
+ * the running mean over the views that see it: small behind a fish, since other views explain the ground; large at the coral until it
+ * is learned; TRANSIENTS_MOST at first, so that little is masked before errors have been observed.
  *
- * In a step, e being the error of a square of pixels: the channels' mean of |mean of rendered - image| (of the signed difference:
- * texture that is not learned yet has next to none, a blot has), and m the largest usual error of the points around it,
- *     odd    e > TRANSIENTS_ERROR, and of TRANSIENTS_VOTES at least of the 3 x 3 squares around
- *     core   odd, and e > TRANSIENTS_TIMES m
- *     masked core; or next to one, with e > TRANSIENTS_ERROR / 2 and 2 e > TRANSIENTS_TIMES m
- *     usual  <- usual + TRANSIENTS_RATE (min(e, TRANSIENTS_MOST) - usual), for each point in view
+ * In a step, e being the error of a square of pixels: the channels' mean of |mean of rendered - image| (signed: texture that is not
+ * learned yet averages out, a fish does not), and m the largest expected error of the points around it,
+ *     outlier  e > TRANSIENTS_ERROR, and of TRANSIENTS_VOTES at least of the 3 x 3 squares around
+ *     core     outlier, and e > TRANSIENTS_TIMES m
+ *     masked   core; or next to one, with e > TRANSIENTS_ERROR / 2 and 2 e > TRANSIENTS_TIMES m
+ *     expected <- expected + TRANSIENTS_RATE (min(e, TRANSIENTS_MOST) - expected), for each point in view
  * Squares without points around are never masked. docs/log/ROBUST.md has gains, cost and rejected alternatives.
  *
- * Invariant: weights and usual errors are a function of the model, the view and the usual errors before; no sum depends on the number
- * of threads.
+ * Invariant: weights and expected errors are a function of the model, the view and the previous expected errors; no sum depends on the
+ * number of threads.
  */
 #include "train.h"
 
-#define TRANSIENTS_ERROR     0.05f /* of white: a twentieth is a blot that one sees */
-#define TRANSIENTS_TIMES     4.0f  /* what is usual around */
-#define TRANSIENTS_MOST      0.05f /* of white: counts in what is usual; with more, each fish makes the next one usual */
-#define TRANSIENTS_RATE      0.1f  /* the last ten views, about */
-#define TRANSIENTS_SMOOTHING 0.02  /* of the share that is told at the end: about the last 50 views */
+#define TRANSIENTS_ERROR     0.05f /* of white: a visible difference */
+#define TRANSIENTS_TIMES     4.0f  /* x the expected error around */
+#define TRANSIENTS_MOST      0.05f /* of white: limit of an error in the mean; above it each fish raises the threshold of the next */
+#define TRANSIENTS_RATE      0.1f /* about the last ten views */
+#define TRANSIENTS_SMOOTHING 0.02 /* of the logged share: about the last 50 views */
 enum {
-    TRANSIENTS_VOTES  = 3,   /* of the 3 x 3 squares, with the one in the middle: noise has none, a thin tail has them */
-    TRANSIENTS_ACROSS = 100, /* squares along the longer side of an image, */
-    TRANSIENTS_SIDE   = 4,   /* px: or fewer, of so many at least */
-    TRANSIENTS_NEAR   = 2    /* squares: points that speak for one lie so near */
+    TRANSIENTS_VOTES  = 3,   /* of the 3 x 3 squares, with the one in the middle: noise has fewer, thin objects have them */
+    TRANSIENTS_ACROSS = 100, /* maximum of squares along the longer side of an image */
+    TRANSIENTS_SIDE   = 4,   /* px: minimum of a square */
+    TRANSIENTS_NEAR   = 2    /* squares: radius in which points count for a square */
 };
-enum { TRANSIENTS_ABOVE = 1, TRANSIENTS_ODD = 2, TRANSIENTS_CORE = 4, TRANSIENTS_ASIDE = 8 };
+enum { TRANSIENTS_ABOVE = 1, TRANSIENTS_OUTLIER = 2, TRANSIENTS_CORE = 4, TRANSIENTS_MASKED = 8 };
 
 OXL_INTERNAL oxl_result transients_begin(oxl_context *ctx, struct transients *r, const oxl_scene *scene, int on)
 {
     *r = (struct transients){.points = on ? oxl_scene_point_count(scene) : 0};
     if (on && r->points == 0) oxl_log(ctx, OXL_LOG_WARNING, "the scene has no points: transients are not masked");
     if (r->points == 0) return OXL_OK;
-    r->usual = oxl_alloc(ctx, r->points, sizeof *r->usual);
-    r->place = oxl_alloc(ctx, r->points, sizeof *r->place);
-    if (!r->usual || !r->place) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the usual errors of %zu points", r->points);
-    for (size_t i = 0; i < r->points; i++) r->usual[i] = TRANSIENTS_MOST;
+    r->expected = oxl_alloc(ctx, r->points, sizeof *r->expected);
+    r->place    = oxl_alloc(ctx, r->points, sizeof *r->place);
+    if (!r->expected || !r->place)
+        return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the expected errors of %zu points", r->points);
+    for (size_t i = 0; i < r->points; i++) r->expected[i] = TRANSIENTS_MOST;
     return OXL_OK;
 }
 
 OXL_INTERNAL void transients_free(oxl_context *ctx, struct transients *r)
 {
-    oxl_free(ctx, r->usual);
+    oxl_free(ctx, r->expected);
     oxl_free(ctx, r->place);
     oxl_free(ctx, r->square);
     *r = (struct transients){0};
@@ -73,7 +74,7 @@ static struct transients_grid transients_grid(int width, int height)
     return (struct transients_grid){width, height, side, (width + side - 1) / side, (height + side - 1) / side};
 }
 
-/* Of the pixels of square (x, y) that count; -1: none does. weight (H,W) may be NULL: all do. */
+/* Of the unmasked pixels of square (x, y); -1: none. weight (H,W) NULL: no mask. */
 static float transients_error(const struct transients_grid *g, const float *rendered, const float *image, const float *weight,
                               int x, int y)
 {
@@ -101,15 +102,15 @@ static int transients_votes(const struct transients_grid *g, const struct transi
     return votes;
 }
 
-/* The largest usual error of the points near the i-th square; HUGE_VALF without any. */
-static float transients_usual(const struct transients_grid *g, const struct transients_square *square, int i)
+/* The largest expected error of the points near the i-th square; HUGE_VALF without any. */
+static float transients_expected(const struct transients_grid *g, const struct transients_square *square, int i)
 {
     const int x = i % g->across, y = i / g->across;
-    float     usual = -1;
+    float     expected = -1;
     for (int row = OXL_MAX(y - TRANSIENTS_NEAR, 0); row <= OXL_MIN(y + TRANSIENTS_NEAR, g->down - 1); row++)
         for (int column = OXL_MAX(x - TRANSIENTS_NEAR, 0); column <= OXL_MIN(x + TRANSIENTS_NEAR, g->across - 1); column++)
-            usual = OXL_MAX(usual, square[row * g->across + column].usual);
-    return usual < 0 ? HUGE_VALF : usual;
+            expected = OXL_MAX(expected, square[row * g->across + column].expected);
+    return expected < 0 ? HUGE_VALF : expected;
 }
 
 static void transients_mark(const struct transients_grid *g, struct transients_square *s)
@@ -118,14 +119,14 @@ static void transients_mark(const struct transients_grid *g, struct transients_s
     for (int i = 0; i < n; i++) s[i].marks = s[i].error > TRANSIENTS_ERROR ? TRANSIENTS_ABOVE : 0;
     for (int i = 0; i < n; i++)
         if (s[i].marks & TRANSIENTS_ABOVE && transients_votes(g, s, i, TRANSIENTS_ABOVE) >= TRANSIENTS_VOTES)
-            s[i].marks |= TRANSIENTS_ODD;
+            s[i].marks |= TRANSIENTS_OUTLIER;
     for (int i = 0; i < n; i++)
-        if (s[i].marks & TRANSIENTS_ODD && s[i].error > TRANSIENTS_TIMES * transients_usual(g, s, i))
-            s[i].marks |= TRANSIENTS_CORE | TRANSIENTS_ASIDE;
+        if (s[i].marks & TRANSIENTS_OUTLIER && s[i].error > TRANSIENTS_TIMES * transients_expected(g, s, i))
+            s[i].marks |= TRANSIENTS_CORE | TRANSIENTS_MASKED;
     for (int i = 0; i < n; i++)
         if (s[i].error > TRANSIENTS_ERROR / 2 && transients_votes(g, s, i, TRANSIENTS_CORE) > 0 &&
-            2 * s[i].error > TRANSIENTS_TIMES * transients_usual(g, s, i))
-            s[i].marks |= TRANSIENTS_ASIDE;
+            2 * s[i].error > TRANSIENTS_TIMES * transients_expected(g, s, i))
+            s[i].marks |= TRANSIENTS_MASKED;
 }
 
 /* ---------------------------------------------------------------- points */
@@ -143,8 +144,8 @@ static int32_t transients_cell(const struct transients_grid *g, const oxl_camera
     return (int32_t)y / g->side * g->across + (int32_t)x / g->side;
 }
 
-static void transients_ask_points(oxl_context *ctx, struct transients *r, const struct transients_grid *g, const oxl_scene *scene,
-                                  const oxl_camera *camera, double near_plane)
+static void transients_project_points(oxl_context *ctx, struct transients *r, const struct transients_grid *g,
+                                      const oxl_scene *scene, const oxl_camera *camera, double near_plane)
 {
     const oxl_point *point = oxl_scene_points(scene);
     (void)ctx; /* without OpenMP */
@@ -152,62 +153,63 @@ static void transients_ask_points(oxl_context *ctx, struct transients *r, const 
     for (int64_t i = 0; i < (int64_t)r->points; i++) r->place[i] = transients_cell(g, camera, near_plane, point[i].position);
     for (size_t i = 0; i < r->points; i++) {
         struct transients_square *s = r->place[i] < 0 ? NULL : &r->square[r->place[i]];
-        if (s) s->usual = OXL_MAX(s->usual, r->usual[i]);
+        if (s) s->expected = OXL_MAX(s->expected, r->expected[i]);
     }
 }
 
-static void transients_add_points(struct transients *r)
+static void transients_update_points(struct transients *r)
 {
     for (size_t i = 0; i < r->points; i++) {
         const float error = r->place[i] < 0 ? -1 : r->square[r->place[i]].error;
-        if (error >= 0) r->usual[i] += TRANSIENTS_RATE * (OXL_MIN(error, TRANSIENTS_MOST) - r->usual[i]);
+        if (error >= 0) r->expected[i] += TRANSIENTS_RATE * (OXL_MIN(error, TRANSIENTS_MOST) - r->expected[i]);
     }
 }
 
 /* ---------------------------------------------------------------- an image */
 
-/* Returns how many pixels are aside. */
-static size_t transients_fill(const struct transients_grid *g, const struct transients_square *square, int masked, float *weight)
+/* Returns the number of masked pixels. */
+static size_t transients_fill(const struct transients_grid *g, const struct transients_square *square, int has_mask,
+                              float *weight)
 {
-    size_t aside = 0;
+    size_t count = 0;
     for (int y = 0; y < g->height; y++)
         for (int x = 0; x < g->width; x++, weight++) {
-            const int is_aside = (square[y / g->side * g->across + x / g->side].marks & TRANSIENTS_ASIDE) != 0;
-            if (is_aside) *weight = 0;
-            else if (!masked) *weight = 1;
-            aside += (size_t)is_aside;
+            const int is_masked = (square[y / g->side * g->across + x / g->side].marks & TRANSIENTS_MASKED) != 0;
+            if (is_masked) *weight = 0;
+            else if (!has_mask) *weight = 1;
+            count += (size_t)is_masked;
         }
-    return aside;
+    return count;
 }
 
-OXL_INTERNAL oxl_result transients_weigh(oxl_context *ctx, struct transients *r, const oxl_scene *scene, const oxl_camera *camera,
-                                         double near_plane, const float *rendered, const float *image, int remember, int masked,
-                                         float *weight)
+OXL_INTERNAL oxl_result transients_mask(oxl_context *ctx, struct transients *r, const oxl_scene *scene,
+                                        const struct transients_view *v, int update)
 {
-    const struct transients_grid g = transients_grid(camera->width, camera->height);
+    const struct transients_grid g = transients_grid(v->camera->width, v->camera->height);
     const int                    n = g.across * g.down;
-    double                       aside;
+    double                       share;
     oxl_result                   rc = oxl_reserve(ctx, (void **)&r->square, &r->square_capacity, (size_t)n, sizeof *r->square);
     if (rc != OXL_OK) return rc;
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int i = 0; i < n; i++) {
-        r->square[i].error = transients_error(&g, rendered, image, masked ? weight : NULL, i % g.across, i / g.across);
-        r->square[i].usual = -1;
+        r->square[i].error =
+            transients_error(&g, v->rendered, v->image, v->has_mask ? v->weight : NULL, i % g.across, i / g.across);
+        r->square[i].expected = -1;
     }
-    transients_ask_points(ctx, r, &g, scene, camera, near_plane);
+    transients_project_points(ctx, r, &g, scene, v->camera, v->near_plane);
     transients_mark(&g, r->square);
-    aside = (double)transients_fill(&g, r->square, masked, weight) / ((double)g.width * g.height);
-    if (!remember) return OXL_OK;
-    transients_add_points(r);
-    r->masked_share += TRANSIENTS_SMOOTHING * (aside - r->masked_share);
+    share = (double)transients_fill(&g, r->square, v->has_mask, v->weight) / ((double)g.width * g.height);
+    if (!update) return OXL_OK;
+    transients_update_points(r);
+    r->masked_share += TRANSIENTS_SMOOTHING * (share - r->masked_share);
     return OXL_OK;
 }
 
 OXL_INTERNAL void transients_archive(struct archive *a, struct transients *r)
 {
     if (r->points == 0) return; /* off: that follows from the options and the scene */
-    archive_floats(a, r->usual, r->points);
+    archive_floats(a, r->expected, r->points);
     archive_doubles(a, &r->masked_share, 1);
-    for (size_t i = 0; i < r->points; i++) archive_expect(a, r->usual[i] >= 0 && r->usual[i] <= TRANSIENTS_MOST);
+    for (size_t i = 0; i < r->points; i++) archive_expect(a, r->expected[i] >= 0 && r->expected[i] <= TRANSIENTS_MOST);
     archive_expect(a, r->masked_share >= 0 && r->masked_share <= 1);
 }

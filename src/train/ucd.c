@@ -1,34 +1,34 @@
 /* ucd.c - Underwater-Compensated Densification: weights by depth for the statistics of density control (paper sec. 3.2, eq. 2).
  *
- * Water takes contrast with distance, and the gradients that ask for more Gaussians with it. So a gradient seen from between z_near and
- * z_far counts f_mid times, from beyond z_far f_far times: there alone, never in the optimiser. Both are learned during the run by
+ * Water reduces contrast with distance, and with it the gradients that trigger densification. So a gradient seen from between z_near and
+ * z_far counts f_mid times, from beyond z_far f_far times: in density control alone, never in the optimizer. Both are learned during the run by
  * SPSA (spsa.c). Either point of a pair is tried from the same state and on the same images (model_selection.c): training goes on with it
  * for UCD_SPANS densifications and up to the next one, and the cost of the point is
  *     mean log loss over the last half of a span  +  UCD_GROWTH x dN / N,
- * dN the Gaussians that came. Without the second term more would always look better. The point of less cost goes on. A split
- * does harm at first: judged after one span, growth seems to cost, and all weights fall to 1 (docs/ABLATION.md).
+ * dN the number of added Gaussians. Without the second term more would always be better. Training continues from the point of lower
+ * cost. A split raises the loss at first: measured after one span, growth costs, and all weights fall to 1 (docs/ABLATION.md).
  *
- * Two trials one after the other, as Spall has it, differ in the images, the learning rate and the last opacity reset as well:
- * from two starts the weights stayed far apart so. As far as the costs are flat, the weights are rendered to those of a run without a search.
+ * Two consecutive trials, as in Spall, differ in images, learning rate and the time since the last opacity reset as well: from two
+ * starts the weights stayed far apart. Where the costs are flat, the prior moves the weights to those of a run without a search.
  *
- * Model only what a scene requires: `auto` turns this on where contrast is seen to fade with depth (contrast.c), and says what it saw.
+ * Model only what a scene requires: `auto` turns this on where contrast falls with depth (contrast.c), and logs what was measured.
  *
- * Invariant: the state is a function of the scene, the options, the seed and the costs told.
+ * Invariant: the state is a function of the scene, the options, the seed and the costs.
  */
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define UCD_GROWTH          0.02 /* what a doubling costs, in log loss: about what it earns in a trial (docs/ABLATION.md) */
-#define UCD_PRIOR_PRECISION 0.01 /* half of it is what a weight must gain to be 1 away from its default, in log loss */
+#define UCD_GROWTH          0.02 /* cost of a doubling, in log loss: about what it gains in a trial (docs/ABLATION.md) */
+#define UCD_PRIOR_PRECISION 0.01 /* half of it: gain in log loss for a weight 1 away from its default */
 #define UCD_CAP             5.0  /* on both weights [D] */
 #define UCD_FADE_MIN        0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
-#define UCD_ERRORS          3.0  /* auto: standard errors that it must be away from none */
+#define UCD_ERRORS          3.0  /* auto: standard errors from 0 */
 #define UCD_DEPTH_MAX       0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
 #define UCD_FRONT           0.10 /* quantiles of depth that auto compares */
 #define UCD_BACK            0.90
 enum {
-    UCD_PAIRS  = 12,           /* where there are densifications enough; spread over them, as each costs another trial */
-    UCD_STRIDE = 2 * UCD_SPANS /* at least, so that trials add no more than a half */
+    UCD_PAIRS  = 12,           /* at most, spread over the densifications: each costs a trial */
+    UCD_STRIDE = 2 * UCD_SPANS /* densifications between pairs, at least: trials add at most a half */
 };
 
 /* ---------------------------------------------------------------- options */
@@ -55,12 +55,12 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
     }
     return oxl_fail(
         ctx, OXL_ERR_USAGE,
-        "'%s' is no weight by depth\nfix: on, off, auto, or where the search starts as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
+        "'%s' is not a depth weight\nfix: on, off, auto, or where the search starts as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
         "(1.5,2,fixed: no search)",
         text, UCD_CAP);
 }
 
-/* ---------------------------------------------------------------- where the bands are, and whether */
+/* ---------------------------------------------------------------- the bands, and the decision */
 
 static void ucd_set_bands(struct ucd *u, const oxl_scene *scene, enum oxl_ucd_bands bands)
 {
@@ -78,7 +78,7 @@ static void ucd_set_bands(struct ucd *u, const oxl_scene *scene, enum oxl_ucd_ba
     }
 }
 
-/* Whether contrast fades enough to matter, and what was seen, in words. */
+/* Whether contrast falls enough, and the measurement as text. */
 static void ucd_decide(struct ucd *u, const oxl_scene *scene)
 {
     const struct contrast *c     = &u->contrast;
@@ -94,9 +94,9 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
 
 OXL_INTERNAL void ucd_begin_search(struct ucd *u, int densifications, uint64_t seed)
 {
-    const oxl_ucd usual = oxl_ucd_default();
+    const oxl_ucd prior = oxl_ucd_default();
     u->stride           = OXL_MAX(UCD_STRIDE, (densifications + UCD_PAIRS / 2) / UCD_PAIRS);
-    spsa_begin(&u->spsa, u->f, (double[]){usual.f_mid, usual.f_far}, UCD_PRIOR_PRECISION, UCD_CAP, seed);
+    spsa_begin(&u->spsa, u->f, (double[]){prior.f_mid, prior.f_far}, UCD_PRIOR_PRECISION, UCD_CAP, seed);
     memcpy(u->f, u->spsa.f, sizeof u->f);
     u->too_short = u->learns && densifications < UCD_DENSIFICATIONS;
     u->learns    = u->learns && !u->too_short;
@@ -151,7 +151,7 @@ OXL_INTERNAL double ucd_update(struct ucd *u, double log_loss, double growth)
 
 OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
 {
-    if (!u->learns) return; /* what it then is follows from scene and options */
+    if (!u->learns) return; /* otherwise the state follows from scene and options */
     spsa_archive(a, &u->spsa);
     archive_doubles(a, u->f, 2);
     archive_int(a, &u->densified);

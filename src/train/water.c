@@ -44,6 +44,13 @@ OXL_INTERNAL struct medium water_medium(const struct water *w)
     return m;
 }
 
+/* Of the points' depths: 0.9 to 0.1 quantile. */
+OXL_INTERNAL double water_span(oxl_scene *scene)
+{
+    const double near = scene_depth_quantile(scene, 0.1), far_ = scene_depth_quantile(scene, 0.9);
+    return near > 0 ? far_ / near : 1;
+}
+
 OXL_INTERNAL int water_starts_at(const oxl_train_options *o)
 {
     return o->medium != OXL_OFF ? OXL_MAX(1, (int)(WATER_FROM * o->iterations)) : 0;

@@ -95,7 +95,7 @@ void main()
         ssim = ssim_of(m, d);
         for (uint k = 0u; k < 3u && inside; k++) slope_put(channel, k * plane + pixel_index(at), counts ? d[k] : 0.0);
     }
-    barrier(); /* nobody reads `along` any more */
+    barrier(); /* `along` is not read any more */
     along[0 + i] = w * abs(difference);
     along[256 + i] = counts ? ssim : 0.0;
     along[512 + i] = w * difference * difference;

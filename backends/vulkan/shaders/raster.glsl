@@ -87,8 +87,8 @@ Share share_of(uint n, vec2 pixel, float t)
 
 bool touches(uint n, uint block) { return (floatBitsToUint(batch_place[n].z) >> block & 1u) != 0u; }
 
-/* Whether any pixel of the tile goes on, told without barriers of its own. In round r alive[r % 3] is read after the barrier behind the
- * loading of the batch; until the next barrier pixels that go on set the next round's, and the one after is cleared. */
+/* Whether any pixel of the tile is unfinished, without additional barriers. In round r alive[r % 3] is read after the barrier behind the
+ * loading of the batch; until the next barrier unfinished pixels set the next round's, and the one after is cleared. */
 void alive_begin(float t)
 {
     if (gl_LocalInvocationIndex < 3u) alive[gl_LocalInvocationIndex] = 0u;

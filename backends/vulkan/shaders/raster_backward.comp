@@ -1,7 +1,7 @@
 /* raster_backward.comp - the pixels' gradients back to the pairs, or (VARIANT & 2) how much each pair matters.
  *
  * In forward order, a batch at a time, in two phases. First each invocation takes its pixel past the batch's splats and leaves
- * alpha dL/dalpha and alpha T in shared memory. Then the invocations are assigned anew, 256 / BATCH to a splat: each adds up some
+ * alpha dL/dalpha and alpha T in shared memory. Then the invocations are reassigned, 256 / BATCH to a splat: each adds up some
  * of the splat's pixels, and one for each of the splat's numbers adds up what these have. So there is no atomic, and every sum has a
  * written order. A pair's sums go to its own slot.
  */

@@ -1,4 +1,4 @@
-/* unpack.comp - an image of 8 bits a value to the numbers that the loss compares, at half its sides if so asked: the counterpart of
+/* unpack.comp - an image of 8 bits a value to the numbers that the loss compares, at half its sides on request: the counterpart of
  * image_from_training and image_halve in src/survey/image.c. An invocation a pixel of the result.
  */
 #version 450

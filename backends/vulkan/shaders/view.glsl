@@ -1,4 +1,4 @@
-/* view.glsl - a camera as src/render/kernels.h's struct lens has it; the host writes it in the same order (resident.h, struct vulkan_view). */
+/* view.glsl - a camera as src/render/kernels.h's struct kernel_camera; the host writes it in the same order (resident.h, struct vulkan_view). */
 layout(std430, set = 0, binding = 0) readonly buffer View
 {
     float rotation[9], translation[3], eye[3];

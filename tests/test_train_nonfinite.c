@@ -1,26 +1,26 @@
-/* test_train_faults.c - training that cannot be poisoned: numbers that are not finite, planted where they might arise. */
+/* test_train_nonfinite.c - nonfinite numbers planted in images, models and gradients do not spread. */
 
-static char faults_heard[2000]; /* warnings */
+static char nonfinite_log[2000]; /* warnings */
 
-static void faults_listen(void *user, oxl_log_level level, const char *text)
+static void nonfinite_listen(void *user, oxl_log_level level, const char *text)
 {
-    const size_t used = strlen(faults_heard);
+    const size_t used = strlen(nonfinite_log);
     (void)user;
-    if (level == OXL_LOG_WARNING) snprintf(faults_heard + used, sizeof faults_heard - used, "%s\n", text);
+    if (level == OXL_LOG_WARNING) snprintf(nonfinite_log + used, sizeof nonfinite_log - used, "%s\n", text);
 }
 
-struct faults_case {
+struct nonfinite_test_case {
     oxl_train_options options;
     oxl_model         model, before;
     struct train      t;
 };
 
 /* A run of which `steps` steps are done. */
-static void faults_begin(struct faults_case *c, int steps)
+static void nonfinite_test_begin(struct nonfinite_test_case *c, int steps)
 {
     memset(c, 0, sizeof *c);
-    faults_heard[0]       = 0;
-    test_ctx->options.log = faults_listen;
+    nonfinite_log[0]      = 0;
+    test_ctx->options.log = nonfinite_listen;
     c->options            = train_options(200);
     c->options.exposure   = OXL_OFF; /* else the target is on the host, not in the renderer */
     c->t                  = (struct train){
@@ -33,7 +33,7 @@ static void faults_begin(struct faults_case *c, int steps)
     CHECK_OK(model_copy(test_ctx, &c->model, &c->before));
 }
 
-static void faults_free(struct faults_case *c)
+static void nonfinite_test_free(struct nonfinite_test_case *c)
 {
     oxl_scene *scene = c->t.scene;
     train_end(&c->t);
@@ -43,7 +43,7 @@ static void faults_free(struct faults_case *c)
 }
 
 /* One step on view 2, whose image gets this value in one pixel. */
-static void faults_step_with_pixel(struct faults_case *c, float value)
+static void nonfinite_test_step_with_pixel(struct nonfinite_test_case *c, float value)
 {
     c->t.step++;
     CHECK_OK(step_load_image(&c->t, 2));
@@ -52,59 +52,59 @@ static void faults_step_with_pixel(struct faults_case *c, float value)
     CHECK_OK(selection_density(&c->t));
 }
 
-static int faults_model_is_finite(const oxl_model *m)
+static int nonfinite_test_model_is_finite(const oxl_model *m)
 {
     int finite = 1;
     for (size_t i = 0; i < m->count; i++) finite &= model_row_is_finite(m, i);
     return finite;
 }
 
-TEST(faults_an_image_with_a_number_that_is_none_costs_its_step_alone)
+TEST(nonfinite_pixel_skips_one_step_only)
 {
-    struct faults_case c;
+    struct nonfinite_test_case c;
     for (int steps = 0; steps < 2; steps++) { /* the first step has nothing of an earlier one to fall back on */
-        faults_begin(&c, steps);
-        faults_step_with_pixel(&c, steps ? INFINITY : NAN);
+        nonfinite_test_begin(&c, steps);
+        nonfinite_test_step_with_pixel(&c, steps ? INFINITY : NAN);
         CHECK(train_same(&c.model, &c.before));
         CHECK(c.t.nonfinite.steps == 1 && c.t.nonfinite.cleared == 0 && c.t.nonfinite.rows == 0);
-        CHECK_TEXT(faults_heard, steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
+        CHECK_TEXT(nonfinite_log, steps ? "step 2: the loss of v02.png is not finite" : "step 1: the loss of v02.png");
         c.t.step++;
         CHECK_OK(selection_step(&c.t));
-        CHECK(c.t.nonfinite.steps == 1 && faults_model_is_finite(&c.model) && !train_same(&c.model, &c.before));
-        faults_free(&c);
+        CHECK(c.t.nonfinite.steps == 1 && nonfinite_test_model_is_finite(&c.model) && !train_same(&c.model, &c.before));
+        nonfinite_test_free(&c);
     }
 }
 
-TEST(faults_a_gaussian_that_turns_bad_is_traced_and_cleared_and_the_rest_is_trained)
+TEST(nonfinite_gaussian_is_named_and_removed_and_the_others_are_trained)
 {
     static const int planes[] = {OXL_SH + 1, OXL_OPACITY, OXL_MEAN, OXL_LOG_SCALE + 2, OXL_ROTATION + 3};
     for (size_t k = 0; k < OXL_COUNT(planes); k++) {
-        struct faults_case c;
-        size_t             bad = 0;
-        faults_begin(&c, 10);
+        struct nonfinite_test_case c;
+        size_t                     bad = 0;
+        nonfinite_test_begin(&c, 10);
         c.model.plane[planes[k]][77] = k % 2 ? INFINITY : NAN;
         while (c.t.step < 25) {
             c.t.step++;
             CHECK_OK(selection_step(&c.t));
         }
         CHECK(c.t.nonfinite.steps <= 1 && c.t.nonfinite.rows <= 15);
-        if (k == 0) CHECK_TEXT(faults_heard, "Gaussian 77 met a number that is not finite: the step is skipped, 1 cleared");
+        if (k == 0) CHECK_TEXT(nonfinite_log, "Gaussian 77 met a number that is not finite: the step is skipped, 1 cleared");
         for (size_t i = 0; i < c.model.count; i++) bad += !model_row_is_finite(&c.model, i);
         CHECK(bad == (c.t.nonfinite.cleared == 0)); /* one that no view can see harms none, and goes at the end */
         CHECK(c.model.plane[OXL_MEAN][5] != c.before.plane[OXL_MEAN][5]);
         CHECK_OK(nonfinite_end(test_ctx, &c.t.nonfinite, &c.model));
-        CHECK(faults_model_is_finite(&c.model) && c.t.nonfinite.cleared == 1);
-        faults_free(&c);
+        CHECK(nonfinite_test_model_is_finite(&c.model) && c.t.nonfinite.cleared == 1);
+        nonfinite_test_free(&c);
     }
 }
 
-TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_other)
+TEST(nonfinite_gradient_skips_the_step_of_that_gaussian_only)
 {
-    struct faults_case        c;
-    struct renderer_nonfinite aside;
-    struct renderer_loss      loss;
-    struct adam_params        adam = {.beta = RENDERER_BETAS};
-    faults_begin(&c, 3);
+    struct nonfinite_test_case c;
+    struct renderer_nonfinite  aside;
+    struct renderer_loss       loss;
+    struct adam_params         adam = {.beta = RENDERER_BETAS};
+    nonfinite_test_begin(&c, 3);
     for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 0.01f;
     adam.step = ++c.t.step;
     CHECK_OK(step_load_image(&c.t, 2));
@@ -119,21 +119,21 @@ TEST(faults_a_gradient_that_is_not_finite_costs_that_gaussian_its_step_and_no_ot
         for (int i = 40; i < 42; i++) CHECK(c.model.plane[k][i] == c.before.plane[k][i]);
     CHECK(c.model.plane[OXL_SH][39] != c.before.plane[OXL_SH][39] && c.model.plane[OXL_SH][42] != c.before.plane[OXL_SH][42]);
     nonfinite_of_rows(test_ctx, &c.t.nonfinite, c.t.step, "v02.png", aside, &c.model, &c.t.first, &c.t.second);
-    CHECK_TEXT(faults_heard,
+    CHECK_TEXT(nonfinite_log,
                "step 4: in v02.png, Gaussian 40 and 1 more met a number that is not finite: the step is skipped, 0");
-    CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 && faults_model_is_finite(&c.model) &&
-          faults_model_is_finite(&c.t.first));
-    faults_free(&c);
+    CHECK(c.t.nonfinite.rows == 2 && c.t.nonfinite.cleared == 0 && nonfinite_test_model_is_finite(&c.model) &&
+          nonfinite_test_model_is_finite(&c.t.first));
+    nonfinite_test_free(&c);
 }
 
-TEST(faults_are_told_at_the_end_and_kept_in_the_records)
+TEST(nonfinite_counts_are_logged_at_the_end_and_recorded)
 {
     const oxl_nonfinite f    = {1, 2, 3, 4, 5};
     oxl_nonfinite       back = {0}, end = f;
     struct text         t = {.ctx = test_ctx};
     oxl_model           m;
-    faults_heard[0]       = 0;
-    test_ctx->options.log = faults_listen;
+    nonfinite_log[0]      = 0;
+    test_ctx->options.log = nonfinite_listen;
     text_add(&t, "{\n");
     nonfinite_add_json(&t, &f);
     text_add(&t, "  \"end\": 0}");
@@ -148,9 +148,9 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
     m.plane[OXL_SH][2]            = NAN;
     CHECK_OK(nonfinite_end(test_ctx, &end, &m));
     CHECK(m.count == 2 && end.cleared == 5 && end.degenerate == 2);
-    CHECK_TEXT(faults_heard, "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
-    CHECK_TEXT(faults_heard, "could not be read and were left out: 1");
-    CHECK_TEXT(faults_heard, "2 Gaussians have a zero quaternion");
+    CHECK_TEXT(nonfinite_log, "not finite: 2 steps and 3 steps of single Gaussians skipped, 5 Gaussians cleared");
+    CHECK_TEXT(nonfinite_log, "could not be read and were left out: 1");
+    CHECK_TEXT(nonfinite_log, "2 Gaussians have a zero quaternion");
     oxl_model_free(test_ctx, &m);
     text_free(&t);
 }
@@ -159,11 +159,11 @@ TEST(faults_are_told_at_the_end_and_kept_in_the_records)
 TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
 {
     for (int fault = 0; fault < 8; fault++) {
-        struct text               log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
-        const struct train_output place = {test_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
-        struct faults_case        c, again;
-        int                       found = 0;
-        faults_begin(&c, 2);
+        struct text                log = {.ctx = test_ctx}, notes = {.ctx = test_ctx};
+        const struct train_output  place = {test_folder(), "key", &log, &notes, NULL, NULL, NULL, NULL};
+        struct nonfinite_test_case c, again;
+        int                        found = 0;
+        nonfinite_test_begin(&c, 2);
         c.t.place = &place;
         if (fault == 1) c.t.view[3] = 7;
         if (fault == 2) c.t.step = 201;
@@ -173,15 +173,15 @@ TEST(checkpoint_of_a_state_that_no_run_writes_is_refused)
         if (fault == 6) c.t.prune.drops = -1;
         if (fault == 7) c.t.second.plane[OXL_MEAN][0] = -1e-9f; /* of a square */
         CHECK_OK(checkpoint_write(test_ctx, place.folder, place.key, train_archive, &c.t));
-        faults_begin(&again, 0);
+        nonfinite_test_begin(&again, 0);
         again.t.place = &place;
         CHECK(checkpoint_read(test_ctx, place.folder, place.key, train_archive, &again.t, &found) ==
               (fault ? OXL_ERR_INPUT : OXL_OK));
         CHECK(found == (fault == 0));
-        if (fault) CHECK_TEXT(oxl_error_text(test_ctx), "holds numbers that no run writes");
+        if (fault) CHECK_TEXT(oxl_error_text(test_ctx), "holds invalid numbers");
         checkpoint_remove(test_ctx, place.folder, 0);
-        faults_free(&c);
-        faults_free(&again);
+        nonfinite_test_free(&c);
+        nonfinite_test_free(&again);
         text_free(&log);
         text_free(&notes);
     }

@@ -1,105 +1,110 @@
-/* test_train_robust.c - content of one image alone is masked; content of all images, or not learned yet, is not. */
+/* test_train_transients.c - content of one image alone is masked; content of all images, or not learned yet, is not. */
 
-enum { ROBUST_TEST_SIDE = 48, ROBUST_TEST_PIXELS = ROBUST_TEST_SIDE * ROBUST_TEST_SIDE, ROBUST_TEST_BLOT = 12 };
-
-struct robust_case {
-    oxl_scene        *scene;
-    struct transients transients;
-    float             rendered[3 * ROBUST_TEST_PIXELS], image[3 * ROBUST_TEST_PIXELS], weight[ROBUST_TEST_PIXELS];
+enum {
+    TRANSIENTS_TEST_SIDE   = 48,
+    TRANSIENTS_TEST_PIXELS = TRANSIENTS_TEST_SIDE * TRANSIENTS_TEST_SIDE,
+    TRANSIENTS_TEST_PATCH  = 12
 };
 
-static struct robust_case *robust_case(void)
+struct transients_case {
+    oxl_scene        *scene;
+    struct transients transients;
+    float             rendered[3 * TRANSIENTS_TEST_PIXELS], image[3 * TRANSIENTS_TEST_PIXELS], weight[TRANSIENTS_TEST_PIXELS];
+};
+
+static struct transients_case *transients_case(void)
 {
-    struct robust_case *c = calloc(1, sizeof *c);
-    c->scene              = train_scene(7);
+    struct transients_case *c = calloc(1, sizeof *c);
+    c->scene                  = train_scene(7);
     CHECK_OK(transients_begin(test_ctx, &c->transients, c->scene, 1));
     return c;
 }
 
-static void robust_case_free(struct robust_case *c)
+static void transients_case_free(struct transients_case *c)
 {
     transients_free(test_ctx, &c->transients);
     oxl_scene_free(test_ctx, c->scene);
     free(c);
 }
 
-/* The image is what is rendered, but for a blot with its corner at (x, y). */
-static void robust_test_paint(float *rgb, int x, int y, float by)
+/* Adds a square with its corner at (x, y). */
+static void transients_test_paint(float *rgb, int x, int y, float by)
 {
     for (int c = 0; c < 3; c++)
-        for (int j = 0; j < ROBUST_TEST_BLOT; j++)
-            for (int i = 0; i < ROBUST_TEST_BLOT; i++) rgb[c * ROBUST_TEST_PIXELS + (y + j) * ROBUST_TEST_SIDE + x + i] += by;
+        for (int j = 0; j < TRANSIENTS_TEST_PATCH; j++)
+            for (int i = 0; i < TRANSIENTS_TEST_PATCH; i++)
+                rgb[c * TRANSIENTS_TEST_PIXELS + (y + j) * TRANSIENTS_TEST_SIDE + x + i] += by;
 }
 
-static void robust_test_look(struct robust_case *c, int view, int masked)
+static void transients_test_step(struct transients_case *c, int view, int masked)
 {
-    CHECK_OK(transients_weigh(test_ctx, &c->transients, c->scene, &oxl_scene_view(c->scene, view)->camera, 0.2, c->rendered,
-                              c->image, 1, masked, c->weight));
+    const struct transients_view v = {&oxl_scene_view(c->scene, view)->camera, 0.2, c->rendered, c->image, c->weight, masked};
+    CHECK_OK(transients_mask(test_ctx, &c->transients, c->scene, &v, 1));
 }
 
-static int robust_test_aside(const struct robust_case *c)
+static int transients_test_masked(const struct transients_case *c)
 {
     int count = 0;
-    for (int i = 0; i < ROBUST_TEST_PIXELS; i++) count += c->weight[i] == 0;
+    for (int i = 0; i < TRANSIENTS_TEST_PIXELS; i++) count += c->weight[i] == 0;
     return count;
 }
 
-TEST(robust_puts_aside_a_blot_in_one_image_and_nothing_else)
+TEST(transients_a_square_in_one_image_is_masked_and_nothing_else)
 {
-    struct robust_case *c = robust_case();
-    for (int i = 0; i < 3 * ROBUST_TEST_PIXELS; i++) /* texture that is not learned yet: large, but none in the mean */
+    struct transients_case *c = transients_case();
+    for (int i = 0; i < 3 * TRANSIENTS_TEST_PIXELS; i++) /* texture that is not learned yet: large errors of zero mean */
         c->image[i] = 0.5f + (i % 2 ? 0.2f : -0.2f), c->rendered[i] = 0.5f;
-    for (int k = 0; k < 30; k++) robust_test_look(c, k % 7, 0);
-    CHECK(robust_test_aside(c) == 0);
-    robust_test_paint(c->image, 16, 20, 0.3f);
-    robust_test_look(c, 3, 0);
-    CHECK(robust_test_aside(c) == ROBUST_TEST_BLOT * ROBUST_TEST_BLOT);
-    CHECK(c->weight[20 * ROBUST_TEST_SIDE + 16] == 0 && c->weight[31 * ROBUST_TEST_SIDE + 27] == 0);
-    CHECK(c->weight[19 * ROBUST_TEST_SIDE + 16] == 1 && c->weight[31 * ROBUST_TEST_SIDE + 28] == 1);
-    robust_test_paint(c->image, 28, 20, 0.04f); /* faint beside it: one square of that, 4 px wide, goes with it */
-    robust_test_look(c, 3, 0);
-    CHECK(robust_test_aside(c) == (ROBUST_TEST_BLOT + 4) * ROBUST_TEST_BLOT);
-    CHECK(c->weight[20 * ROBUST_TEST_SIDE + 31] == 0 && c->weight[20 * ROBUST_TEST_SIDE + 32] == 1);
-    robust_case_free(c);
+    for (int k = 0; k < 30; k++) transients_test_step(c, k % 7, 0);
+    CHECK(transients_test_masked(c) == 0);
+    transients_test_paint(c->image, 16, 20, 0.3f);
+    transients_test_step(c, 3, 0);
+    CHECK(transients_test_masked(c) == TRANSIENTS_TEST_PATCH * TRANSIENTS_TEST_PATCH);
+    CHECK(c->weight[20 * TRANSIENTS_TEST_SIDE + 16] == 0 && c->weight[31 * TRANSIENTS_TEST_SIDE + 27] == 0);
+    CHECK(c->weight[19 * TRANSIENTS_TEST_SIDE + 16] == 1 && c->weight[31 * TRANSIENTS_TEST_SIDE + 28] == 1);
+    transients_test_paint(c->image, 28, 20, 0.04f); /* a fainter neighbour: one square of it, 4 px wide, is masked too */
+    transients_test_step(c, 3, 0);
+    CHECK(transients_test_masked(c) == (TRANSIENTS_TEST_PATCH + 4) * TRANSIENTS_TEST_PATCH);
+    CHECK(c->weight[20 * TRANSIENTS_TEST_SIDE + 31] == 0 && c->weight[20 * TRANSIENTS_TEST_SIDE + 32] == 1);
+    transients_case_free(c);
 }
 
-TEST(robust_puts_aside_nothing_that_the_other_views_do_not_explain_either)
+TEST(transients_errors_common_to_all_views_are_not_masked)
 {
-    struct robust_case *c = robust_case();
-    robust_test_paint(c->image, 16, 20, 0.15f); /* hard to model: there in all views, from the first look on */
+    struct transients_case *c = transients_case();
+    transients_test_paint(c->image, 16, 20, 0.15f); /* hard to model: in all views, from the first step on */
     for (int k = 0; k < 200; k++) {
-        robust_test_look(c, 3, 0);
-        CHECK(robust_test_aside(c) == 0);
+        transients_test_step(c, 3, 0);
+        CHECK(transients_test_masked(c) == 0);
     }
-    memset(c->image, 0, sizeof c->image); /* learned at last: a fish before it is seen then */
-    for (int k = 0; k < 30; k++) robust_test_look(c, 3, 0);
-    robust_test_paint(c->image, 16, 20, 0.15f);
-    robust_test_look(c, 3, 0);
-    CHECK(robust_test_aside(c) == ROBUST_TEST_BLOT * ROBUST_TEST_BLOT);
-    robust_case_free(c);
+    memset(c->image, 0, sizeof c->image); /* learned: a fish in front of it is then found */
+    for (int k = 0; k < 30; k++) transients_test_step(c, 3, 0);
+    transients_test_paint(c->image, 16, 20, 0.15f);
+    transients_test_step(c, 3, 0);
+    CHECK(transients_test_masked(c) == TRANSIENTS_TEST_PATCH * TRANSIENTS_TEST_PATCH);
+    transients_case_free(c);
 }
 
-TEST(robust_keeps_masks_and_asks_nobody_about_what_they_hide)
+TEST(transients_masks_are_kept_and_masked_points_are_not_updated)
 {
-    struct robust_case *c = robust_case();
-    float               before, after;
-    size_t              hidden = 0;
-    for (int i = 0; i < ROBUST_TEST_PIXELS; i++) c->weight[i] = i / ROBUST_TEST_SIDE < 24 ? 0 : 1;
-    robust_test_look(c, 3, 1);
-    CHECK(robust_test_aside(c) == ROBUST_TEST_PIXELS / 2);
+    struct transients_case *c = transients_case();
+    float                   before, after;
+    size_t                  hidden = 0;
+    for (int i = 0; i < TRANSIENTS_TEST_PIXELS; i++) c->weight[i] = i / TRANSIENTS_TEST_SIDE < 24 ? 0 : 1;
+    transients_test_step(c, 3, 1);
+    CHECK(transients_test_masked(c) == TRANSIENTS_TEST_PIXELS / 2);
     while (hidden < c->transients.points && (c->transients.place[hidden] < 0 || c->transients.place[hidden] >= 60)) hidden++;
-    CHECK(hidden < c->transients.points); /* 5 of 12 rows of squares: well behind the mask */
-    before = c->transients.usual[hidden];
-    robust_test_look(c, 3, 1);
-    after = c->transients.usual[hidden];
+    CHECK(hidden < c->transients.points); /* 5 of 12 rows of squares: inside the mask */
+    before = c->transients.expected[hidden];
+    transients_test_step(c, 3, 1);
+    after = c->transients.expected[hidden];
     CHECK(before == after && before == TRANSIENTS_MOST);
-    for (int i = 0; i < ROBUST_TEST_PIXELS; i++) c->weight[i] = 0;
-    robust_test_look(c, 3, 0); /* without a mask the weights are made anew */
-    CHECK(robust_test_aside(c) == 0 && c->transients.usual[hidden] < before);
-    robust_case_free(c);
+    for (int i = 0; i < TRANSIENTS_TEST_PIXELS; i++) c->weight[i] = 0;
+    transients_test_step(c, 3, 0); /* without a mask all weights are set */
+    CHECK(transients_test_masked(c) == 0 && c->transients.expected[hidden] < before);
+    transients_case_free(c);
 }
 
-TEST(robust_without_points_is_off_and_says_so)
+TEST(transients_without_points_are_off_with_a_warning)
 {
     oxl_view          view  = {"a.png", {8, 8, 9, 9, 4, 4, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}}, 0};
     oxl_image         image = {0};
@@ -107,21 +112,21 @@ TEST(robust_without_points_is_off_and_says_so)
     struct transients r;
     CHECK_OK(oxl_image_create(test_ctx, 8, 8, &image));
     CHECK_OK(oxl_scene_from_arrays(test_ctx, &view, &image, 1, NULL, 0, &scene));
-    faults_heard[0]       = 0;
-    test_ctx->options.log = faults_listen;
+    nonfinite_log[0]      = 0;
+    test_ctx->options.log = nonfinite_listen;
     CHECK_OK(transients_begin(test_ctx, &r, scene, 1));
-    CHECK(r.points == 0 && !r.usual);
-    CHECK_TEXT(faults_heard, "the scene has no points");
+    CHECK(r.points == 0 && !r.expected);
+    CHECK_TEXT(nonfinite_log, "the scene has no points");
     transients_free(test_ctx, &r);
     oxl_image_free(test_ctx, &image);
     oxl_scene_free(test_ctx, scene);
 }
 
-/* The scene of train_scene in twilight, a tenth as bright, so that soon all is explained but one thing: a blot in the image of view 5, less
- * than what counts before anything is known. */
-static oxl_scene *robust_test_scene(int views)
+/* The scene of train_scene at a tenth of its brightness, which is learned soon, with a square in the image of view 5, fainter than
+ * the initial expected error. */
+static oxl_scene *transients_test_scene(int views)
 {
-    oxl_scene *scene = train_scene(views), *blotted = NULL;
+    oxl_scene *scene = train_scene(views), *patched = NULL;
     oxl_view   view[16];
     oxl_image  image[16];
     oxl_point  point[144];
@@ -133,20 +138,20 @@ static oxl_scene *robust_test_scene(int views)
     for (int v = 0; v < views; v++) {
         view[v] = *oxl_scene_view(scene, v);
         CHECK_OK(oxl_scene_image(test_ctx, scene, v, &image[v]));
-        for (int i = 0; i < 3 * ROBUST_TEST_PIXELS; i++) image[v].rgb[i] *= 0.1f;
+        for (int i = 0; i < 3 * TRANSIENTS_TEST_PIXELS; i++) image[v].rgb[i] *= 0.1f;
     }
-    robust_test_paint(image[5].rgb, 16, 20, 0.19f);
-    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, point, OXL_COUNT(point), &blotted));
+    transients_test_paint(image[5].rgb, 16, 20, 0.19f);
+    CHECK_OK(oxl_scene_from_arrays(test_ctx, view, image, views, point, OXL_COUNT(point), &patched));
     for (int v = 0; v < views; v++) oxl_image_free(test_ctx, &image[v]);
     oxl_scene_free(test_ctx, scene);
-    return blotted;
+    return patched;
 }
 
-/* Stopped before and after masks begin, and in the trial of the bands. */
-TEST(robust_a_run_stopped_at_any_step_ends_in_the_same_bytes)
+/* Stopped before and after masking begins, and in the trial of SH bands. */
+TEST(transients_a_run_stopped_at_any_step_ends_in_the_same_bytes)
 {
     static const int       stops[] = {20, 61, 99, 122, 125, 127, 150};
-    struct checkpoint_case c       = checkpoint_of(robust_test_scene(14), train_options(240));
+    struct checkpoint_case c       = checkpoint_of(transients_test_scene(14), train_options(240));
     oxl_model              model, plain;
     c.options.sh_degree = -1;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &plain));
@@ -164,9 +169,9 @@ TEST(robust_a_run_stopped_at_any_step_ends_in_the_same_bytes)
     checkpoint_case_free(&c);
 }
 
-TEST(robust_gives_the_same_bytes_with_one_and_three_threads)
+TEST(transients_give_the_same_bytes_with_one_and_three_threads)
 {
-    oxl_scene        *scene   = robust_test_scene(9);
+    oxl_scene        *scene   = transients_test_scene(9);
     oxl_train_options options = train_options(100);
     oxl_model         one, three;
     const int         threads = test_ctx->threads;

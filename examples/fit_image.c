@@ -1,8 +1,8 @@
-/* fit_picture.c - a picture fitted by Gaussians: one view, no survey; the shortest way to see the optimiser work.
+/* fit_image.c - a image fitted by Gaussians: one view, no survey; the shortest way to see the optimiser work.
  *
- *     build/examples/fit_picture [picture.png or .jpg [fitted.png]]
+ *     build/examples/fit_image [image.png or .jpg [fitted.png]]
  *
- * Without a picture it paints one: rings and a slope. The camera looks along +z at a wall of points at depth 1.
+ * Without a image it paints one: rings and a slope. The camera looks along +z at a wall of points at depth 1.
  */
 #include "oceanxl.h"
 
@@ -57,31 +57,31 @@ int main(int argc, char **argv)
     oxl_train_options  train    = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_context       *ctx      = NULL;
     oxl_scene         *scene    = NULL;
-    oxl_image          picture = {0}, fitted = {0};
+    oxl_image          image = {0}, fitted = {0};
     oxl_model          model  = {0};
-    oxl_view           view   = {.name = "picture", .camera = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}}};
+    oxl_view           view   = {.name = "image", .camera = {.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}}};
     oxl_point         *points = NULL;
     size_t             count  = 0;
     double             psnr   = 0;
     oxl_result         rc     = oxl_context_create(NULL, &ctx);
-    if (rc == OXL_OK) rc = argc > 1 ? oxl_image_read(ctx, argv[1], &picture) : paint(ctx, &picture);
+    if (rc == OXL_OK) rc = argc > 1 ? oxl_image_read(ctx, argv[1], &image) : paint(ctx, &image);
     if (rc != OXL_OK) goto done;
-    view.camera.width = picture.width, view.camera.height = picture.height;
-    view.camera.fx = view.camera.fy = picture.width;
-    view.camera.cx = picture.width / 2.0, view.camera.cy = picture.height / 2.0;
-    points           = points_on_the_wall(&picture, &view.camera, 4, &count);
+    view.camera.width = image.width, view.camera.height = image.height;
+    view.camera.fx = view.camera.fy = image.width;
+    view.camera.cx = image.width / 2.0, view.camera.cy = image.height / 2.0;
+    points           = points_on_the_wall(&image, &view.camera, 4, &count);
     train.iterations = 500;
-    rc               = oxl_scene_from_arrays(ctx, &view, &picture, 1, points, count, &scene);
+    rc               = oxl_scene_from_arrays(ctx, &view, &image, 1, points, count, &scene);
     if (rc == OXL_OK) rc = oxl_train(ctx, scene, &train, &callback, &model);
     if (rc == OXL_OK) rc = oxl_render(ctx, &model, &view.camera, NULL, &fitted, NULL);
-    if (rc == OXL_OK) rc = oxl_psnr(ctx, &fitted, &picture, &psnr);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, &fitted, &image, &psnr);
     if (rc == OXL_OK && argc > 2) rc = oxl_image_write(ctx, argv[2], &fitted);
     if (rc == OXL_OK) printf("%zu Gaussians, PSNR %.2f dB\n", model.count, psnr);
 done:
     if (rc != OXL_OK) fprintf(stderr, "%s\n", oxl_error_text(ctx));
     free(points);
     oxl_image_free(ctx, &fitted);
-    oxl_image_free(ctx, &picture);
+    oxl_image_free(ctx, &image);
     oxl_model_free(ctx, &model);
     oxl_scene_free(ctx, scene);
     oxl_context_free(ctx);

@@ -1,6 +1,6 @@
-/* test_train_trial.c - what a scene does not require is not modelled: SH bands, second lobes; and what was seen is written down. */
+/* test_train_selection.c - SH bands, second lobes and depth weights are kept only where trials show a gain; the evidence is recorded. */
 
-TEST(decide_lets_an_eighth_of_the_views_stand_aside_and_eight_at_most)
+TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
 {
     int held = 0;
     for (int i = 0; i < 300; i++) held += selection_holds(i, 300);
@@ -10,7 +10,7 @@ TEST(decide_lets_an_eighth_of_the_views_stand_aside_and_eight_at_most)
 }
 
 /* Three ways of four with bands, one of two with lobes, each a fortieth of the run. */
-TEST(decide_tells_how_many_steps_its_trials_take_beside_the_run)
+TEST(selection_predicts_the_steps_of_its_trials)
 {
     oxl_train_options o = train_options(2000);
     o.ucd.mode          = OXL_UCD_OFF;
@@ -24,7 +24,7 @@ TEST(decide_tells_how_many_steps_its_trials_take_beside_the_run)
     CHECK(selection_trial_steps(&o, 50) == 200);
 }
 
-struct decide_case {
+struct selection_test_case {
     oxl_scene        *scene;
     oxl_train_options options;
     struct text       log, decisions;
@@ -32,7 +32,7 @@ struct decide_case {
 };
 
 /* The same cameras and points before a wall without any pattern. */
-static oxl_scene *decide_grey(oxl_scene *scene)
+static oxl_scene *selection_test_grey(oxl_scene *scene)
 {
     oxl_view   view[14];
     oxl_image  image[14];
@@ -49,11 +49,11 @@ static oxl_scene *decide_grey(oxl_scene *scene)
 }
 
 /* Trains; decisions and model are left. */
-static struct decide_case decide_case(oxl_scene *scene, int sh_degree, oxl_dog dog)
+static struct selection_test_case selection_test_case(oxl_scene *scene, int sh_degree, oxl_dog dog)
 {
-    struct decide_case        c     = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
-    const struct train_output place = {
-        .folder = test_folder(), .key = "key", .log = &c.log, .notes = &c.log, .decisions = &c.decisions};
+    struct selection_test_case c     = {scene, train_options(300), {.ctx = test_ctx}, {.ctx = test_ctx}, {0}};
+    const struct train_output  place = {
+         .folder = test_folder(), .key = "key", .log = &c.log, .notes = &c.log, .decisions = &c.decisions};
     c.options.sh_degree          = sh_degree;
     c.options.dog                = dog;
     c.options.short_run_exponent = 0; /* bands take the usual steps: a grey world is rendered to 70 dB by whatever learns fast */
@@ -61,7 +61,7 @@ static struct decide_case decide_case(oxl_scene *scene, int sh_degree, oxl_dog d
     return c;
 }
 
-static void decide_case_free(struct decide_case *c)
+static void selection_test_case_free(struct selection_test_case *c)
 {
     oxl_scene_free(test_ctx, c->scene);
     oxl_model_free(test_ctx, &c->model);
@@ -69,34 +69,34 @@ static void decide_case_free(struct decide_case *c)
     text_free(&c->decisions);
 }
 
-TEST(decide_carries_no_bands_where_colours_do_not_change_with_the_view)
+TEST(selection_keeps_degree_0_where_colours_do_not_depend_on_the_view)
 {
-    struct decide_case c = decide_case(decide_grey(train_scene(14)), -1, OXL_DOG_OFF);
+    struct selection_test_case c = selection_test_case(selection_test_grey(train_scene(14)), -1, OXL_DOG_OFF);
     if (c.model.sh_degree) printf("%s\n", c.decisions.data);
     CHECK(c.model.sh_degree == 0);
     CHECK(strstr(c.decisions.data, "\"sh_degree\": {\"chosen\": \"0\"") != NULL);
-    decide_case_free(&c);
+    selection_test_case_free(&c);
 }
 
-TEST(decide_carries_bands_where_colours_change_with_the_view)
+TEST(selection_keeps_sh_bands_where_colours_depend_on_the_view)
 {
-    struct decide_case c = decide_case(train_scene_of(14, 4), -1, OXL_DOG_OFF);
+    struct selection_test_case c = selection_test_case(train_scene_of(14, 4), -1, OXL_DOG_OFF);
     CHECK(c.model.sh_degree >= 1);
-    decide_case_free(&c);
+    selection_test_case_free(&c);
 }
 
-TEST(decide_does_as_asked_for)
+TEST(selection_follows_explicit_options)
 {
-    struct decide_case c = decide_case(train_scene(14), 2, OXL_DOG_SELECTIVE);
+    struct selection_test_case c = selection_test_case(train_scene(14), 2, OXL_DOG_SELECTIVE);
     CHECK(c.model.sh_degree == 2);
     CHECK(strstr(c.decisions.data, "\"sh_degree\": {\"chosen\": \"2\", \"evidence\": \"as set\"}") != NULL);
     CHECK(strstr(c.decisions.data, "\"dog\": ") && strstr(c.decisions.data, "\"ucd\": ") &&
           strstr(c.decisions.data, "\"keep\": "));
-    decide_case_free(&c);
+    selection_test_case_free(&c);
 }
 
-/* A run that is stopped at each of these steps and goes on ends in the bytes of one that is not. Its decisions are left. */
-static void decide_check_stops(struct checkpoint_case *c, const int *stops, size_t count)
+/* A run stopped at each of these steps and resumed ends in the bytes of an uninterrupted one. Its decisions are left. */
+static void selection_test_check_stops(struct checkpoint_case *c, const int *stops, size_t count)
 {
     oxl_model model;
     CHECK_OK(oxl_train(test_ctx, c->scene, &c->options, NULL, &c->whole));
@@ -111,20 +111,20 @@ static void decide_check_stops(struct checkpoint_case *c, const int *stops, size
 }
 
 /* The trial of second lobes: stopped at any of its steps it is made again, and the decision and the bytes are the same. */
-TEST(decide_a_run_stopped_in_its_trial_ends_in_the_same_bytes)
+TEST(selection_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
 {
     static const int       stops[] = {119, 120, 121, 126, 131, 132, 133, 137, 138, 139};
     struct checkpoint_case c       = checkpoint_of(train_scene(14), train_options(240));
     c.options.dog                  = OXL_DOG_AUTO;
     c.options.sh_degree            = -1;
     c.options.dog_threshold        = -0.5f; /* half of them */
-    decide_check_stops(&c, stops, OXL_COUNT(stops));
+    selection_test_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, "\"dog\": {\"chosen\": ") && strstr(c.decisions.data, "without; "));
     checkpoint_case_free(&c);
 }
 
 /* 21 densifications from step 60 to 120. */
-static oxl_train_options decide_weights_options(void)
+static oxl_train_options selection_test_weights_options(void)
 {
     oxl_train_options o = train_options(240);
     o.sh_degree         = 0;
@@ -134,25 +134,25 @@ static oxl_train_options decide_weights_options(void)
     return o;
 }
 
-TEST(decide_weights_by_depth_are_learned_and_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
+TEST(selection_learns_depth_weights_and_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
 {
     static const int       stops[] = {60, 62, 64, 90, 119, 200};
-    struct checkpoint_case c       = checkpoint_of(train_scene(14), decide_weights_options());
-    decide_check_stops(&c, stops, OXL_COUNT(stops));
+    struct checkpoint_case c       = checkpoint_of(train_scene(14), selection_test_weights_options());
+    selection_test_check_stops(&c, stops, OXL_COUNT(stops));
     CHECK(strstr(c.decisions.data, ", learned\"") != NULL);
     CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));
     checkpoint_case_free(&c);
 }
 
-struct decide_watch {
+struct selection_test_watch {
     int    step, tried, back; /* the last step; steps of trials; times that one went back */
     int    densified;         /* steps of trials at which the number of Gaussians changed */
     size_t gaussians;
 };
 
-static int decide_watch(void *user, const oxl_progress *p)
+static int selection_test_watch(void *user, const oxl_progress *p)
 {
-    struct decide_watch *w = user;
+    struct selection_test_watch *w = user;
     w->tried += p->trial;
     w->back += p->iteration <= w->step && p->trial;
     w->densified += p->trial && p->iteration == w->step + 1 && p->iteration % 3 == 0 && p->gaussians != w->gaussians;
@@ -162,13 +162,13 @@ static int decide_watch(void *user, const oxl_progress *p)
 }
 
 /* 3 pairs of twice 11 steps. */
-TEST(decide_tries_each_pair_of_weights_from_the_same_step_over_four_densifications)
+TEST(selection_tries_both_points_of_a_pair_from_the_same_step_over_four_densifications)
 {
-    struct decide_watch w     = {.step = 0};
-    oxl_train_options   o     = decide_weights_options();
-    oxl_scene          *scene = train_scene(14);
-    oxl_model           model;
-    CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){decide_watch, &w}, &model));
+    struct selection_test_watch w     = {.step = 0};
+    oxl_train_options           o     = selection_test_weights_options();
+    oxl_scene                  *scene = train_scene(14);
+    oxl_model                   model;
+    CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){selection_test_watch, &w}, &model));
     CHECK(w.tried == 3 * 22 && w.back == 3 && w.step == 240);
     CHECK(selection_trial_steps(&o, 14) == 3 * 11);
     o.ucd.mode = OXL_UCD_AUTO;
