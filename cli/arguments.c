@@ -185,7 +185,8 @@ static void parse_first(int argc, char **argv, struct arguments *a)
 
 int arguments_parse(int argc, char **argv, struct arguments *a, char *error, size_t size)
 {
-    *a = arguments_default();
+    int ended = 0;
+    *a        = arguments_default();
     parse_first(argc, argv, a);
     if (a->completion && strcmp(a->completion, "bash") != 0 && strcmp(a->completion, "zsh") != 0) {
         snprintf(error, size, "--completion %s: wanted a shell, bash or zsh\nfix: oceanxl --completion bash", a->completion);
@@ -201,7 +202,8 @@ int arguments_parse(int argc, char **argv, struct arguments *a, char *error, siz
     }
     if (find_command(argv[1], a, error, size)) return 1;
     for (int i = 2; i < argc; i++) {
-        if (argv[i][0] == '-' && argv[i][1]) {
+        if (!ended && strcmp(argv[i], "--") == 0) ended = 1; /* names that begin with a dash follow */
+        else if (!ended && argv[i][0] == '-' && argv[i][1]) {
             if (parse_option(argc, argv, &i, a, error, size)) return 1;
         } else if (a->path_count < 2) a->path[a->path_count++] = argv[i];
         else {

@@ -126,6 +126,9 @@ promise no_such_model_is_bad_input 3 "nowhere.ply" "$program" info nowhere.ply
 promise synth_writes_a_survey 0 "" "$program" synth -o survey --views 16 --size 96x64 --points 800 --quiet
 first=$(ls survey/images | head -n 1) last=$(ls survey/images | tail -n 1)
 promise check_accepts_it 0 "16 listed, 0 missing" "$program" check survey
+promise a_folder_may_have_any_name 0 "16 listed, 0 missing" sh -c "ln -s survey ./-'a\"b %s
+c' && '$program' check -- -'a\"b %s
+c'"
 promise check_prints_json 0 '"images": 16' on_stdout "$program" check survey --json
 promise train_does_the_whole_job 0 "out/scene.ply" on_stdout "$program" train survey -o out --iterations 60
 for file in scene.ply metrics.json run.json blocks/000/log.csv; do

@@ -43,17 +43,20 @@ static oxl_result start_keep(oxl_context *ctx, const char *out, const char *star
 static oxl_result start_of_finished(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const char *key,
                                     int iterations, int *after)
 {
-    static const char only[] = "  --iterations: ";
+    static const char only[] = "  --iterations: ", start[] = "  model to start from: ";
     struct text       there = {.ctx = ctx}, differs = {.ctx = ctx};
     const int         was = run->line ? (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run->line), "iterations"), 0, INT_MAX) : 0;
-    oxl_result        rc  = OXL_OK;
-    *after                = 0;
+    const char       *rest;
+    oxl_result        rc = OXL_OK;
+    *after               = 0;
     if (!run->finished || !run->found || was <= 0 || was >= iterations) return OXL_OK;
     text_add(&there, "%s, %s", run->line, run->found);
     rc = there.failed ? oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare two runs")
                       : manifest_differences(&differs, there.data, key);
-    if (rc == OXL_OK && differs.data && !strncmp(differs.data, only, sizeof only - 1) &&
-        differs.data[strcspn(differs.data, "\n") + 1] == 0)
+    rest =
+        differs.data ? differs.data + strcspn(differs.data, "\n") + 1 : NULL; /* of a run that was continued itself: its start */
+    if (rc == OXL_OK && rest && !strncmp(differs.data, only, sizeof only - 1) &&
+        (!*rest || (!strncmp(rest, start, sizeof start - 1) && !rest[strcspn(rest, "\n") + 1])))
         *after = was;
     if (*after) {
         char *list = oxl_path_join(ctx, out, "partition.txt");

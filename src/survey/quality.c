@@ -176,10 +176,12 @@ static void quality_compare(const struct quality_check *q, const oxl_scene *scen
         bright[i]  = light > light_limit ? light : q->image[i].whiter > QUALITY_CLIPPED ? q->image[i].whiter : 0;
         blurred[i] = sharp < -sharp_limit && q->image[i].finer < QUALITY_FINE && dark[i] <= 0 && bright[i] <= 0 ? -sharp : 0;
     }
-    s->blurred = quality_report(q, scene, blurred, "less sharp", "leave them out of the COLMAP model, or take them again");
-    s->badly_exposed =
-        quality_report(q, scene, dark, "much darker", "correct the exposure, or leave them out of the COLMAP model") +
-        quality_report(q, scene, bright, "much brighter", "correct the exposure, or leave them out of the COLMAP model");
+    s->blurred =
+        quality_report(q, scene, blurred, "less sharp", "remove what is blurred from the COLMAP model, or take it again");
+    s->badly_exposed = quality_report(q, scene, dark, "much darker",
+                                      "correct the exposure, or remove what cannot be corrected from the COLMAP model") +
+                       quality_report(q, scene, bright, "much brighter",
+                                      "correct the exposure, or remove what cannot be corrected from the COLMAP model");
 }
 
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s)
