@@ -108,6 +108,7 @@ TEST(job_log_holds_no_iteration_twice_and_no_trial)
     options.scene.test_every = 0; /* 9 views: enough to spare one */
     options.train.iterations = 120;
     options.train.sh_degree  = -1;
+    options.train.lamp = options.train.medium = OXL_OFF; /* no other trials */
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/log.csv"), &map));
     for (const char *at = strchr(map.data, '\n'); at && at[1]; at = strchr(at + 1, '\n')) {
