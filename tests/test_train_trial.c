@@ -14,6 +14,7 @@ TEST(decide_tells_how_many_steps_its_trials_take_beside_the_run)
 {
     oxl_train_options o = train_options(2000);
     o.ucd.mode          = OXL_UCD_OFF;
+    o.lamp = o.medium = OXL_OFF;
     CHECK(selection_trial_steps(&o, 50) == 0);
     o.sh_degree = -1;
     CHECK(selection_trial_steps(&o, 50) == 150 && selection_trial_steps(&o, 7) == 0);
@@ -168,6 +169,7 @@ TEST(decide_tries_each_pair_of_weights_from_the_same_step_over_four_densificatio
     oxl_train_options   o     = decide_weights_options();
     oxl_scene          *scene = train_scene(14);
     oxl_model           model;
+    o.lamp = o.medium = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){decide_watch, &w}, &model));
     CHECK(w.tried == 3 * 22 && w.back == 3 && w.step == 240);
     CHECK(selection_trial_steps(&o, 14) == 3 * 11);
