@@ -108,6 +108,7 @@ TEST(job_log_holds_no_iteration_twice_and_no_trial)
     options.scene.test_every = 0; /* 9 views: enough for validation views */
     options.train.iterations = 120;
     options.train.sh_degree  = -1;
+    options.train.lamp = options.train.medium = OXL_OFF; /* no other trials */
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     CHECK_OK(os_read_file(test_ctx, test_path("out/blocks/000/log.csv"), &map));
     for (const char *at = strchr(map.data, '\n'); at && at[1]; at = strchr(at + 1, '\n')) {
@@ -694,8 +695,9 @@ TEST(job_with_more_iterations_continues_a_finished_run_to_the_same_bytes_in_any_
     oxl_job_options       options  = job_test_options();
     struct job_test_watch watch    = {0, -1};
     const oxl_callback    callback = {job_test_progress, &watch};
-    const char *survey = job_test_survey(), *const out[] = {"whole", "stopped"};
+    const char *const     out[]    = {"whole", "stopped"};
     const int threads = test_ctx->threads;
+    job_test_survey();
     for (int k = 0; k < 2; k++) {
         options.train.iterations = 12;
         CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path(out[k]), &options, NULL));

@@ -14,6 +14,7 @@ TEST(selection_predicts_the_steps_of_its_trials)
 {
     oxl_train_options o = train_options(2000);
     o.ucd.mode          = OXL_UCD_OFF;
+    o.lamp = o.medium = OXL_OFF;
     CHECK(selection_trial_steps(&o, 50) == 0);
     o.sh_degree = -1;
     CHECK(selection_trial_steps(&o, 50) == 150 && selection_trial_steps(&o, 7) == 0);
@@ -169,6 +170,7 @@ TEST(selection_tries_both_points_of_a_pair_from_the_same_step_over_four_densific
     oxl_train_options           o     = selection_test_weights_options();
     oxl_scene                  *scene = train_scene(14);
     oxl_model                   model;
+    o.lamp = o.medium = OXL_OFF;
     CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){selection_test_watch, &w}, &model));
     CHECK(w.tried == 3 * 22 && w.back == 3 && w.step == 240);
     CHECK(selection_trial_steps(&o, 14) == 3 * 11);

@@ -215,6 +215,25 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     oxl_scene_free(test_ctx, scene);
 }
 
+/* Gains of +-size in 8 views. */
+static int exposure_test_decides(double size, double gain)
+{
+    struct exposure e = {.mode = OXL_AUTO, .of = water_imaging(8, (int[]){0, 1, 2, 3, 4, 5, 6, 7}, 8)};
+    char            why[320];
+    int             on;
+    for (int i = 0; i < 24; i++) e.of.log_gain[i] = (float)(i / 3 % 2 ? size : -size);
+    exposure_decide(&e, 25, 25 + gain, 3, why, sizeof why);
+    on = e.of.on;
+    imaging_free(test_ctx, &e.of);
+    return on;
+}
+
+TEST(exposure_auto_is_on_where_gains_help_their_neighbours_or_differ_much_and_harm_none)
+{
+    CHECK(exposure_test_decides(0.06, 0.05) && !exposure_test_decides(0.06, 0.01) && !exposure_test_decides(0.04, 0.05));
+    CHECK(exposure_test_decides(0.08, -0.05) && !exposure_test_decides(0.08, -0.2));
+}
+
 TEST(exposure_a_run_stopped_before_and_after_the_decision_ends_in_the_same_bytes)
 {
     static const int       stops[] = {5, 25, 26, 27, 120};

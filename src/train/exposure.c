@@ -9,7 +9,8 @@
  * auto: until a tenth of the run gains are only watched: the least squares factor between each training image and the rendered one,
  * as of its last visit. Then the validation views are compared with the rendered images twice, as they are and with the gain
  * that their neighbours foretell. Exposure is on, from the watched gains, where that gains EXPOSURE_MIN_GAIN and they differ by
- * EXPOSURE_DIFFER. Otherwise the run continues unchanged.
+ * EXPOSURE_DIFFER; or where they differ by EXPOSURE_LARGE and the neighbours' gains lose no more than EXPOSURE_MOST_LOSS: a moving lamp
+ * and haze hide from them what the training gains by consistent images. Otherwise the run continues unchanged.
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
@@ -24,6 +25,9 @@
 #define EXPOSURE_WATCH    0.1  /* of the run */
 #define EXPOSURE_MIN_GAIN 0.03 /* dB on validation views that gains must bring, */
 #define EXPOSURE_DIFFER   0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
+#define EXPOSURE_LARGE \
+    0.07 /* or, differing by so much: without changes of exposure they differ by 2.7 to 4.8 % (docs/WATER.md), */
+#define EXPOSURE_MOST_LOSS 0.1 /* dB that they may lose on these views */
 
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on)
 {
@@ -129,21 +133,24 @@ OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, c
 /* plain, gained: mean PSNR of the validation views without and with gains interpolated from their neighbours; views: their number. */
 OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size)
 {
-    double square = 0;
+    double square = 0, rms;
     int    known  = 0;
     imaging_centre(&e->of, e->mean);
     for (int i = 0; i < e->of.views; i++)
         for (int c = 0; c < 3 && e->of.known[i]; c++, known++)
             square += (double)e->of.log_gain[3 * i + c] * e->of.log_gain[3 * i + c];
     e->decided = 1;
-    e->of.on   = views > 0 && gained >= plain + EXPOSURE_MIN_GAIN && square >= known * EXPOSURE_DIFFER * EXPOSURE_DIFFER;
+    rms        = sqrt(known ? square / known : 0);
+    e->of.on   = views > 0 && ((gained >= plain + EXPOSURE_MIN_GAIN && rms >= EXPOSURE_DIFFER) ||
+                             (gained >= plain - EXPOSURE_MOST_LOSS && rms >= EXPOSURE_LARGE));
     if (!e->of.on) imaging_clear(&e->of);
     if (views > 0)
         snprintf(
             why, size,
             "%d validation views: %.2f dB with the gains of their neighbours, %.2f without; gains of %d training views differ by %.1f %% "
-            "(rms); worth it from +%.2g dB and %.2g %%",
-            views, gained, plain, known / 3, 100 * sqrt(known ? square / known : 0), EXPOSURE_MIN_GAIN, 100 * EXPOSURE_DIFFER);
+            "(rms); worth it from +%.2g dB and %.2g %%, or %.2g dB and %.2g %%",
+            views, gained, plain, known / 3, 100 * rms, EXPOSURE_MIN_GAIN, 100 * EXPOSURE_DIFFER, -EXPOSURE_MOST_LOSS,
+            100 * EXPOSURE_LARGE);
     else snprintf(why, size, "too few training views for validation");
 }
 
