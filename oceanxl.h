@@ -403,7 +403,7 @@ typedef struct oxl_train_options {
     float      dog_from;      /* share of the run at which lobes are assigned, during pruning [OceanXL sec. 3.2] */
     float      dog_threshold; /* of the mean gradient, in units of half an image; <= 0: minus the share without a lobe */
     float      dog_opacity_factor, dog_scale_factor; /* of a new lobe */
-    int        survey_iterations; /* of a part of a survey: iterations of the whole run, which rates and intervals follow; 0: iterations */
+    int survey_iterations; /* of a part of a survey: iterations of the whole run, which rates and intervals follow; 0: iterations */
 } oxl_train_options;
 
 OXL_API oxl_train_options oxl_train_options_default(oxl_preset preset);

@@ -147,7 +147,7 @@ promise report_is_written_by_train 0 "</html>" tail -n 1 out/report.html
 promise report_is_rewritten 0 "out/report.html" sh -c "rm out/report.html; '$program' report out; test -s out/report.html && echo out/report.html"
 promise report_of_nothing_is_bad_input 3 "holds no run.json" "$program" report survey
 promise the_second_run_has_nothing_to_do 0 "already holds the finished result" "$program" train survey -o out --iterations 60
-promise run_json_has_floats_as_short_as_they_are 0 '"ssim-weight": 0.2,' grep '"ssim-weight"' out/run.json
+promise run_json_has_floats_as_short_as_they_are 0 '"ssim_weight": 0.2,' grep '"ssim_weight"' out/run.json
 promise the_report_repeats_the_command 0 "--preset draft --iterations 60" grep "oceanxl train" out/report.html
 promise other_options_train_again 0 "ETA" "$program" train survey -o out --iterations 61
 promise more_iterations_continue_a_finished_run 0 "is continued: 9 more" on_stderr "$program" train survey -o out --iterations 70

@@ -29,8 +29,8 @@ TEST(budget_takes_the_cache_then_trials_then_gaussians)
     const double           most = cost_estimate(test_ctx, &o, &load).gaussians; /* that are expected */
     CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)1 << 30);
     CHECK((size_t)o.train.max_gaussians == schedule_gaussian_cap_of(load.points, load.schedule_pixels, &free.train));
-    o = budget_test_options(2e9);
-    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)5e8);
+    o = budget_test_options(3e9);
+    CHECK(budget_fit(test_ctx, &load, &o) && o.train.sh_degree == -1 && o.scene.image_cache_bytes == (size_t)7.5e8);
     CHECK(o.train.max_gaussians >= most);
     for (double ram = 2e9; ram > 2e8; ram *= 0.9) {
         o = budget_test_options(ram);
@@ -70,9 +70,10 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
 TEST(budget_thins_a_model_that_does_not_fit)
 {
     const struct cost_load load = budget_test_load();
-    oxl_job_options        o    = budget_test_options(0), none = o;
+    oxl_job_options        o = budget_test_options(0), none = o;
     CHECK(budget_thin(test_ctx, &load, &none) && none.train.max_gaussians == o.train.max_gaussians);
-    o.ram = 90 << 20;
+    o.ram = (size_t)3.2e8;
+    CHECK(!budget_fit(test_ctx, &load, &o));
     CHECK(budget_thin(test_ctx, &load, &o) && o.train.max_gaussians > 0 && (size_t)o.train.max_gaussians < load.points);
     o.ram = 1 << 20;
     CHECK(!budget_thin(test_ctx, &load, &o));

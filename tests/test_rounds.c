@@ -7,7 +7,8 @@ static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)
     CHECK_OK(oxl_model_create(test_ctx, count, 1, &m));
     CHECK_OK(model_set_lobes(test_ctx, &m, lobes));
     for (size_t i = 0; i < count; i++) {
-        for (int k = 0; k < oxl_model_planes(&m); k++) m.plane[k][i] = (float)(random_unit(random_bits(seed, i, (uint64_t)k)) - 0.5);
+        for (int k = 0; k < oxl_model_planes(&m); k++)
+            m.plane[k][i] = (float)(random_unit(random_bits(seed, i, (uint64_t)k)) - 0.5);
         m.plane[OXL_MEAN + 2][i] += 3;
         for (int a = 0; a < 3; a++) m.plane[OXL_LOG_SCALE + a][i] -= 2;
         m.plane[OXL_ROTATION][i] = 1;
@@ -19,7 +20,12 @@ static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)
 
 static oxl_camera rounds_test_camera(int width, int height)
 {
-    return (oxl_camera){.width = width, .height = height, .fx = 60, .fy = 60, .cx = width / 2.0, .cy = height / 2.0,
+    return (oxl_camera){.width    = width,
+                        .height   = height,
+                        .fx       = 60,
+                        .fy       = 60,
+                        .cx       = width / 2.0,
+                        .cy       = height / 2.0,
                         .rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
 }
 
@@ -44,11 +50,11 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
     for (size_t lobes = 0; lobes < 2; lobes++) {
         const oxl_camera   camera = rounds_test_camera(64, 48);
         oxl_render_options o      = oxl_render_options_default();
-        oxl_model          own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes), all, g1, g2;
-        float             *slope = rounds_test_slope(&camera);
-        struct renderer   *a = NULL, *b = NULL;
-        const float       *x, *y;
-        float              s1[120] = {0}, s2[120] = {0};
+        oxl_model        own = rounds_test_model(50, 1, 20 * lobes), context = rounds_test_model(70, 2, 30 * lobes), all, g1, g2;
+        float           *slope = rounds_test_slope(&camera);
+        struct renderer *a = NULL, *b = NULL;
+        const float     *x, *y;
+        float            s1[120] = {0}, s2[120] = {0};
         CHECK_OK(oxl_model_create(test_ctx, 0, 0, &all));
         CHECK_OK(merge_rows(test_ctx, &own, NULL, &all));
         CHECK_OK(merge_rows(test_ctx, &context, NULL, &all));
@@ -67,7 +73,8 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
         for (size_t i = 0; i < own.count; i++) {
             const size_t row = i < own.lobes ? i : i + context.lobes; /* rows with lobes are in front */
             CHECK(renderer_row_visible(a, i) == renderer_row_visible(b, row));
-            for (int k = 0; k < oxl_model_planes(&g1) && renderer_row_visible(a, i); k++) CHECK(g1.plane[k][i] == g2.plane[k][row]);
+            for (int k = 0; k < oxl_model_planes(&g1) && renderer_row_visible(a, i); k++)
+                CHECK(g1.plane[k][i] == g2.plane[k][row]);
         }
         CHECK_OK(renderer_score(test_ctx, a, slope, s1)); /* as long as the model: the context has none */
         CHECK_OK(renderer_score(test_ctx, b, slope, s2));
@@ -83,16 +90,16 @@ TEST(context_is_rendered_as_part_of_the_model_and_gradients_are_those_of_its_row
 
 TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
 {
-    const oxl_camera    full  = rounds_test_camera(64, 48);
-    oxl_camera          part  = full;
-    oxl_model           m     = rounds_test_model(80, 3, 0), g1, g2;
-    oxl_render_options  o     = oxl_render_options_default();
-    const int           x0    = 16, y0 = 16;
-    float              *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
-    struct renderer    *a = NULL, *b = NULL;
-    const float        *x, *y;
+    const oxl_camera   full = rounds_test_camera(64, 48);
+    oxl_camera         part = full;
+    oxl_model          m    = rounds_test_model(80, 3, 0), g1, g2;
+    oxl_render_options o    = oxl_render_options_default();
+    const int          x0 = 16, y0 = 16;
+    float *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), *weight = oxl_calloc(test_ctx, 64 * 48, sizeof *weight);
+    struct renderer     *a = NULL, *b = NULL;
+    const float         *x, *y;
     struct renderer_loss loss;
-    double              most = 0, largest = 0;
+    double               most = 0, largest = 0;
     part.width = 32, part.height = 32;
     part.cx -= x0, part.cy -= y0;
     CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &g1));
@@ -111,7 +118,7 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
     CHECK(most < 1e-6);
     for (int v = 0; v < 32; v++)
         for (int u = 0; u < 32; u++) weight[(v + y0) * 64 + u + x0] = 1;
-    CHECK_OK(renderer_loss(test_ctx, a, image, NULL, 0, &loss)); /* L1 to black, of the window; */
+    CHECK_OK(renderer_loss(test_ctx, a, image, NULL, 0, &loss));   /* L1 to black, of the window; */
     CHECK_OK(renderer_loss(test_ctx, b, image, weight, 0, &loss)); /* of the same pixels of the image: a mean over them alone */
     CHECK_OK(renderer_backward(test_ctx, a, NULL, &g1));
     CHECK_OK(renderer_backward(test_ctx, b, NULL, &g2));
@@ -174,9 +181,9 @@ TEST(decoded_image_comes_back_whole_or_not_at_all)
 
 TEST(decoded_images_are_used_and_leave_the_result_as_it_is)
 {
-    oxl_job_options       options  = job_test_options();
-    const char           *survey   = job_test_survey();
-    oxl_scene            *a = NULL, *b = NULL;
+    oxl_job_options              options = job_test_options();
+    const char                  *survey  = job_test_survey();
+    oxl_scene                   *a = NULL, *b = NULL;
     const struct training_image *x, *y;
     CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &a));
     CHECK_OK(os_make_folder(test_ctx, test_path("decoded")));

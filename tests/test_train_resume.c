@@ -49,11 +49,12 @@ static void checkpoint_case_free(struct checkpoint_case *c)
 /* Runs from where the folder's state is to step `until`. */
 static oxl_result checkpoint_run(struct checkpoint_case *c, const char *key, int until, oxl_model *out)
 {
-    const struct train_output place = {.folder = test_folder(), .key = key, .log = &c->log, .notes = &c->notes, .decisions = &c->decisions};
-    struct checkpoint_watch   watch = {until, 0};
-    const oxl_callback        stop  = {checkpoint_stop, &watch};
-    const oxl_result          rc    = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);
-    c->first                        = watch.first;
+    const struct train_output place = {
+        .folder = test_folder(), .key = key, .log = &c->log, .notes = &c->notes, .decisions = &c->decisions};
+    struct checkpoint_watch watch = {until, 0};
+    const oxl_callback      stop  = {checkpoint_stop, &watch};
+    const oxl_result        rc    = train_run(test_ctx, c->scene, &c->options, &stop, &place, out);
+    c->first                      = watch.first;
     return rc;
 }
 

@@ -69,7 +69,7 @@ TEST(exposure_of_two_blocks_is_their_mean_where_they_share_views)
 {
     struct imaging a = water_imaging(9, (int[]){0, 2, 4}, 3), b = water_imaging(9, (int[]){2, 4, 8}, 3), all;
     int            count[9] = {0};
-    const float    of_a     = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
+    const float    of_a = a.log_gain[3 * 2], of_b = b.log_gain[3 * 8 + 2];
     CHECK_OK(imaging_create(test_ctx, 9, &all));
     for (int i = 0; i < 27; i++) b.log_gain[i] += b.known[i / 3] ? 0.7f : 0;
     imaging_join(&all, count, &a);
@@ -202,7 +202,7 @@ TEST(exposure_of_known_gains_is_recovered_and_helps_views_that_were_held_out)
 TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
 {
     oxl_scene        *scene   = train_scene(14);
-    oxl_train_options options = train_options(300);
+    oxl_train_options options = train_options(1000);
     oxl_model         off, automatic;
     options.sh_degree = -1; /* so that validation views stand aside in both */
     options.exposure  = OXL_OFF;
@@ -234,10 +234,22 @@ TEST(exposure_auto_is_on_where_gains_help_their_neighbours_or_differ_much_and_ha
     CHECK(exposure_test_decides(0.08, -0.05) && !exposure_test_decides(0.08, -0.2));
 }
 
+TEST(exposure_auto_is_off_in_short_runs_and_on_stays_on)
+{
+    oxl_train_options o = train_options(999), on = train_options(20);
+    o.exposure  = OXL_AUTO;
+    on.exposure = OXL_ON;
+    CHECK(exposure_mode(&o) == OXL_OFF && exposure_decides_at(&o) == 0 && exposure_mode(&on) == OXL_ON);
+    o.iterations = 1000;
+    CHECK(exposure_mode(&o) == OXL_AUTO && exposure_decides_at(&o) == 100);
+    o.survey_iterations = 500; /* a block of a short run */
+    CHECK(exposure_mode(&o) == OXL_OFF);
+}
+
 TEST(exposure_a_run_stopped_before_and_after_the_decision_ends_in_the_same_bytes)
 {
-    static const int       stops[] = {5, 25, 26, 27, 120};
-    struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(260));
+    static const int       stops[] = {5, 99, 100, 101, 320};
+    struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
     oxl_model              model;
     struct imaging         whole;
     c.options.sh_degree = -1;

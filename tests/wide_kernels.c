@@ -69,19 +69,19 @@ static struct kernel_camera view_kernel_camera(const struct wide *w)
 {
     const oxl_camera    *c = &w->camera;
     const double        *r = c->rotation, *t = c->translation;
-    struct kernel_camera l = {.width      = c->width,
-                              .height     = c->height,
-                              .fx         = c->fx,
-                              .fy         = c->fy,
-                              .cx         = c->cx,
-                              .cy         = c->cy,
-                              .half_width = 0.5 * c->width,
+    struct kernel_camera l = {.width       = c->width,
+                              .height      = c->height,
+                              .fx          = c->fx,
+                              .fy          = c->fy,
+                              .cx          = c->cx,
+                              .cy          = c->cy,
+                              .half_width  = 0.5 * c->width,
                               .half_height = 0.5 * c->height,
-                              .limit_x    = FRUSTUM_CLAMP * c->width / (2 * c->fx),
-                              .limit_y    = FRUSTUM_CLAMP * c->height / (2 * c->fy),
-                              .near_plane = w->near_plane,
-                              .alpha_min  = w->alpha_min,
-                              .cut        = w->alpha_min > ALPHA_MIN ? -log2(w->alpha_min) : LOG2_255};
+                              .limit_x     = FRUSTUM_CLAMP * c->width / (2 * c->fx),
+                              .limit_y     = FRUSTUM_CLAMP * c->height / (2 * c->fy),
+                              .near_plane  = w->near_plane,
+                              .alpha_min   = w->alpha_min,
+                              .cut         = w->alpha_min > ALPHA_MIN ? -log2(w->alpha_min) : LOG2_255};
     l.rotation.x           = vec3(r[0], r[1], r[2]);
     l.rotation.y           = vec3(r[3], r[4], r[5]);
     l.rotation.z           = vec3(r[6], r[7], r[8]);

@@ -225,11 +225,11 @@ OXL_INTERNAL int        os_is_folder(const char *path);
 OXL_INTERNAL int64_t    os_modified(const char *path); /* modification time in the system's unit; 0: unknown */
 OXL_INTERNAL int        os_processor_quota(void); /* processors that the process may use (Linux cgroups); 0: no limit known */
 OXL_INTERNAL double     os_seconds(void);         /* monotonic clock */
-OXL_INTERNAL double     os_disk_free(const char *folder); /* bytes; 0: unknown */
+OXL_INTERNAL double     os_disk_free(const char *folder);   /* bytes; 0: unknown */
 OXL_INTERNAL int        os_remove_folder(const char *path); /* an empty one; 0: success */
-OXL_INTERNAL void       os_sleep(double seconds); /* a signal ends it */
-OXL_INTERNAL size_t     os_peak_rss(void);        /* bytes; 0 when unknown */
-OXL_INTERNAL size_t     os_memory_free(void);     /* bytes available without swapping; 0: unknown */
+OXL_INTERNAL void       os_sleep(double seconds);           /* a signal ends it */
+OXL_INTERNAL size_t     os_peak_rss(void);                  /* bytes; 0 when unknown */
+OXL_INTERNAL size_t     os_memory_free(void);               /* bytes available without swapping; 0: unknown */
 /* Calls `visit` with the name of each entry of a folder, in any order. */
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
                                        void *user);

@@ -39,7 +39,7 @@ static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, in
     if (lock) lock->path = oxl_path_join(ctx, folder, ".lock");
     rc = lock && lock->path ? os_make_folder(ctx, folder) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to lock %s", folder);
     if (rc != OXL_OK) goto done;
-    got = lock_open(lock->path, shared, &lock->file);
+    got   = lock_open(lock->path, shared, &lock->file);
     *busy = got == OS_LOCK_BUSY;
     if (*busy) rc = lock_refuse(ctx, folder, &lock->file);
     if (got == OS_LOCK_FAILED || got == OS_LOCK_REMOVED) rc = os_lock_fail(ctx, lock->path);

@@ -763,7 +763,7 @@ OXL_INTERNAL oxl_result os_writer_close(oxl_context *ctx, struct os_writer *writ
         errno  = writer->error;
         failed = writer->error || ferror(writer->file) || fflush(writer->file) != 0 ||
                  (!writer->unsynced && os_sync(writer->file) != 0);
-        error  = errno;
+        error = errno;
     }
     if (fclose(writer->file) != 0 && !failed) {
         failed = 1;

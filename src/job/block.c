@@ -214,8 +214,8 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                          .decisions = &b->decisions,
                                          .start     = task->start,
                                          .context   = task->context,
-                                       .window    = task->window,
-                                       .guard     = task->guard,
+                                         .window    = task->window,
+                                         .guard     = task->guard,
                                          .first     = task->first,
                                          .until     = task->until,
                                          .from      = task->from,
@@ -291,9 +291,9 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                  .window    = b->task->window,
                                  .guard     = b->task->guard,
                                  .nonfinite = &b->nonfinite};
-    const int  hides = imaging_hides_colours(scene_imaging(scene));
-    oxl_model  plain = {0};
-    oxl_result rc;
+    const int           hides = imaging_hides_colours(scene_imaging(scene));
+    oxl_model           plain = {0};
+    oxl_result          rc;
     *done     = 0;
     b->before = b->task->train.iterations;
     model_drop_lobes(model);

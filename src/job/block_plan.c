@@ -31,9 +31,12 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     struct text t    = {.ctx = job->ctx};
     char       *path = job_block_path(job, block, "plan.txt");
     oxl_result  rc   = path ? OXL_OK : OXL_ERR_MEMORY;
-    text_add(&t, "# first step, last step, iterations, most Gaussians, share of the pixels, share of the work; neighbours; of each view "
-                 "the window, x y width height, and whether it is guarded\n");
-    text_add(&t, "plan %d %d %d %.17g %.17g %.17g\nneighbours", plan->first, plan->last, plan->iterations, plan->gaussians, plan->share, plan->work);
+    text_add(
+        &t,
+        "# first step, last step, iterations, most Gaussians, share of the pixels, share of the work; neighbours; of each view "
+        "the window, x y width height, and whether it is guarded\n");
+    text_add(&t, "plan %d %d %d %.17g %.17g %.17g\nneighbours", plan->first, plan->last, plan->iterations, plan->gaussians,
+             plan->share, plan->work);
     for (int j = 0; j < job->partition.block_count; j++)
         if (plan->neighbour[j]) text_add(&t, " %d", j);
     text_add(&t, " -1\nviews %d\n", plan->views);
@@ -73,8 +76,10 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
     out->neighbour   = oxl_calloc(job->ctx, (size_t)blocks + 1, 1);
     if (!out->neighbour) return job_no_memory(job);
     s = strstr(s, "plan ");
-    if (!s || sscanf(s, "plan %d %d %d %lf %lf %lf\nneighbours%n", &out->first, &out->last, &out->iterations, &out->gaussians, &out->share,
-                     &out->work, &used) != 6 || !used)
+    if (!s ||
+        sscanf(s, "plan %d %d %d %lf %lf %lf\nneighbours%n", &out->first, &out->last, &out->iterations, &out->gaussians,
+               &out->share, &out->work, &used) != 6 ||
+        !used)
         return OXL_ERR_INPUT;
     s = plan_read_neighbours(s + used, blocks, out);
     if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || out->views < 0 || out->views > 1 << 24) return OXL_ERR_INPUT;
@@ -131,7 +136,7 @@ static double plan_best_rectangle(const double *value, int width, int height, st
     *best       = (struct image_window){0};
     for (int top = 0; top < height; top++)
         for (int bottom = top + 1; bottom <= height; bottom++) {
-            double run = 0;
+            double run  = 0;
             int    left = 0;
             for (int x = 0; x < width; x++) {
                 for (int y = top; y < bottom; y++) run += value[y * width + x];
@@ -168,7 +173,7 @@ static void plan_paint(oxl_model *model, double colour)
         for (size_t i = 0; i < model->count; i++) model->plane[OXL_SH + c][i] = (float)((colour - 0.5) / MODEL_SH0);
 }
 
-struct plan_sum { /* over the views of a block */
+struct plan_sum {        /* over the views of a block */
     double pixels, area; /* the block's share of them; of the windows */
     size_t rows;
     int    views; /* with a window */
@@ -183,8 +188,9 @@ OXL_INTERNAL int block_plan_shows(const oxl_camera *c, double near_plane, const 
     for (int a = 0; a < 3; a++)
         p[a] = c->rotation[3 * a] * model->plane[OXL_MEAN][row] + c->rotation[3 * a + 1] * model->plane[OXL_MEAN + 1][row] +
                c->rotation[3 * a + 2] * model->plane[OXL_MEAN + 2][row] + c->translation[a];
-    return p[2] + radius > near_plane && c->fx * (p[0] - radius) < (c->width - c->cx) * p[2] && c->fx * (p[0] + radius) > -c->cx * p[2] &&
-           c->fy * (p[1] - radius) < (c->height - c->cy) * p[2] && c->fy * (p[1] + radius) > -c->cy * p[2];
+    return p[2] + radius > near_plane && c->fx * (p[0] - radius) < (c->width - c->cx) * p[2] &&
+           c->fx * (p[0] + radius) > -c->cx * p[2] && c->fy * (p[1] - radius) < (c->height - c->cy) * p[2] &&
+           c->fy * (p[1] + radius) > -c->cy * p[2];
 }
 
 static int plan_is_guarded(const oxl_camera *camera, double near_plane, const oxl_model *own)
@@ -222,7 +228,8 @@ static oxl_result plan_views(struct job *job, oxl_model *own, oxl_model *others,
     return rc;
 }
 
-static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coarse, struct block_plan *plan, struct plan_sum *sum)
+static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coarse, struct block_plan *plan,
+                                struct plan_sum *sum)
 {
     oxl_model  own = {0}, others = {0};
     oxl_result rc;
@@ -230,7 +237,7 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
     plan->window    = oxl_calloc(job->ctx, (size_t)plan->views + 1, sizeof *plan->window);
     plan->guard     = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
     plan->neighbour = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, 1);
-    rc = plan->window && plan->guard && plan->neighbour ? OXL_OK : job_no_memory(job);
+    rc              = plan->window && plan->guard && plan->neighbour ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, coarse, &own, &others);
     if (rc == OXL_OK) rc = plan_views(job, &own, &others, plan, sum);
     sum->rows = own.count;
@@ -267,7 +274,7 @@ static void plan_divide(const struct job *job, struct block_plan *plan, const st
     for (int k = 0; k < blocks; k++) {
         plan[k].iterations = (int)OXL_CLAMP(epochs * sum[k].views / part + 0.5, 1, INT_MAX);
         plan[k].first      = (int)(JOB_COARSE * plan[k].iterations);
-        plan[k].last       = finish ? (int)((JOB_COARSE + part) * plan[k].iterations) : plan[k].iterations;
+        plan[k].last       = finish ? (int)ceil((JOB_COARSE + part) * plan[k].iterations) : plan[k].iterations;
         plan[k].share      = share > 0 ? sum[k].pixels / share : 1.0 / blocks;
         plan[k].work       = area > 0 ? part * ((1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4) / area : 0;
         plan[k].gaussians  = OXL_MAX(1, (double)sum[k].rows + floor(OXL_MAX(0, cap - rows) * plan[k].share));
@@ -281,7 +288,8 @@ static void plan_find_neighbours(const struct job *job, struct block_plan *plan)
     for (int a = 0; a < blocks; a++)
         for (int b = 0; b < a; b++) {
             int shared = 0;
-            for (int v = 0; v < plan[a].views && !shared; v++) shared = plan[a].window[v].width > 0 && plan[b].window[v].width > 0;
+            for (int v = 0; v < plan[a].views && !shared; v++)
+                shared = plan[a].window[v].width > 0 && plan[b].window[v].width > 0;
             plan[a].neighbour[b] = plan[b].neighbour[a] = (uint8_t)shared;
         }
 }
@@ -299,7 +307,8 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse
         plan_find_neighbours(job, plan);
     }
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
-        oxl_log(job->ctx, OXL_LOG_INFO, "block %d: %d steps on windows of %d views, %.0f %% of their pixels; at most %.0f Gaussians", k,
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "block %d: %d steps on windows of %d views, %.0f %% of their pixels; at most %.0f Gaussians", k,
                 plan[k].last - plan[k].first, sum[k].views, 100 * sum[k].area / OXL_MAX(1, sum[k].views * pixels),
                 plan[k].gaussians);
         rc = plan_write(job, k, &plan[k]);

@@ -316,8 +316,8 @@ static void job_remove_decoded(struct job *job)
 /* Where each image would be decoded several times: in blocks, or when memory does not hold them all. */
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 {
-    const double bytes = job->scene ? 3 * schedule_pixels(job->scene) : 0;
-    oxl_result   rc    = OXL_OK;
+    const double bytes  = job->scene ? 3 * schedule_pixels(job->scene) : 0;
+    oxl_result   rc     = OXL_OK;
     char        *folder = oxl_path_join(job->ctx, job->out, "blocks");
     if (!folder) return job_no_memory(job);
     oxl_free(job->ctx, job->decoded);
@@ -429,12 +429,10 @@ static oxl_result job_plan_whole(struct job *job, struct block_task *task, oxl_j
 static oxl_result job_train_whole(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
-    struct block_task  task     = {.folder   = folder,
-                                   .key      = job->key.data,
-                                   .callback = &callback,
-                                   .standard = block_standard_steps(&job->options.train)};
-    oxl_job_options    options;
-    oxl_result         rc = job_plan_whole(job, &task, &options);
+    struct block_task  task     = {
+             .folder = folder, .key = job->key.data, .callback = &callback, .standard = block_standard_steps(&job->options.train)};
+    oxl_job_options options;
+    oxl_result      rc = job_plan_whole(job, &task, &options);
     if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, job->partition.block_count, &task);
     if (rc == OXL_OK) scene_set_cache(job->scene, options.scene.image_cache_bytes);
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
@@ -523,7 +521,7 @@ static oxl_result job_read_gains(struct job *job, int block)
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
     const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : rounds_finishes(job) ? blocks + 1 : -1;
-    oxl_result rc     = one < 0 ? job_merge(job, standard, out) : job_read_model(job, one, standard, out);
+    oxl_result rc = one < 0 ? job_merge(job, standard, out) : job_read_model(job, one, standard, out);
     if (rc == OXL_OK && one >= 0 && job->scene) rc = job_read_gains(job, one);
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
@@ -723,7 +721,10 @@ static oxl_result job_finish(struct job *job, int judge)
     if (rc == OXL_OK && judge) rc = job_write_metrics(job, &standard, bytes);
     if (rc == OXL_OK && judge && job->options.renders) rc = job_draw(job);
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
-    if (rc == OXL_OK && !job->unfinished) job_remove_decoded(job);
+    if (rc == OXL_OK && !job->unfinished) {
+        if (job->partition.block_count > 1) job_drop_checkpoints(job); /* of paused blocks */
+        job_remove_decoded(job);
+    }
     oxl_model_free(job->ctx, &standard);
     return rc;
 }

@@ -32,9 +32,9 @@ struct block_record {                                   /* block.json */
     oxl_nonfinite nonfinite;
 };
 struct block_task {
-    const char         *folder, *key; /* key: what the result depends on */
-    oxl_train_options   train;
-    const oxl_callback *callback;
+    const char                *folder, *key; /* key: what the result depends on */
+    oxl_train_options          train;
+    const oxl_callback        *callback;
     const oxl_model           *start;   /* a trained model that is refined; NULL: the scene's points */
     const oxl_model           *from;    /* in the place of the points; NULL: they */
     const oxl_model           *context; /* as in struct train_output, and so are these */
@@ -115,7 +115,7 @@ OXL_INTERNAL double predict_time(oxl_context *ctx, const oxl_scene *scene, const
 
 /* ---------------------------------------------------------------- cost.c: predicted Gaussians, memory and time */
 
-#define COST_SPLAT_BYTES 300.0 /* per Gaussian beside its parameters: projection, tile lists, gradient slots */
+#define COST_SPLAT_BYTES 300.0   /* per Gaussian beside its parameters: projection, tile lists, gradient slots */
 struct cost_load {               /* counts of a survey or of a block */
     size_t points, observations; /* initial points; (point, view) pairs */
     int    views;

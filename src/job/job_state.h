@@ -8,8 +8,8 @@
 /* Shares of a run in blocks (docs/SCALE.md). */
 #define JOB_COARSE       0.15 /* the coarse model of the survey, before them */
 #define JOB_FINISH       0.35 /* the merged model, after them, where memory holds it; */
-#define JOB_FINISH_LATER 0.24 /* with pruning or second lobes: these end before */
-#define JOB_ROUNDS 4   /* pauses of each block, to see what its neighbours have come to */
+#define JOB_FINISH_LATER 0.2  /* with pruning or second lobes: these end before */
+#define JOB_ROUNDS       4    /* pauses of each block, to see what its neighbours have come to */
 
 struct job {
     oxl_context        *ctx;
@@ -27,13 +27,13 @@ struct job {
     struct block_record total;       /* over the blocks */
     int                 block;       /* that is being trained */
     int                 unfinished;  /* blocks that were stopped by --max-time */
-    char               *decoded;    /* OUT/blocks/decoded, for decoded images; or NULL */
+    char               *decoded;     /* OUT/blocks/decoded, for decoded images; or NULL */
     double              begun;
-    double              done_before, done, part; /* shares of the run: before this process, before the present part, of this part, */
-    int                 part_first, part_until;  /* which has these steps */
-    uint64_t            seed; /* of the context, to be given back */
-    struct start        start;
-    oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
+    double       done_before, done, part; /* shares of the run: before this process, before the present part, of this part, */
+    int          part_first, part_until;  /* which has these steps */
+    uint64_t     seed;                    /* of the context, to be given back */
+    struct start start;
+    oxl_lock    *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
 };
 
 /* ---------------------------------------------------------------- job.c */
@@ -41,25 +41,26 @@ struct job {
 OXL_INTERNAL oxl_result job_no_memory(struct job *job);
 /* OUT/blocks/KKK, or a file in it; block_count: OUT/blocks/coarse; one more: OUT/blocks/whole. */
 OXL_INTERNAL char      *job_block_path(struct job *job, int block, const char *name);
-OXL_INTERNAL oxl_result job_load(struct job *job);                                             /* the survey */
+OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */
 OXL_INTERNAL void       job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void       job_limit_time(const struct job *job, oxl_train_options *options);
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* whether decoded images are kept in files */
-OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out); /* the blocks' models side by side, gains joined */
+OXL_INTERNAL oxl_result job_merge(struct job *job, int standard,
+                                  oxl_model *out); /* the blocks' models side by side, gains joined */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 
 /* ---------------------------------------------------------------- block_plan.c: which part of the run a block is */
 
 struct block_plan {
-    int                  iterations, first, last; /* steps of the block's run; those of the coarse model; where the merged model takes over */
-    int                  views;     /* of the survey */
-    double               gaussians; /* most of them */
-    double               share;                 /* of the survey's pixels, by blend weight */
-    double               work;                  /* of all blocks' pixels */
-    struct image_window *window;                /* (views) that are trained; width 0: none */
-    uint8_t             *guard;                 /* (views) 1: the block's Gaussians may come to lie in it */
-    uint8_t             *neighbour;             /* (blocks) 1: shares a view */
+    int    iterations, first, last; /* steps of the block's run; those of the coarse model; where the merged model takes over */
+    int    views;                   /* of the survey */
+    double gaussians;               /* most of them */
+    double share;                   /* of the survey's pixels, by blend weight */
+    double work;                    /* of all blocks' pixels */
+    struct image_window *window;    /* (views) that are trained; width 0: none */
+    uint8_t             *guard;     /* (views) 1: the block's Gaussians may come to lie in it */
+    uint8_t             *neighbour; /* (blocks) 1: shares a view */
 };
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse); /* of all blocks; writes plan.txt of each */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out); /* views 0: there is none */
@@ -67,14 +68,16 @@ OXL_INTERNAL void       block_plan_free(oxl_context *ctx, struct block_plan *pla
 OXL_INTERNAL int        block_plan_until(const struct block_plan *plan, int round); /* the last step of a round */
 /* The coarse model's Gaussians in a block's box, and all others. */
 OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_model *coarse, oxl_model *own, oxl_model *others);
-OXL_INTERNAL int        block_plan_shows(const oxl_camera *camera, double near_plane, const oxl_model *model, size_t row); /* 1: it may */
+OXL_INTERNAL int        block_plan_shows(const oxl_camera *camera, double near_plane, const oxl_model *model,
+                                         size_t row); /* 1: it may */
 
 /* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
-OXL_INTERNAL oxl_result rounds_finish(struct job *job); /* when all blocks are done: trains the merged model, if that is planned */
-OXL_INTERNAL double     rounds_share_of_finish(const struct job *job); /* of the run */
-OXL_INTERNAL int        rounds_finishes(struct job *job);              /* 1: it is planned */
-OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */
+OXL_INTERNAL oxl_result
+                    rounds_finish(struct job *job); /* when all blocks are done: trains the merged model, if that is planned */
+OXL_INTERNAL double rounds_share_of_finish(const struct job *job); /* of the run */
+OXL_INTERNAL int    rounds_finishes(struct job *job);              /* 1: it is planned */
+OXL_INTERNAL oxl_result rounds_collect(struct job *job);           /* the blocks' records; an error when one is not finished */
 
 #endif

@@ -31,8 +31,8 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
                                    .train    = job->options.train,
                                    .until    = (int)OXL_MAX(1, JOB_COARSE * job->options.train.iterations)};
     oxl_result         rc       = job->scene ? OXL_OK : job_load(job);
-    job->block      = job->partition.block_count;
-    job->part       = JOB_COARSE;
+    job->block                  = job->partition.block_count;
+    job->part                   = JOB_COARSE;
     job->part_first = 0, job->part_until = task.until;
     if (rc == OXL_OK) {
         const struct cost_load load = cost_load_of_scene(job->scene);
@@ -68,7 +68,8 @@ static oxl_result rounds_prepare(struct job *job)
         job->unfinished += rc == OXL_OK && !rounds_coarse_is_done(job, &record);
     }
     job->done = JOB_COARSE;
-    if (rc == OXL_OK && !job->unfinished) rc = block_plan_read(job, job->partition.block_count - 1, &last); /* the last to be written */
+    if (rc == OXL_OK && !job->unfinished)
+        rc = block_plan_read(job, job->partition.block_count - 1, &last); /* the last to be written */
     if (rc == OXL_OK && !job->unfinished && last.views == 0) {
         rc = job->scene ? OXL_OK : job_load(job);
         if (rc == OXL_OK) rc = job_read_model(job, job->partition.block_count, 0, &coarse);
@@ -126,7 +127,8 @@ static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_mode
     oxl_model                model = {0}, rest = {0};
     oxl_result               rc = folder ? OXL_OK : OXL_ERR_MEMORY;
     if (rc == OXL_OK && plan->neighbour[of]) rc = block_read(job->ctx, folder, job->key.data, &record);
-    if (rc == OXL_OK) rc = record.there ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, &r->coarse, &model, &rest);
+    if (rc == OXL_OK)
+        rc = record.there ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, &r->coarse, &model, &rest);
     if (rc == OXL_OK && !(keep = oxl_alloc(job->ctx, model.count + 1, 1))) rc = job_no_memory(job);
     if (rc == OXL_OK) rounds_mark_visible(r, plan, &model, keep);
     if (rc == OXL_OK) rc = merge_rows(job->ctx, &model, keep, context);
@@ -199,21 +201,21 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     const struct block_plan *plan     = &r->plan[block];
     const oxl_callback       callback = {job_progress, job};
     oxl_model                own = {0}, others = {0}, context = {0};
-    struct block_task        task  = {.folder   = folder,
-                                      .key      = job->key.data,
-                                      .callback = &callback,
-                                      .train    = rounds_options(job, plan),
-                                      .start    = &own,
-                                      .context  = &context,
-                                      .window   = plan->window,
-                                      .guard    = plan->last == plan->iterations ? plan->guard : NULL,
-                                      .first    = plan->first,
-                                      .until    = block_plan_until(plan, round)};
+    struct block_task        task = {.folder   = folder,
+                                     .key      = job->key.data,
+                                     .callback = &callback,
+                                     .train    = rounds_options(job, plan),
+                                     .start    = &own,
+                                     .context  = &context,
+                                     .window   = plan->window,
+                                     .guard    = plan->last == plan->iterations ? plan->guard : NULL,
+                                     .first    = plan->first,
+                                     .until    = block_plan_until(plan, round)};
     oxl_result               rc;
-    task.standard                  = block_standard_steps(&task.train);
-    task.predicted_seconds         = job->survey.seconds * plan->work;
-    job->block                     = block;
-    job->part                      = plan->work / JOB_ROUNDS;
+    task.standard          = block_standard_steps(&task.train);
+    task.predicted_seconds = job->survey.seconds * plan->work;
+    job->block             = block;
+    job->part              = plan->work / JOB_ROUNDS;
     job->part_first = round > 0 ? block_plan_until(plan, round - 1) : plan->first, job->part_until = task.until;
     job_limit_time(job, &task.train);
     rc = rounds_read_gains(job);
@@ -234,8 +236,10 @@ static oxl_result rounds_done(struct rounds *r, int block, int *done)
     struct block_record record = {0};
     const oxl_result    rc     = folder ? block_read(r->job->ctx, folder, r->job->key.data, &record) : OXL_ERR_MEMORY;
     *done                      = 0;
-    while (rc == OXL_OK && *done < JOB_ROUNDS && record.there && record.iterations >= block_plan_until(&r->plan[block], *done)) ++*done;
-    if (*done == JOB_ROUNDS && r->plan[block].last == r->plan[block].iterations && !record.finished) --*done; /* its standard model is to be made */
+    while (rc == OXL_OK && *done < JOB_ROUNDS && record.there && record.iterations >= block_plan_until(&r->plan[block], *done))
+        ++*done;
+    if (*done == JOB_ROUNDS && r->plan[block].last == r->plan[block].iterations && !record.finished)
+        --*done; /* its standard model is to be made */
     oxl_free(r->job->ctx, folder);
     return rc;
 }
@@ -309,7 +313,8 @@ static oxl_result rounds_one(struct rounds *r, int block)
     oxl_result rc = rounds_done(r, block, &done);
     while (rc == OXL_OK && done < JOB_ROUNDS && !r->job->unfinished) {
         trained = 0;
-        for (int k = 0; k < blocks && rc == OXL_OK && !trained && !r->job->unfinished; k++) rc = rounds_try(r, (block + k) % blocks, &trained);
+        for (int k = 0; k < blocks && rc == OXL_OK && !trained && !r->job->unfinished; k++)
+            rc = rounds_try(r, (block + k) % blocks, &trained);
         if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, ROUNDS_WAIT);
         if (rc == OXL_OK) rc = rounds_done(r, block, &done);
     }
@@ -326,8 +331,9 @@ static oxl_result rounds_begin(struct rounds *r)
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {
         rc = block_plan_read(job, k, &r->plan[k]);
         if (rc == OXL_OK && r->plan[k].views == 0)
-            rc = oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again",
-                          job->out, k, job->out);
+            rc = oxl_fail(job->ctx, OXL_ERR_INPUT,
+                          "%s/blocks/%03d/plan.txt is missing or damaged\nfix: delete %s/blocks, and train again", job->out, k,
+                          job->out);
     }
     if (rc == OXL_OK && !job->scene) rc = job_load(job);
     return rc;
@@ -351,7 +357,7 @@ OXL_INTERNAL double rounds_share_of_finish(const struct job *job)
 OXL_INTERNAL int rounds_finishes(struct job *job)
 {
     struct block_plan plan = {0};
-    const int         read = block_plan_read(job, 0, &plan) == OXL_OK && plan.views > 0, finishes = read && plan.last < plan.iterations;
+    const int read = block_plan_read(job, 0, &plan) == OXL_OK && plan.views > 0, finishes = read && plan.last < plan.iterations;
     block_plan_free(job->ctx, &plan);
     return finishes;
 }
@@ -403,8 +409,8 @@ static oxl_result rounds_block_is_missing(struct job *job, int block, const stru
 {
     struct block_plan plan = {0};
     const oxl_result  rc   = block_plan_read(job, block, &plan);
-    const int         done = plan.views > 0 && record->there && record->iterations >= plan.last &&
-                     (record->finished || plan.last < plan.iterations);
+    const int         done =
+        plan.views > 0 && record->there && record->iterations >= plan.last && (record->finished || plan.last < plan.iterations);
     if (rc == OXL_OK && !done && *missing < 0) *missing = block;
     block_plan_free(job->ctx, &plan);
     return rc;
@@ -431,9 +437,12 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job)
 {
-    struct rounds r = {.job = job};
-    int           missing;
-    oxl_result    rc = job->options.block >= 0 ? rounds_prepare_among_others(job) : rounds_prepare(job);
+    struct rounds     r    = {.job = job};
+    struct block_task none = {0};
+    int               missing;
+    oxl_result        rc = start_use(job->ctx, job->scene, job->out, &job->start, job->partition.block_count, &none);
+    if (rc != OXL_OK) return rc;
+    rc               = job->options.block >= 0 ? rounds_prepare_among_others(job) : rounds_prepare(job);
     job->done_before = job->done;
     if (rc != OXL_OK || job->unfinished) return rc;
     rc = rounds_begin(&r);
@@ -450,6 +459,6 @@ OXL_INTERNAL oxl_result rounds_collect(struct job *job)
     oxl_result rc      = rounds_add_records(job, &missing);
     if (rc != OXL_OK) return rc;
     if (missing < 0) return rounds_finish(job);
-    return oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d", job->out,
-                    missing, job->scene_path, job->out, missing);
+    return oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
+                    job->out, missing, job->scene_path, job->out, missing);
 }

@@ -218,7 +218,7 @@ struct kernel_camera { /* an oxl_camera in `real` */
     int         width, height;
     real        half_width, half_height; /* px; of the full image, if this is a window of it: the unit of dmean2d */
     real        fx, fy, cx, cy;          /* px */
-    struct mat3 rotation;       /* world to camera */
+    struct mat3 rotation;                /* world to camera */
     struct vec3 translation, eye;
     real        limit_x, limit_y; /* |x/z|, |y/z| at which the Jacobian is clamped */
     real        near_plane;
@@ -292,7 +292,7 @@ struct bins {
     const struct lobe  *lobe;    /* (lobes) in */
     size_t              lobes;   /* rows 0..lobes-1 have one: footprint of both lobes, twice the slots */
     size_t              context_row, context_lobes; /* so do rows context_row.. of the context; theirs follow in `lobe` */
-    uint32_t           *order;   /* (visible_count) rows by depth, ties by row */
+    uint32_t           *order;                      /* (visible_count) rows by depth, ties by row */
     size_t              visible_count;
     struct pair        *pair; /* (pair_count) tile by tile, each in depth order */
     size_t              pair_count;

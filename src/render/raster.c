@@ -496,7 +496,8 @@ SIMD_INLINE void raster_zero_sums(const int lobed, const int score, const struct
 {
     if (score) job->score[pair->slot] = 0;
     else memset(job->sums[pair->slot], 0, sizeof job->sums[0]);
-    if (!score && lobed && bins_lobe(job->bins, pair->splat)) memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
+    if (!score && lobed && bins_lobe(job->bins, pair->splat))
+        memset(job->sums[raster_lobe_slot(job, pair)], 0, sizeof job->sums[0]);
 }
 
 SIMD_INLINE void raster_backward_tile(const int fused, const int lobed, const int score, const struct raster_job *job)

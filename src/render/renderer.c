@@ -391,19 +391,19 @@ static oxl_result render_begin(oxl_context *ctx, struct renderer *r, const oxl_m
     const oxl_result rc =
         render_reserve(ctx, r, packs + others, model->lobes + lobes, (size_t)camera->width * (size_t)camera->height);
     if (rc != OXL_OK) return rc;
-    r->packs = packs;
+    r->packs         = packs;
     r->kernel_camera = render_kernel_camera(camera, options->near_plane);
     render_set_full_size(&r->kernel_camera, camera, r->full);
-    r->in            = render_gaussians(model, options->sh_degree);
+    r->in = render_gaussians(model, options->sh_degree);
     memcpy(r->background, options->background, sizeof r->background);
     render_set_alpha_min(&r->kernel_camera, options->alpha_min);
-    r->bins.alpha_min = r->kernel_camera.alpha_min;
-    r->bins.cut       = r->kernel_camera.cut;
-    r->bins.packs     = packs + others;
-    r->bins.splat     = r->splat;
-    r->bins.lobe      = r->lobe;
-    r->bins.lobes     = model->lobes;
-    r->bins.visible   = r->visible;
+    r->bins.alpha_min     = r->kernel_camera.alpha_min;
+    r->bins.cut           = r->kernel_camera.cut;
+    r->bins.packs         = packs + others;
+    r->bins.splat         = r->splat;
+    r->bins.lobe          = r->lobe;
+    r->bins.lobes         = model->lobes;
+    r->bins.visible       = r->visible;
     r->bins.context_row   = packs * PACK;
     r->bins.context_lobes = lobes;
     return OXL_OK;
@@ -473,7 +473,9 @@ OXL_INTERNAL oxl_result renderer_take_image(oxl_context *ctx, struct renderer *r
     if (rc == OXL_OK && r->masked) rc = oxl_reserve(ctx, (void **)&r->weight, &r->weight_capacity, pixels, sizeof *r->weight);
     if (rc != OXL_OK) return rc;
     image_from_training(ctx, image, window, r->target, r->masked ? r->weight : NULL);
-    if (halved) image_halve(window ? window->width : image->width, window ? window->height : image->height, r->target, r->masked ? r->weight : NULL);
+    if (halved)
+        image_halve(window ? window->width : image->width, window ? window->height : image->height, r->target,
+                    r->masked ? r->weight : NULL);
     return OXL_OK;
 }
 

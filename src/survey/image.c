@@ -469,8 +469,8 @@ OXL_INTERNAL void image_training_free(oxl_context *ctx, struct training_image *i
     *image = (struct training_image){0};
 }
 
-OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, const struct image_window *window,
-                                      float *rgb, float *weight)
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image,
+                                      const struct image_window *window, float *rgb, float *weight)
 {
     const struct image_window whole = {0, 0, image->width, image->height}, w = window ? *window : whole;
     const int64_t             rows = 3 * (int64_t)w.height;

@@ -40,7 +40,7 @@ OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const s
 /* Everything but the checksum, in the file's order; sum may be NULL. */
 static int image_file_planes(FILE *file, struct training_image *image, int writing, uint64_t *sum)
 {
-    uint8_t *plane[]  = {image->rgb, image->mask};
+    uint8_t *plane[] = {image->rgb, image->mask};
     for (size_t k = 0; k < 2; k++) {
         const size_t size = plane[k] ? image_file_bytes(image) * (k ? 1 : 3) : 0;
         if ((writing ? fwrite(plane[k], 1, size, file) : fread(plane[k], 1, size, file)) != size) return 0;
@@ -49,7 +49,8 @@ static int image_file_planes(FILE *file, struct training_image *image, int writi
     return 1;
 }
 
-OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to, struct training_image *out)
+OXL_INTERNAL int image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
+                                 struct training_image *out)
 {
     FILE    *file = os_open(path, "rb");
     uint64_t head[IMAGE_FILE_HEAD], sum = key, stored = 0;
@@ -77,8 +78,8 @@ OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uin
     oxl_result            rc  = os_writer_open(ctx, path, &writer);
     if (rc != OXL_OK) return rc;
     writer.unsynced = 1;
-    if (fwrite(head, sizeof *head, IMAGE_FILE_HEAD, writer.file) != IMAGE_FILE_HEAD || !image_file_planes(writer.file, &whole, 1, &sum) ||
-        fwrite(&sum, sizeof sum, 1, writer.file) != 1)
+    if (fwrite(head, sizeof *head, IMAGE_FILE_HEAD, writer.file) != IMAGE_FILE_HEAD ||
+        !image_file_planes(writer.file, &whole, 1, &sum) || fwrite(&sum, sizeof sum, 1, writer.file) != 1)
         rc = oxl_fail(ctx, OXL_ERR_IO, "%s: cannot write: the disk may be full", path);
     return os_writer_close(ctx, &writer, rc);
 }

@@ -63,7 +63,7 @@ OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const 
 /* Images that the scene has not are passed over. */
 OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 /* Adds a block's gains to the mean over blocks; count (views): how many there were. */
-OXL_INTERNAL void            imaging_join(struct imaging *all, int *count, const struct imaging *block);
+OXL_INTERNAL void       imaging_join(struct imaging *all, int *count, const struct imaging *block);
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
 
 #endif

@@ -158,8 +158,8 @@ struct image_window { /* a part of an image, px; width 0: nothing of it */
     int x, y, width, height;
 };
 /* rgb (3,h,w), weight (h,w) or NULL: of the window, or of the whole image with NULL. */
-OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image, const struct image_window *window,
-                                      float *rgb, float *weight);
+OXL_INTERNAL void image_from_training(const oxl_context *ctx, const struct training_image *image,
+                                      const struct image_window *window, float *rgb, float *weight);
 /* weight may be NULL, above too. To half the sides in place: means of 2 x 2 pixels, masked if one is; odd edges are dropped. */
 OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight);
 /* The inverse, into allocated memory of `to`; weights up to 0.5 are masked. */
@@ -257,9 +257,9 @@ OXL_INTERNAL double image_cache_bytes(double cache, double pixels, double file_p
 
 /* ---------------------------------------------------------------- image_file.c: decoded images in files */
 
-OXL_INTERNAL uint64_t   image_file_key(const char *path, const char *mask, const struct colmap_camera *from, const oxl_camera *to);
-OXL_INTERNAL int        image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
-                                        struct training_image *out); /* 1: it was there and is whole */
+OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const struct colmap_camera *from, const oxl_camera *to);
+OXL_INTERNAL int      image_file_read(oxl_context *ctx, const char *path, uint64_t key, const oxl_camera *to,
+                                      struct training_image *out); /* 1: it was there and is whole */
 OXL_INTERNAL oxl_result image_file_write(oxl_context *ctx, const char *path, uint64_t key, const struct training_image *image);
 
 /* ---------------------------------------------------------------- depth_bands.c: near, mid or far, pixel by pixel, by the survey's points */

@@ -22,12 +22,19 @@
 #define EXPOSURE_BETA1    0.8  /* a mean over 5 visits: a short run has 30 */
 #define EXPOSURE_BETA2    0.95
 #define EXPOSURE_SMOOTH   0.1  /* of the prior: gradient for a log unit off the neighbours' line */
+#define EXPOSURE_SHORTEST 1000 /* iterations: in 500, `auto` cost 0.2 to 1 dB (docs/log/TRADEOFF.md) */
 #define EXPOSURE_WATCH    0.1  /* of the run */
 #define EXPOSURE_MIN_GAIN 0.03 /* dB on validation views that gains must bring, */
 #define EXPOSURE_DIFFER   0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
 #define EXPOSURE_LARGE \
     0.07 /* or, differing by so much: without changes of exposure they differ by 2.7 to 4.8 % (docs/WATER.md), */
 #define EXPOSURE_MOST_LOSS 0.1 /* dB that they may lose on these views */
+
+OXL_INTERNAL oxl_switch exposure_mode(const oxl_train_options *o)
+{
+    const int length = o->survey_iterations > 0 ? o->survey_iterations : o->iterations;
+    return o->exposure == OXL_AUTO && length < EXPOSURE_SHORTEST ? OXL_OFF : o->exposure;
+}
 
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on)
 {
@@ -91,7 +98,7 @@ OXL_INTERNAL int exposure_watches(const struct exposure *e)
 
 OXL_INTERNAL int exposure_decides_at(const oxl_train_options *o)
 {
-    return o->exposure == OXL_AUTO ? OXL_MAX(1, (int)(EXPOSURE_WATCH * o->iterations)) : 0;
+    return exposure_mode(o) == OXL_AUTO ? OXL_MAX(1, (int)(EXPOSURE_WATCH * o->iterations)) : 0;
 }
 
 /* What the rendered image has to be multiplied by to come nearest to the target. */

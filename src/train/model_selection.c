@@ -82,11 +82,11 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
 {
     int views = 0, index = 0, holds;
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) views += selection_trains(t, i);
-    holds           = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
-    t->sh_degree    = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
-    t->view         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
-    t->held         = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
-    t->guard        = oxl_alloc(t->ctx, (size_t)oxl_scene_view_count(t->scene) + 1, sizeof *t->guard);
+    holds        = selection_last(t) > 0 && views >= SELECTION_VIEWS_LEAST;
+    t->sh_degree = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
+    t->view      = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
+    t->held      = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
+    t->guard     = oxl_alloc(t->ctx, (size_t)oxl_scene_view_count(t->scene) + 1, sizeof *t->guard);
     if (!t->view || !t->held || !t->guard) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
         const int trains = selection_trains(t, i), held = trains && holds && selection_holds(index++, views);

@@ -98,7 +98,8 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
  * images must be learned before gradients say where detail is missing, and a reset must be made up for. */
 OXL_INTERNAL int schedule_densifies_at(const oxl_train_options *o, int step)
 {
-    const double from = OXL_MAX(o->densify_from * o->iterations, OXL_MIN(SCHEDULE_WARM_UP * schedule_scale(o), 0.25 * o->iterations));
+    const double from =
+        OXL_MAX(o->densify_from * o->iterations, OXL_MIN(SCHEDULE_WARM_UP * schedule_scale(o), 0.25 * o->iterations));
     return step >= from && step <= o->densify_until * o->iterations && step % o->densify_every == 0;
 }
 

@@ -130,7 +130,7 @@ static oxl_result train_begin(struct train *t)
     memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
     rc = train_begin_control(t);
     if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
-    if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, t->place && t->place->start);
+    if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, exposure_mode(t->options), t->place && t->place->start);
     if (rc == OXL_OK && t->options->medium != OXL_OFF)
         rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
     if (rc == OXL_OK && t->options->lamp != OXL_OFF)

@@ -263,6 +263,7 @@ struct exposure {
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
+OXL_INTERNAL oxl_switch exposure_mode(const oxl_train_options *options); /* off for `auto` in a short run */
 OXL_INTERNAL int        exposure_watches(const struct exposure *e);
 OXL_INTERNAL int        exposure_decides_at(const oxl_train_options *options); /* after this step; 0: never */
 OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *rendered, const float *target, const float *weight,
@@ -277,21 +278,21 @@ enum { TRAIN_GUARD_EVERY = 6 }; /* steps of a block: one is on a guarded view */
 
 /* Where a run keeps its state. */
 struct train_output {
-    const char      *folder;    /* of the checkpoints */
-    const char      *key;       /* all inputs of the result */
-    struct text     *log;       /* the caller's, kept with the state */
-    struct text     *notes;     /* so are these */
-    const oxl_model *start;     /* trained before: its gains, water and lamp go on, too; NULL: from the scene's points */
-    struct text     *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
-    oxl_nonfinite   *nonfinite; /* out: of the whole run; or NULL */
-    int             *trained;   /* out: 1: the run is complete; or NULL */
-    const oxl_model *from;      /* in the place of the scene's points; or NULL */
+    const char                *folder; /* of the checkpoints */
+    const char                *key;    /* all inputs of the result */
+    struct text               *log;    /* the caller's, kept with the state */
+    struct text               *notes;  /* so are these */
+    const oxl_model           *start;  /* trained before: its gains, water and lamp go on, too; NULL: from the scene's points */
+    struct text               *decisions; /* receives members of a JSON object, decisions and evidence; or NULL */
+    oxl_nonfinite             *nonfinite; /* out: of the whole run; or NULL */
+    int                       *trained;   /* out: 1: the run is complete; or NULL */
+    const oxl_model           *from;      /* in the place of the scene's points; or NULL */
     /* a part of a survey's run (src/job/rounds.c): */
     const oxl_model           *context; /* Gaussians that are rendered, too, and not trained; NULL: none */
     const struct image_window *window;  /* (views) trained part of each view, width 0: none; or NULL: all of all */
-    const uint8_t             *guard;   /* (views) 1: sometimes all of it, at half the sides, for what is in front of others' pixels; or NULL */
-    int                        first;   /* a start that is so many steps old, without its moments */
-    int                        until;   /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
+    const uint8_t *guard; /* (views) 1: sometimes all of it, at half the sides, for what is in front of others' pixels; or NULL */
+    int            first; /* a start that is so many steps old, without its moments */
+    int            until; /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,
