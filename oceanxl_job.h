@@ -29,6 +29,7 @@ typedef enum oxl_cut {
 
 typedef struct oxl_partition_options {
     int                block_points; /* a block of more points is split */
+    int                blocks;       /* so many, instead; 0: by block_points */
     oxl_partition_kind kind;
     oxl_cut            cut;
 } oxl_partition_options;
@@ -98,7 +99,7 @@ typedef struct oxl_option {
     oxl_option_tier tier;
     unsigned        use;
     const char     *group, *help; /* help: with the unit, without the default */
-    const char     *alias;        /* former name, still accepted; NULL: none */
+    const char     *alias;        /* former name, still accepted; after '=': another name; NULL: none */
 } oxl_option;
 
 OXL_API int               oxl_option_count(void);

@@ -106,7 +106,8 @@ static int find_option(const char *word, struct arguments *a)
         const oxl_option *o = cli_option_at(i);
         if (!cli_option_is_of(i, a->command)) continue;
         if (strcmp(word, cli_option_word(o, name)) == 0) return i;
-        if (!o->alias || strncmp(word, "--", 2) != 0 || strcmp(word + 2, o->alias) != 0) continue;
+        if (!o->alias || strncmp(word, "--", 2) != 0 || strcmp(word + 2, o->alias + (o->alias[0] == '=')) != 0) continue;
+        if (o->alias[0] == '=') return i;
         snprintf(a->note, sizeof a->note, "--%s is the former name of %s; the next release will not accept it", o->alias, name);
         return i;
     }

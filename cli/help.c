@@ -185,7 +185,7 @@ static void manual_option(FILE *to, int index)
         fputs(").\n", to);
     }
     if (o->tier != OXL_TIER_BASIC) fprintf(to, "%s\n", tiers[o->tier]);
-    if (o->alias) fprintf(to, "Formerly \\-\\-%s.\n", o->alias);
+    if (o->alias) fprintf(to, "%s \\-\\-%s.\n", o->alias[0] == '=' ? "Also" : "Formerly", o->alias + (o->alias[0] == '='));
 }
 
 static void manual_group(FILE *to, int first)
@@ -240,7 +240,7 @@ static void page_option(FILE *to, int index)
         fputs(")", to);
     }
     fprintf(to, ".%s", tiers[o->tier]);
-    if (o->alias) fprintf(to, " Formerly `--%s`.", o->alias);
+    if (o->alias) fprintf(to, " %s `--%s`.", o->alias[0] == '=' ? "Also" : "Formerly", o->alias + (o->alias[0] == '='));
     fputs("\n", to);
 }
 

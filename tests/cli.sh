@@ -94,6 +94,7 @@ promise options_page_is_the_one_in_docs 0 "" sh -c "'$program' --options-page | 
 promise options_page_is_short 0 "" sh -c "test \$('$program' --options-page | wc -w) -le 2500"
 promise help_shows_basic_options 0 "" sh -c "'$program' train --help | grep -q -- --iterations && ! '$program' train --help | grep -q -- --lr-scale"
 promise help_all_shows_every_option 0 "--lr-scale" on_stdout "$program" train --help all
+promise total_iterations_is_another_name_of_iterations 3 "nowhere" on_stderr "$program" check nowhere --total-iterations 5
 promise former_names_are_read_with_a_warning 3 "--haste is the former name of --short-run-exponent" on_stderr "$program" check nowhere --haste 0
 promise removed_options_are_reported 2 "option '--ssim-every' was removed" on_stderr "$program" train survey -o out --ssim-every=2
 promise no_iterations_is_refused_for_that_alone 2 "option --iterations: '0' seen, a whole number from 1" on_stderr "$program" train survey -o out --iterations 0

@@ -904,10 +904,18 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
     return OXL_OK;
 }
 
+/* A number of blocks as the most points of one. */
+static oxl_partition_options partition_resolve(const oxl_scene *scene, const oxl_partition_options *options)
+{
+    oxl_partition_options o = options ? *options : oxl_partition_options_default();
+    if (o.blocks > 0) o.block_points = (int)OXL_MAX(1, (scene_stats_of(scene)->points + (size_t)o.blocks - 1) / (size_t)o.blocks);
+    return o;
+}
+
 OXL_INTERNAL oxl_result partition_make(oxl_context *ctx, const oxl_scene *scene, const oxl_partition_options *options,
                                        struct partition *out)
 {
-    const oxl_partition_options o = options ? *options : oxl_partition_options_default();
+    const oxl_partition_options o = partition_resolve(scene, options);
     struct partition_build      b = {.ctx = ctx, .level = OXL_LOG_INFO, .scene = scene, .options = o};
     struct partition_axes       axes;
     oxl_result                  rc = partition_check(ctx, scene, &o);
@@ -933,9 +941,12 @@ OXL_INTERNAL oxl_result partition_again(oxl_context *ctx, const struct partition
                                         struct partition *out)
 {
     const struct partition_plan *from = of->plan;
-    struct partition_build       b    = {
-                 .ctx = ctx, .level = OXL_LOG_DEBUG, .scene = from->scene, .options = *options, .visibility = from->visibility};
-    oxl_result rc;
+    struct partition_build       b    = {.ctx        = ctx,
+                                         .level      = OXL_LOG_DEBUG,
+                                         .scene      = from->scene,
+                                         .options    = partition_resolve(from->scene, options),
+                                         .visibility = from->visibility};
+    oxl_result                   rc;
     *out             = *of;
     out->block       = NULL;
     out->block_count = 0;

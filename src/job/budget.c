@@ -107,6 +107,10 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
         rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
                       (double)os_peak_rss() / 1e6, (double)o->ram / 1e6, ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
     while (rc == OXL_OK && o->ram && !budget_fits_all(ctx, out, o, &worst)) {
+        if (tried.blocks > 0) { /* more than were asked for */
+            tried.block_points = (int)(scene_stats_of(scene)->points / (size_t)tried.blocks);
+            tried.blocks       = 0;
+        }
         if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS) rc = budget_refuse(ctx, &worst, o);
         partition_free(ctx, out);
         tried.block_points /= 2;

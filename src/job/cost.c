@@ -81,7 +81,7 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
 /* Number of blocks by halving. */
 static double cost_blocks(const oxl_job_options *o, size_t points)
 {
-    double blocks = 1;
+    double blocks = OXL_MAX(1, o->partition.blocks);
     while (o->partition.kind != OXL_PARTITION_NONE && (double)points > blocks * o->partition.block_points) blocks *= 2;
     return blocks;
 }

@@ -33,7 +33,7 @@
 static const oxl_option OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
 {"preset", "draft|standard|paper", OXL_OPTION_PRESET, 0, 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets all other options to its defaults: fast; longer; the paper's method (BSP, UCD, pruning to half, selective lobes)", NULL},
-{"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("2000", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each; more than those of the finished run in OUT continue it", NULL},
+{"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("2000", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each; more than those of the finished run in OUT continue it", "=total-iterations"},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after 90s, 20m or 8h; 0: no limit", NULL},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians, all blocks together; 0: one for every 60 training pixels", NULL},
 {"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
@@ -55,6 +55,7 @@ static const oxl_option OPTIONS[] = {
 {"keep-decoded", NULL, OXL_OPTION_FLAG, OPTION_AT(keep_decoded), 0, 1, EACH("false"), OXL_TIER_EXPERT, OXL_OPTION_OF_OUT, "Input", "leave the decoded images in OUT/blocks/decoded for the next run", NULL},
 {"missing-images", "SHARE", OXL_OPTION_DOUBLE, OPTION_AT(scene.missing_share), 0, 1, EACH("0.25"), OXL_TIER_EXPERT, SURVEY, "Input", "fail when more than this share of the images is not on disk", NULL},
 {"block-points", "N", OXL_OPTION_INT, OPTION_AT(partition.block_points), 1, INT_MAX, PRESETS("250000", "250000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Blocks", "a block with more sparse points than this is split; --ram lowers it", NULL},
+{"blocks", "N", OXL_OPTION_INT, OPTION_AT(partition.blocks), 0, 100000, EACH("0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "split into so many blocks, as for so many machines; 0: by --block-points", NULL},
 {"partition", "auto|2d|3d|none", OXL_OPTION_CHOICE, OPTION_AT(partition.kind), 0, 3, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "2d: never split along the third principal axis; auto: 2d for a flat survey; none: one block", NULL},
 {"split", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "balanced: equal numbers of points on both sides; midpoint: the baseline", NULL},
 {"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "denser where water takes contrast: gradient weights of the middle and far depth band. on: 1.5 and 2; MID,FAR: searched from there during the run; MID,FAR,fixed: no search; auto: on if contrast fades with depth", NULL},
@@ -110,7 +111,9 @@ const oxl_option *oxl_option_at(int index)
 const oxl_option *oxl_option_find(const char *name)
 {
     for (size_t i = 0; i < OXL_COUNT(OPTIONS); i++)
-        if (strcmp(OPTIONS[i].name, name) == 0 || (OPTIONS[i].alias && strcmp(OPTIONS[i].alias, name) == 0)) return &OPTIONS[i];
+        if (strcmp(OPTIONS[i].name, name) == 0 ||
+            (OPTIONS[i].alias && strcmp(OPTIONS[i].alias + (OPTIONS[i].alias[0] == '='), name) == 0))
+            return &OPTIONS[i];
     return NULL;
 }
 
