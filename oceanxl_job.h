@@ -29,7 +29,7 @@ typedef enum oxl_cut {
 
 typedef struct oxl_partition_options {
     int                block_points; /* a block of more points is split */
-    int                blocks;       /* so many, instead; 0: by block_points */
+    int                blocks;       /* about so many, instead; 0: by block_points */
     oxl_partition_kind kind;
     oxl_cut            cut;
 } oxl_partition_options;
@@ -144,8 +144,9 @@ OXL_API oxl_result oxl_check_quality(oxl_context *ctx, const char *scene, const 
 
 /* Trains the survey in folder `scene` and writes to folder `out`: scene.ply; scene_standard.ply if scene.ply is not in the standard
  * 62 columns; metrics.json, run.json, renders/; and per block blocks/KKK/ with model.ply, log.csv and block.json. A survey of at most
- * block_points points is one block, 000. A larger one is split (partition.txt, partition.svg, a COLMAP text export in each blocks/KKK/),
- * merged, and refined on all images in blocks/together/ (see `refine`).
+ * block_points points is one block, 000. A larger one is split (partition.txt, partition.svg, a COLMAP text export in each blocks/KKK/): a coarse
+ * model of the survey (blocks/coarse/), then the blocks, each with the others' Gaussians as context, then the merged model (blocks/whole/), if
+ * `ram` allows it. train.iterations are the steps of all of these; a step on a part of an image counts as its share of the pixels.
  *
  * During training, the block's folder holds checkpoints. An interrupted run resumes from them when called again and ends in the same
  * bytes as an uninterrupted one; a finished run is not changed. If the callback stops the run (OXL_ERR_INTERRUPTED) or

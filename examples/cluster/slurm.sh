@@ -35,7 +35,7 @@ case ${1:-} in
     shift 3
     task train "$scene" -o "$out" --block "$SLURM_ARRAY_TASK_ID" "$@"
     ;;
---merge) task merge "$2" ;; # which refines all blocks together
+--merge) task merge "$2" ;; # which trains the merged model
 esac
 
 # ------------------------------------------------------------------------------------------------ on the front node
