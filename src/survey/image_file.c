@@ -41,10 +41,10 @@ OXL_INTERNAL uint64_t image_file_key(const char *path, const char *mask, const s
 static int image_file_planes(FILE *file, struct training_image *image, int writing, uint64_t *sum)
 {
     uint8_t *plane[] = {image->rgb, image->mask};
-    for (size_t k = 0; k < 2; k++) {
-        const size_t size = plane[k] ? image_file_bytes(image) * (k ? 1 : 3) : 0;
+    for (size_t k = 0; k < 2 && plane[k]; k++) {
+        const size_t size = image_file_bytes(image) * (k ? 1 : 3);
         if ((writing ? fwrite(plane[k], 1, size, file) : fread(plane[k], 1, size, file)) != size) return 0;
-        if (size) *sum = image_file_hash(*sum, plane[k], size);
+        *sum = image_file_hash(*sum, plane[k], size);
     }
     return 1;
 }
