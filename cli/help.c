@@ -28,7 +28,7 @@ static const struct {
     {"renders/", "NAME.png and NAME.image.png of each held-out view"},
     {"partition.txt, partition.svg", "the blocks, of a survey that was split"},
     {"blocks/KKK/",
-     "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained, and a COLMAP text export"},
+     "of each block: model.ply, log.csv, block.json, checkpoint.oxl while it is trained; of `partition`: a COLMAP text export"},
     {"blocks/coarse/", "of a survey in several blocks: the coarse model that they begin with; blocks/whole/: the merged model"},
 };
 

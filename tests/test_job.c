@@ -289,6 +289,32 @@ TEST(job_is_split_into_about_as_many_blocks_as_are_asked_for)
           job_test_has(test_path("out/metrics.json"), "\"blocks\": 4"));
 }
 
+TEST(job_reads_decoded_images_from_files_and_ends_in_the_same_bytes)
+{
+    oxl_job_options              options = job_test_options();
+    const char                  *survey  = job_test_survey();
+    oxl_scene                   *a = NULL, *b = NULL;
+    const struct training_image *x, *y;
+    CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &a));
+    CHECK_OK(os_make_folder(test_ctx, test_path("decoded")));
+    CHECK_OK(scene_set_decoded(test_ctx, a, test_path("decoded")));
+    x = image_cache_get(test_ctx, scene_image_cache(a), 1);
+    CHECK(x != NULL);
+    CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &b));
+    CHECK_OK(scene_set_decoded(test_ctx, b, test_path("decoded")));
+    y = image_cache_get(test_ctx, scene_image_cache(b), 1);
+    CHECK(x && y && !memcmp(x->rgb, y->rgb, 3 * (size_t)x->width * (size_t)x->height));
+    oxl_scene_free(test_ctx, a);
+    oxl_scene_free(test_ctx, b);
+    options.scene.image_cache_bytes = 1; /* memory holds one: files hold the rest */
+    options.keep_decoded            = 1;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("small"), &options, NULL));
+    CHECK(os_is_folder(test_path("small/blocks/decoded")));
+    options.scene.image_cache_bytes = 1 << 30;
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("large"), &options, NULL));
+    CHECK(job_test_same(test_path("small/scene.ply"), test_path("large/scene.ply")));
+}
+
 TEST(job_merge_names_the_block_that_is_missing)
 {
     oxl_job_options options = job_test_blocks();

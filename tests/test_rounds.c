@@ -1,6 +1,6 @@
-/* test_rounds.c - blocks trained as one model: context Gaussians, windows, decoded images in files. */
+/* test_rounds.c - blocks trained as one model: context Gaussians and windows. */
 
-/* Gaussians in front of a camera at the origin that looks along z; those of `part` 0 left and right of the others. */
+/* Random Gaussians in front of a camera at the origin that looks along z. */
 static oxl_model rounds_test_model(size_t count, uint64_t seed, size_t lobes)
 {
     oxl_model m;
@@ -145,62 +145,4 @@ TEST(window_is_the_rectangle_that_is_worth_most)
     struct image_window best;
     CHECK(plan_best_rectangle(value, 4, 4, &best) == 9);
     CHECK(best.x == 1 && best.y == 1 && best.width == 3 && best.height == 2);
-}
-
-/* ---------------------------------------------------------------- decoded images */
-
-TEST(decoded_image_comes_back_whole_or_not_at_all)
-{
-    uint8_t               rgb[36], mask[12];
-    struct training_image image = {4, 3, rgb, mask}, back;
-    const oxl_camera      to = {.width = 4, .height = 3}, other = {.width = 3, .height = 4};
-    struct os_file_map    map = {0};
-    for (int i = 0; i < 36; i++) rgb[i] = (uint8_t)(7 * i), mask[i % 12] = (uint8_t)(i % 2 ? 255 : 0);
-    CHECK_OK(image_file_write(test_ctx, test_path("one"), 5, &image));
-    CHECK(image_file_read(test_ctx, test_path("one"), 5, &to, &back));
-    CHECK(!memcmp(back.rgb, rgb, 36) && !memcmp(back.mask, mask, 12));
-    image_training_free(test_ctx, &back);
-    CHECK(!image_file_read(test_ctx, test_path("one"), 6, &to, &back) && !back.rgb); /* of other inputs */
-    CHECK(!image_file_read(test_ctx, test_path("one"), 5, &other, &back) && !back.rgb);
-    CHECK(!image_file_read(test_ctx, test_path("none"), 5, &to, &back));
-    CHECK_OK(os_read_file(test_ctx, test_path("one"), &map));
-    for (size_t cut = 0; cut < map.size; cut += 5) {
-        CHECK_OK(os_write_file(test_ctx, test_path("cut"), map.data, cut));
-        CHECK(!image_file_read(test_ctx, test_path("cut"), 5, &to, &back) && !back.rgb && !back.mask);
-    }
-    for (size_t at = 0; at < map.size; at += 3) {
-        char *bent = oxl_alloc(test_ctx, map.size, 1);
-        memcpy(bent, map.data, map.size);
-        bent[at] ^= 4;
-        CHECK_OK(os_write_file(test_ctx, test_path("bent"), bent, map.size));
-        CHECK(!image_file_read(test_ctx, test_path("bent"), 5, &to, &back));
-        oxl_free(test_ctx, bent);
-    }
-    os_release_file(test_ctx, &map);
-}
-
-TEST(decoded_images_are_used_and_leave_the_result_as_it_is)
-{
-    oxl_job_options              options = job_test_options();
-    const char                  *survey  = job_test_survey();
-    oxl_scene                   *a = NULL, *b = NULL;
-    const struct training_image *x, *y;
-    CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &a));
-    CHECK_OK(os_make_folder(test_ctx, test_path("decoded")));
-    CHECK_OK(scene_set_decoded(test_ctx, a, test_path("decoded")));
-    x = image_cache_get(test_ctx, scene_image_cache(a), 1);
-    CHECK(x != NULL);
-    CHECK_OK(oxl_scene_load(test_ctx, survey, &options.scene, &b));
-    CHECK_OK(scene_set_decoded(test_ctx, b, test_path("decoded")));
-    y = image_cache_get(test_ctx, scene_image_cache(b), 1);
-    CHECK(x && y && !memcmp(x->rgb, y->rgb, 3 * (size_t)x->width * (size_t)x->height));
-    oxl_scene_free(test_ctx, a);
-    oxl_scene_free(test_ctx, b);
-    options.scene.image_cache_bytes = 1; /* memory holds one: files hold the rest */
-    options.keep_decoded            = 1;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("small"), &options, NULL));
-    CHECK(os_is_folder(test_path("small/blocks/decoded")));
-    options.scene.image_cache_bytes = 1 << 30;
-    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("large"), &options, NULL));
-    CHECK(job_test_same(test_path("small/scene.ply"), test_path("large/scene.ply")));
 }

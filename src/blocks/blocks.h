@@ -11,7 +11,7 @@ struct partition_box { /* half-open, low <= x < high, in the partition's frame; 
 };
 struct partition_block {
     struct partition_box box;                      /* disjoint boxes that cover all space */
-    struct partition_box expanded;                 /* wider by 5 % of its size on each side: what is trained */
+    struct partition_box expanded;                 /* wider by 5 % of its size on each side: for the export */
     struct partition_box finite;                   /* `box` clipped to the trimmed extents of the points */
     size_t               points, start_points;     /* inside `box`; initial: in `expanded` or seen by its views */
     int                  base_views, border_views; /* training views by overlap [OceanXL sec. 3.1, BlockGaussian] */
@@ -38,7 +38,9 @@ OXL_INTERNAL void       partition_free(oxl_context *ctx, struct partition *p);
 OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, const struct partition *p);
 OXL_INTERNAL oxl_result partition_read(oxl_context *ctx, const char *path, struct partition *out);
 
-/* partition_export.c: blocks/KKK, partition.svg and, last of all, partition.txt into folder `out`. p is as partition_make left it. */
+/* partition_export.c: partition.svg and, last, partition.txt into folder `out`; partition_export: before them blocks/KKK, COLMAP text exports
+ * for other programs. p is as partition_make left it. */
+OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out);
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out);
 
 /* ---------------------------------------------------------------- merge.c: rows of models */

@@ -425,24 +425,33 @@ static oxl_result exporter_blocks(struct exporter *e)
     return rc;
 }
 
-/* ---------------------------------------------------------------- door */
+/* ---------------------------------------------------------------- into a folder */
+
+OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out)
+{
+    char      *record  = oxl_path_join(ctx, out, "partition.txt");
+    char      *picture = oxl_path_join(ctx, out, "partition.svg");
+    oxl_result rc      = record && picture ? os_make_folder(ctx, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    if (rc == OXL_OK) rc = partition_draw(ctx, p, picture);
+    if (rc == OXL_OK) rc = partition_write(ctx, record, p);
+    oxl_free(ctx, record);
+    oxl_free(ctx, picture);
+    return rc;
+}
 
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out)
 {
-    struct exporter e       = {.ctx = ctx, .p = p, .out = out};
-    char           *record  = oxl_path_join(ctx, out, "partition.txt");
-    char           *picture = oxl_path_join(ctx, out, "partition.svg");
-    oxl_result      rc = record && picture ? os_make_folder(ctx, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    struct exporter e      = {.ctx = ctx, .p = p, .out = out};
+    char           *record = oxl_path_join(ctx, out, "partition.txt");
+    oxl_result      rc     = record ? os_make_folder(ctx, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (rc == OXL_OK && !p->plan)
         rc = oxl_fail(ctx, OXL_ERR_USAGE, "a partition read from partition.txt holds no survey\nfix: make it from the scene");
-    if (rc != OXL_OK) goto done;
-    e.colmap = scene_colmap(p->plan->scene);
-    os_remove(record);
-    rc = exporter_blocks(&e);
-    if (rc == OXL_OK) rc = partition_draw(ctx, p, picture);
-    if (rc == OXL_OK) rc = partition_write(ctx, record, p);
-done:
+    if (rc == OXL_OK) {
+        e.colmap = scene_colmap(p->plan->scene);
+        os_remove(record);
+        rc = exporter_blocks(&e);
+    }
+    if (rc == OXL_OK) rc = partition_save(ctx, p, out);
     oxl_free(ctx, record);
-    oxl_free(ctx, picture);
     return rc;
 }

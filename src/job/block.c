@@ -180,15 +180,6 @@ static int block_progress(void *user, const oxl_progress *progress)
     return next && next->progress ? next->progress(next->user, &p) : 0;
 }
 
-static oxl_result block_sweep(oxl_context *ctx, const char *folder)
-{
-    char      *text = oxl_path_join(ctx, folder, "sparse/0");
-    oxl_result rc   = text ? os_sweep(ctx, folder) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
-    if (rc == OXL_OK) rc = os_sweep(ctx, text);
-    oxl_free(ctx, text);
-    return rc;
-}
-
 /* ---------------------------------------------------------------- the block */
 
 static struct block_record block_record_of(const struct block *b, const oxl_model *model)
@@ -215,7 +206,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                          .start     = task->start,
                                          .context   = task->context,
                                          .window    = task->window,
-                                         .guard     = task->guard,
+                                         .full_view = task->full_view,
                                          .first     = task->first,
                                          .until     = task->until,
                                          .from      = task->from,
@@ -289,7 +280,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                  .start     = model,
                                  .context   = b->task->context,
                                  .window    = b->task->window,
-                                 .guard     = b->task->guard,
+                                 .full_view = b->task->full_view,
                                  .nonfinite = &b->nonfinite};
     const int           hides = imaging_hides_colours(scene_imaging(scene));
     oxl_model           plain = {0};
@@ -357,7 +348,7 @@ OXL_INTERNAL oxl_result block_train(oxl_context *ctx, oxl_scene *scene, const st
     oxl_model           model = {0};
     struct block_record record = {0};
     oxl_result          rc     = os_make_folder(ctx, task->folder);
-    if (rc == OXL_OK) rc = block_sweep(ctx, task->folder);
+    if (rc == OXL_OK) rc = os_sweep(ctx, task->folder);
     if (rc == OXL_OK) rc = block_read(ctx, task->folder, task->key, &record);
     if (rc != OXL_OK) return rc;
     ctx->notes = &b.notes;

@@ -1,20 +1,20 @@
-/* block_plan.c - which part of the run each block is: its Gaussians, the windows of its views, its steps and its share of the budget.
+/* block_plan.c - the part of each block in the run: its Gaussians, its window in each view, its steps, its share of the budget.
  *
- * All of it follows from the coarse model. A block's share of a pixel is the blend weight of its Gaussians there. Its window in a view is the rectangle
- * that maximises the sum of (share - PLAN_PIXEL_COST) over its pixels: what a pixel is worth to the block less what it costs.
+ * All of it follows from the coarse model. A block's share of a pixel is the blend weight of its Gaussians there. Its window in a view is
+ * the rectangle that maximises the sum of (share - PLAN_PIXEL_COST) over its pixels.
  *
  * Invariant: the work of all blocks, in pixels, is that of the steps which the coarse model leaves of the run.
  */
 #include "job_state.h"
 
-#define PLAN_PIXEL_COST 0.35  /* of a pixel that is the block's alone (docs/log/SCALE.md) */
+#define PLAN_PIXEL_COST 0.35  /* docs/log/SCALE.md */
 #define PLAN_LEAST      0.002 /* of an image's pixels: views that are worth less to a block are left out */
 #define PLAN_TILE       16    /* px: windows begin and end at multiples of it, or at the image's borders */
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
     oxl_free(ctx, plan->window);
-    oxl_free(ctx, plan->guard);
+    oxl_free(ctx, plan->full_view);
     oxl_free(ctx, plan->neighbour);
     *plan = (struct block_plan){0};
 }
@@ -28,13 +28,14 @@ OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round)
 
 static oxl_result plan_write(struct job *job, int block, const struct block_plan *plan)
 {
-    struct text t    = {.ctx = job->ctx};
-    char       *path = job_block_path(job, block, "plan.txt");
-    oxl_result  rc   = path ? OXL_OK : OXL_ERR_MEMORY;
+    struct text t      = {.ctx = job->ctx};
+    char       *path   = job_block_path(job, block, "plan.txt");
+    char       *folder = job_block_path(job, block, NULL);
+    oxl_result  rc     = path && folder ? os_make_folder(job->ctx, folder) : OXL_ERR_MEMORY;
     text_add(
         &t,
         "# first step, last step, iterations, most Gaussians, share of the pixels, share of the work; neighbours; of each view "
-        "the window, x y width height, and whether it is guarded\n");
+        "the window, x y width height, and whether the block may show in it\n");
     text_add(&t, "plan %d %d %d %.17g %.17g %.17g\nneighbours", plan->first, plan->last, plan->iterations, plan->gaussians,
              plan->share, plan->work);
     for (int j = 0; j < job->partition.block_count; j++)
@@ -42,22 +43,23 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     text_add(&t, " -1\nviews %d\n", plan->views);
     for (int i = 0; i < plan->views; i++)
         text_add(&t, "%d %d %d %d %d\n", plan->window[i].x, plan->window[i].y, plan->window[i].width, plan->window[i].height,
-                 plan->guard[i]);
+                 plan->full_view[i]);
     text_add(&t, "%s\n", job->key.data);
     if (rc == OXL_OK && t.failed) rc = job_no_memory(job);
     if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t.data, t.size);
     text_free(&t);
     oxl_free(job->ctx, path);
+    oxl_free(job->ctx, folder);
     return rc;
 }
 
 static const char *plan_read_windows(const char *s, struct block_plan *out)
 {
-    int used, guard;
+    int used, shows;
     for (int i = 0; i < out->views; i++, s += used) {
         struct image_window *w = &out->window[i];
-        if (sscanf(s, "%d %d %d %d %d\n%n", &w->x, &w->y, &w->width, &w->height, &guard, &used) != 5) return NULL;
-        out->guard[i] = guard == 1;
+        if (sscanf(s, "%d %d %d %d %d\n%n", &w->x, &w->y, &w->width, &w->height, &shows, &used) != 5) return NULL;
+        out->full_view[i] = shows == 1;
     }
     return s;
 }
@@ -83,9 +85,9 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
         return OXL_ERR_INPUT;
     s = plan_read_neighbours(s + used, blocks, out);
     if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || out->views < 0 || out->views > 1 << 24) return OXL_ERR_INPUT;
-    out->window = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
-    out->guard  = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
-    if (!out->window || !out->guard) return job_no_memory(job);
+    out->window    = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
+    out->full_view = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
+    if (!out->window || !out->full_view) return job_no_memory(job);
     return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
 }
 
@@ -193,7 +195,7 @@ OXL_INTERNAL int block_plan_shows(const oxl_camera *c, double near_plane, const 
            c->fy * (p[1] + radius) > -c->cy * p[2];
 }
 
-static int plan_is_guarded(const oxl_camera *camera, double near_plane, const oxl_model *own)
+static int plan_may_show(const oxl_camera *camera, double near_plane, const oxl_model *own)
 {
     for (size_t i = 0; i < own->count; i++)
         if (block_plan_shows(camera, near_plane, own, i)) return 1;
@@ -215,7 +217,7 @@ static oxl_result plan_views(struct job *job, oxl_model *own, oxl_model *others,
     for (int i = 0; i < plan->views && rc == OXL_OK; i++) {
         const oxl_view *view  = oxl_scene_view(job->scene, i);
         oxl_image       image = {0};
-        if (view->is_test || !(plan->guard[i] = (uint8_t)plan_is_guarded(&view->camera, o.near_plane, own))) continue;
+        if (view->is_test || !(plan->full_view[i] = (uint8_t)plan_may_show(&view->camera, o.near_plane, own))) continue;
         rc = context_stopped(job->ctx);
         if (rc == OXL_OK) rc = renderer_draw(job->ctx, r, own, &view->camera, &o, &image, NULL);
         if (rc == OXL_OK)
@@ -235,9 +237,9 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
     oxl_result rc;
     plan->views     = oxl_scene_view_count(job->scene);
     plan->window    = oxl_calloc(job->ctx, (size_t)plan->views + 1, sizeof *plan->window);
-    plan->guard     = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
+    plan->full_view = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
     plan->neighbour = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, 1);
-    rc              = plan->window && plan->guard && plan->neighbour ? OXL_OK : job_no_memory(job);
+    rc              = plan->window && plan->full_view && plan->neighbour ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, coarse, &own, &others);
     if (rc == OXL_OK) rc = plan_views(job, &own, &others, plan, sum);
     sum->rows = own.count;
@@ -248,40 +250,41 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
 
 /* ---------------------------------------------------------------- steps and budgets */
 
-/* Whether memory will hold the merged model while it is trained. */
-static int plan_finishes(const struct job *job, double gaussians)
+/* Pixels that a block renders in an epoch. full: share of the steps on full views, at half the sides. */
+static double plan_epoch_pixels(const struct plan_sum *sum, double pixels, double full)
 {
-    const struct cost_load load = cost_load_of_scene(job->scene);
-    return job->options.ram == 0 || cost_memory(&job->options, &load, gaussians) <= 0.9 * (double)job->options.ram;
+    return (1 - full) * sum->area + full * sum->views * pixels / 4;
 }
 
-/* Each block sees its windows equally often: steps by views, such that all pixels are those of the run's steps between coarse and merged model.
- * Without a merged model, one step in TRAIN_GUARD_EVERY is on all of a view, at half the sides. */
+/* All blocks train for the same number of epochs, such that all pixels are those of the run's steps between coarse and merged model. Without
+ * a merged model, one step in TRAIN_FULL_VIEW_EVERY is on a full view. */
 static void plan_divide(const struct job *job, struct block_plan *plan, const struct plan_sum *sum)
 {
-    const int    blocks = job->partition.block_count, steps = job->options.train.iterations;
-    const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene));
-    const double cap    = (double)schedule_gaussian_cap(job->scene, &job->options.train);
-    const int    finish = plan_finishes(job, cap);
-    const double part = 1 - JOB_COARSE - (finish ? rounds_share_of_finish(job) : 0), guard = finish ? 0 : 1.0 / TRAIN_GUARD_EVERY;
-    double       area = 0, share = 0, rows = 0, epochs;
+    const struct cost_load load   = cost_load_of_scene(job->scene);
+    const int              blocks = job->partition.block_count;
+    const double           pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene)); /* of a view */
+    const double           cap    = (double)schedule_gaussian_cap(job->scene, &job->options.train);
+    const int              merged = budget_holds(&load, &job->options, cap);
+    const double           part   = 1 - JOB_COARSE - (merged ? rounds_merged_share(job) : 0);
+    const double           full   = merged ? 0 : 1.0 / TRAIN_FULL_VIEW_EVERY;
+    double                 epoch = 0, share = 0, rows = 0, epochs;
     for (int k = 0; k < blocks; k++) {
-        rows += (double)sum[k].rows;
-        area += (1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4;
+        epoch += plan_epoch_pixels(&sum[k], pixels, full);
         share += sum[k].pixels;
+        rows += (double)sum[k].rows;
     }
-    epochs = area > 0 ? part * steps * pixels / area : 0;
+    epochs = epoch > 0 ? part * job->options.train.iterations * pixels / epoch : 0;
     for (int k = 0; k < blocks; k++) {
         plan[k].iterations = (int)OXL_CLAMP(epochs * sum[k].views / part + 0.5, 1, INT_MAX);
         plan[k].first      = (int)(JOB_COARSE * plan[k].iterations);
-        plan[k].last       = finish ? (int)ceil((JOB_COARSE + part) * plan[k].iterations) : plan[k].iterations;
+        plan[k].last       = merged ? (int)ceil((JOB_COARSE + part) * plan[k].iterations) : plan[k].iterations;
         plan[k].share      = share > 0 ? sum[k].pixels / share : 1.0 / blocks;
-        plan[k].work       = area > 0 ? part * ((1 - guard) * sum[k].area + guard * sum[k].views * pixels / 4) / area : 0;
+        plan[k].work       = epoch > 0 ? part * plan_epoch_pixels(&sum[k], pixels, full) / epoch : 0;
         plan[k].gaussians  = OXL_MAX(1, (double)sum[k].rows + floor(OXL_MAX(0, cap - rows) * plan[k].share));
     }
 }
 
-/* Those that show in a view that the block trains on. */
+/* Two blocks are neighbours if both have a window in a view. */
 static void plan_find_neighbours(const struct job *job, struct block_plan *plan)
 {
     const int blocks = job->partition.block_count;

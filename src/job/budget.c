@@ -33,6 +33,13 @@ static void budget_leave_out_trials(oxl_job_options *o)
     o->train.ucd.learn = 0;
 }
 
+OXL_INTERNAL int budget_holds(const struct cost_load *load, const oxl_job_options *o, double gaussians)
+{
+    oxl_job_options bare = *o;
+    budget_leave_out_trials(&bare);
+    return o->ram == 0 || cost_memory(&bare, load, gaussians) <= BUDGET_MARGIN * (double)o->ram;
+}
+
 OXL_INTERNAL int budget_thin(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o)
 {
     double gaussians;

@@ -356,7 +356,8 @@ static oxl_result job_cut(struct job *job)
     if (rc == OXL_OK && os_is_file(path)) rc = partition_read(job->ctx, path, &job->partition);
     else if (rc == OXL_OK) {
         rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
-        if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_export(job->ctx, &job->partition, job->out);
+        if (rc == OXL_OK) rc = start_check(job->ctx, &job->start, job->partition.block_count);
+        if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_save(job->ctx, &job->partition, job->out);
     }
     oxl_free(job->ctx, path);
     if (rc == OXL_OK && (job->options.train.medium == OXL_ON || job->options.train.lamp == OXL_ON) &&
@@ -433,7 +434,7 @@ static oxl_result job_train_whole(struct job *job, const char *folder)
              .folder = folder, .key = job->key.data, .callback = &callback, .standard = block_standard_steps(&job->options.train)};
     oxl_job_options options;
     oxl_result      rc = job_plan_whole(job, &task, &options);
-    if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, job->partition.block_count, &task);
+    if (rc == OXL_OK) rc = start_use(job->ctx, job->scene, job->out, &job->start, &task);
     if (rc == OXL_OK) scene_set_cache(job->scene, options.scene.image_cache_bytes);
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
 }
@@ -520,7 +521,7 @@ static oxl_result job_read_gains(struct job *job, int block)
 /* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : rounds_finishes(job) ? blocks + 1 : -1;
+    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : rounds_trains_merged(job) ? blocks + 1 : -1;
     oxl_result rc = one < 0 ? job_merge(job, standard, out) : job_read_model(job, one, standard, out);
     if (rc == OXL_OK && one >= 0 && job->scene) rc = job_read_gains(job, one);
     if (rc == OXL_OK && out->count == 0)

@@ -39,7 +39,7 @@ struct block_task {
     const oxl_model           *from;    /* in the place of the points; NULL: they */
     const oxl_model           *context; /* as in struct train_output, and so are these */
     const struct image_window *window;
-    const uint8_t             *guard;
+    const uint8_t             *full_view;
     int                        first, until;
     int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
     double predicted_seconds, predicted_peak;
@@ -64,8 +64,10 @@ struct start {
 OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const oxl_job_options *o,
                                    const char *key, struct text *found, struct start *start);
 /* Makes it the task's; the gains of a run that is continued become the scene's. */
-OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start, int blocks,
+OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start,
                                   struct block_task *task);
+OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
+                                    int blocks); /* several blocks start from the survey */
 
 /* ---------------------------------------------------------------- metrics.c */
 
@@ -139,7 +141,9 @@ OXL_INTERNAL double           cost_seconds(oxl_context *ctx, const oxl_scene *sc
 
 /* Image cache and most Gaussians such that the load fits options->ram (0: they stay); 0 when it cannot. */
 OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
-/* The same for a model that may have fewer Gaussians than the survey has points. */
+/* 1: a run without trials that ends with so many Gaussians fits options->ram. */
+OXL_INTERNAL int        budget_holds(const struct cost_load *load, const oxl_job_options *o, double gaussians);
+/* As budget_fit for a model that may have fewer Gaussians than the survey has points. */
 OXL_INTERNAL int        budget_thin(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o);
 /* partition_make with blocks small enough that each fits. OXL_ERR_BUDGET: not even small ones do. */

@@ -6,17 +6,17 @@
 #include "../core/vecmath.h"
 
 /* Shares of a run in blocks (docs/SCALE.md). */
-#define JOB_COARSE       0.15 /* the coarse model of the survey, before them */
-#define JOB_FINISH       0.35 /* the merged model, after them, where memory holds it; */
-#define JOB_FINISH_LATER 0.2  /* with pruning or second lobes: these end before */
-#define JOB_ROUNDS       4    /* pauses of each block, to see what its neighbours have come to */
+#define JOB_COARSE       0.15 /* the coarse model of the survey */
+#define JOB_MERGED       0.35 /* the merged model, if memory holds it */
+#define JOB_MERGED_LATER 0.2  /* the same with pruning or second lobes, which end before */
+#define JOB_ROUNDS       4    /* of each block between the two */
 
 struct job {
     oxl_context        *ctx;
     const char         *scene_path, *out;
     oxl_job_options     options;
     const oxl_callback *callback; /* the caller's, or NULL */
-    oxl_scene          *scene;    /* NULL while blocks are trained: they have scenes of their own */
+    oxl_scene          *scene;    /* the survey; NULL: not loaded */
     oxl_survey          survey;
     struct partition    partition;
     double              origin[3];
@@ -29,11 +29,12 @@ struct job {
     int                 unfinished;  /* blocks that were stopped by --max-time */
     char               *decoded;     /* OUT/blocks/decoded, for decoded images; or NULL */
     double              begun;
-    double       done_before, done, part; /* shares of the run: before this process, before the present part, of this part, */
-    int          part_first, part_until;  /* which has these steps */
-    uint64_t     seed;                    /* of the context, to be given back */
-    struct start start;
-    oxl_lock    *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
+    double              done_before;            /* share of the run that other processes had done */
+    double              done, part;             /* shares of the run: done before the present part, of the present part */
+    int                 part_first, part_until; /* the steps of the present part */
+    uint64_t            seed;                   /* of the context, restored at the end */
+    struct start        start;
+    oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
 };
 
 /* ---------------------------------------------------------------- job.c */
@@ -53,13 +54,14 @@ OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard,
 /* ---------------------------------------------------------------- block_plan.c: which part of the run a block is */
 
 struct block_plan {
-    int    iterations, first, last; /* steps of the block's run; those of the coarse model; where the merged model takes over */
+    int    iterations;              /* of the block's run: */
+    int    first, last;             /* the coarse model stands for steps up to `first`, the merged model for those after `last` */
     int    views;                   /* of the survey */
     double gaussians;               /* most of them */
     double share;                   /* of the survey's pixels, by blend weight */
     double work;                    /* of all blocks' pixels */
     struct image_window *window;    /* (views) that are trained; width 0: none */
-    uint8_t             *guard;     /* (views) 1: the block's Gaussians may come to lie in it */
+    uint8_t             *full_view; /* (views) 1: the block's Gaussians may be visible in it */
     uint8_t             *neighbour; /* (blocks) 1: shares a view */
 };
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse); /* of all blocks; writes plan.txt of each */
@@ -74,10 +76,9 @@ OXL_INTERNAL int        block_plan_shows(const oxl_camera *camera, double near_p
 /* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
-OXL_INTERNAL oxl_result
-                    rounds_finish(struct job *job); /* when all blocks are done: trains the merged model, if that is planned */
-OXL_INTERNAL double rounds_share_of_finish(const struct job *job); /* of the run */
-OXL_INTERNAL int    rounds_finishes(struct job *job);              /* 1: it is planned */
-OXL_INTERNAL oxl_result rounds_collect(struct job *job);           /* the blocks' records; an error when one is not finished */
+OXL_INTERNAL oxl_result rounds_train_merged(struct job *job); /* after all blocks: trains the merged model, if it is planned */
+OXL_INTERNAL double     rounds_merged_share(const struct job *job); /* of the run */
+OXL_INTERNAL int        rounds_trains_merged(struct job *job);      /* 1: it is planned */
+OXL_INTERNAL oxl_result rounds_collect(struct job *job);            /* the blocks' records; an error when one is not finished */
 
 #endif

@@ -1,14 +1,15 @@
 /* rounds.c - several blocks, trained as one model (docs/SCALE.md).
  *
  * 1. The coarse model: the first JOB_COARSE of the run, on the whole survey, in blocks/coarse.
- * 2. Each block takes the coarse model's Gaussians in its box and goes on with the run, on the windows of its views in which they show. All other
- *    Gaussians are rendered with them and not trained: the context. So merging is putting side by side, and changes no image.
- * 3. The blocks' runs pause JOB_ROUNDS times. In a round a block sees its neighbours, those with which it shares a view, as of this round if
- *    they come before it, else as of the round before: no two blocks correct the same error at the same time. Others it sees in the coarse model.
- * 4. The last part of the run trains the merged model on all views, in blocks/whole, where memory holds it. Else the blocks go on to the end.
+ * 2. Each block continues the run with the coarse model's Gaussians in its box, on the windows of the views in which they are visible.
+ *    The context, all other Gaussians, is rendered and not trained. So the merged model is the blocks' models side by side.
+ * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with which it shares a view, as of
+ *    this round if they precede it, else as of the round before: two neighbours never correct the same error at the same time. It sees
+ *    other blocks in the coarse model.
+ * 4. The last part of the run trains the merged model on all views, in blocks/whole, if memory holds it. Else the blocks go on to the end.
  *
- * Invariant: what a block sees in a round is a function of survey and options, not of the process or the order in which it is trained. A process
- * with --block K trains that block, and others while it waits for them.
+ * Invariant: the context of a round is a function of survey and options, not of the process or the order of training. A process with
+ * --block K trains that block, and others while it waits for them.
  */
 #include "job_state.h"
 
@@ -112,11 +113,11 @@ static void rounds_mark_visible(const struct rounds *r, const struct block_plan 
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         keep[i] = 0;
         for (int v = 0; v < plan->views && !keep[i]; v++)
-            keep[i] = plan->guard[v] && block_plan_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
+            keep[i] = plan->full_view[v] && block_plan_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
     }
 }
 
-/* Appends what the block's views may show of another: of its model, if it has begun and shares a view, else of its part of the coarse model. */
+/* Appends the Gaussians of another block that may be visible: of its model, if it is a neighbour and has begun, else of the coarse model. */
 static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_model *context)
 {
     struct job              *job    = r->job;
@@ -150,7 +151,7 @@ static oxl_result rounds_context(struct rounds *r, int block, oxl_model *context
 
 /* ---------------------------------------------------------------- a block's round */
 
-/* The block's part of a run of `iterations` steps of the whole. What is said of the whole in numbers or bytes is divided by share of pixels. */
+/* The block's part of the run. Numbers of Gaussians and bytes are divided by the blocks' shares of the pixels. */
 static oxl_train_options rounds_options(const struct job *job, const struct block_plan *plan)
 {
     oxl_train_options o     = job->options.train;
@@ -201,16 +202,16 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     const struct block_plan *plan     = &r->plan[block];
     const oxl_callback       callback = {job_progress, job};
     oxl_model                own = {0}, others = {0}, context = {0};
-    struct block_task        task = {.folder   = folder,
-                                     .key      = job->key.data,
-                                     .callback = &callback,
-                                     .train    = rounds_options(job, plan),
-                                     .start    = &own,
-                                     .context  = &context,
-                                     .window   = plan->window,
-                                     .guard    = plan->last == plan->iterations ? plan->guard : NULL,
-                                     .first    = plan->first,
-                                     .until    = block_plan_until(plan, round)};
+    struct block_task        task = {.folder    = folder,
+                                     .key       = job->key.data,
+                                     .callback  = &callback,
+                                     .train     = rounds_options(job, plan),
+                                     .start     = &own,
+                                     .context   = &context,
+                                     .window    = plan->window,
+                                     .full_view = plan->last == plan->iterations ? plan->full_view : NULL,
+                                     .first     = plan->first,
+                                     .until     = block_plan_until(plan, round)};
     oxl_result               rc;
     task.standard          = block_standard_steps(&task.train);
     task.predicted_seconds = job->survey.seconds * plan->work;
@@ -229,7 +230,7 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     return rc;
 }
 
-/* Rounds that a block has behind it. */
+/* Rounds that a block has finished. */
 static oxl_result rounds_done(struct rounds *r, int block, int *done)
 {
     char               *folder = job_block_path(r->job, block, NULL);
@@ -348,13 +349,13 @@ static void rounds_end(struct rounds *r)
 
 /* ---------------------------------------------------------------- the merged model */
 
-OXL_INTERNAL double rounds_share_of_finish(const struct job *job)
+OXL_INTERNAL double rounds_merged_share(const struct job *job)
 {
     const oxl_train_options *o = &job->options.train;
-    return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_FINISH : JOB_FINISH_LATER;
+    return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_MERGED : JOB_MERGED_LATER;
 }
 
-OXL_INTERNAL int rounds_finishes(struct job *job)
+OXL_INTERNAL int rounds_trains_merged(struct job *job)
 {
     struct block_plan plan = {0};
     const int read = block_plan_read(job, 0, &plan) == OXL_OK && plan.views > 0, finishes = read && plan.last < plan.iterations;
@@ -362,7 +363,7 @@ OXL_INTERNAL int rounds_finishes(struct job *job)
     return finishes;
 }
 
-static oxl_result rounds_train_whole(struct job *job, const char *folder)
+static oxl_result rounds_run_merged(struct job *job, const char *folder)
 {
     const oxl_callback callback = {job_progress, job};
     oxl_model          merged   = {0};
@@ -372,11 +373,11 @@ static oxl_result rounds_train_whole(struct job *job, const char *folder)
                                    .start    = &merged,
                                    .standard = block_standard_steps(&job->options.train)};
     oxl_result         rc       = job_merge(job, 0, &merged);
-    const int          steps    = (int)OXL_MAX(1, rounds_share_of_finish(job) * job->options.train.iterations);
+    const int          steps    = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
     task.train                  = block_refinement(&job->options.train, merged.sh_degree, steps);
-    task.predicted_seconds      = rounds_share_of_finish(job) * job->survey.seconds;
+    task.predicted_seconds      = rounds_merged_share(job) * job->survey.seconds;
     job->block                  = job->partition.block_count + 1;
-    job->part                   = rounds_share_of_finish(job);
+    job->part                   = rounds_merged_share(job);
     job->part_first = 0, job->part_until = steps;
     job_limit_time(job, &task.train);
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
@@ -385,13 +386,13 @@ static oxl_result rounds_train_whole(struct job *job, const char *folder)
     return rc;
 }
 
-OXL_INTERNAL oxl_result rounds_finish(struct job *job)
+OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
 {
     char               *folder = job_block_path(job, job->partition.block_count + 1, NULL);
     struct block_record record = {0};
     oxl_result          rc     = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
-    if (rc == OXL_OK && !record.finished && rounds_finishes(job)) {
-        rc = rounds_train_whole(job, folder);
+    if (rc == OXL_OK && !record.finished && rounds_trains_merged(job)) {
+        rc = rounds_run_merged(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;
     }
@@ -437,19 +438,16 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job)
 {
-    struct rounds     r    = {.job = job};
-    struct block_task none = {0};
-    int               missing;
-    oxl_result        rc = start_use(job->ctx, job->scene, job->out, &job->start, job->partition.block_count, &none);
-    if (rc != OXL_OK) return rc;
-    rc               = job->options.block >= 0 ? rounds_prepare_among_others(job) : rounds_prepare(job);
+    struct rounds r = {.job = job};
+    int           missing;
+    oxl_result    rc = job->options.block >= 0 ? rounds_prepare_among_others(job) : rounds_prepare(job);
     job->done_before = job->done;
     if (rc != OXL_OK || job->unfinished) return rc;
     rc = rounds_begin(&r);
     if (rc == OXL_OK) rc = job->options.block >= 0 ? rounds_one(&r, job->options.block) : rounds_all(&r);
     rounds_end(&r);
     if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_add_records(job, &missing);
-    if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_finish(job);
+    if (rc == OXL_OK && !job->unfinished && job->options.block < 0) rc = rounds_train_merged(job);
     return rc;
 }
 
@@ -458,7 +456,7 @@ OXL_INTERNAL oxl_result rounds_collect(struct job *job)
     int        missing = -1;
     oxl_result rc      = rounds_add_records(job, &missing);
     if (rc != OXL_OK) return rc;
-    if (missing < 0) return rounds_finish(job);
+    if (missing < 0) return rounds_train_merged(job);
     return oxl_fail(job->ctx, OXL_ERR_INPUT, "%s/blocks/%03d: this block is not finished\nfix: oceanxl train %s -o %s --block %d",
                     job->out, missing, job->scene_path, job->out, missing);
 }

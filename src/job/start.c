@@ -111,17 +111,20 @@ OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const stru
     return rc;
 }
 
-OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start, int blocks,
+OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start, int blocks)
+{
+    if (start->model.count == 0 || blocks == 1) return OXL_OK;
+    return oxl_fail(
+        ctx, OXL_ERR_USAGE,
+        "--from starts a single block, and the survey is cut into %d\nfix: --partition none, or a larger --block-points", blocks);
+}
+
+OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start,
                                   struct block_task *task)
 {
     oxl_result rc = OXL_OK;
     char      *path;
     if (start->model.count == 0) return OXL_OK;
-    if (blocks > 1)
-        return oxl_fail(
-            ctx, OXL_ERR_USAGE,
-            "--from starts a single block, and the survey is cut into %d\nfix: --partition none, or a larger --block-points",
-            blocks);
     if (task->train.max_gaussians > 0 && start->model.count > (size_t)task->train.max_gaussians)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "the model to start from has %zu Gaussians, and %d are allowed\nfix: a larger --max-gaussians or --ram",

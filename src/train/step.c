@@ -19,13 +19,13 @@ static void step_shuffle(struct train *t, int epoch)
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
     const double share = schedule_coarse_share(t->options, camera->width, camera->height);
-    return (t->guarding || t->step <= share * t->options->iterations) && camera->width > 1 && camera->height > 1;
+    return (t->on_full_view || t->step <= share * t->options->iterations) && camera->width > 1 && camera->height > 1;
 }
 
 /* The part of a view that this step compares; NULL: all of it. */
 static const struct image_window *step_window(const struct train *t, int view)
 {
-    return t->place && t->place->window && !t->guarding ? &t->place->window[view] : NULL;
+    return t->place && t->place->window && !t->on_full_view ? &t->place->window[view] : NULL;
 }
 
 /* Of that part, at this step's resolution; the renderer is told of the whole. */
@@ -229,16 +229,17 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
     int        view = -1;
     oxl_result rc;
-    t->guarding = t->guards > 0 && t->step % TRAIN_GUARD_EVERY == 0;
-    if (t->guarding) {
-        view = t->guard[(int)(random_bits(t->ctx->options.seed ^ STEP_ORDER, (uint64_t)t->step, 1) % (uint64_t)t->guards)];
-        rc   = step_load_image(t, view);
-        if (rc == OXL_ERR_INPUT) t->guarding = 0; /* it cannot be read: a view of the order instead */
+    t->on_full_view = t->full_views > 0 && t->step % TRAIN_FULL_VIEW_EVERY == 0;
+    if (t->on_full_view) {
+        view =
+            t->full_view[(int)(random_bits(t->ctx->options.seed ^ STEP_ORDER, (uint64_t)t->step, 1) % (uint64_t)t->full_views)];
+        rc = step_load_image(t, view);
+        if (rc == OXL_ERR_INPUT) t->on_full_view = 0; /* it cannot be read: a view of the order instead */
         else if (rc != OXL_OK) return rc;
     }
-    rc          = t->guarding ? OXL_OK : step_next_image(t, &view);
-    rc          = rc == OXL_OK ? step_on_view(t, view) : rc;
-    t->guarding = 0;
+    rc              = t->on_full_view ? OXL_OK : step_next_image(t, &view);
+    rc              = rc == OXL_OK ? step_on_view(t, view) : rc;
+    t->on_full_view = 0;
     return rc;
 }
 

@@ -154,7 +154,7 @@ static void train_end(struct train *t)
     oxl_free(ctx, t->weight);
     oxl_free(ctx, t->view);
     oxl_free(ctx, t->held);
-    oxl_free(ctx, t->guard);
+    oxl_free(ctx, t->full_view);
     text_free(&t->decisions);
 }
 
