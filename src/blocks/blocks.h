@@ -21,6 +21,7 @@ struct partition {
     double                  origin[3];   /* world */
     double                  extent[3];   /* l1 >= l2 >= l3, trimmed */
     int                     dimensions;  /* 2: the third axis is never cut; 3 */
+    double                  memory;      /* bytes that a process may take, from which the blocks follow; 0: no limit */
     int                     block_count;
     struct partition_block *block;
     struct partition_plan  *plan; /* which point and view is where, for the export; NULL when read from partition.txt */

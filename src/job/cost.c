@@ -78,20 +78,18 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
     return cost;
 }
 
-/* Number of blocks by halving. */
-static double cost_blocks(const oxl_job_options *o, size_t points)
+/* 1: into several blocks, as set. */
+static int cost_is_cut(const oxl_job_options *o, size_t points)
 {
-    double blocks = OXL_MAX(1, o->partition.blocks);
-    while (o->partition.kind != OXL_PARTITION_NONE && (double)points > blocks * o->partition.block_points) blocks *= 2;
-    return blocks;
+    const size_t most = (size_t)o->partition.block_points;
+    return o->partition.kind != OXL_PARTITION_NONE && (o->partition.blocks > 1 || (most > 0 && points > most));
 }
 
 OXL_INTERNAL double cost_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, const struct cost *cost,
                                  double range[2])
 {
-    const double blocks   = cost_blocks(o, oxl_scene_point_count(scene));
     const double limit    = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
-    const double all      = blocks > 1 ? COST_CONTEXT : 1;
+    const double all      = cost_is_cut(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1;
     double       timed[2] = {cost->seconds / COST_WITHIN, cost->seconds * COST_WITHIN};
     double       seconds  = predict_time(ctx, scene, &o->train, cost->gaussians, timed);
     if (!(seconds > 0)) seconds = cost->seconds;

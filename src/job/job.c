@@ -74,11 +74,11 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
     const struct partition *p     = &job->partition;
     const double            ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
     text_add(t,
-             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points in blocks of at most %d; l3/l2 = ",
+             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = ",
              p->block_count == 1  ? "none"
              : p->dimensions == 2 ? "2d"
                                   : "3d",
-             p->block_count, job->survey.points, job->options.partition.block_points);
+             p->block_count, p->memory, job->survey.points);
     text_add_number(t, floor(ratio * 1e3 + 0.5) / 1e3);
     text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
@@ -348,24 +348,41 @@ static oxl_result job_open(struct job *job)
 
 /* ---------------------------------------------------------------- blocks */
 
-/* The blocks, as partition.txt has them when it is this run's, else made and written. One block: nothing is written. */
+/* By the first of several processes, as they may find different memory; the others wait. One block that fits in any case: no file. */
+static oxl_result job_make_partition(struct job *job, const char *path)
+{
+    char      *blocks = oxl_path_join(job->ctx, job->out, "blocks");
+    oxl_lock  *lock   = NULL;
+    oxl_result rc     = blocks ? OXL_OK : job_no_memory(job);
+    while (rc == OXL_OK && job->options.block >= 0 && !lock && !os_is_file(path)) {
+        rc = lock_folder_if_free(job->ctx, blocks, &lock);
+        if (rc == OXL_OK && !lock) rc = context_wait(job->ctx, JOB_WAIT);
+    }
+    if (rc == OXL_OK && !os_is_file(path)) {
+        rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
+        if (rc == OXL_OK) rc = start_check(job->ctx, &job->start, job->partition.block_count);
+        if (rc == OXL_OK && (job->partition.block_count > 1 || job->partition.memory > 0 || lock))
+            rc = partition_save(job->ctx, &job->partition, job->out);
+    } else if (rc == OXL_OK) rc = partition_read(job->ctx, path, &job->partition);
+    oxl_unlock_folder(job->ctx, &lock);
+    oxl_free(job->ctx, blocks);
+    return rc;
+}
+
+/* The blocks, as partition.txt has them when it is this run's, else made and written. */
 static oxl_result job_cut(struct job *job)
 {
     char      *path = oxl_path_join(job->ctx, job->out, "partition.txt");
     oxl_result rc   = path ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK && os_is_file(path)) rc = partition_read(job->ctx, path, &job->partition);
-    else if (rc == OXL_OK) {
-        rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
-        if (rc == OXL_OK) rc = start_check(job->ctx, &job->start, job->partition.block_count);
-        if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_save(job->ctx, &job->partition, job->out);
-    }
+    if (rc == OXL_OK) rc = job_make_partition(job, path);
     oxl_free(job->ctx, path);
+    if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
     if (rc == OXL_OK && (job->options.train.medium == OXL_ON || job->options.train.lamp == OXL_ON) &&
         job->partition.block_count > 1)
         rc = oxl_fail(
             job->ctx, OXL_ERR_USAGE,
-            "--medium and --lamp fit one water and one lamp for one block, and the survey is cut into %d\nfix: --partition none, or a larger "
-            "--block-points",
+            "--medium and --lamp fit one water and one lamp for one block, and the survey is cut into %d\nfix: --partition none, or a "
+            "larger --ram",
             job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)\nfix: --block with one of them",

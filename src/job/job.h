@@ -146,7 +146,9 @@ OXL_INTERNAL int        budget_holds(const struct cost_load *load, const oxl_job
 /* As budget_fit for a model that may have fewer Gaussians than the survey has points. */
 OXL_INTERNAL int        budget_thin(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o);
-/* partition_make with blocks small enough that each fits. OXL_ERR_BUDGET: not even small ones do. */
+/* --ram, or what is available if the run may exceed it and the number of blocks is not set; 0: no limit. */
+OXL_INTERNAL size_t     budget_limit(const oxl_scene *scene, const oxl_job_options *o);
+/* partition_make with blocks small enough that each fits this limit. OXL_ERR_BUDGET: not even small ones do. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out);
 

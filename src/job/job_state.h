@@ -10,6 +10,7 @@
 #define JOB_MERGED       0.35 /* the merged model, if memory holds it */
 #define JOB_MERGED_LATER 0.2  /* the same with pruning or second lobes, which end before */
 #define JOB_ROUNDS       4    /* of each block between the two */
+#define JOB_WAIT         0.5  /* s between looks at what other processes do */
 
 struct job {
     oxl_context        *ctx;

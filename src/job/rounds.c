@@ -13,8 +13,6 @@
  */
 #include "job_state.h"
 
-#define ROUNDS_WAIT 0.5 /* s between looks at blocks that other processes train */
-
 struct rounds {
     struct job        *job;
     struct block_plan *plan;   /* (blocks) */
@@ -92,7 +90,7 @@ static oxl_result rounds_prepare_among_others(struct job *job)
     while (rc == OXL_OK && !lock && last.views == 0) {
         rc = block_plan_read(job, job->partition.block_count - 1, &last);
         if (rc == OXL_OK && last.views == 0) rc = lock_folder_if_free(job->ctx, folder, &lock);
-        if (rc == OXL_OK && last.views == 0 && !lock) rc = context_wait(job->ctx, ROUNDS_WAIT);
+        if (rc == OXL_OK && last.views == 0 && !lock) rc = context_wait(job->ctx, JOB_WAIT);
     }
     if (rc == OXL_OK && lock) rc = rounds_prepare(job);
     job->done = JOB_COARSE;
@@ -316,7 +314,7 @@ static oxl_result rounds_one(struct rounds *r, int block)
         trained = 0;
         for (int k = 0; k < blocks && rc == OXL_OK && !trained && !r->job->unfinished; k++)
             rc = rounds_try(r, (block + k) % blocks, &trained);
-        if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, ROUNDS_WAIT);
+        if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, JOB_WAIT);
         if (rc == OXL_OK) rc = rounds_done(r, block, &done);
     }
     return rc;
