@@ -47,6 +47,7 @@
 #include "src/model/spz.c"        /* models as SPZ */
 #include "src/model/gltf.c"       /* models as binary glTF */
 #include "src/model/model_file.c" /* models as PLY and .splat */
+#include "src/model/model_pages.c" /* a model that stays in its file */
 
 /* forward and backward pass of one image */
 #include "src/render/kernels.h"  /* types of the kernels */
@@ -104,5 +105,6 @@
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/job_state.h"         /* shared by the files of a job */
 #include "src/job/block_plan.c"        /* windows, steps and budget of each block */
+#include "src/job/groups.c" /* the merged model in groups of views, if memory does not hold it */
 #include "src/job/rounds.c"            /* several blocks trained as one model */
 #include "src/job/job.c"               /* the whole job: survey folder in, output folder out */

@@ -49,6 +49,8 @@ OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partitio
 /* Appends the rows of `from` with keep (count) not 0, or all with keep NULL, relative to into's origin. The SH degree of `into` grows
  * to that of `from`, missing coefficients are 0; rows with a second lobe stay in front. On failure `into` is unchanged. */
 OXL_INTERNAL oxl_result merge_rows(oxl_context *ctx, const oxl_model *from, const uint8_t *keep, oxl_model *into);
+/* Model files as one, page by page: rows with a second lobe first. */
+OXL_INTERNAL oxl_result merge_files(oxl_context *ctx, char *const *path, int count, const double origin[3], const char *out);
 /* inside (count): 1 for the Gaussians whose centres lie in the block's box; a centre that is not finite lies in none. */
 OXL_INTERNAL void       merge_mark(const struct partition *p, int block, const oxl_model *model, uint8_t *inside);
 

@@ -282,6 +282,7 @@ struct ply_target {
     double *as_double;
 };
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out); /* reads and checks the header */
+OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most, struct ply *out); /* no data; not checked */
 /* target: (properties of the element). */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target);
 OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);

@@ -13,6 +13,11 @@
 #define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
 
+OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
+{
+    return o->ram ? OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram)) : o->scene.image_cache_bytes;
+}
+
 /* Of `most`, as many Gaussians as fit, by bisection; 0: not one does. */
 static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
 {
@@ -34,6 +39,14 @@ static void budget_leave_out_trials(oxl_job_options *o)
     o->train.ucd.learn = 0;
 }
 
+OXL_INTERNAL double budget_most(const struct cost_load *load, const oxl_job_options *o)
+{
+    oxl_job_options bare         = *o;
+    bare.scene.image_cache_bytes = budget_cache(o);
+    budget_leave_out_trials(&bare);
+    return budget_gaussians(&bare, load, 1e9);
+}
+
 OXL_INTERNAL int budget_holds(const struct cost_load *load, const oxl_job_options *o, double gaussians)
 {
     oxl_job_options bare = *o;
@@ -45,7 +58,7 @@ OXL_INTERNAL int budget_thin(const oxl_context *ctx, const struct cost_load *loa
 {
     double gaussians;
     if (o->ram == 0) return 1;
-    o->scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    o->scene.image_cache_bytes = budget_cache(o);
     if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(o);
     gaussians = budget_gaussians(o, load, (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train));
     o->train.max_gaussians = (int)gaussians;
@@ -60,7 +73,7 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
     const double needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, most);
     double       gaussians;
     if (o->ram == 0) return 1;
-    fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    fitted.scene.image_cache_bytes = budget_cache(o);
     if (cost_estimate(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
     gaussians = budget_gaussians(&fitted, load, most);
     if (gaussians < needed || gaussians < 1) return 0;

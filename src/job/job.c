@@ -7,6 +7,7 @@
 #include "job_state.h"
 #include "../core/vecmath.h"
 
+#define JOB_WHOLE    4   /* a merged model of more than --ram over this stays in its file */
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is told when it is so much above PSNR */
 
 /* ---------------------------------------------------------------- files of OUT */
@@ -474,21 +475,22 @@ static oxl_result job_whole(struct job *job)
 
 /* ---------------------------------------------------------------- blocks, merged */
 
-/* A block's model; its standard one when that is wanted and it has second lobes. */
+/* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
     char      *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
     oxl_result rc    = path ? OXL_OK : OXL_ERR_MEMORY;
-    const int  plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes */
+    const int  plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes, or was not refined without */
+    const int  whole = block > job->partition.block_count;
+    const size_t most = job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
     *out             = (oxl_model){0};
     if (plain) oxl_free(job->ctx, path), path = job_block_path(job, block, "model.ply");
-    if (rc == OXL_OK) rc = path ? oxl_model_read(job->ctx, path, out) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = path ? oxl_model_open(job->ctx, path, whole ? most : SIZE_MAX, out) : OXL_ERR_MEMORY;
     oxl_free(job->ctx, path);
     return rc;
 }
 
-/* The gains of several blocks as one, with zero mean. */
-static oxl_result job_join_gains(struct job *job, struct imaging *out)
+OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
 {
     const int    views  = oxl_scene_view_count(job->scene);
     int         *count  = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
@@ -538,9 +540,9 @@ static oxl_result job_read_gains(struct job *job, int block)
 /* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : rounds_trains_merged(job) ? blocks + 1 : -1;
-    oxl_result rc = one < 0 ? job_merge(job, standard, out) : job_read_model(job, one, standard, out);
-    if (rc == OXL_OK && one >= 0 && job->scene) rc = job_read_gains(job, one);
+    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
+    oxl_result rc = job_read_model(job, one, standard, out);
+    if (rc == OXL_OK && job->scene) rc = job_read_gains(job, one);
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images", job->out);
@@ -557,12 +559,12 @@ static int job_hides_colours(const struct job *job)
 
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
 {
-    struct os_file_map map  = {0};
-    char              *path = oxl_path_join(job->ctx, job->out, name);
-    oxl_result         rc   = path ? model_file_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
-    if (rc == OXL_OK) rc = os_read_file(job->ctx, path, &map);
-    *bytes = map.size;
-    os_release_file(job->ctx, &map);
+    struct os_reader file = {0};
+    char            *path = oxl_path_join(job->ctx, job->out, name);
+    oxl_result       rc   = path ? model_file_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
+    if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
+    *bytes = (size_t)file.size;
+    os_reader_close(&file);
     oxl_free(job->ctx, path);
     return rc;
 }
@@ -571,7 +573,7 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
 static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
     const int  made = !job->unfinished && (job->model.lobes > 0 || job_hides_colours(job));
-    oxl_result rc   = made ? job_join(job, 1, out) : model_copy(job->ctx, &job->model, out);
+    oxl_result rc   = made || job->model.pages ? job_join(job, made, out) : model_copy(job->ctx, &job->model, out);
     model_drop_lobes(out);
     if (rc == OXL_OK && !made && job_hides_colours(job)) medium_bake(job->scene, out);
     return rc;

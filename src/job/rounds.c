@@ -6,7 +6,7 @@
  * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with which it shares a view, as of
  *    this round if they precede it, else as of the round before: two neighbours never correct the same error at the same time. It sees
  *    other blocks in the coarse model.
- * 4. The last part of the run trains the merged model on all views, in blocks/whole, if memory holds it. Else the blocks go on to the end.
+ * 4. The last part of the run trains the merged model on all views, in blocks/whole; if memory does not hold it, in groups (groups.c).
  *
  * Invariant: the context of a round is a function of survey and options, not of the process or the order of training. A process with
  * --block K trains that block, and others while it waits for them.
@@ -111,7 +111,7 @@ static void rounds_mark_visible(const struct rounds *r, const struct block_plan 
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         keep[i] = 0;
         for (int v = 0; v < plan->views && !keep[i]; v++)
-            keep[i] = plan->full_view[v] && block_plan_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
+            keep[i] = plan->shows[v] && model_row_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
     }
 }
 
@@ -207,11 +207,9 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
                                      .start     = &own,
                                      .context   = &context,
                                      .window    = plan->window,
-                                     .full_view = plan->last == plan->iterations ? plan->full_view : NULL,
                                      .first     = plan->first,
                                      .until     = block_plan_until(plan, round)};
     oxl_result               rc;
-    task.standard          = block_standard_steps(&task.train);
     task.predicted_seconds = job->survey.seconds * plan->work;
     job->block             = block;
     job->part              = plan->work / JOB_ROUNDS;
@@ -237,8 +235,6 @@ static oxl_result rounds_done(struct rounds *r, int block, int *done)
     *done                      = 0;
     while (rc == OXL_OK && *done < JOB_ROUNDS && record.there && record.iterations >= block_plan_until(&r->plan[block], *done))
         ++*done;
-    if (*done == JOB_ROUNDS && r->plan[block].last == r->plan[block].iterations && !record.finished)
-        --*done; /* its standard model is to be made */
     oxl_free(r->job->ctx, folder);
     return rc;
 }
@@ -353,12 +349,21 @@ OXL_INTERNAL double rounds_merged_share(const struct job *job)
     return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_MERGED : JOB_MERGED_LATER;
 }
 
-OXL_INTERNAL int rounds_trains_merged(struct job *job)
+/* 1: memory holds it. */
+static oxl_result rounds_merged_fits(struct job *job, int *fits)
 {
-    struct block_plan plan = {0};
-    const int read = block_plan_read(job, 0, &plan) == OXL_OK && plan.views > 0, finishes = read && plan.last < plan.iterations;
-    block_plan_free(job->ctx, &plan);
-    return finishes;
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    double                 rows = 0;
+    oxl_result             rc   = OXL_OK;
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        char               *folder = job_block_path(job, k, NULL);
+        struct block_record record = {0};
+        rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+        rows += (double)record.gaussians;
+        oxl_free(job->ctx, folder);
+    }
+    *fits = budget_holds(&load, &job->options, rows);
+    return rc;
 }
 
 static oxl_result rounds_run_merged(struct job *job, const char *folder)
@@ -371,14 +376,9 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
                                    .start    = &merged,
                                    .standard = block_standard_steps(&job->options.train)};
     oxl_result         rc       = job_merge(job, 0, &merged);
-    const int          steps    = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
-    task.train                  = block_refinement(&job->options.train, merged.sh_degree, steps);
+    task.train                  = block_refinement(&job->options.train, merged.sh_degree, job->part_until);
     task.predicted_seconds      = rounds_merged_share(job) * job->survey.seconds;
-    job->block                  = job->partition.block_count + 1;
-    job->part                   = rounds_merged_share(job);
-    job->part_first = 0, job->part_until = steps;
     job_limit_time(job, &task.train);
-    if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
     oxl_model_free(job->ctx, &merged);
     return rc;
@@ -389,8 +389,16 @@ OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
     char               *folder = job_block_path(job, job->partition.block_count + 1, NULL);
     struct block_record record = {0};
     oxl_result          rc     = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
-    if (rc == OXL_OK && !record.finished && rounds_trains_merged(job)) {
-        rc = rounds_run_merged(job, folder);
+    const int           steps  = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
+    int                 fits   = 0;
+    job->block                 = job->partition.block_count + 1;
+    job->part                  = rounds_merged_share(job);
+    job->part_first = 0, job->part_until = steps;
+    if (rc == OXL_OK && !record.finished) {
+        if (!job->scene) rc = job_load(job);
+        if (rc == OXL_OK) rc = rounds_merged_fits(job, &fits);
+        if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
+        if (rc == OXL_OK) rc = fits ? rounds_run_merged(job, folder) : groups_run(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;
     }
@@ -408,8 +416,7 @@ static oxl_result rounds_block_is_missing(struct job *job, int block, const stru
 {
     struct block_plan plan = {0};
     const oxl_result  rc   = block_plan_read(job, block, &plan);
-    const int         done =
-        plan.views > 0 && record->there && record->iterations >= plan.last && (record->finished || plan.last < plan.iterations);
+    const int         done = plan.views > 0 && record->there && record->iterations >= plan.last;
     if (rc == OXL_OK && !done && *missing < 0) *missing = block;
     block_plan_free(job->ctx, &plan);
     return rc;

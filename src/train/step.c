@@ -19,13 +19,13 @@ static void step_shuffle(struct train *t, int epoch)
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
     const double share = schedule_coarse_share(t->options, camera->width, camera->height);
-    return (t->on_full_view || t->step <= share * t->options->iterations) && camera->width > 1 && camera->height > 1;
+    return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
 /* The part of a view that this step compares; NULL: all of it. */
 static const struct image_window *step_window(const struct train *t, int view)
 {
-    return t->place && t->place->window && !t->on_full_view ? &t->place->window[view] : NULL;
+    return t->place && t->place->window ? &t->place->window[view] : NULL;
 }
 
 /* Of that part, at this step's resolution; the renderer is told of the whole. */
@@ -92,7 +92,7 @@ static void step_read_ahead(struct train *t, int slot)
 static oxl_result step_next_image(struct train *t, int *view)
 {
     while (t->views > 0) {
-        const int  slot = (t->step - 1) % t->views;
+        const int  step = t->step - 1 - (t->place ? t->place->first : 0), slot = step % t->views;
         oxl_result rc;
         if (slot == 0) step_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
@@ -216,7 +216,7 @@ static oxl_result step_on_view(struct train *t, int view)
     nonfinite_of_rows(t->ctx, &t->nonfinite, t->step, name, skipped, t->model, &t->first, &t->second);
     {
         const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
-        const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / t->step);
+        const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (t->step - (t->place ? t->place->first : 0)));
         t->last_loss      = loss.total;
         if (!t->trial_is_next) prune_observe(&t->prune, t->step, loss.l1);
         t->loss += k * (loss.total - t->loss);
@@ -227,20 +227,9 @@ static oxl_result step_on_view(struct train *t, int view)
 
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
-    int        view = -1;
-    oxl_result rc;
-    t->on_full_view = t->full_views > 0 && t->step % TRAIN_FULL_VIEW_EVERY == 0;
-    if (t->on_full_view) {
-        view =
-            t->full_view[(int)(random_bits(t->ctx->options.seed ^ STEP_ORDER, (uint64_t)t->step, 1) % (uint64_t)t->full_views)];
-        rc = step_load_image(t, view);
-        if (rc == OXL_ERR_INPUT) t->on_full_view = 0; /* it cannot be read: a view of the order instead */
-        else if (rc != OXL_OK) return rc;
-    }
-    rc              = t->on_full_view ? OXL_OK : step_next_image(t, &view);
-    rc              = rc == OXL_OK ? step_on_view(t, view) : rc;
-    t->on_full_view = 0;
-    return rc;
+    int              view = -1;
+    const oxl_result rc   = step_next_image(t, &view);
+    return rc == OXL_OK ? step_on_view(t, view) : rc;
 }
 
 OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
