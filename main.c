@@ -20,7 +20,10 @@
 #define LIVE_SECONDS  0.2  /* between two states of the live line */
 #define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
 
-enum { ALLOCATION_HEAD = 16, PROGRAM_BYTES = 16 << 20 /* of --ram, for what is not the library's: code, stacks, the C library */ };
+enum {
+    ALLOCATION_HEAD = 16,
+    PROGRAM_BYTES   = 16 << 20 /* of --ram, for what is not the library's: code, stacks, the C library */
+};
 
 struct console {
     int    json;        /* standard error is JSON lines */
@@ -342,10 +345,10 @@ static const char *model_file(const struct arguments *a, char *path, size_t size
 /* The model in the survey's own frame and unit. */
 static oxl_result load(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_model *model, oxl_scene **scene)
 {
-    char        path[4096], warning[1024] = "";
-    const char *file = model_file(a, path, sizeof path);
+    char              path[4096], warning[1024] = "";
+    const char       *file    = model_file(a, path, sizeof path);
     oxl_scene_options options = a->job.scene;
-    oxl_result  rc   = oxl_model_open(ctx, file, a->job.ram / 4, model);
+    oxl_result        rc      = oxl_model_open(ctx, file, a->job.ram / 4, model);
     if (rc == OXL_OK && model->pages && model->scale > 0) {
         oxl_model_free(ctx, model);
         rc = oxl_model_read(ctx, file, model);
@@ -601,9 +604,9 @@ int main(int argc, char **argv)
     console.json  = a.progress_json;
     console.live  = !console.json && oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
-    options.log     = on_log;
-    options.stopped = is_stopped;
-    options.user    = &console;
+    options.log        = on_log;
+    options.stopped    = is_stopped;
+    options.user       = &console;
     options.reallocate = reallocate;
     console.limit      = a.job.ram > 2 * PROGRAM_BYTES ? a.job.ram - PROGRAM_BYTES : a.job.ram / 2;
     if (a.threads > 0) options.threads = a.threads;

@@ -959,16 +959,21 @@ done:
     return rc;
 }
 
+OXL_INTERNAL void partition_drop_plan(oxl_context *ctx, struct partition *p)
+{
+    if (!p->plan) return;
+    if (p->plan->owns_visibility) partition_visibility_free(ctx, p->plan->visibility);
+    oxl_free(ctx, p->plan->owner);
+    oxl_free(ctx, p->plan->first_member);
+    oxl_free(ctx, p->plan->member);
+    oxl_free(ctx, p->plan->role);
+    oxl_free(ctx, p->plan);
+    p->plan = NULL;
+}
+
 OXL_INTERNAL void partition_free(oxl_context *ctx, struct partition *p)
 {
-    if (p->plan) {
-        if (p->plan->owns_visibility) partition_visibility_free(ctx, p->plan->visibility);
-        oxl_free(ctx, p->plan->owner);
-        oxl_free(ctx, p->plan->first_member);
-        oxl_free(ctx, p->plan->member);
-        oxl_free(ctx, p->plan->role);
-        oxl_free(ctx, p->plan);
-    }
+    partition_drop_plan(ctx, p);
     oxl_free(ctx, p->block);
     *p = (struct partition){0};
 }

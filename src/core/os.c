@@ -19,6 +19,7 @@ enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
 #endif
 #include <dirent.h>
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
@@ -53,6 +54,22 @@ OXL_INTERNAL int64_t os_modified(const char *path)
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 {
     return fopen(path, mode);
+}
+
+static const char *os_map(const char *path, size_t *size)
+{
+    struct stat s;
+    const int   file = open(path, O_RDONLY);
+    void       *data = MAP_FAILED;
+    if (file >= 0 && fstat(file, &s) == 0 && s.st_size > 0)
+        data = mmap(NULL, *size = (size_t)s.st_size, PROT_READ, MAP_PRIVATE, file, 0);
+    if (file >= 0) close(file);
+    return data == MAP_FAILED ? NULL : data;
+}
+
+static int os_unmap(const char *data, size_t size)
+{
+    return munmap((void *)(uintptr_t)data, size) == 0;
 }
 
 OXL_INTERNAL int os_remove(const char *path)
@@ -210,7 +227,7 @@ static double os_processors_in(const char *folder)
 OXL_INTERNAL int os_processor_quota(void)
 {
     static const char root[] = "/sys/fs/cgroup/cpu";
-    const double      quota  = os_number_in(root, "cpu.cfs_quota_us", ""), period = os_number_in(root, "cpu.cfs_period_us", "");
+    const double      quota = os_number_in(root, "cpu.cfs_quota_us", ""), period = os_number_in(root, "cpu.cfs_period_us", "");
     return (int)OXL_MIN(os_least_limit(os_processors_in, os_processors_of(quota, period)), INT_MAX);
 }
 
@@ -228,7 +245,7 @@ static double os_memory_in(const char *folder)
 
 OXL_INTERNAL size_t os_memory_free(void)
 {
-    static const char root[] = "/sys/fs/cgroup/memory"; /* of version 1 */
+    static const char root[] = "/sys/fs/cgroup/memory";                                  /* of version 1 */
     const double      free   = 1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* Linux; elsewhere unknown */
     const double      limit  = os_least_limit(os_memory_in, os_memory_of(os_number_in(root, "memory.limit_in_bytes", ""),
                                                                          os_number_in(root, "memory.usage_in_bytes", ""),
@@ -476,6 +493,18 @@ OXL_INTERNAL int os_processor_quota(void)
     return 0;
 }
 
+static const char *os_map(const char *path, size_t *size)
+{
+    (void)path, (void)size;
+    return NULL; /* it is read */
+}
+
+static int os_unmap(const char *data, size_t size)
+{
+    (void)data, (void)size;
+    return 0;
+}
+
 OXL_INTERNAL size_t os_memory_free(void)
 {
     MEMORYSTATUSEX status = {.dwLength = sizeof status};
@@ -717,6 +746,18 @@ done:
 OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map)
 {
     oxl_free(ctx, (void *)map->data);
+    *map = (struct os_file_map){0};
+}
+
+OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out)
+{
+    *out = (struct os_file_map){0};
+    return (out->data = os_map(path, &out->size)) != NULL ? OXL_OK : os_read_file(ctx, path, out);
+}
+
+OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map)
+{
+    if (map->data && !os_unmap(map->data, map->size)) oxl_free(ctx, (void *)map->data);
     *map = (struct os_file_map){0};
 }
 

@@ -86,8 +86,8 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
         return OXL_ERR_INPUT;
     s = plan_read_neighbours(s + used, blocks, out);
     if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || out->views < 0 || out->views > 1 << 24) return OXL_ERR_INPUT;
-    out->window    = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
-    out->shows = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
+    out->window = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
+    out->shows  = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
     if (!out->window || !out->shows) return job_no_memory(job);
     return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
 }
@@ -224,7 +224,7 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
     oxl_result rc;
     plan->views     = oxl_scene_view_count(job->scene);
     plan->window    = oxl_calloc(job->ctx, (size_t)plan->views + 1, sizeof *plan->window);
-    plan->shows = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
+    plan->shows     = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
     plan->neighbour = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, 1);
     rc              = plan->window && plan->shows && plan->neighbour ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, coarse, &own, &others);

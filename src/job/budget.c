@@ -151,7 +151,8 @@ static oxl_result budget_halve(oxl_context *ctx, const oxl_scene *scene, const o
         tried.block_points /= 2;
         if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
-            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: blocks of at most %d points", (double)o->ram / 1e6, tried.block_points);
+            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: blocks of at most %d points", (double)o->ram / 1e6,
+                    tried.block_points);
     }
     return rc;
 }

@@ -38,7 +38,7 @@ OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 
 OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block)
 {
-    const struct partition_plan *plan = p->plan;
+    const struct partition_plan  *plan = p->plan;
     const struct partition_block *b    = &p->block[block];
     const double                  size = (double)OXL_MAX(b->points, (size_t)1);
     struct cost_load              load = {.points = b->points, .context = OXL_MAX(0, (double)b->start_points / size - 1)};

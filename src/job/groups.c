@@ -95,8 +95,10 @@ static oxl_result groups_write_state(const struct groups *g)
     struct text t    = {.ctx = g->job->ctx};
     char       *path = oxl_path_join(g->job->ctx, g->folder, "groups.txt");
     oxl_result  rc   = path ? OXL_OK : job_no_memory(g->job);
-    text_add(&t, "# groups, tasks done, version of the gains, seconds; of each block the version of its files; of each view the group\ngroups %d %d %d %.17g\n",
-             g->count, g->done, g->gains, g->seconds);
+    text_add(
+        &t,
+        "# groups, tasks done, version of the gains, seconds; of each block the version of its files; of each view the group\ngroups %d %d %d %.17g\n",
+        g->count, g->done, g->gains, g->seconds);
     for (int k = 0; k < g->job->partition.block_count; k++) text_add(&t, "%d ", g->version[k]);
     for (int i = 0; i < g->views; i++) text_add(&t, "%d ", g->of[i]);
     text_add(&t, "\n%s\n", g->job->key.data);
@@ -213,8 +215,8 @@ static oxl_result groups_order(const struct groups *g, int *view, int *count)
 
 static oxl_result groups_make(struct groups *g)
 {
-    int       *view  = oxl_alloc(g->job->ctx, (size_t)g->views + 1, sizeof *view), count = 0;
-    oxl_result rc    = view ? groups_order(g, view, &count) : job_no_memory(g->job);
+    int       *view = oxl_alloc(g->job->ctx, (size_t)g->views + 1, sizeof *view), count = 0;
+    oxl_result rc = view ? groups_order(g, view, &count) : job_no_memory(g->job);
     for (int i = 0; i < g->views; i++) g->of[i] = -1;
     if (rc == OXL_OK) rc = groups_divide(g, view, count);
     if (rc == OXL_OK) oxl_log(g->job->ctx, OXL_LOG_INFO, "memory does not hold the merged model: %d groups of views", g->count);
@@ -320,24 +322,24 @@ static int groups_progress(void *user, const oxl_progress *progress)
 
 static oxl_result groups_train(struct groups *g, const struct image_window *window, oxl_model all[3], int from, int until)
 {
-    struct job               *job   = g->job;
-    const int                 steps = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
-    oxl_train_options         o     = block_refinement(&job->options.train, all[0].sh_degree, steps);
-    struct text               key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
-    oxl_model                 out = {0};
-    struct train_output       place = {.folder  = g->folder,
-                                       .log     = &log,
-                                       .notes   = &notes,
-                                       .start   = &all[0],
-                                       .moments = &all[1],
-                                       .window  = window,
-                                       .first   = from,
-                                       .until   = until};
-    const double              begun = os_seconds();
-    oxl_result                rc;
+    struct job         *job   = g->job;
+    const int           steps = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
+    oxl_train_options   o     = block_refinement(&job->options.train, all[0].sh_degree, steps);
+    struct text         key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
+    oxl_model           out   = {0};
+    struct train_output place = {.folder  = g->folder,
+                                 .log     = &log,
+                                 .notes   = &notes,
+                                 .start   = &all[0],
+                                 .moments = &all[1],
+                                 .window  = window,
+                                 .first   = from,
+                                 .until   = until};
+    const double        begun = os_seconds();
+    oxl_result          rc;
     text_add(&key, "task %d, %s", g->done, job->key.data);
     place.key = key.data;
-    rc = key.failed ? job_no_memory(job) : OXL_OK;
+    rc        = key.failed ? job_no_memory(job) : OXL_OK;
     job_limit_time(job, &o);
     if (rc == OXL_OK) rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &place, &out);
     if (rc == OXL_OK) oxl_model_free(job->ctx, &all[0]), all[0] = out;
@@ -353,7 +355,7 @@ static oxl_result groups_task(struct groups *g, int from, int until)
 {
     oxl_context         *ctx    = g->job->ctx;
     struct image_window *window = oxl_calloc(ctx, (size_t)g->views + 1, sizeof *window);
-    int                 *view   = oxl_alloc(ctx, (size_t)g->views + 1, sizeof *view), views = 0;
+    int                 *view = oxl_alloc(ctx, (size_t)g->views + 1, sizeof *view), views = 0;
     oxl_model            all[3] = {{0}};
     oxl_result           rc     = window && view ? OXL_OK : job_no_memory(g->job);
     for (int i = 0; i < g->views && rc == OXL_OK; i++) {
@@ -410,14 +412,14 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
 {
     const struct cost_load load   = cost_load_of_scene(job->scene);
     const int              blocks = job->partition.block_count, steps = job->part_until;
-    struct groups          g      = {.job     = job,
-                                     .folder  = folder,
-                                     .limit   = budget_most(&load, &job->options),
-                                     .views   = oxl_scene_view_count(job->scene),
-                                     .version = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.version),
-                                     .keep    = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
-    oxl_result             rc     = (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep ? OXL_OK
-                                                                                                                           : job_no_memory(job);
+    struct groups          g = {.job     = job,
+                                .folder  = folder,
+                                .limit   = budget_most(&load, &job->options),
+                                .views   = oxl_scene_view_count(job->scene),
+                                .version = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.version),
+                                .keep    = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
+    oxl_result             rc =
+        (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = groups_read_state(&g);
     if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
     if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);

@@ -74,8 +74,7 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
 {
     const struct partition *p     = &job->partition;
     const double            ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
-    text_add(t,
-             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = ",
+    text_add(t, "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = ",
              p->block_count == 1  ? "none"
              : p->dimensions == 2 ? "2d"
                                   : "3d",
@@ -248,6 +247,7 @@ static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
     job_remove(job, "run.json");
     job_remove(job, "metrics.json");
     job_remove(job, "partition.txt");
+    job_remove(job, "blocks/survey.oxl");
     return OXL_OK;
 }
 
@@ -291,7 +291,12 @@ static void job_log_survey(struct job *job)
 
 OXL_INTERNAL oxl_result job_load(struct job *job)
 {
-    oxl_result rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    char      *path = oxl_path_join(job->ctx, job->out, "blocks/survey.oxl");
+    oxl_result rc   = path ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK && job->partition.block_count > 1) rc = scene_file_map(job->ctx, path, job->key.data, &job->scene);
+    oxl_free(job->ctx, path);
+    if (rc == OXL_OK && !job->scene) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    if (rc == OXL_OK) scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
     return rc == OXL_OK ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
 }
 
@@ -349,6 +354,23 @@ static oxl_result job_open(struct job *job)
 
 /* ---------------------------------------------------------------- blocks */
 
+/* Of several blocks: what was read of the survey goes to a file, which is mapped instead. A full disk must not stop the run. */
+static oxl_result job_map_survey(struct job *job)
+{
+    char      *path   = oxl_path_join(job->ctx, job->out, "blocks/survey.oxl");
+    oxl_scene *mapped = NULL;
+    oxl_result rc     = path ? scene_file_map(job->ctx, path, job->key.data, &mapped) : job_no_memory(job);
+    if (rc == OXL_OK && !mapped && scene_file_write(job->ctx, path, job->scene, job->key.data) == OXL_OK)
+        rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
+    oxl_free(job->ctx, path);
+    if (!mapped) return rc;
+    partition_drop_plan(job->ctx, &job->partition);
+    oxl_scene_free(job->ctx, job->scene);
+    job->scene = mapped;
+    scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
+    return rc;
+}
+
 /* By the first of several processes, as they may find different memory; the others wait. One block that fits in any case: no file. */
 static oxl_result job_make_partition(struct job *job, const char *path)
 {
@@ -377,6 +399,7 @@ static oxl_result job_cut(struct job *job)
     oxl_result rc   = path ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = job_make_partition(job, path);
     oxl_free(job->ctx, path);
+    if (rc == OXL_OK && job->partition.block_count > 1 && job->scene) rc = job_map_survey(job);
     if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
     if (rc == OXL_OK && (job->options.train.medium == OXL_ON || job->options.train.lamp == OXL_ON) &&
         job->partition.block_count > 1)
@@ -478,12 +501,12 @@ static oxl_result job_whole(struct job *job)
 /* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
-    char      *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
-    oxl_result rc    = path ? OXL_OK : OXL_ERR_MEMORY;
-    const int  plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes, or was not refined without */
-    const int  whole = block > job->partition.block_count;
-    const size_t most = job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
-    *out             = (oxl_model){0};
+    char        *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
+    oxl_result   rc    = path ? OXL_OK : OXL_ERR_MEMORY;
+    const int    plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes, or was not refined without */
+    const int    whole = block > job->partition.block_count;
+    const size_t most  = job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
+    *out               = (oxl_model){0};
     if (plain) oxl_free(job->ctx, path), path = job_block_path(job, block, "model.ply");
     if (rc == OXL_OK) rc = path ? oxl_model_open(job->ctx, path, whole ? most : SIZE_MAX, out) : OXL_ERR_MEMORY;
     oxl_free(job->ctx, path);
@@ -743,6 +766,7 @@ static oxl_result job_finish(struct job *job, int judge)
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
     if (rc == OXL_OK && !job->unfinished) {
         if (job->partition.block_count > 1) job_drop_checkpoints(job); /* of paused blocks */
+        job_remove(job, "blocks/survey.oxl");
         job_remove_decoded(job);
     }
     oxl_model_free(job->ctx, &standard);

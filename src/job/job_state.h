@@ -49,7 +49,7 @@ OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void       job_limit_time(const struct job *job, oxl_train_options *options);
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* whether decoded images are kept in files */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard,
-                                  oxl_model *out); /* the blocks' models side by side, gains joined */
+                                  oxl_model *out);                            /* the blocks' models side by side, gains joined */
 OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out); /* of several blocks, with zero mean */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 
@@ -76,9 +76,10 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
 /* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
-OXL_INTERNAL oxl_result rounds_train_merged(struct job *job); /* after all blocks: the merged model */
+OXL_INTERNAL oxl_result rounds_train_merged(struct job *job);       /* after all blocks: the merged model */
 OXL_INTERNAL double     rounds_merged_share(const struct job *job); /* of the run */
-OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder); /* groups.c: the merged model, if memory does not hold it */
-OXL_INTERNAL oxl_result rounds_collect(struct job *job);            /* the blocks' records; an error when one is not finished */
+OXL_INTERNAL oxl_result groups_run(struct job *job,
+                                   const char *folder);  /* groups.c: the merged model, if memory does not hold it */
+OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */
 
 #endif

@@ -200,15 +200,15 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     const struct block_plan *plan     = &r->plan[block];
     const oxl_callback       callback = {job_progress, job};
     oxl_model                own = {0}, others = {0}, context = {0};
-    struct block_task        task = {.folder    = folder,
-                                     .key       = job->key.data,
-                                     .callback  = &callback,
-                                     .train     = rounds_options(job, plan),
-                                     .start     = &own,
-                                     .context   = &context,
-                                     .window    = plan->window,
-                                     .first     = plan->first,
-                                     .until     = block_plan_until(plan, round)};
+    struct block_task        task = {.folder   = folder,
+                                     .key      = job->key.data,
+                                     .callback = &callback,
+                                     .train    = rounds_options(job, plan),
+                                     .start    = &own,
+                                     .context  = &context,
+                                     .window   = plan->window,
+                                     .first    = plan->first,
+                                     .until    = block_plan_until(plan, round)};
     oxl_result               rc;
     task.predicted_seconds = job->survey.seconds * plan->work;
     job->block             = block;

@@ -96,9 +96,9 @@ static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, 
     const struct cost_load load  = cost_load_of_scene(scene);
     const double           needs = cost_memory(o, &load, (double)schedule_gaussian_cap(scene, &o->train));
     const double           limit = (double)budget_limit(scene, o);
-    const int              set   = o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
-    struct partition       p     = {0};
-    oxl_result             rc    = set || limit > 0 ? budget_partition(ctx, scene, o, &p) : OXL_OK;
+    const int        set = o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
+    struct partition p   = {0};
+    oxl_result       rc  = set || limit > 0 ? budget_partition(ctx, scene, o, &p) : OXL_OK;
     if (rc != OXL_OK) return rc;
     survey_say(s, "blocks       %d: %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
     if (!set) survey_say(s, "in one the run takes up to %.2f GB", needs / 1e9);

@@ -46,7 +46,7 @@ OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);
 /* ---------------------------------------------------------------- model_file.c: models as PLY and .splat */
 
 /* Origin or scale from a comment of a file; other comments are ignored. */
-OXL_INTERNAL void       model_file_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model);
+OXL_INTERNAL void model_file_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model);
 /* Where a PLY file as written here has its rows. */
 struct model_file_layout {
     uint64_t data, lobe_data; /* offsets of the first row of elements vertex and dog */

@@ -50,8 +50,7 @@ OXL_INTERNAL int model_sphere_shows(const oxl_camera *c, double near_plane, cons
 static double pages_sigma(const float *log_scale[3], size_t row, const float *factor[3], size_t lobes)
 {
     double most = -HUGE_VAL;
-    for (int a = 0; a < 3; a++)
-        most = OXL_MAX(most, log_scale[a][row] + (row < lobes ? OXL_MAX((double)factor[a][row], 0) : 0));
+    for (int a = 0; a < 3; a++) most = OXL_MAX(most, log_scale[a][row] + (row < lobes ? OXL_MAX((double)factor[a][row], 0) : 0));
     return vecmath_exp(most);
 }
 
@@ -189,14 +188,14 @@ OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *mode
     struct os_reader              file  = {0};
     oxl_result                    rc    = oxl_model_create(ctx, 0, p->layout.degree, out);
     for (int a = 0; a < 3; a++)
-        for (int k = 0; k < 3; k++)
-            moved.translation[a] += camera->rotation[3 * a + k] * (p->origin[k] - model->origin[k]);
+        for (int k = 0; k < 3; k++) moved.translation[a] += camera->rotation[3 * a + k] * (p->origin[k] - model->origin[k]);
     if (rc == OXL_OK) rc = os_reader_open(ctx, p->path, &file);
     for (size_t k = 0; k < p->pages && rc == OXL_OK; k++) {
         uint8_t   keep[PAGES_ROWS];
         size_t    kept = 0;
         oxl_model rows = {0};
-        if (p->page[k].radius < 0 || !model_sphere_shows(&moved, near_plane, p->page[k].centre, p->page[k].radius, p->page[k].sigma))
+        if (p->page[k].radius < 0 ||
+            !model_sphere_shows(&moved, near_plane, p->page[k].centre, p->page[k].radius, p->page[k].sigma))
             continue;
         rc = pages_read(ctx, p, &file, k, model->lobes ? p->layout.lobes : 0, &rows);
         for (size_t i = 0; i < rows.count && rc == OXL_OK; i++)
