@@ -20,10 +20,7 @@
 #define LIVE_SECONDS  0.2  /* between two states of the live line */
 #define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
 
-enum {
-    ALLOCATION_HEAD = 16,
-    PROGRAM_BYTES   = 16 << 20 /* of --ram, for what is not the library's: code, stacks, the C library */
-};
+enum { ALLOCATION_HEAD = 16 };
 
 struct console {
     int    json;        /* standard error is JSON lines */
@@ -608,7 +605,7 @@ int main(int argc, char **argv)
     options.stopped    = is_stopped;
     options.user       = &console;
     options.reallocate = reallocate;
-    console.limit      = a.job.ram > 2 * PROGRAM_BYTES ? a.job.ram - PROGRAM_BYTES : a.job.ram / 2;
+    console.limit      = a.job.ram;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
     if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF) a.job.scene.allow_cut = 1;
