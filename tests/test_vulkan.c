@@ -196,7 +196,7 @@ static void vulkan_check_scan(oxl_context *device, size_t n)
     vulkan_reserve(v, &r->seen, n, 4, "numbers");
     vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "numbers");
     vulkan_upload(v, &r->seen, 0, in, 4 * n);
-    vulkan_scan(r, &r->seen, n, COUNT_PAIRS);
+    vulkan_scan(r, &r->seen, n, COUNT_PAIRS, UINT32_MAX);
     vulkan_download(v, &r->seen, 0, out, 4 * n);
     vulkan_download(v, &r->counts, 4 * COUNT_PAIRS, &total, 4);
     for (size_t i = 0; i < n; i++) wrong += out[i] != sum, sum += in[i];
@@ -648,7 +648,7 @@ static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_cam
         CHECK(skipped.rows == skipped_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
-    CHECK_OK(renderer_download(ctx, r));
+    CHECK_OK(renderer_download(ctx, r, 1));
 }
 
 static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double bound)
@@ -756,7 +756,7 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
     vulkan_idle_waits              = 0;
     device->vulkan->DeviceWaitIdle = vulkan_play_idle;
-    CHECK(renderer_download(device, r) == OXL_ERR_FAILED);
+    CHECK(renderer_download(device, r, 1) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
@@ -1062,7 +1062,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_repaint(&other);
     vulkan_forward_both(&t, &m);
     vulkan_compare_images(&t);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k]));
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k], 1));
     vulkan_repaint(&m);
     vulkan_repaint(&m);
     vulkan_forward_both(&t, &m);
