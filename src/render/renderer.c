@@ -693,7 +693,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
     for (int64_t task = 0; task < tasks; task++) {
         struct adam_job           job  = rows;
-        struct renderer_nonfinite here = {0, SIZE_MAX};
+        struct renderer_nonfinite here = {0, SIZE_MAX, 0};
         uint16_t                  seen[RENDER_TASK];
         job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->packs);
         memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);

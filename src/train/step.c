@@ -339,12 +339,10 @@ static oxl_result step_deferred(struct train *t, int view)
 
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
-    const int  deferred = step_can_be_deferred(t);
+    const int  deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
     int        view     = -1;
-    oxl_result rc       = OXL_OK;
-    if (!deferred) rc = step_settle(t);
+    oxl_result rc       = deferred ? OXL_OK : step_settle(t);
     if (rc != OXL_OK) return rc;
-    if (deferred) renderer_defer(t->renderer, 1);
     t->on_full_view = t->full_views > 0 && t->step % TRAIN_FULL_VIEW_EVERY == 0;
     if (t->on_full_view) {
         view =
