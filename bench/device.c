@@ -222,11 +222,12 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
         if (p >= PASS_RASTER_BACKWARD_4 && p <= PASS_RASTER_BACKWARD_16) device_arithmetic(most, DEVICE_BACKWARD, each);
         printf("\n");
     }
-    printf("  a step: %.1f waits, %.1f for the step before, %.1f dispatches, %.1f barriers, %.1f submissions, %.0f bytes sent, %.0f read\n",
-           (double)(now->waits - before->waits) / rounds, (double)(now->frame_waits - before->frame_waits) / rounds,
-           (double)(now->dispatches - before->dispatches) / rounds, (double)(now->barriers - before->barriers) / rounds,
-           (double)(now->submissions - before->submissions) / rounds, (double)(now->sent - before->sent) / rounds,
-           (double)(now->read - before->read) / rounds);
+    printf(
+        "  a step: %.1f waits, %.1f for the step before, %.1f dispatches, %.1f barriers, %.1f submissions, %.0f bytes sent, %.0f read\n",
+        (double)(now->waits - before->waits) / rounds, (double)(now->frame_waits - before->frame_waits) / rounds,
+        (double)(now->dispatches - before->dispatches) / rounds, (double)(now->barriers - before->barriers) / rounds,
+        (double)(now->submissions - before->submissions) / rounds, (double)(now->sent - before->sent) / rounds,
+        (double)(now->read - before->read) / rounds);
     printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes", 1e3 * all / rounds, "step",
            1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
 }

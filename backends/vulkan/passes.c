@@ -146,7 +146,7 @@ OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
                                                            VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT |
                                                            VK_ACCESS_HOST_READ_BIT};
     const VkPipelineStageFlags from    = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
-    v->updates = 0;
+    v->updates                         = 0;
     v->barriers++;
     v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
 }

@@ -96,8 +96,7 @@ static void vulkan_project(struct vulkan_renderer *r)
 
 static void vulkan_footprint(struct vulkan_renderer *r, uint32_t variant)
 {
-    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count),
-               VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)r->count),
+    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)r->count),
                VULKAN_BUFFERS(&r->view_buffer, &r->counts, &r->row_value[0], &r->splat_a, &r->splat_b, &r->lobe_a, &r->lobe_b,
                               &r->row_pairs, &r->pair_key[0], &r->pair_value[0], &r->staged, &r->row_slots));
 }
@@ -387,8 +386,8 @@ static struct renderer_nonfinite vulkan_nonfinite_of(const uint32_t counts[3])
 /* Of a deferred one: its report is on the way when the host goes on to the next. */
 static oxl_result vulkan_end_step(struct vulkan_renderer *r)
 {
-    struct vulkan      *v     = r->v;
-    const size_t        at    = r->steps % VULKAN_REPORTS * sizeof *r->report;
+    struct vulkan *v  = r->v;
+    const size_t   at = r->steps % VULKAN_REPORTS * sizeof *r->report;
     if (v->rc == OXL_OK) r->steps++;
     vulkan_copy(v, &r->counts, &r->reports, at + offsetof(struct vulkan_report, counts), sizeof r->report->counts);
     vulkan_copy(v, &r->totals, &r->reports, at + offsetof(struct vulkan_report, totals), sizeof r->report->totals);
@@ -437,16 +436,17 @@ static int vulkan_defer(void *device, int on)
 
 static oxl_result vulkan_report(void *device, int wait, struct renderer_report *out)
 {
-    struct vulkan_renderer     *r = device;
+    struct vulkan_renderer     *r    = device;
     const struct vulkan_report *here = &r->report[r->reported % VULKAN_REPORTS];
     const uint32_t              on   = HALT_NONE;
     vulkan_enter(r->v);
     *out = (struct renderer_report){0};
-    if (wait ? vulkan_finish(r->v) != OXL_OK || r->reported == r->steps : r->steps - r->reported < VULKAN_REPORTS) return r->v->rc;
+    if (wait ? vulkan_finish(r->v) != OXL_OK || r->reported == r->steps : r->steps - r->reported < VULKAN_REPORTS)
+        return r->v->rc;
     r->reported++;
     r->most_pairs = OXL_MAX(r->most_pairs, (size_t)here->counts[COUNT_PAIRS_FOUND]);
     *out          = (struct renderer_report){1, here->counts[COUNT_HALT], vulkan_loss_of(here->totals, r->ssim_weight),
-                                    vulkan_nonfinite_of(here->counts + COUNT_NONFINITE)};
+                                             vulkan_nonfinite_of(here->counts + COUNT_NONFINITE)};
     if (out->halt == HALT_NONE) return OXL_OK;
     r->reported = r->steps; /* those behind it did nothing */
     r->room     = 0;        /* to be found anew */

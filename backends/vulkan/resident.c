@@ -33,8 +33,8 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
 
 OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
 {
-    struct vulkan_renderer *r = oxl_calloc(ctx, 1, sizeof *r);
-    struct vulkan          *v = ctx->vulkan;
+    struct vulkan_renderer *r      = oxl_calloc(ctx, 1, sizeof *r);
+    struct vulkan          *v      = ctx->vulkan;
     void                   *mapped = NULL;
     *out                           = NULL;
     if (!r) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");

@@ -49,9 +49,9 @@ struct vulkan_renderer {
     int                           sh_degree, bands; /* carried; evaluated */
     int                           model_here, moments_here, stepped;
     struct renderer_sums          sums;
-    int                           observed; /* there are statistics here that the host has not got */
-    int                           sums_here; /* those here are what the host has, or newer */
-    int                           deferred;  /* steps report later: renderer_defer */
+    int                           observed;        /* there are statistics here that the host has not got */
+    int                           sums_here;       /* those here are what the host has, or newer */
+    int                           deferred;        /* steps report later: renderer_defer */
     size_t                        steps, reported; /* deferred steps submitted; those reported */
     const struct vulkan_report   *report;          /* (VULKAN_REPORTS) step n's is n % VULKAN_REPORTS; as the host sees it */
     struct vulkan_slab           *slab;

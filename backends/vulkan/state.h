@@ -28,8 +28,8 @@
 #define VULKAN_BINDINGS   15             /* of a pass, at most */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
 #define VULKAN_WAIT       60000000000ull /* ns: a device that takes longer for a submission is given up */
-#define VULKAN_ROOM       2              /* deferred steps have room for a share of pairs more than the first one has, its inverse */
-#define VULKAN_PART       (1u << 19)     /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
+#define VULKAN_ROOM       2          /* deferred steps have room for a share of pairs more than the first one has, its inverse */
+#define VULKAN_PART       (1u << 19) /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 enum {
     VULKAN_VARIANTS    = 4,
     VULKAN_DIGIT       = 8, /* bits of a digit, of the sort */
@@ -125,9 +125,9 @@ struct vulkan_renderer;
 
 struct vulkan {
     oxl_context            *ctx;
-    struct vulkan_renderer *renderers; /* a list of all that are there */
+    struct vulkan_renderer *renderers;     /* a list of all that are there */
     size_t (*make_room)(struct vulkan *v); /* releases what can be had again; how many buffers. NULL: nothing */
-    void                   *library;
+    void *library;
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
     VULKAN_OF_DEVICE(VULKAN_DECLARE)
@@ -147,17 +147,17 @@ struct vulkan {
     int                              at;       /* the frame that is recorded */
     VkCommandBuffer                  commands; /* and its command buffer */
     struct vulkan_pipeline           pipeline[PASS_COUNT];
-    struct vulkan_buffer             staging, nothing;  /* nothing: for bindings that a pass does not use */
-    char                            *mapped;            /* staging, as the host sees it */
-    size_t                           sent, read_bytes;  /* by vulkan_upload; by vulkan_queue_read: so far */
-    size_t                           waits;             /* of the host, with nothing left for the device to do: so far */
-    size_t                           frame_waits;       /* for the frame before, while the device has the next one */
+    struct vulkan_buffer             staging, nothing; /* nothing: for bindings that a pass does not use */
+    char                            *mapped;           /* staging, as the host sees it */
+    size_t                           sent, read_bytes; /* by vulkan_upload; by vulkan_queue_read: so far */
+    size_t                           waits;            /* of the host, with nothing left for the device to do: so far */
+    size_t                           frame_waits;      /* for the frame before, while the device has the next one */
     size_t                           dispatches, barriers, submissions;
     struct vulkan_read               read[VULKAN_READS];
     int                              reads;
     int                              recording, updates; /* updates: commands without a barrier behind them */
-    int                              lost;                 /* permanently: no call to the device is allowed, not even to wait */
-    VkQueryPool                      clock; /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
+    int                              lost;               /* permanently: no call to the device is allowed, not even to wait */
+    VkQueryPool                      clock;              /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
     double                           pass_seconds[PASS_COUNT];
     int                              pass_runs[PASS_COUNT];
     oxl_result                       rc;
@@ -179,8 +179,8 @@ OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for all frames */
 /* Submits the frame and goes on with the other, as soon as the device is done with it. */
 OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v);
-OXL_INTERNAL void       vulkan_flush(struct vulkan *v);  /* submits what was recorded, without waiting */
-OXL_INTERNAL void       vulkan_enter(struct vulkan *v);  /* first in every interface function: clears an earlier error */
+OXL_INTERNAL void       vulkan_flush(struct vulkan *v); /* submits what was recorded, without waiting */
+OXL_INTERNAL void       vulkan_enter(struct vulkan *v); /* first in every interface function: clears an earlier error */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
 OXL_INTERNAL size_t     vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
 

@@ -332,8 +332,8 @@ static oxl_result step_deferred(struct train *t, int view)
 {
     const oxl_result rc = step_record(t, view);
     if (rc != OXL_OK) return rc;
-    t->deferred[t->deferred_steps++] =
-        (struct train_deferred){.step = t->step, .view = view, .on_full_view = t->on_full_view, .is_trial = t->trial_is_next != 0};
+    t->deferred[t->deferred_steps++] = (struct train_deferred){
+        .step = t->step, .view = view, .on_full_view = t->on_full_view, .is_trial = t->trial_is_next != 0};
     return step_read_reports(t, 0);
 }
 
@@ -351,7 +351,7 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
         if (rc == OXL_ERR_INPUT) t->on_full_view = 0; /* it cannot be read: a view of the order instead */
         else if (rc != OXL_OK) return rc;
     }
-    rc              = t->on_full_view ? OXL_OK : step_next_image(t, &view);
+    rc = t->on_full_view ? OXL_OK : step_next_image(t, &view);
     if (rc == OXL_OK) rc = deferred ? step_deferred(t, view) : step_on_view(t, view);
     if (rc == OXL_ERR_MEMORY && deferred && view >= 0) rc = step_after_all(t, view);
     t->on_full_view = 0;
