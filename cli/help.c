@@ -248,7 +248,7 @@ void help_page(FILE *to)
 {
     fputs(
         "# Options and outputs\n\n"
-        "Made by `make man` from the tables in `src/job/options.c` (the training job) and `cli/options.c` (the program): change it "
+        "Made by `make man` from the tables in `src/core/options.c` (the training job) and `cli/options.c` (the program): change it "
         "there.\n"
         "Defaults and ranges are in parentheses. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
         "A resumed run keeps the options in OUT/run.json.\n",

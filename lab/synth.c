@@ -143,11 +143,6 @@ static oxl_result synth_find_water(struct synth_run *s)
     return synth_fail(s, OXL_ERR_USAGE, "synth: waters are none I IA IB II III 1C 3C 5C 7C 9C, not ", s->options->water);
 }
 
-double synth_through_water(const struct synth_water *w, int c, double colour, double range)
-{
-    return colour * exp(-w->direct[c] * range) + w->veil[c] * (1 - exp(-w->scatter[c] * range));
-}
-
 /* ---------------------------------------------------------------- images */
 
 static size_t synth_plane(const synth_options *o)

@@ -29,11 +29,6 @@ uint64_t synth_id(struct synth_ids ids, uint64_t index)
     return 1 + index * ids.stride % ids.modulus;
 }
 
-void synth_image_name(int view, char name[32])
-{
-    snprintf(name, 32, "IMG_%05d.png", view);
-}
-
 /* w x y z, w >= 0 (Shepperd 1978: divides by the largest of the four). */
 static void export_quaternion(const double r[9], double q[4])
 {

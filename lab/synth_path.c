@@ -204,3 +204,8 @@ int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, do
     *py = c->cy + c->f * (r[3] * q.x + r[4] * q.y + r[5] * q.z) / *z;
     return 1;
 }
+
+void synth_image_name(int view, char name[32])
+{
+    snprintf(name, 32, "IMG_%05d.png", view);
+}

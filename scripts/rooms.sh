@@ -1,8 +1,9 @@
 #!/bin/sh
-# rooms.sh [write] - the layers of src/: includes go to lower layers only, each layer has one header of at most 320 lines; line counts.
+# rooms.sh [write | links FOLDER] - the layers of src/: includes go to lower layers only, each layer has one header of at most 320 lines;
+# line counts.
 #
-# Calls are covered too: `make modules` compiles each file with its own layer's header, which declares lower layers alone.
 # write: puts the table between the marks in docs/ARCHITECTURE.md. Without it, the table there must be the current one.
+# links: in the objects of `make modules`, no file calls a function of a higher layer.
 set -eu
 cd "$(dirname "$0")/.."
 layers='core survey model render train blocks job'
@@ -16,6 +17,25 @@ includes() {
         realpath -m --relative-to=. "$(dirname "$1")/$name"
     done
 }
+
+if [ "${1:-}" = links ]; then
+    objects=$(ls src/*/*.c | sed "s|^\(.*\)c$|$2/\1o|")
+    nm -A $objects | sed "s|^$2/||" | awk -v layers="$layers" '
+        { split($1, part, ":"); file = part[1] }
+        $(NF - 1) == "U" { user[++uses] = file; name[uses] = $NF }
+        $(NF - 1) ~ /^[TDBRC]$/ { home[$NF] = file }
+        function rank(file) { split(file, part, "/"); return index(layers, part[2]) }
+        END {
+            for (i = 1; i <= uses; i++)
+                if (name[i] in home && rank(home[name[i]]) > rank(user[i])) {
+                    printf "rooms: %s calls %s in %s, a higher layer\n", user[i], name[i], home[name[i]]
+                    wrong = 1
+                }
+            if (!wrong) print "rooms: 0 calls into higher layers"
+            exit wrong
+        }'
+    exit
+fi
 
 wrong=0
 complain() { echo "rooms: $1" >&2; wrong=1; }

@@ -55,7 +55,7 @@
     } while (0)
 #define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
 
-/* ---------------------------------------------------------------- context.c: context, errors, memory, text, random numbers */
+/* ---------------------------------------------------------------- context.c: the context; memory.c: errors, memory, text, random numbers */
 
 struct oxl_context {
     oxl_context_options options;
@@ -121,9 +121,10 @@ OXL_INTERNAL void       text_free(struct text *t);
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
 /* A copy of the text, or NULL. */
-OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
+OXL_INTERNAL char       *oxl_strdup(oxl_context *ctx, const char *s);
 /* "a/b", allocated; a may be "" or end in a slash. */
-OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+OXL_INTERNAL char       *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 
 /* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
 
@@ -140,7 +141,11 @@ OXL_INTERNAL void   format_digits(char out[NUMBER_TEXT_MAX], double value, int p
 OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value);              /* parses to the same double */
 OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);                  /* parses to the same float */
 
-/* ---------------------------------------------------------------- context.c again: random numbers */
+/* ---------------------------------------------------------------- options.c: the table of options; its functions are public */
+
+#define UCD_CAP 5.0 /* largest depth weight of UCD */
+
+/* ---------------------------------------------------------------- memory.c again: random numbers */
 
 /* A stateless random number: a function of (seed, a, b), equal on all machines (finaliser of splitmix64). */
 OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);

@@ -531,3 +531,31 @@ OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3])
             for (size_t i = 0; i < model->count; i++) plane[i] = (float)(factor[c] * plane[i] + more);
         }
 }
+
+/* ---------------------------------------------------------------- origin and scale as text, in comments of files */
+
+#define MODEL_ORIGIN_MOST 1e15 /* limit of |origin| */
+
+/* So many finite numbers after blanks; 0: there are others. */
+static int model_read_numbers(const char *text, double *value, int count)
+{
+    const char *end = text + strlen(text);
+    for (int n = 0; n < count; n++) {
+        while (*text == ' ') text++;
+        if (!parse_double(&text, end, &value[n]) || !(fabs(value[n]) <= MODEL_ORIGIN_MOST)) return 0;
+    }
+    return 1;
+}
+
+/* "origin X Y Z" and "scale S". */
+OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
+{
+    const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
+    double    value[3];
+    if (is_origin && model_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
+    else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MOST)
+        model->scale = value[0] == 1 ? 0 : value[0];
+    else if (is_origin || is_scale)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted %s, %s%g", path, comment,
+                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ", MODEL_ORIGIN_MOST);
+}

@@ -14,8 +14,6 @@
 
 #include "../core/vecmath.h"
 
-#define MODEL_FILE_ORIGIN_MOST 1e15 /* limit of |origin| */
-
 enum {
     MODEL_FILE_COLUMNS     = 62,  /* of the standard layout */
     MODEL_FILE_ROWS        = 256, /* converted at a time */
@@ -224,31 +222,6 @@ OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path,
 
 /* ---------------------------------------------------------------- PLY in */
 
-/* So many finite numbers after blanks; 0: there are others. */
-static int model_file_read_numbers(const char *text, double *value, int count)
-{
-    const char *end = text + strlen(text);
-    for (int n = 0; n < count; n++) {
-        while (*text == ' ') text++;
-        if (!parse_double(&text, end, &value[n]) || !(fabs(value[n]) <= MODEL_FILE_ORIGIN_MOST)) return 0;
-    }
-    return 1;
-}
-
-/* "origin X Y Z" and "scale S". */
-OXL_INTERNAL void model_file_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
-{
-    const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
-    double    value[3];
-    if (is_origin && model_file_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
-    else if (is_scale && model_file_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_FILE_ORIGIN_MOST)
-        model->scale = value[0] == 1 ? 0 : value[0];
-    else if (is_origin || is_scale)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted %s, %s%g", path, comment,
-                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ",
-                MODEL_FILE_ORIGIN_MOST);
-}
-
 static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex,
                                          const char *name)
 {
@@ -394,7 +367,7 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
                       ply.elements);
     if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
-    for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_file_read_comment(ctx, path, ply.comment[i], out);
+    for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_read_comment(ctx, path, ply.comment[i], out);
     ply_close(ctx, &ply);
     return rc;
 }

@@ -104,7 +104,7 @@ static void spz_read_comment(oxl_context *ctx, const char *path, const char *com
     while (*comment) {
         const size_t length = strcspn(comment, "\n");
         snprintf(line, sizeof line, "%.*s", (int)OXL_MIN(length, sizeof line - 1), comment);
-        model_file_read_comment(ctx, path, line, model);
+        model_read_comment(ctx, path, line, model);
         comment += length + (comment[length] != 0);
     }
 }

@@ -81,7 +81,8 @@ OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_inde
                                      size_t count, const char *what);
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id); /* the error, at this line */
 
-/* colmap.c: used for text and binary files. The name is at r->cursor .. r->end. */
+/* For text and binary files. The name is at r->cursor .. r->end. */
+OXL_INTERNAL int        colmap_knows_camera(const struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4]);
 OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);

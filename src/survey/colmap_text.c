@@ -289,3 +289,83 @@ OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_inde
     *slot = (uint32_t)count + 1;
     return OXL_OK;
 }
+
+/* ---------------------------------------------------------------- rotations, cameras and names, of text and binary files */
+
+/* "1-3" when there is no gap, else "3 from 1 to 17". */
+static void colmap_camera_ids(const struct colmap *c, char *out, size_t size)
+{
+    int64_t low = c->camera[0].id, high = low;
+    for (size_t i = 1; i < c->camera_count; i++) {
+        low  = OXL_MIN(low, c->camera[i].id);
+        high = OXL_MAX(high, c->camera[i].id);
+    }
+    if (c->camera_count == 1) snprintf(out, size, "%" PRId64, low);
+    else if ((uint64_t)high - (uint64_t)low == c->camera_count - 1) snprintf(out, size, "%" PRId64 "-%" PRId64, low, high);
+    else snprintf(out, size, "%zu from %" PRId64 " to %" PRId64, c->camera_count, low, high);
+}
+
+OXL_INTERNAL int colmap_knows_camera(const struct colmap_reader *r, int64_t id)
+{
+    return *colmap_index_slot(&r->cameras, r->out->camera, sizeof *r->out->camera, id) != 0;
+}
+
+OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id)
+{
+    char ids[80];
+    if (colmap_knows_camera(r, id)) return OXL_OK;
+    colmap_camera_ids(r->out, ids, sizeof ids);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: camera id %" PRId64 " is not in %s (ids there: %s)\nfix: " COLMAP_FIX_SAME,
+                    r->path, r->line, id, r->out->camera->file, ids);
+}
+
+OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4])
+{
+    const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(length >= 1e-6 && length <= 1e6))
+        return oxl_fail(
+            r->ctx, OXL_ERR_INPUT,
+            "%s:%d: seen the quaternion %g %g %g %g, wanted a rotation (length 1)\nfix: delete this image from the model "
+            "(colmap image_deleter) and export it once more",
+            r->path, r->line, q[0], q[1], q[2], q[3]);
+    if (fabs(length - 1) > 1e-2) colmap_warn(r, ODD_QUATERNION);
+    return OXL_OK;
+}
+
+/* Rejects paths outside the image folder: absolute paths, drives, ".." between slashes of either kind. */
+static int colmap_name_is_safe(const char *name, const char *end)
+{
+    const char *part = name;
+    if (*name == '/' || *name == '\\' || (end - name > 1 && name[1] == ':')) return 0;
+    for (const char *p = name;; p++) {
+        if (p < end && *p == 0) return 0;
+        if (p < end && *p != '/' && *p != '\\') continue;
+        if (p - part == 2 && part[0] == '.' && part[1] == '.') return 0;
+        if (p == end) return 1;
+        part = p + 1;
+    }
+}
+
+OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
+{
+    struct colmap *out = r->out;
+    size_t         size;
+    oxl_result     rc;
+    colmap_skip_blanks(r);
+    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same image */
+        for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
+    size = (size_t)(r->end - r->cursor);
+    if (size == 0) return colmap_wrong(r, r->cursor, "NAME", "a file in the image folder");
+    if (!colmap_name_is_safe(r->cursor, r->end))
+        return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                        "%s:%d: seen the name '%.*s', wanted a path inside the image folder\n"
+                        "fix: give names relative to that folder, without \"..\"",
+                        r->path, r->line, (int)OXL_MIN(size, (size_t)200), r->cursor);
+    rc = oxl_reserve(r->ctx, (void **)&out->names, &r->names_capacity, out->names_size + size + 1, 1);
+    if (rc != OXL_OK) return rc;
+    *name = out->names_size;
+    memcpy(out->names + *name, r->cursor, size);
+    out->names[*name + size] = 0;
+    out->names_size += size + 1;
+    return OXL_OK;
+}

@@ -89,23 +89,3 @@ OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const dou
     out->point[out->point_count++] = point;
     return OXL_OK;
 }
-
-OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out)
-{
-    struct colmap_reader r    = {.ctx = ctx, .out = out};
-    struct os_file_map   map  = {0};
-    char                *path = oxl_path_join(ctx, folder, name), *slash;
-    oxl_result           rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    *out                      = (struct colmap){.format = COLMAP_JSON, .images_file = survey_find_base_name(name)};
-    if (rc == OXL_OK) rc = json_survey_open(&r, path, &map);
-    if (rc == OXL_OK)
-        rc = strcmp(out->images_file, "transforms.json") ? opensfm_read(&r, map.data) : nerfstudio_read(&r, map.data);
-    if (rc == OXL_OK && out->image_count == 0) rc = json_survey_wrong(&r, "the images", "none", "one or more");
-    if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0; /* the folder alone */
-    out->folder = path;
-    out->warnings += r.odd[ODD_QUATERNION];
-    os_release_file(ctx, &map);
-    oxl_free(ctx, r.path);
-    if (rc != OXL_OK) colmap_free(ctx, out);
-    return rc;
-}

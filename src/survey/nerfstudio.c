@@ -125,8 +125,7 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, co
     if (rc == OXL_OK && length == 0) rc = json_survey_wrong(r, "file_path", "none", "the image's path");
     if (rc == OXL_OK) rc = nerfstudio_pose(r, frame, q, t);
     if (rc != OXL_OK) return rc;
-    if (!strchr(survey_find_base_name(path), '.'))
-        memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
+    if (!strchr(path_base_name(path), '.')) memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
     if (!strncmp(name, "./", 2)) name += 2;
     if (!r->out->images_beside) name += strlen("images/");
     if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera)) rc = json_survey_add_camera(r, &camera);

@@ -297,7 +297,7 @@ static void scene_split(oxl_scene *scene, int test_every)
 /* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out)
 {
-    const char *base = survey_find_base_name(name), *dot = strrchr(base, '.');
+    const char *base = path_base_name(name), *dot = strrchr(base, '.');
     const int   whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
     for (int i = 0; i < 2 && scene->masks; i++) {
         struct text t = {.ctx = ctx};

@@ -85,7 +85,7 @@ OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *fol
 /* colmap_order.c: sorts cameras, images and points by id; observations and tracks are not moved. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
-/* json_survey.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
+/* survey_files.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
 
 /* ---------------------------------------------------------------- camera.c: camera models, undistortion */
@@ -177,10 +177,9 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
 /* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
 
 /* Reads the sub-model with most images of `sparse`, or of SCENE/sparse, its folders, and SCENE. Observations are not kept. */
-OXL_INTERNAL oxl_result  survey_find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
+OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
 /* Path of a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "": none. */
-OXL_INTERNAL void        survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
-OXL_INTERNAL const char *survey_find_base_name(const char *path); /* part after the last slash */
+OXL_INTERNAL void       survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
 
 /* ---------------------------------------------------------------- robust_stats.c: robust measures of a survey */
 
