@@ -141,6 +141,10 @@ OXL_INTERNAL void   format_digits(char out[NUMBER_TEXT_MAX], double value, int p
 OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value);              /* parses to the same double */
 OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);                  /* parses to the same float */
 
+/* The value as text, for %s in a format: it parses to the same value; "null" if it is not finite. */
+OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
+#define NUMBER(value) number_text((char[NUMBER_TEXT_MAX]){0}, value)
+
 /* ---------------------------------------------------------------- options.c: the table of options; its functions are public */
 
 #define UCD_CAP 5.0 /* largest depth weight of UCD */

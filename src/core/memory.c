@@ -123,21 +123,9 @@ OXL_INTERNAL void text_add_json_string(struct text *t, const char *s)
     text_add(t, "\"");
 }
 
-/* printf follows the caller's locale, JSON does not: a decimal comma becomes a point. */
 OXL_INTERNAL void text_add_number(struct text *t, double value)
 {
-    char digits[40];
-    if (!(fabs(value) <= DBL_MAX)) {
-        text_add(t, "null");
-        return;
-    }
-    for (int precision = 6; precision <= 17; precision++) {
-        snprintf(digits, sizeof digits, "%.*g", precision, value);
-        if (strtod(digits, NULL) == value) break;
-    }
-    for (char *c = digits; *c; c++)
-        if (*c == ',') *c = '.';
-    text_add(t, "%s", digits);
+    text_add(t, "%s", NUMBER(value));
 }
 
 OXL_INTERNAL void text_add_float(struct text *t, float value)

@@ -63,12 +63,7 @@ static oxl_result colmap_read_cameras(struct colmap_reader *r)
     while (rc == OXL_OK && colmap_next_record(r)) {
         struct colmap_camera camera = {0};
         rc                          = colmap_read_camera(r, &camera);
-        if (rc == OXL_OK)
-            rc = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, out->camera_count + 1, sizeof camera);
-        if (rc != OXL_OK) break;
-        out->camera[out->camera_count] = camera;
-        rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof camera, out->camera_count, "camera id");
-        if (rc == OXL_OK) out->camera_count++;
+        if (rc == OXL_OK) rc = colmap_add_camera(r, &camera);
     }
     if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->camera_count == 0)
@@ -192,12 +187,8 @@ static oxl_result colmap_read_images(struct colmap_reader *r, int keep_observati
     while (rc == OXL_OK && colmap_next_record(r)) {
         struct colmap_image image = {.first_observation = out->observation_count};
         rc                        = colmap_read_pose(r, &image);
-        if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, out->image_count + 1, sizeof image);
-        if (rc != OXL_OK) break;
-        out->image[out->image_count] = image;
-        rc                           = colmap_enter(r, &r->images, out->image, sizeof image, out->image_count, "image id");
-        if (rc == OXL_OK) rc = colmap_read_second_line(r, keep_observations, &out->image[out->image_count]);
-        if (rc == OXL_OK) out->image_count++;
+        if (rc == OXL_OK) rc = colmap_add_image(r, &image);
+        if (rc == OXL_OK) rc = colmap_read_second_line(r, keep_observations, &out->image[out->image_count - 1]);
     }
     if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->image_count == 0)

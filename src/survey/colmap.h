@@ -49,6 +49,7 @@ struct colmap_reader {
 /* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated. colmap_close: reports the number of
  * suppressed warnings and closes the file. */
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name);
+OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name); /* reads nothing yet */
 OXL_INTERNAL void       colmap_compare(struct colmap_reader *r, const char *what, size_t count);
 OXL_INTERNAL void       colmap_close(struct colmap_reader *r);
 
@@ -76,9 +77,11 @@ OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int
 
 /* The slot of the id, or the empty slot for it. */
 OXL_INTERNAL uint32_t  *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride, int64_t id);
-/* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
-OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
-                                     size_t count, const char *what);
+/* Rows whose id may not be there yet. */
+OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);
+OXL_INTERNAL oxl_result colmap_add_image(struct colmap_reader *r, const struct colmap_image *image);
+/* 0, with a warning: no finite position. An error that is not finite becomes -1. */
+OXL_INTERNAL int        colmap_check_point(struct colmap_reader *r, struct colmap_point *point);
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id); /* the error, at this line */
 
 /* For text and binary files. The name is at r->cursor .. r->end. */

@@ -115,21 +115,6 @@ static oxl_result binary_finite(struct colmap_reader *r, const char *p, const ch
     return fabs(*out) <= DBL_MAX ? OXL_OK : binary_wrong(r, binary_offset(r), what, "%g", *out);
 }
 
-static oxl_result binary_open(struct colmap_reader *r, const char *folder, const char *name)
-{
-    size_t wanted;
-    r->path = oxl_path_join(r->ctx, folder, name);
-    r->line = 0;
-    if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
-    r->rc = os_reader_open(r->ctx, r->path, &r->file);
-    if (r->rc != OXL_OK) return r->rc;
-    wanted    = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2;
-    r->offset = 0;
-    r->limit = r->next = r->window;
-    if (r->room < wanted && colmap_widen(r, wanted) != OXL_OK) return r->rc;
-    return colmap_fill(r);
-}
-
 /* Bytes after the last record are an error. */
 static void binary_end(struct colmap_reader *r)
 {
@@ -185,15 +170,11 @@ static oxl_result binary_cameras(struct colmap_reader *r)
     uint64_t       count = 0;
     oxl_result     rc    = binary_count(r, "the number of cameras", BINARY_CAMERA_LEAST, &count);
     if (rc == OXL_OK && count == 0) rc = binary_wrong(r, 0, "a camera", "none");
-    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, (size_t)count, sizeof *out->camera);
     while (rc == OXL_OK && out->camera_count < count) {
         struct colmap_camera camera = {0};
         r->line++;
         rc = binary_camera(r, &camera);
-        if (rc != OXL_OK) break;
-        out->camera[out->camera_count] = camera;
-        rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof camera, out->camera_count, "camera id");
-        if (rc == OXL_OK) out->camera_count++;
+        if (rc == OXL_OK) rc = colmap_add_camera(r, &camera);
     }
     if (rc == OXL_OK) binary_end(r);
     return rc;
@@ -290,16 +271,12 @@ static oxl_result binary_images(struct colmap_reader *r, int keep_observations)
                       "%s: byte 0: seen no image, wanted one or more\nfix: take a model with registered images (sparse/0, "
                       "sparse/1, ...)",
                       r->path);
-    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, (size_t)count, sizeof *out->image);
     while (rc == OXL_OK && out->image_count < count) {
         struct colmap_image image = {.first_observation = out->observation_count};
         r->line++;
         rc = binary_pose(r, &image);
-        if (rc != OXL_OK) break;
-        out->image[out->image_count] = image;
-        rc                           = colmap_enter(r, &r->images, out->image, sizeof image, out->image_count, "image id");
-        if (rc == OXL_OK) rc = binary_observations(r, keep_observations, &out->image[out->image_count]);
-        if (rc == OXL_OK) out->image_count++;
+        if (rc == OXL_OK) rc = colmap_add_image(r, &image);
+        if (rc == OXL_OK) rc = binary_observations(r, keep_observations, &out->image[out->image_count - 1]);
     }
     if (rc == OXL_OK) binary_end(r);
     return rc;
@@ -348,14 +325,7 @@ static oxl_result binary_add_point(struct colmap_reader *r, uint64_t more)
     uint64_t            length = 0;
     oxl_result          rc     = binary_point(r, more, &point, &length);
     if (rc != OXL_OK) return rc;
-    if (!(fabs(point.position[0]) <= DBL_MAX && fabs(point.position[1]) <= DBL_MAX && fabs(point.position[2]) <= DBL_MAX)) {
-        colmap_warn(r, ODD_POSITION);
-        return binary_skip(r, length * BINARY_TRACK);
-    }
-    if (!(fabs(point.error) <= DBL_MAX)) {
-        colmap_warn(r, ODD_ERROR);
-        point.error = -1;
-    }
+    if (!colmap_check_point(r, &point)) return binary_skip(r, length * BINARY_TRACK);
     rc = binary_track(r, length, &point);
     if (rc != OXL_OK) return rc;
     out->point[out->point_count++] = point;
@@ -391,13 +361,16 @@ static oxl_result binary_points(struct colmap_reader *r)
 
 OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations)
 {
-    oxl_result rc = binary_open(r, folder, "cameras.bin");
+    oxl_result rc = colmap_open_bytes(r, folder, "cameras.bin");
+    if (rc == OXL_OK) rc = colmap_fill(r);
     if (rc == OXL_OK) rc = binary_cameras(r);
     colmap_close(r);
-    if (rc == OXL_OK) rc = binary_open(r, folder, "images.bin");
+    if (rc == OXL_OK) rc = colmap_open_bytes(r, folder, "images.bin");
+    if (rc == OXL_OK) rc = colmap_fill(r);
     if (rc == OXL_OK) rc = binary_images(r, keep_observations);
     colmap_close(r);
-    if (rc == OXL_OK) rc = binary_open(r, folder, "points3D.bin");
+    if (rc == OXL_OK) rc = colmap_open_bytes(r, folder, "points3D.bin");
+    if (rc == OXL_OK) rc = colmap_fill(r);
     if (rc == OXL_OK) rc = binary_points(r);
     colmap_close(r);
     return rc;

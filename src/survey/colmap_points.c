@@ -77,11 +77,6 @@ static oxl_result points_read_track(struct colmap_reader *r, struct points_piece
     return rc;
 }
 
-static int points_is_finite(const double p[3])
-{
-    return fabs(p[0]) <= DBL_MAX && fabs(p[1]) <= DBL_MAX && fabs(p[2]) <= DBL_MAX;
-}
-
 static oxl_result points_read_fields(struct colmap_reader *r, struct colmap_point *point)
 {
     static const char *const axis[3] = {"X", "Y", "Z"}, *const channel[3] = {"R", "G", "B"};
@@ -100,14 +95,7 @@ static oxl_result points_read_record(struct colmap_reader *r, struct points_piec
     struct colmap_point point = {.first_track = to->tracks};
     oxl_result          rc    = points_read_fields(r, &point);
     if (rc != OXL_OK) return rc;
-    if (!points_is_finite(point.position)) {
-        colmap_warn(r, ODD_POSITION);
-        return OXL_OK;
-    }
-    if (!(fabs(point.error) <= DBL_MAX)) {
-        colmap_warn(r, ODD_ERROR);
-        point.error = -1;
-    }
+    if (!colmap_check_point(r, &point)) return OXL_OK;
     rc = points_read_track(r, to, &point);
     if (rc != OXL_OK) return rc;
     to->point[to->points++] = point;

@@ -112,17 +112,23 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
     r->out->is_cut = 1;
 }
 
-OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
+OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name)
 {
     size_t wanted;
-    r->path = oxl_path_join(r->ctx, folder, name);
+    r->line   = 0;
+    r->offset = 0;
+    r->path   = oxl_path_join(r->ctx, folder, name);
     if (!r->path) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
     r->rc = os_reader_open(r->ctx, r->path, &r->file);
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->window;
     wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* one byte to detect the end, and the zero byte */
-    if (r->room < wanted && colmap_widen(r, wanted) != OXL_OK) return r->rc;
-    if (colmap_begin(r) == OXL_OK) r->declared = colmap_announcement(r);
+    return r->room < wanted ? colmap_widen(r, wanted) : OXL_OK;
+}
+
+OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
+{
+    if (colmap_open_bytes(r, folder, name) == OXL_OK && colmap_begin(r) == OXL_OK) r->declared = colmap_announcement(r);
     return r->rc;
 }
 
@@ -276,8 +282,9 @@ OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *wha
                     r->path, r->line, what, id);
 }
 
-OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
-                                     size_t count, const char *what)
+/* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
+static oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride, size_t count,
+                               const char *what)
 {
     const int64_t id = colmap_id_at(rows, stride, count);
     uint32_t     *slot;
@@ -288,6 +295,42 @@ OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_inde
     if (*slot) return colmap_repeated(r, what, id);
     *slot = (uint32_t)count + 1;
     return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
+{
+    struct colmap *out = r->out;
+    oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
+    if (rc != OXL_OK) return rc;
+    out->camera[out->camera_count] = *camera;
+    rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof *camera, out->camera_count, "camera id");
+    out->camera_count += rc == OXL_OK;
+    return rc;
+}
+
+OXL_INTERNAL oxl_result colmap_add_image(struct colmap_reader *r, const struct colmap_image *image)
+{
+    struct colmap *out = r->out;
+    oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, out->image_count + 1, sizeof *image);
+    if (rc != OXL_OK) return rc;
+    out->image[out->image_count] = *image;
+    rc                           = colmap_enter(r, &r->images, out->image, sizeof *image, out->image_count, "image id");
+    out->image_count += rc == OXL_OK;
+    return rc;
+}
+
+OXL_INTERNAL int colmap_check_point(struct colmap_reader *r, struct colmap_point *point)
+{
+    for (int i = 0; i < 3; i++)
+        if (!(fabs(point->position[i]) <= DBL_MAX)) {
+            colmap_warn(r, ODD_POSITION);
+            return 0;
+        }
+    if (!(fabs(point->error) <= DBL_MAX)) {
+        colmap_warn(r, ODD_ERROR);
+        point->error = -1;
+    }
+    return 1;
 }
 
 /* ---------------------------------------------------------------- rotations, cameras and names, of text and binary files */
