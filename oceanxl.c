@@ -2,8 +2,9 @@
  *
  *     cc -O3 -fopenmp main.c cli/ *.c lab/ *.c oceanxl.c -lm    is a whole build
  */
-#include "src/core/core.h" /* context, errors, memory, text, numbers, files; each layer has one header */
-#include "src/core/simd.h" /* run-time selection of the instruction set */
+#include "src/core/core.h"  /* context, errors, memory, text, numbers, files; each layer has one header */
+#include "src/core/simd.h"  /* run-time selection of the instruction set */
+#include "src/core/bytes.h" /* little-endian numbers in files */
 
 #include "src/core/memory.c"  /* errors, memory, text, random numbers */
 #include "src/core/os.c"      /* operating system: atomic file writes, folders, clock, memory use */

@@ -115,7 +115,6 @@ OXL_INTERNAL void       text_add(struct text *t, const char *format, ...) OXL_PR
 OXL_INTERNAL void       text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
 OXL_INTERNAL void       text_add_number(struct text *t,
                                         double       value); /* shortest text that parses to the same value; null if not finite */
-OXL_INTERNAL void       text_add_float(struct text *t, float value); /* shortest text that parses to the same float */
 OXL_INTERNAL void       text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);

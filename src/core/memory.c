@@ -128,13 +128,6 @@ OXL_INTERNAL void text_add_number(struct text *t, double value)
     text_add(t, "%s", NUMBER(value));
 }
 
-OXL_INTERNAL void text_add_float(struct text *t, float value)
-{
-    char digits[NUMBER_TEXT_MAX];
-    format_float(digits, value);
-    text_add(t, "%s", fabsf(value) <= FLT_MAX ? digits : "null");
-}
-
 OXL_INTERNAL void text_free(struct text *t)
 {
     oxl_free(t->ctx, t->data);

@@ -532,6 +532,24 @@ OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3])
         }
 }
 
+/* ---------------------------------------------------------------- values for other formats */
+
+OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4])
+{
+    double norm = 0;
+    for (int i = 0; i < 4; i++) {
+        q[i] = model->plane[OXL_ROTATION + i][row];
+        norm += q[i] * q[i];
+    }
+    norm = sqrt(norm);
+    for (int i = 0; i < 4; i++) q[i] = norm > 0 ? q[i] / norm : i == 0;
+}
+
+OXL_INTERNAL unsigned char model_byte(double x)
+{
+    return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
+}
+
 /* ---------------------------------------------------------------- origin and scale as text, in comments of files */
 
 #define MODEL_ORIGIN_MOST 1e15 /* limit of |origin| */

@@ -12,6 +12,7 @@
  * the record instead of the line. A count is compared with the size of the file before memory is allocated for it.
  */
 #include "colmap.h"
+#include "../core/bytes.h"
 
 enum {
     BINARY_CAMERA_LEAST = 24 + 2 * 8,          /* bytes of a camera of the fewest parameters */
@@ -26,28 +27,6 @@ enum {
 #define BINARY_FIX "copy the file once more, or write the model again: colmap model_converter --output_type BIN"
 
 /* ---------------------------------------------------------------- bytes */
-
-static uint64_t binary_u64(const char *p)
-{
-    uint64_t value = 0;
-    for (int i = 7; i >= 0; i--) value = value << 8 | (unsigned char)p[i];
-    return value;
-}
-
-static uint32_t binary_u32(const char *p)
-{
-    uint32_t value = 0;
-    for (int i = 3; i >= 0; i--) value = value << 8 | (unsigned char)p[i];
-    return value;
-}
-
-static double binary_f64(const char *p)
-{
-    const uint64_t bits = binary_u64(p);
-    double         value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
 
 /* Offset in the file of the first unread byte. */
 static uint64_t binary_offset(const struct colmap_reader *r)
@@ -104,14 +83,14 @@ static oxl_result binary_count(struct colmap_reader *r, const char *what, size_t
     const uint64_t   at = binary_offset(r);
     const oxl_result rc = binary_take(r, 8, what, &p);
     if (rc != OXL_OK) return rc;
-    *out = binary_u64(p);
+    *out = bytes_get(p, 8);
     if (*out <= binary_left(r) / least) return OXL_OK;
     return binary_wrong(r, at, what, "the number %" PRIu64 " where %" PRIu64 " bytes follow", *out, binary_left(r));
 }
 
 static oxl_result binary_finite(struct colmap_reader *r, const char *p, const char *what, double *out)
 {
-    *out = binary_f64(p);
+    *out = bytes_double(p);
     return fabs(*out) <= DBL_MAX ? OXL_OK : binary_wrong(r, binary_offset(r), what, "%g", *out);
 }
 
@@ -144,10 +123,10 @@ static oxl_result binary_camera(struct colmap_reader *r, struct colmap_camera *c
     uint64_t       width, height;
     oxl_result     rc = binary_take(r, 24, "a camera", &p);
     if (rc != OXL_OK) return rc;
-    c->id    = binary_u32(p);
-    c->model = (int)OXL_MIN(binary_u32(p + 4), (uint32_t)INT_MAX);
-    width    = binary_u64(p + 8);
-    height   = binary_u64(p + 16);
+    c->id    = bytes_u32(p);
+    c->model = (int)OXL_MIN(bytes_u32(p + 4), (uint32_t)INT_MAX);
+    width    = bytes_get(p + 8, 8);
+    height   = bytes_get(p + 16, 8);
     c->file  = "cameras.bin";
     c->line  = r->line;
     if (c->model >= camera_model_count())
@@ -210,8 +189,8 @@ static oxl_result binary_pose(struct colmap_reader *r, struct colmap_image *imag
     const char *p  = NULL;
     oxl_result  rc = binary_take(r, BINARY_POSE, "an image", &p);
     if (rc != OXL_OK) return rc;
-    image->id        = binary_u32(p);
-    image->camera_id = binary_u32(p + 60);
+    image->id        = bytes_u32(p);
+    image->camera_id = bytes_u32(p + 60);
     image->line      = r->line;
     for (int i = 0; i < 7 && rc == OXL_OK; i++)
         rc = binary_finite(r, p + 4 + 8 * i, "a finite pose", i < 4 ? &image->rotation[i] : &image->translation[i - 4]);
@@ -224,7 +203,7 @@ static oxl_result binary_pose(struct colmap_reader *r, struct colmap_image *imag
 /* Ids from 2^63 on mean no point; COLMAP writes 2^64 - 1. */
 static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_t *out)
 {
-    const uint64_t id = binary_u64(p);
+    const uint64_t id = bytes_get(p, 8);
     *out              = id == UINT64_MAX ? -1 : (int64_t)(id & INT64_MAX);
     return id == UINT64_MAX || id <= INT64_MAX ? OXL_OK
                                                : binary_wrong(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
@@ -236,8 +215,8 @@ static oxl_result binary_observation(struct colmap_reader *r, struct colmap_obse
     oxl_result  rc = binary_take(r, BINARY_OBSERVATION, "a 2D point", &p);
     if (rc == OXL_OK) rc = binary_point_id(r, p + 16, &o->point);
     if (rc != OXL_OK) return rc;
-    o->x = binary_f64(p);
-    o->y = binary_f64(p + 8);
+    o->x = bytes_double(p);
+    o->y = bytes_double(p + 8);
     if (fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX) return OXL_OK;
     *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
     colmap_warn(r, ODD_OBSERVATION);
@@ -292,9 +271,9 @@ static oxl_result binary_track(struct colmap_reader *r, uint64_t length, struct 
         const oxl_result rc = binary_take(r, BINARY_TRACK, "an entry of a track", &p);
         uint32_t         row;
         if (rc != OXL_OK) return rc;
-        row = *colmap_index_slot(&r->images, out->image, sizeof *out->image, (int64_t)binary_u32(p));
+        row = *colmap_index_slot(&r->images, out->image, sizeof *out->image, (int64_t)bytes_u32(p));
         if (row == 0) colmap_warn(r, ODD_TRACK);
-        else out->track[out->track_count + point->track_count++] = (struct colmap_track){row - 1, binary_u32(p + 4)};
+        else out->track[out->track_count + point->track_count++] = (struct colmap_track){row - 1, bytes_u32(p + 4)};
     }
     return OXL_OK;
 }
@@ -306,9 +285,9 @@ static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct co
     oxl_result  rc = binary_take(r, BINARY_POINT - 8, "a point", &p);
     if (rc == OXL_OK) rc = binary_point_id(r, p, &point->id);
     if (rc != OXL_OK) return rc;
-    for (int i = 0; i < 3; i++) point->position[i] = binary_f64(p + 8 + 8 * i);
+    for (int i = 0; i < 3; i++) point->position[i] = bytes_double(p + 8 + 8 * i);
     memcpy(point->rgb, p + 32, 3);
-    point->error = binary_f64(p + 35);
+    point->error = bytes_double(p + 35);
     rc           = binary_count(r, "the length of a track", BINARY_TRACK, length);
     if (rc == OXL_OK && *length * BINARY_TRACK + more * BINARY_POINT > binary_left(r))
         rc = binary_wrong(r, binary_offset(r) - 8, "the length of a track",
