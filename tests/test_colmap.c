@@ -683,7 +683,7 @@ TEST(colmap_point_ids_may_lie_far_apart)
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images,
                         "-9223372036854775808 1 2 3 4 5 6 0.5\n9223372036854775807 1 2 3 4 5 6 0.5\n0 1 2 3 4 5 6 0.5\n", &c));
-    CHECK(c.point_count == 3 && c.point[0].id == INT64_MIN && c.point[1].id == INT64_MAX);
+    CHECK(c.point_count == 3 && c.point[0].id == INT64_MIN && c.point[2].id == INT64_MAX);
     colmap_free(test_ctx, &c);
 }
 

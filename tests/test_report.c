@@ -4,6 +4,7 @@
 #include "../cli/report.c"
 #include "../cli/report_chart.c"
 #include "../cli/report_map.c"
+#include "../cli/report_read.c"
 #include "../cli/report_page.c"
 #include "../cli/report_views.c"
 

@@ -92,8 +92,6 @@ OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
 
 /* colmap_points.c: reads the open file points3D.txt. */
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
-/* The first row with the id of an earlier row; point_count if there is none. */
-OXL_INTERNAL oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row);
 
 /* colmap_binary.c: the three files of a folder. */
 OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations);

@@ -317,7 +317,7 @@ static oxl_result binary_points(struct colmap_reader *r)
 {
     struct colmap *out   = r->out;
     uint64_t       count = 0;
-    size_t         row   = 0;
+    int64_t        id    = 0;
     oxl_result     rc    = binary_count(r, "the number of points", BINARY_POINT, &count);
     if (rc != OXL_OK) return rc;
     out->point = oxl_alloc(r->ctx, (size_t)count + 1, sizeof *out->point);
@@ -328,10 +328,9 @@ static oxl_result binary_points(struct colmap_reader *r)
         r->line++;
         rc = binary_add_point(r, count - (uint64_t)r->line);
     }
-    if (rc == OXL_OK) rc = points_find_repeated(r->ctx, out, &row);
-    if (rc == OXL_OK && row < out->point_count)
+    if (rc == OXL_OK && (rc = colmap_order_points(r->ctx, out, &id)) == OXL_ERR_INPUT)
         rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: point id %" PRId64 " is there twice, wanted each id once\nfix: " BINARY_FIX,
-                      r->path, out->point[row].id);
+                      r->path, id);
     if (rc == OXL_OK) binary_end(r);
     return rc;
 }

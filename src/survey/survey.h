@@ -63,7 +63,7 @@ struct colmap {
     size_t                     image_count;
     struct colmap_observation *observation;
     size_t                     observation_count;
-    struct colmap_point       *point; /* in the file's order */
+    struct colmap_point       *point; /* by id */
     size_t                     point_count;
     struct colmap_track       *track;
     size_t                     track_count;
@@ -82,8 +82,10 @@ OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int ke
 /* The same with another window size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
                                                struct colmap *out);
-/* colmap_order.c: sorts cameras, images and points by id; observations and tracks are not moved. */
+/* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Observations and tracks are not moved. OXL_ERR_INPUT
+ * without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
+OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
 /* survey_files.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
