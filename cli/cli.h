@@ -122,7 +122,7 @@ typedef struct synth_options {
     const char *out;             /* folder */
     int         views;           /* images (40) */
     int         width, height;   /* px (400 x 260) */
-    double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
+    double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap requires (0) */
     const char *water;           /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
     const char *path;            /* lawnmower | orbit | forward | rov (lawnmower) */
     double      exposure_jitter; /* stops by which images are brighter or darker, at most (0) */

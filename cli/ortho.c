@@ -94,9 +94,9 @@ static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl
     snprintf(path, sizeof path, "%s/ortho.png", options->folder);
     if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
     if (rc == OXL_OK && !ortho_world_file(o, options->folder, unit))
-        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.pgw\nfix: look for room on the disk");
+        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
     if (rc == OXL_OK && depth && !ortho_heights(o, scene, options->folder, unit, depth))
-        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.height.pfm\nfix: look for room on the disk");
+        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.height.pfm\nfix: free space on the disk");
     oxl_image_free(ctx, &image);
     free(depth);
     return rc;

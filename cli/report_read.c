@@ -7,7 +7,7 @@
 
 enum { REPORT_BLOCKS = 100000 };
 
-static const char *const REPORT_HEADS[REPORT_COLUMNS] = {"iteration", "loss",  "psnr",  "gaussians",
+static const char *const REPORT_NAMES[REPORT_COLUMNS] = {"iteration", "loss",  "psnr",  "gaussians",
                                                          "seconds",   "f_mid", "f_far", "peak_rss_bytes"};
 
 char *report_read(const struct report *r, const char *name, size_t *size)
@@ -33,14 +33,14 @@ char *report_read(const struct report *r, const char *name, size_t *size)
 }
 
 /* Our column at each position of the file; -1: none. */
-static int report_heads(const char *text, int *column, int most)
+static int report_columns(const char *text, int *column, int most)
 {
     int n = 0;
     for (const char *at = text; n < most;) {
         const size_t length = strcspn(at, ",\r\n");
         column[n]           = -1;
         for (int k = 0; k < REPORT_COLUMNS; k++)
-            if (strlen(REPORT_HEADS[k]) == length && strncmp(at, REPORT_HEADS[k], length) == 0) column[n] = k;
+            if (strlen(REPORT_NAMES[k]) == length && strncmp(at, REPORT_NAMES[k], length) == 0) column[n] = k;
         n++;
         if (at[length] != ',') break;
         at += length + 1;
@@ -63,7 +63,7 @@ static int report_log_row(const char *at, const int *column, int columns, double
 
 static void report_read_log(struct report *r, struct report_block *b, char *text)
 {
-    int    column[32], columns = report_heads(text, column, 32);
+    int    column[32], columns = report_columns(text, column, 32);
     size_t lines = 0;
     for (const char *at = text; *at; at++) lines += *at == '\n';
     b->log = malloc((lines + 1) * REPORT_COLUMNS * sizeof *b->log);

@@ -88,7 +88,7 @@ oxl_result study_write(struct study_meter *s, const char *folder, const char *na
     return output_file_close(&file)
                ? OXL_OK
                : study_fail(s, OXL_ERR_IO,
-                            "a file cannot be written\nfix: make room on the disk or choose a place that you may use: ", path);
+                            "a file cannot be written\nfix: free space on the disk or choose a place that you may use: ", path);
 }
 
 /* ---------------------------------------------------------------- one training */

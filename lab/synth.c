@@ -57,7 +57,7 @@ synth_options synth_options_default(void)
 static oxl_result synth_fail(struct synth_run *s, oxl_result rc, const char *what, const char *detail)
 {
     const char *fix = rc == OXL_ERR_USAGE ? "\nfix: oceanxl help synth lists what there is"
-                      : rc == OXL_ERR_IO  ? "\nfix: choose a folder that you may write to, on a disk with room"
+                      : rc == OXL_ERR_IO  ? "\nfix: choose a folder that you may write to, on a disk with free space"
                                           : "";
     if (s->error_size > 0)
         snprintf(s->error, s->error_size, "%s%s%s", what, detail, strstr(what, "fix: ") || strstr(detail, "fix: ") ? "" : fix);

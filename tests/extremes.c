@@ -34,9 +34,10 @@ static void extreme_print_cell(const struct extreme_error *e)
 
 static void extreme_print_renders(oxl_context *ctx)
 {
-    printf("## Rendering and its gradients\n\n"
-           "The gradient is that of the parameter with the largest error: position, scale, rotation, opacity, colour or second lobe.\n\n"
-           "| extreme | drawn | image | gradient | bound: image, gradient | holds |\n|---|--:|---|---|---|---|\n");
+    printf(
+        "## Rendering and its gradients\n\n"
+        "The gradient is that of the parameter with the largest error: position, scale, rotation, opacity, colour or second lobe.\n\n"
+        "| extreme | drawn | image | gradient | bound: image, gradient | holds |\n|---|--:|---|---|---|---|\n");
     for (size_t i = 0; i < OXL_COUNT(EXTREMES); i++) {
         struct extreme_result r;
         struct extreme_error  gradient = {0};

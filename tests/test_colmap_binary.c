@@ -201,8 +201,8 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
     c.observation[0].x     = NAN;
-    c.point[0].position[1] = INFINITY;
-    c.point[1].error       = NAN;
+    c.point[1].position[1] = INFINITY;
+    c.point[0].error       = NAN;
     c.image[1].rotation[0] = 8;
     binary_write(test_path("binary"), &c);
     colmap_free(test_ctx, &c);

@@ -197,7 +197,8 @@ TEST(gltf_holds_the_arrays_it_announces_and_the_origin_in_full)
     p    = (const unsigned char *)map.data;
     text = bytes_u32(p + 12);
     CHECK(memcmp(p, "glTF", 4) == 0 && bytes_u32(p + 4) == 2 && bytes_u32(p + 8) == map.size && memcmp(p + 16, "JSON", 4) == 0);
-    CHECK(text % 4 == 0 && memcmp(p + 20 + text + 4, "BIN\0", 4) == 0 && bytes_u32(p + 20 + text) == 33 * 4 * (3 + 4 + 3 + 1 + 27));
+    CHECK(text % 4 == 0 && memcmp(p + 20 + text + 4, "BIN\0", 4) == 0 &&
+          bytes_u32(p + 20 + text) == 33 * 4 * (3 + 4 + 3 + 1 + 27));
     CHECK(map.size == 28 + text + bytes_u32(p + 20 + text));
     CHECK_TEXT(map.data + 20, "\"translation\":[500000.125,4200000.25,-12.5]");
     CHECK_TEXT(map.data + 20, "\"KHR_gaussian_splatting:SH_DEGREE_2_COEF_4\":12}");

@@ -19,7 +19,7 @@ enum {
     SVG_COLUMN  = 190, /* px of a column of the table */
     SVG_NUMBER  = 48   /* bytes of a number as text */
 };
-#define SVG_AIR 0.05 /* of the extents, around them */
+#define SVG_MARGIN 0.05 /* of the extents, around them */
 
 static const char *const svg_colour[SVG_COLOURS] = {"#1f77a8", "#e07b39", "#3a9d6e", "#b5507f", "#7a68b3", "#c9a227",
                                                     "#3fa7b5", "#c4504b", "#6b8e3d", "#8c6d5a", "#5479c4", "#a35fb0"};
@@ -88,7 +88,7 @@ static void svg_text(struct text *t, const char *class, double x, double y, cons
 
 /* ---------------------------------------------------------------- layout */
 
-/* The trimmed extents with some air, and the cameras that are not too far off. */
+/* The trimmed extents with a margin, and the cameras near them. */
 static void svg_set_bounds(struct svg *s, struct svg_panel *panel)
 {
     const int views = (int)s->p->plan->visibility->views;
@@ -101,8 +101,8 @@ static void svg_set_bounds(struct svg *s, struct svg_panel *panel)
             const double at = s->camera[3 * v + axis];
             if (at > low - size && at < high + 2 * size) from = OXL_MIN(from, at), to = OXL_MAX(to, at);
         }
-        panel->low[k]  = from - SVG_AIR * size;
-        panel->high[k] = to + SVG_AIR * size;
+        panel->low[k]  = from - SVG_MARGIN * size;
+        panel->high[k] = to + SVG_MARGIN * size;
     }
 }
 

@@ -73,7 +73,7 @@ OXL_INTERNAL void       context_close(oxl_context *ctx);
 
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
-/* OXL_ERR_INTERRUPTED when the caller wants to stop. For loops over files, images and blocks that report no progress; not while the
+/* OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that report no progress; not while the
  * state is saved, and on one thread only. */
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
 OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds); /* then as context_stopped */

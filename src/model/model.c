@@ -393,7 +393,7 @@ struct model_nearest {
     double        distance[MODEL_NEIGHBOURS];
 };
 
-static void model_meet(struct model_nearest *n, const struct model_site *site, size_t index)
+static void model_consider(struct model_nearest *n, const struct model_site *site, size_t index)
 {
     const double dx = site->x[0] - n->x[0], dy = site->x[1] - n->x[1], dz = site->x[2] - n->x[2];
     double       d = dx * dx + dy * dy + dz * dz;
@@ -415,11 +415,11 @@ static void model_search(const struct model_tree *tree, size_t first, size_t end
         if (beyond < 0) model_search(tree, first, middle, n);
         else model_search(tree, middle + 1, end, n);
         if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return; /* the other side is farther than all three */
-        model_meet(n, &tree->site[middle], middle);
+        model_consider(n, &tree->site[middle], middle);
         if (beyond < 0) first = middle + 1;
         else end = middle;
     }
-    for (size_t i = first; i < end; i++) model_meet(n, &tree->site[i], i);
+    for (size_t i = first; i < end; i++) model_consider(n, &tree->site[i], i);
 }
 
 /* square[row] = mean squared distance to the nearest three, or fewer if there are fewer; 0 for a single point. */

@@ -124,7 +124,7 @@ static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_m
 static oxl_result model_file_put(oxl_context *ctx, const struct os_writer *w, const void *data, size_t size)
 {
     if (fwrite(data, 1, size, w->file) == size) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: look for room on the disk", w->path);
+    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: free space on the disk", w->path);
 }
 
 /* ---------------------------------------------------------------- PLY out */

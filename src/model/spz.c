@@ -43,7 +43,7 @@ static uint32_t spz_crc(const unsigned char *p, size_t size)
     return ~crc;
 }
 
-static oxl_result spz_wrong(oxl_context *ctx, const char *path, const char *seen, const char *wanted)
+static oxl_result spz_fail(oxl_context *ctx, const char *path, const char *seen, const char *wanted)
 {
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: seen %s, wanted %s\nfix: copy the file again, or write it as SPZ version 3", path,
                     seen, wanted);
@@ -72,20 +72,19 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
 {
     const unsigned char *p = (const unsigned char *)file->data;
     size_t               at, packed, comment;
-    if (file->size > 4 && memcmp(p, "NGSP", 4) == 0) return spz_wrong(ctx, path, "SPZ version 4 (zstd)", "version 2 or 3 (gzip)");
-    if (file->size < 20 || p[0] != 0x1f || p[1] != 0x8b || p[2] != 8)
-        return spz_wrong(ctx, path, "no gzip header", "an SPZ file");
+    if (file->size > 4 && memcmp(p, "NGSP", 4) == 0) return spz_fail(ctx, path, "SPZ version 4 (zstd)", "version 2 or 3 (gzip)");
+    if (file->size < 20 || p[0] != 0x1f || p[1] != 0x8b || p[2] != 8) return spz_fail(ctx, path, "no gzip header", "an SPZ file");
     at     = spz_gzip_header(p, file->size, &comment);
     packed = at ? file->size - at - 8 : 0;
     *size  = bytes_u32(p + file->size - 4);
     if (at == 0 || *size < SPZ_HEADER || *size > INT_MAX || *size / SPZ_DEFLATE_MOST > packed || packed > INT_MAX)
-        return spz_wrong(ctx, path, "a gzip length that its data cannot have", "an SPZ file of at most 2 GB");
+        return spz_fail(ctx, path, "a gzip length that its data cannot have", "an SPZ file of at most 2 GB");
     *out = oxl_alloc(ctx, *size, 1);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
     /* with the 8 bytes that follow: stb 2.27 looks ahead past the last code */
-    if (!image_inflate(*out, *size, p + at, packed + 8)) return spz_wrong(ctx, path, "gzip data that are damaged", "an SPZ file");
+    if (!image_inflate(*out, *size, p + at, packed + 8)) return spz_fail(ctx, path, "gzip data that are damaged", "an SPZ file");
     if (spz_crc(*out, *size) != bytes_u32(p + file->size - 8))
-        return spz_wrong(ctx, path, "another checksum", "the one it was written with");
+        return spz_fail(ctx, path, "another checksum", "the one it was written with");
     return OXL_OK;
 }
 
@@ -197,20 +196,20 @@ static oxl_result spz_read_header(oxl_context *ctx, const char *path, const unsi
 {
     char     seen[100];
     uint32_t version = bytes_u32(data + 4);
-    if (memcmp(data, "NGSP", 4) != 0) return spz_wrong(ctx, path, "gzip data of another kind", "an SPZ file");
+    if (memcmp(data, "NGSP", 4) != 0) return spz_fail(ctx, path, "gzip data of another kind", "an SPZ file");
     if (version < 2 || version > 3) {
         snprintf(seen, sizeof seen, "SPZ version %lu", (unsigned long)version);
-        return spz_wrong(ctx, path, seen, "version 2 or 3");
+        return spz_fail(ctx, path, seen, "version 2 or 3");
     }
     *l = (struct spz_layout){.version = (int)version, .count = bytes_u32(data + 8), .degree = data[12], .bits = data[13]};
     if (l->degree > SPZ_DEGREES || l->bits > 23) {
         snprintf(seen, sizeof seen, "degree %d and %d fractional bits", l->degree, l->bits);
-        return spz_wrong(ctx, path, seen, "degree 0 to 4 and 0 to 23 bits");
+        return spz_fail(ctx, path, seen, "degree 0 to 4 and 0 to 23 bits");
     }
     if (l->count <= (size - SPZ_HEADER) / 19) spz_lay_out(l); /* 19: the least a Gaussian has in version 2 */
     if (l->end == 0 || l->end > size) {
         snprintf(seen, sizeof seen, "%zu Gaussians of degree %d in %zu bytes", l->count, l->degree, size);
-        return spz_wrong(ctx, path, seen, "the bytes for them");
+        return spz_fail(ctx, path, seen, "the bytes for them");
     }
     return OXL_OK;
 }

@@ -118,7 +118,7 @@ static oxl_result colmap_read_observations(struct colmap_reader *r, struct colma
         if (rc == OXL_OK) rc = colmap_read_match(r, &o->point);
         if (rc == OXL_OK && !(fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX)) {
             *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
-            colmap_warn(r, ODD_OBSERVATION);
+            colmap_warn(r, WARN_OBSERVATION);
         }
         out->observation_count++;
     }
@@ -169,7 +169,7 @@ static oxl_result colmap_read_second_line(struct colmap_reader *r, int keep, str
 {
     if (!colmap_next_line(r)) return r->rc;
     if (r->cursor < r->end && (*r->cursor == '#' || colmap_is_pose(r))) {
-        colmap_warn(r, ODD_NO_POINTS_LINE);
+        colmap_warn(r, WARN_NO_POINTS_LINE);
         r->next = r->cursor;
         r->line--;
         return OXL_OK;
@@ -205,15 +205,15 @@ enum { COLMAP_FILES = 3 };
 static const char *const colmap_names[2][COLMAP_FILES] = {{"cameras.txt", "images.txt", "points3D.txt"},
                                                           {"cameras.bin", "images.bin", "points3D.bin"}};
 
-struct colmap_found { /* the three files of one format */
+struct colmap_files { /* the three files of one format */
     int         count;
     const char *missing;  /* the first missing file */
     int64_t     modified; /* of the newest */
 };
 
-static oxl_result colmap_look(oxl_context *ctx, const char *folder, enum colmap_format format, struct colmap_found *out)
+static oxl_result colmap_find_files(oxl_context *ctx, const char *folder, enum colmap_format format, struct colmap_files *out)
 {
-    *out = (struct colmap_found){.count = 0};
+    *out = (struct colmap_files){.count = 0};
     for (int i = 0; i < COLMAP_FILES; i++) {
         char *path = oxl_path_join(ctx, folder, colmap_names[format][i]);
         if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to look for %s", folder, colmap_names[format][i]);
@@ -231,9 +231,9 @@ static oxl_result colmap_look(oxl_context *ctx, const char *folder, enum colmap_
 /* Text if both have the same age: text files may have been edited. */
 static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colmap_format *out)
 {
-    struct colmap_found text, binary;
-    oxl_result          rc = colmap_look(ctx, folder, COLMAP_TEXT, &text);
-    if (rc == OXL_OK) rc = colmap_look(ctx, folder, COLMAP_BINARY, &binary);
+    struct colmap_files text, binary;
+    oxl_result          rc = colmap_find_files(ctx, folder, COLMAP_TEXT, &text);
+    if (rc == OXL_OK) rc = colmap_find_files(ctx, folder, COLMAP_BINARY, &binary);
     if (rc != OXL_OK) return rc;
     *out = binary.count == COLMAP_FILES && (text.count < COLMAP_FILES || binary.modified > text.modified) ? COLMAP_BINARY
                                                                                                           : COLMAP_TEXT;

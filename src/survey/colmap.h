@@ -16,7 +16,7 @@ struct colmap_index {
     size_t    slots; /* a power of 2, at least twice the rows */
 };
 
-enum colmap_oddity { ODD_NO_POINTS_LINE, ODD_OBSERVATION, ODD_QUATERNION, ODD_POSITION, ODD_ERROR, ODD_TRACK, ODD_COUNT };
+enum colmap_warning { WARN_NO_POINTS_LINE, WARN_OBSERVATION, WARN_QUATERNION, WARN_POSITION, WARN_ERROR, WARN_TRACK, WARN_COUNT };
 
 #define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
 #define COLMAP_FIX_SAME   "export all three files from the same COLMAP model"
@@ -41,7 +41,7 @@ struct colmap_reader {
     uint64_t            declared;     /* rows stated by COLMAP's comment at the start of the file; 0: not stated */
     int                 is_quiet;     /* 1: no messages; `suppressed` is set instead */
     int                 suppressed;
-    size_t              odd[ODD_COUNT];
+    size_t              warned[WARN_COUNT];
     struct colmap_index cameras, images;
     size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
 };
@@ -63,7 +63,7 @@ OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next
 
 /* The error of the field at `token`: "seen ..., wanted WHAT, KIND". */
 OXL_INTERNAL oxl_result  colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind);
-OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_oddity kind);
+OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_warning kind);
 OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64]); /* a field, printable in a message */
 
 /* Fields. Each function moves the cursor past its field. */

@@ -39,8 +39,8 @@ static uint64_t binary_left(const struct colmap_reader *r)
     return r->file.size > binary_offset(r) ? r->file.size - binary_offset(r) : 0;
 }
 
-static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...) OXL_PRINTF(4, 5);
-static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...)
+static oxl_result binary_fail(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...) OXL_PRINTF(4, 5);
+static oxl_result binary_fail(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...)
 {
     char    seen[200];
     va_list args;
@@ -57,7 +57,7 @@ static oxl_result binary_take(struct colmap_reader *r, size_t size, const char *
     while ((size_t)(r->limit - r->next) < size && !r->at_end)
         if (colmap_fill(r) != OXL_OK) return r->rc;
     if ((size_t)(r->limit - r->next) < size)
-        return binary_wrong(r, binary_offset(r) + (uint64_t)(r->limit - r->next), what, "the end of the file");
+        return binary_fail(r, binary_offset(r) + (uint64_t)(r->limit - r->next), what, "the end of the file");
     *out = r->next;
     r->next += size;
     return OXL_OK;
@@ -85,13 +85,13 @@ static oxl_result binary_count(struct colmap_reader *r, const char *what, size_t
     if (rc != OXL_OK) return rc;
     *out = bytes_get(p, 8);
     if (*out <= binary_left(r) / least) return OXL_OK;
-    return binary_wrong(r, at, what, "the number %" PRIu64 " where %" PRIu64 " bytes follow", *out, binary_left(r));
+    return binary_fail(r, at, what, "the number %" PRIu64 " where %" PRIu64 " bytes follow", *out, binary_left(r));
 }
 
 static oxl_result binary_finite(struct colmap_reader *r, const char *p, const char *what, double *out)
 {
     *out = bytes_double(p);
-    return fabs(*out) <= DBL_MAX ? OXL_OK : binary_wrong(r, binary_offset(r), what, "%g", *out);
+    return fabs(*out) <= DBL_MAX ? OXL_OK : binary_fail(r, binary_offset(r), what, "%g", *out);
 }
 
 /* Bytes after the last record are an error. */
@@ -111,7 +111,7 @@ static oxl_result binary_parameters(struct colmap_reader *r, struct colmap_camer
     for (int i = 0; i < c->parameter_count && rc == OXL_OK; i++) {
         rc = binary_finite(r, p + 8 * i, "a finite parameter", &c->parameter[i]);
         if (rc == OXL_OK && i < camera_model_at(c->model)->focal_count && !(c->parameter[i] > 0))
-            rc = binary_wrong(r, binary_offset(r), "a focal length of more than 0 px", "%g", c->parameter[i]);
+            rc = binary_fail(r, binary_offset(r), "a focal length of more than 0 px", "%g", c->parameter[i]);
     }
     return rc;
 }
@@ -136,7 +136,7 @@ static oxl_result binary_camera(struct colmap_reader *r, struct colmap_camera *c
             "fix: let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path OUT",
             r->path, at + 4, r->line, c->model, camera_model_count() - 1, camera_model_list());
     if (width < 1 || height < 1 || width > INT_MAX || height > INT_MAX)
-        return binary_wrong(r, at + 8, "a width and a height of 1 to 2147483647 px", "%" PRIu64 " x %" PRIu64, width, height);
+        return binary_fail(r, at + 8, "a width and a height of 1 to 2147483647 px", "%" PRIu64 " x %" PRIu64, width, height);
     c->width           = (int)width;
     c->height          = (int)height;
     c->parameter_count = camera_model_at(c->model)->parameter_count;
@@ -148,7 +148,7 @@ static oxl_result binary_cameras(struct colmap_reader *r)
     struct colmap *out   = r->out;
     uint64_t       count = 0;
     oxl_result     rc    = binary_count(r, "the number of cameras", BINARY_CAMERA_LEAST, &count);
-    if (rc == OXL_OK && count == 0) rc = binary_wrong(r, 0, "a camera", "none");
+    if (rc == OXL_OK && count == 0) rc = binary_fail(r, 0, "a camera", "none");
     while (rc == OXL_OK && out->camera_count < count) {
         struct colmap_camera camera = {0};
         r->line++;
@@ -171,11 +171,11 @@ static oxl_result binary_name(struct colmap_reader *r, size_t *name)
            r->limit - r->next <= BINARY_NAME_LONGEST)
         if (colmap_fill(r) != OXL_OK) return r->rc;
     if (!zero || zero - r->next > BINARY_NAME_LONGEST)
-        return binary_wrong(r, binary_offset(r), "a name that ends in a zero byte", "%zu bytes without one",
-                            (size_t)OXL_MIN(r->limit - r->next, (ptrdiff_t)BINARY_NAME_LONGEST));
+        return binary_fail(r, binary_offset(r), "a name that ends in a zero byte", "%zu bytes without one",
+                           (size_t)OXL_MIN(r->limit - r->next, (ptrdiff_t)BINARY_NAME_LONGEST));
     size = (size_t)(zero - r->next);
     if (memchr(r->next, '\n', size) || memchr(r->next, '\r', size))
-        return binary_wrong(r, binary_offset(r), "a name of one line", "a line end in a name");
+        return binary_fail(r, binary_offset(r), "a name of one line", "a line end in a name");
     rc = binary_take(r, size + 1, "a name", &p);
     if (rc != OXL_OK) return rc;
     r->cursor = p;
@@ -206,7 +206,7 @@ static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_
     const uint64_t id = bytes_get(p, 8);
     *out              = id == UINT64_MAX ? -1 : (int64_t)(id & INT64_MAX);
     return id == UINT64_MAX || id <= INT64_MAX ? OXL_OK
-                                               : binary_wrong(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
+                                               : binary_fail(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
 }
 
 static oxl_result binary_observation(struct colmap_reader *r, struct colmap_observation *o)
@@ -219,7 +219,7 @@ static oxl_result binary_observation(struct colmap_reader *r, struct colmap_obse
     o->y = bytes_double(p + 8);
     if (fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX) return OXL_OK;
     *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
-    colmap_warn(r, ODD_OBSERVATION);
+    colmap_warn(r, WARN_OBSERVATION);
     return OXL_OK;
 }
 
@@ -272,7 +272,7 @@ static oxl_result binary_track(struct colmap_reader *r, uint64_t length, struct 
         uint32_t         row;
         if (rc != OXL_OK) return rc;
         row = *colmap_index_slot(&r->images, out->image, sizeof *out->image, (int64_t)bytes_u32(p));
-        if (row == 0) colmap_warn(r, ODD_TRACK);
+        if (row == 0) colmap_warn(r, WARN_TRACK);
         else out->track[out->track_count + point->track_count++] = (struct colmap_track){row - 1, bytes_u32(p + 4)};
     }
     return OXL_OK;
@@ -290,9 +290,9 @@ static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct co
     point->error = bytes_double(p + 35);
     rc           = binary_count(r, "the length of a track", BINARY_TRACK, length);
     if (rc == OXL_OK && *length * BINARY_TRACK + more * BINARY_POINT > binary_left(r))
-        rc = binary_wrong(r, binary_offset(r) - 8, "the length of a track",
-                          "the number %" PRIu64 " where %" PRIu64 " bytes and as many points as %" PRIu64 " follow", *length,
-                          binary_left(r), more);
+        rc = binary_fail(r, binary_offset(r) - 8, "the length of a track",
+                         "the number %" PRIu64 " where %" PRIu64 " bytes and as many points as %" PRIu64 " follow", *length,
+                         binary_left(r), more);
     return rc;
 }
 

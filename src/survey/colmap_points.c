@@ -30,7 +30,7 @@ struct points_rows { /* capacity for a full window, divided into pieces */
 /* ---------------------------------------------------------------- a line */
 
 /* Fast path: an integer of at most 9 digits. 0: any other field; the cursor stays. */
-static inline int points_plain(const char **cursor, const char *end, uint32_t *out)
+static inline int points_short_integer(const char **cursor, const char *end, uint32_t *out)
 {
     const char *p     = *cursor, *first;
     uint32_t    value = 0, digit;
@@ -48,7 +48,7 @@ static oxl_result points_read_track_entry(struct colmap_reader *r, int64_t *imag
     uint32_t    plain;
     int64_t     index = 0;
     oxl_result  rc;
-    if (points_plain(&p, r->end, &plain) && points_plain(&p, r->end, observation)) {
+    if (points_short_integer(&p, r->end, &plain) && points_short_integer(&p, r->end, observation)) {
         *image    = plain;
         r->cursor = p;
         return OXL_OK;
@@ -69,7 +69,7 @@ static oxl_result points_read_track(struct colmap_reader *r, struct points_piece
         if (rc != OXL_OK) break;
         slot = *colmap_index_slot(&r->images, r->out->image, sizeof *r->out->image, image);
         if (slot == 0) {
-            colmap_warn(r, ODD_TRACK);
+            colmap_warn(r, WARN_TRACK);
             continue;
         }
         to->track[to->tracks + point->track_count++] = (struct colmap_track){slot - 1, observation};
@@ -168,9 +168,9 @@ static oxl_result points_report(struct colmap_reader *r, const char *const *begi
     for (int i = 0; i < POINTS_PIECES; i++) {
         struct points_piece *p = &piece[i];
         if (p->reader.suppressed) {
-            memcpy(p->reader.odd, r->odd, sizeof r->odd);
+            memcpy(p->reader.warned, r->warned, sizeof r->warned);
             points_read_piece(p, begin[i], 0, r->line);
-            memcpy(r->odd, p->reader.odd, sizeof r->odd);
+            memcpy(r->warned, p->reader.warned, sizeof r->warned);
             p->reader.line -= r->line;
         }
         if (p->rc != OXL_OK) return p->rc;

@@ -34,9 +34,9 @@ static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, co
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- what is odd, and yet read */
+/* ---------------------------------------------------------------- deviations that are read with a warning */
 
-static const char *const colmap_oddity_text[ODD_COUNT] = {
+static const char *const colmap_warning_text[WARN_COUNT] = {
     "the image before has no line of 2D points; it is taken as empty",
     "a 2D point without a finite position; it is taken as unmatched",
     "a quaternion whose length is not 1; it is normalised",
@@ -147,12 +147,12 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r)
 
 OXL_INTERNAL void colmap_close(struct colmap_reader *r)
 {
-    for (int i = 0; i < ODD_COUNT; i++) {
-        if (r->odd[i] > COLMAP_LOGGED_MAX)
-            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path, r->odd[i] - COLMAP_LOGGED_MAX,
-                    colmap_oddity_text[i]);
-        r->out->warnings += r->odd[i];
-        r->odd[i] = 0;
+    for (int i = 0; i < WARN_COUNT; i++) {
+        if (r->warned[i] > COLMAP_LOGGED_MAX)
+            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path, r->warned[i] - COLMAP_LOGGED_MAX,
+                    colmap_warning_text[i]);
+        r->out->warnings += r->warned[i];
+        r->warned[i] = 0;
     }
     os_reader_close(&r->file);
     oxl_free(r->ctx, r->path);
@@ -161,12 +161,12 @@ OXL_INTERNAL void colmap_close(struct colmap_reader *r)
 
 /* ---------------------------------------------------------------- lines and fields */
 
-OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_oddity kind)
+OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_warning kind)
 {
     r->suppressed = 1;
     if (r->is_quiet) return;
-    if (r->odd[kind]++ < COLMAP_LOGGED_MAX)
-        oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_oddity_text[kind]);
+    if (r->warned[kind]++ < COLMAP_LOGGED_MAX)
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_warning_text[kind]);
 }
 
 OXL_INTERNAL int colmap_next_line(struct colmap_reader *r)
@@ -323,11 +323,11 @@ OXL_INTERNAL int colmap_check_point(struct colmap_reader *r, struct colmap_point
 {
     for (int i = 0; i < 3; i++)
         if (!(fabs(point->position[i]) <= DBL_MAX)) {
-            colmap_warn(r, ODD_POSITION);
+            colmap_warn(r, WARN_POSITION);
             return 0;
         }
     if (!(fabs(point->error) <= DBL_MAX)) {
-        colmap_warn(r, ODD_ERROR);
+        colmap_warn(r, WARN_ERROR);
         point->error = -1;
     }
     return 1;
@@ -371,7 +371,7 @@ OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const dou
             "%s:%d: seen the quaternion %g %g %g %g, wanted a rotation (length 1)\nfix: delete this image from the model "
             "(colmap image_deleter) and export it once more",
             r->path, r->line, q[0], q[1], q[2], q[3]);
-    if (fabs(length - 1) > 1e-2) colmap_warn(r, ODD_QUATERNION);
+    if (fabs(length - 1) > 1e-2) colmap_warn(r, WARN_QUATERNION);
     return OXL_OK;
 }
 

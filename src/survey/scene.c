@@ -96,7 +96,7 @@ static const struct scene_key *scene_find_key(const struct scene_key *keys, size
     return bsearch(&wanted, keys, count, sizeof *keys, scene_compare_keys);
 }
 
-/* ---------------------------------------------------------------- images that are not there */
+/* ---------------------------------------------------------------- missing images */
 
 static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double share)
 {
@@ -161,7 +161,7 @@ struct scene_build { /* working data of scene construction */
 };
 
 /* Prefixes an error about a line of the survey's files with the folder. */
-static oxl_result scene_say_where(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
+static oxl_result scene_prefix_folder(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
 {
     char said[sizeof ctx->error];
     memcpy(said, ctx->error, sizeof said);
@@ -175,7 +175,7 @@ static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, s
     oxl_result                  rc;
     if (b->ideal[camera].width) return OXL_OK;
     rc = camera_undistorted(ctx, from, &b->ideal[camera]);
-    if (rc != OXL_OK) return scene_say_where(ctx, scene, rc);
+    if (rc != OXL_OK) return scene_prefix_folder(ctx, scene, rc);
     scene->on_disk[camera] = b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
     b->ideal[camera]       = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
@@ -354,7 +354,7 @@ OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const doubl
 }
 
 /* GLOMAP and others write 0 0 0 for all points. Black Gaussians would stay black, since the clamp of colours at 0 has gradient 0. */
-static void scene_mend_colours(oxl_context *ctx, oxl_scene *scene)
+static void scene_default_colours(oxl_context *ctx, oxl_scene *scene)
 {
     int coloured = 0;
     for (size_t i = 0; i < scene->point_count && !coloured; i++)
@@ -383,7 +383,7 @@ static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
                 c->point_count - scene->point_count, c->point_count);
     if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "points3D.txt holds no points");
-    scene_mend_colours(ctx, scene);
+    scene_default_colours(ctx, scene);
     return OXL_OK;
 }
 

@@ -87,10 +87,10 @@ OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, c
     if (rc == OXL_OK) rc = json_survey_open(&r, path, &map);
     if (rc == OXL_OK)
         rc = strcmp(out->images_file, "transforms.json") ? opensfm_read(&r, map.data) : nerfstudio_read(&r, map.data);
-    if (rc == OXL_OK && out->image_count == 0) rc = json_survey_wrong(&r, "the images", "none", "one or more");
+    if (rc == OXL_OK && out->image_count == 0) rc = json_survey_fail(&r, "the images", "none", "one or more");
     if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0; /* the folder alone */
     out->folder = path;
-    out->warnings += r.odd[ODD_QUATERNION];
+    out->warnings += r.warned[WARN_QUATERNION];
     os_release_file(ctx, &map);
     oxl_free(ctx, r.path);
     if (rc != OXL_OK) colmap_free(ctx, out);
@@ -149,9 +149,9 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     return rc;
 }
 
-/* ---------------------------------------------------------------- images that are not there */
+/* ---------------------------------------------------------------- missing images */
 
-struct survey_find_hunt {
+struct survey_find_search {
     oxl_context *ctx;
     const char  *folder, *wanted; /* wanted: base name */
     int          depth;
@@ -171,13 +171,13 @@ static int survey_find_is_like(const char *a, const char *b)
     return 1;
 }
 
-static void survey_find_visit_hunt(void *user, const char *name)
+static void survey_find_visit_entry(void *user, const char *name)
 {
-    struct survey_find_hunt *h    = user;
-    char                    *path = h->found[0] ? NULL : oxl_path_join(h->ctx, h->folder, name);
+    struct survey_find_search *h    = user;
+    char                      *path = h->found[0] ? NULL : oxl_path_join(h->ctx, h->folder, name);
     if (path && os_is_folder(path) && h->depth < 3) {
-        struct survey_find_hunt deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
-        os_list_folder(h->ctx, path, survey_find_visit_hunt, &deeper);
+        struct survey_find_search deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
+        os_list_folder(h->ctx, path, survey_find_visit_entry, &deeper);
         memcpy(h->found, deeper.found, sizeof h->found);
     } else if (path && survey_find_is_like(name, h->wanted)) {
         snprintf(h->found, sizeof h->found, "%s", path);
@@ -187,7 +187,7 @@ static void survey_find_visit_hunt(void *user, const char *name)
 
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size)
 {
-    struct survey_find_hunt hunt = {.ctx = ctx, .folder = folder, .wanted = path_base_name(name)};
-    os_list_folder(ctx, folder, survey_find_visit_hunt, &hunt);
-    snprintf(out, size, "%s", hunt.found);
+    struct survey_find_search search = {.ctx = ctx, .folder = folder, .wanted = path_base_name(name)};
+    os_list_folder(ctx, folder, survey_find_visit_entry, &search);
+    snprintf(out, size, "%s", search.found);
 }
