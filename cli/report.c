@@ -371,24 +371,20 @@ static void report_compose(struct report *r)
 
 static oxl_result report_save(struct report *r, char *error, size_t error_size)
 {
-    struct output_file file;
-    char               path[1024];
+    char path[1024];
     if (snprintf(path, sizeof path, "%s/report.html", r->out) >= (int)sizeof path) {
         snprintf(error, error_size, "report: the folder's name is too long");
         return OXL_ERR_USAGE;
     }
-    output_file_open(&file, path);
-    output_file_bytes(&file, r->page.data, r->page.used);
-    if (output_file_close(&file)) return OXL_OK;
+    if (output_save(&r->page, path)) return OXL_OK;
     snprintf(error, error_size, "report: cannot write %s\nfix: check free disk space and permissions", path);
     return OXL_ERR_IO;
 }
 
 oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t error_size)
 {
-    struct report r  = {.ctx = ctx, .out = out};
+    struct report r  = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
     oxl_result    rc = OXL_OK;
-    r.run            = report_read(&r, "run.json", NULL);
     if (!json_member(r.run, "job")) {
         snprintf(error, error_size, "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
         free(r.run);

@@ -43,11 +43,8 @@ struct report {
 
 /* ---------------------------------------------------------------- report_read.c */
 
-void  report_open(struct report *r); /* r->run is there */
-void  report_close(struct report *r);
-/* OUT/name as text in fresh memory, or NULL; size may be NULL. */
-char *report_read(const struct report *r, const char *name, size_t *size);
-
+void        report_open(struct report *r); /* r->run is there */
+void        report_close(struct report *r);
 /* "block 3", "refinement"; returns out. */
 const char *report_part(const struct report *r, int part, char out[40]);
 #define REPORT_PART(r, part) report_part(r, part, (char[40]){0})

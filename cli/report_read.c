@@ -10,28 +10,6 @@ enum { REPORT_BLOCKS = 100000 };
 static const char *const REPORT_NAMES[REPORT_COLUMNS] = {"iteration", "loss",  "psnr",  "gaussians",
                                                          "seconds",   "f_mid", "f_far", "peak_rss_bytes"};
 
-char *report_read(const struct report *r, const char *name, size_t *size)
-{
-    const size_t length = strlen(r->out) + strlen(name) + 2;
-    char        *path = malloc(length), *text = NULL;
-    FILE        *file;
-    long         end;
-    if (!path) return NULL;
-    snprintf(path, length, "%s/%s", r->out, name);
-    file = fopen(path, "rb");
-    free(path);
-    if (!file) return NULL;
-    if (fseek(file, 0, SEEK_END) == 0 && (end = ftell(file)) >= 0 && fseek(file, 0, SEEK_SET) == 0)
-        text = malloc((size_t)end + 1);
-    if (text) {
-        const size_t got = fread(text, 1, (size_t)end, file);
-        text[got]        = 0;
-        if (size) *size = got;
-    }
-    fclose(file);
-    return text;
-}
-
 /* Our column at each position of the file; -1: none. */
 static int report_columns(const char *text, int *column, int most)
 {
@@ -84,9 +62,9 @@ static void report_read_block(struct report *r, int k)
     char name[64], folder[32] = "blocks/coarse", *log;
     if (k < r->blocks) snprintf(folder, sizeof folder, "blocks/%03d", k);
     snprintf(name, sizeof name, "%s/block.json", folder);
-    r->block[k].json = report_read(r, name, NULL);
+    r->block[k].json = output_read(r->out, name, NULL);
     snprintf(name, sizeof name, "%s/log.csv", folder);
-    log = report_read(r, name, NULL);
+    log = output_read(r->out, name, NULL);
     if (log) report_read_log(r, &r->block[k], log);
     free(log);
 }
@@ -97,7 +75,7 @@ void report_open(struct report *r)
     r->job              = json_member(r->run, "job");
     r->survey           = json_member(r->run, "survey");
     r->scene            = json_string(json_member(r->job, "scene"));
-    r->metrics          = report_read(r, "metrics.json", NULL);
+    r->metrics          = output_read(r->out, "metrics.json", NULL);
     r->blocks           = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
     r->block            = calloc((size_t)r->blocks + 1, sizeof *r->block);
     if (!r->block) r->page.failed = 1, r->blocks = 0;

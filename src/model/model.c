@@ -243,15 +243,24 @@ OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model,
  */
 
 struct model_key {
-    uint64_t code; /* Morton code: 21 bits an axis, interleaved */
-    size_t   index;
+    uint64_t         code; /* Morton code: 21 bits an axis, interleaved */
+    const oxl_point *point;
 };
 
-static int model_by_code(const void *a, const void *b)
+static int model_compare_places(const struct model_key *x, const struct model_key *y)
+{
+    const double *p = x->point->position, *q = y->point->position;
+    for (int a = 0; a < 3; a++)
+        if (p[a] != q[a]) return p[a] < q[a] ? -1 : 1;
+    return 0;
+}
+
+/* By Morton code, then place, then row. */
+static int model_compare_keys(const void *a, const void *b)
 {
     const struct model_key *x = a, *y = b;
-    if (x->code != y->code) return x->code < y->code ? -1 : 1;
-    return x->index < y->index ? -1 : x->index > y->index;
+    const int               c = x->code != y->code ? (x->code < y->code ? -1 : 1) : model_compare_places(x, y);
+    return c ? c : (x->point > y->point) - (x->point < y->point);
 }
 
 static uint64_t model_spread_bits(uint64_t x) /* bit i to bit 3 i, for 21 bits */
@@ -277,13 +286,23 @@ static void model_sort_by_code(const oxl_point *points, size_t count, struct mod
         side = OXL_MAX(side, high - low[a]);
     }
     for (size_t i = 0; i < count; i++) {
-        key[i] = (struct model_key){0, i};
+        key[i] = (struct model_key){0, &points[i]};
         for (int a = 0; a < 3 && side > 0; a++) {
             const double cell = (points[i].position[a] - low[a]) / side * 2097151.0; /* 2^21 - 1 */
             key[i].code |= model_spread_bits((uint64_t)cell) << a;
         }
     }
-    qsort(key, count, sizeof *key, model_by_code);
+    qsort(key, count, sizeof *key, model_compare_keys);
+}
+
+/* Of points at the same place the first one stays; returns how many stay. Without this a million points at one place would be a million
+ * Gaussians of unit width, each in every pixel. */
+static size_t model_drop_coincident(struct model_key *key, size_t count)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < count; i++)
+        if (kept == 0 || model_compare_places(&key[i], &key[kept - 1]) != 0) key[kept++] = key[i];
+    return kept;
 }
 
 /* ---------------------------------------------------------------- start from points: the 3 nearest neighbours
@@ -341,38 +360,6 @@ static void model_select(struct model_site *site, size_t first, size_t end, size
         if (nth <= j) end = j + 1;
         else first = j + 1;
     }
-}
-
-/* By place, then row. */
-static int model_by_place(const void *a, const void *b)
-{
-    const struct model_site *x = a, *y = b;
-    for (int k = 0; k < 3; k++)
-        if (x->x[k] != y->x[k]) return x->x[k] < y->x[k] ? -1 : 1;
-    return x->row < y->row ? -1 : x->row > y->row;
-}
-
-/* Of points at the same place the first one stays; returns how many stay. site (count) is scratch. Without this a million points at one
- * place would be a million Gaussians of unit width, each in every pixel. */
-static size_t model_drop_coincident(const oxl_point *points, struct model_key *key, size_t count, struct model_site *site)
-{
-    size_t kept = 0;
-    for (size_t first = 0, end; first < count; first = end) {
-        const uint64_t code = key[first].code;
-        const size_t   run  = kept;
-        for (end = first; end < count && key[end].code == code; end++) {
-            struct model_site *s = &site[end - first];
-            memcpy(s->x, points[key[end].index].position, sizeof s->x);
-            s->row = key[end].index;
-        }
-        qsort(site, end - first, sizeof *site, model_by_place);
-        for (size_t i = 0; i < end - first; i++)
-            if (i == 0 || site[i].x[0] != site[i - 1].x[0] || site[i].x[1] != site[i - 1].x[1] ||
-                site[i].x[2] != site[i - 1].x[2])
-                key[kept++] = (struct model_key){code, site[i].row};
-        qsort(key + run, kept - run, sizeof *key, model_by_code);
-    }
-    return kept;
 }
 
 static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
@@ -468,12 +455,12 @@ static oxl_result model_check_points(oxl_context *ctx, const oxl_point *points, 
     return OXL_OK;
 }
 
-/* Row i is the point key[i].index, `width` its log width. */
-static void model_fill(oxl_model *model, const oxl_point *points, const struct model_key *key, const double *width)
+/* Row i is key[i].point, `width` its log width. */
+static void model_fill(oxl_model *model, const struct model_key *key, const double *width)
 {
     const float opacity = (float)vecmath_logit(MODEL_OPACITY);
     for (size_t i = 0; i < model->count; i++) {
-        const oxl_point *p = &points[key[i].index];
+        const oxl_point *p = key[i].point;
         for (int a = 0; a < 3; a++) {
             model->plane[OXL_MEAN + a][i]      = (float)p->position[a];
             model->plane[OXL_LOG_SCALE + a][i] = (float)width[i];
@@ -501,17 +488,17 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
         goto done;
     }
     model_sort_by_code(points, count, key);
-    count = tree.count = model_drop_coincident(points, key, count, tree.site);
+    count = tree.count = model_drop_coincident(key, count);
     rc                 = oxl_model_create(ctx, count, sh_degree, out);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < count; i++) {
-        memcpy(tree.site[i].x, points[key[i].index].position, sizeof tree.site[i].x);
+        memcpy(tree.site[i].x, key[i].point->position, sizeof tree.site[i].x);
         tree.site[i].row = i;
     }
     model_build_tree(&tree, 0, count);
     model_measure(ctx, &tree, width);
     rc = model_widths(ctx, width, count);
-    if (rc == OXL_OK) model_fill(out, points, key, width);
+    if (rc == OXL_OK) model_fill(out, key, width);
 done:
     oxl_free(ctx, width);
     oxl_free(ctx, tree.split);
