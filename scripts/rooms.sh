@@ -61,7 +61,8 @@ for layer in $layers; do
     files=$(ls src/"$layer"/*.c | wc -l)
     lines=$(cat src/"$layer"/*.[ch] | wc -l)
     used=$(for u in $used; do echo "$u"; done | sort -u | tr '\n' ' ' | sed 's/ $//; s/ /, /g')
-    printf '| `src/%s` | %s | %s | %s | %s |\n' "$layer" "$files" "$lines" "$header" "${used:-(nothing)}" >>"$table"
+    content=$(sed -n '1s/^[^-]* - \([^.]*\)\..*/\1/p' "src/$layer/$layer.h") # the header's first sentence
+    printf '| `src/%s` | %s | %s | %s | %s |\n' "$layer" "$content" "$files" "$lines" "${used:-(nothing)}" >>"$table"
 done
 for file in main.c cli/*.[ch] lab/*.[ch]; do
     for name in $(includes "$file"); do
@@ -73,7 +74,7 @@ for file in main.c cli/*.[ch] lab/*.[ch]; do
     done
 done
 
-{ echo '| layer | modules | lines | its header | headers used directly |'; echo '|---|--:|--:|--:|---|'; cat "$table"; } >"$table.page"
+{ echo '| layer | content | modules | lines | headers used |'; echo '|---|---|--:|--:|---|'; cat "$table"; } >"$table.page"
 cat "$table.page"
 printf 'src/ %s lines, cli/ and lab/ %s, main.c %s, oceanxl.h %s, oceanxl_job.h %s, backends/vulkan %s, reference/splat.c %s\n' \
     "$(cat src/*/*.[ch] | wc -l)" "$(cat cli/*.[ch] lab/*.[ch] | wc -l)" "$(wc -l <main.c)" "$(wc -l <oceanxl.h)" "$(wc -l <oceanxl_job.h)" \
