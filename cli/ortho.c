@@ -1,7 +1,7 @@
 /* ortho.c - an orthomosaic of a model, its world file, and a height model, all from straight above.
  *
- * A pinhole camera 1000 times farther away than the survey is wide, with a focal length to match: a point h above the mean
- * height is displaced by at most h / 2000, at the image's edge. Colours that change with the view are those seen from straight above.
+ * A pinhole camera 1000 times farther away than the survey is wide, with a focal length to match: a point h above the mean height
+ * is displaced by at most h / 2000, at the image's edge. Colours that change with the view are those seen from straight above.
  * World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the top-left pixel's centre.
  * Invariant: image to world coordinates is exact at the mean height.
  */

@@ -1,6 +1,7 @@
 /* report_map.c - the survey from above (frame.c): its points in their colours, the cameras on top.
  *
- * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are distinguishable at any size.
+ * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are distinguishable at any
+ * size.
  */
 #include "report.h"
 

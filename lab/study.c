@@ -182,8 +182,8 @@ static double study_next(const double *threshold, const double *off, int k)
     return threshold[k] - off[k] / slope;
 }
 
-/* A control: the densify threshold, the same at all depths, is adjusted until the number of Gaussians equals that of the row `like`. The
- * nearest trial is used. */
+/* A control: the densify threshold, the same at all depths, is adjusted until the number of Gaussians equals that of the row
+ * `like`. The nearest trial is used. */
 static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
 {
     const double wanted = s->value[study_row_index(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];

@@ -1,6 +1,7 @@
 /* synth_export.c - the three text files, in the layout of COLMAP's documentation ("Output Format").
  *
- * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports. Invariant: both ways round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
+ * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports. Invariant: both ways
+ * round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
  */
 #include "synth.h"
 

@@ -90,5 +90,9 @@ else # line counts change daily; the layers and what they use must be right
     cut -d'|' -f2,6 "$table.page" >"$table"
     between | cut -d'|' -f2,6 | diff - "$table" >/dev/null || complain "$page shows other layers. fix: scripts/rooms.sh write"
 fi
+# The map, the derivations and the paper's table name functions of today.
+for name in $(grep -oh '`[a-z][a-z0-9]*_[a-z0-9_]*`' docs/ARCHITECTURE.md docs/MATH.md docs/PAPER.md README.md | tr -d '`' | sort -u); do
+    grep -rqw "$name" src tests reference cli lab oceanxl.h oceanxl_job.h || complain "the documents name $name, which is nowhere in the code"
+done
 [ $wrong = 0 ] && echo 'rooms: 0 includes of higher layers'
 exit $wrong

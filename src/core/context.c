@@ -1,6 +1,7 @@
 /* context.c - the context: options, threads, interruption.
  *
- * Invariant: all memory of the library comes from ctx->options.reallocate, so that a caller can count it, limit it or make it fail.
+ * Invariant: all memory of the library comes from ctx->options.reallocate, so that a caller can count it, limit it or make it
+ * fail.
  */
 #include "core.h"
 #include "simd.h"

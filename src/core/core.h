@@ -1,9 +1,9 @@
-/* core.h - context, errors, memory, text, numbers, files, the table of options. Each layer has one header, with a section per module;
- * it includes headers of lower layers only (make rooms).
+/* core.h - context, errors, memory, text, numbers, files, the table of options. Each layer has one header, with a section per
+ * module; it includes headers of lower layers only (make rooms).
  *
- * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other modules; static functions
- * belong to their file. In the single translation unit OXL_INTERNAL is static; in separate modules (OXL_MODULES) it is extern, so
- * every dependency must be declared here.
+ * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other modules; static
+ * functions belong to their file. In the single translation unit OXL_INTERNAL is static; in separate modules (OXL_MODULES) it is
+ * extern, so every dependency must be declared here.
  */
 #ifndef OXL_CORE_H
 #define OXL_CORE_H

@@ -1,12 +1,12 @@
-/* options.c - the options of a training job: one table with a row per option, and its parser, printer and range checks. It lies in the lowest
- * layer because the functions of all layers take their defaults from it.
+/* options.c - the options of a training job: one table with a row per option, and its parser, printer and range checks. It lies
+ * in the lowest layer because the functions of all layers take their defaults from it.
  *
- * A new option is one row here, its field in oceanxl.h, and its use. Everything else is made from the table: defaults of each preset,
- * parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the manual page and
- * docs/OPTIONS.md.
+ * A new option is one row here, its field in oceanxl.h, and its use. Everything else is made from the table: defaults of each
+ * preset, parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the
+ * manual page and docs/OPTIONS.md.
  *
- * Invariants: row 0 is the preset. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does not
- * depend on the locale.
+ * Invariants: row 0 is the preset. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does
+ * not depend on the locale.
  */
 #include "core.h"
 

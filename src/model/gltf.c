@@ -1,12 +1,13 @@
 /* gltf.c - writes models as binary glTF files (GLB) with the extension KHR_gaussian_splatting.
  *
- * Source: the glTF 2.0 specification, 5.20 "GLB"; KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting (release candidate).
+ * Source: the glTF 2.0 specification, 5.20 "GLB"; KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting (release
+ * candidate).
  *
  *     "glTF" 2 length | length "JSON" text, padded with blanks | length "BIN\0" the arrays, one after the other
  *
- * All attributes are float: positions, unit quaternions x y z w, activated scales and opacities, harmonics by degree and order with the
- * signs of the standard PLY. The frame is converted (frame_flip.h); the origin is the node's translation, in 17 digits, and the model's
- * scale, if any, is extras.scale of the node. The format has no second lobes.
+ * All attributes are float: positions, unit quaternions x y z w, activated scales and opacities, harmonics by degree and order
+ * with the signs of the standard PLY. The frame is converted (frame_flip.h); the origin is the node's translation, in 17 digits,
+ * and the model's scale, if any, is extras.scale of the node. The format has no second lobes.
  *
  * Invariant: valid files: unit rotations, opacities in 0..1, finite scales, bounds of the positions.
  */

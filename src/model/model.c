@@ -1,10 +1,10 @@
 /* model.c - planes of Gaussians: create, grow, copy, assign second lobes, initialise from points.
  *
- * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
- * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts on
- * a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as long
- * as the packs of rows 0..lobes-1.
- * Rows from count to capacity are finite: model_clear_rows initialises new rows, and a smaller count leaves valid rows.
+ * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order). Invariant: one
+ * allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts on a
+ * 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as
+ * long as the packs of rows 0..lobes-1. Rows from count to capacity are finite: model_clear_rows initialises new rows, and a
+ * smaller count leaves valid rows.
  */
 #include "model.h"
 #include "../core/vecmath.h"
@@ -295,8 +295,8 @@ static void model_sort_by_code(const oxl_point *points, size_t count, struct mod
     qsort(key, count, sizeof *key, model_compare_keys);
 }
 
-/* Of points at the same place the first one stays; returns how many stay. Without this a million points at one place would be a million
- * Gaussians of unit width, each in every pixel. */
+/* Of points at the same place the first one stays; returns how many stay. Without this a million points at one place would be a
+ * million Gaussians of unit width, each in every pixel. */
 static size_t model_drop_coincident(struct model_key *key, size_t count)
 {
     size_t kept = 0;
@@ -429,8 +429,8 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
 
 #define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
 
-/* Mean squared distances to log widths. Almost coincident points would have almost width 0: 3DGS limits the square to 1e-7; our unit is
- * arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
+/* Mean squared distances to log widths. Almost coincident points would have almost width 0: 3DGS limits the square to 1e-7; our
+ * unit is arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;

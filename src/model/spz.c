@@ -8,8 +8,8 @@
  *     rotations (N) u32: the index of the largest of x y z w, then the others as sign and 9 bits of 511 q sqrt(2); version 2: x y z, u8
  *     harmonics past degree 0 (N, coefficients, 3) u8 = 128 c + 128, written in buckets of 2 (degree 1) and 4
  *
- * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952, 2.3.1), "origin X Y Z" and
- * "scale S" separated by a newline, which other readers skip. The format has no second lobes.
+ * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952, 2.3.1), "origin X Y Z"
+ * and "scale S" separated by a newline, which other readers skip. The format has no second lobes.
  *
  * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most 1032 bytes.
  */

@@ -1,5 +1,5 @@
-/* colmap.c - reads the text files of a COLMAP model (cameras.txt, images.txt, points3D.txt), and chooses between text and binary files
- * where a folder holds both.
+/* colmap.c - reads the text files of a COLMAP model (cameras.txt, images.txt, points3D.txt), and chooses between text and binary
+ * files where a folder holds both.
  *
  * Source: "Output Format" in COLMAP's documentation, and variants of other programs: CR LF, tabs, a missing line of 2D points,
  * decimal commas, -nan(ind). Recoverable deviations are read with a warning; others are an error that names file:line, the value
@@ -147,9 +147,9 @@ static size_t colmap_count_fields(const char *p, const char *end)
     return count;
 }
 
-/* 1: a line at the position of 2D points is the first line of an image: an integer, 7 numbers, an integer, and a name. Most names are
- * not numbers, which decides. With a numeric name, it is an image if the number of fields is not a multiple of 3, the rotation is
- * plausible and the camera exists. */
+/* 1: a line at the position of 2D points is the first line of an image: an integer, 7 numbers, an integer, and a name. Most names
+ * are not numbers, which decides. With a numeric name, it is an image if the number of fields is not a multiple of 3, the
+ * rotation is plausible and the camera exists. */
 static int colmap_is_pose(const struct colmap_reader *r)
 {
     const char *p = r->cursor;

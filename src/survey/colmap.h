@@ -46,8 +46,8 @@ struct colmap_reader {
     size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
 };
 
-/* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated. colmap_close: reports the number of
- * suppressed warnings and closes the file. */
+/* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated. colmap_close: reports the
+ * number of suppressed warnings and closes the file. */
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name);
 OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name); /* reads nothing yet */
 OXL_INTERNAL void       colmap_compare(struct colmap_reader *r, const char *what, size_t count);

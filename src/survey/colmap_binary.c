@@ -8,8 +8,8 @@
  *
  * rigs.bin and frames.bin of COLMAP 3.12 and later are not read: images.bin has each image's own pose.
  *
- * Invariant: the result equals that of the text export of the same model, except for the order of rows (colmap_order); messages name
- * the record instead of the line. A count is compared with the size of the file before memory is allocated for it.
+ * Invariant: the result equals that of the text export of the same model, except for the order of rows (colmap_order); messages
+ * name the record instead of the line. A count is compared with the size of the file before memory is allocated for it.
  */
 #include "colmap.h"
 #include "../core/bytes.h"

@@ -1,7 +1,7 @@
 /* depth_bands.c - assigns pixels of a view to the depth bands near, mid and far, from the survey's points.
  *
- * A pixel has the depth of the nearest point in the image (4-neighbour distance) that the view observes by its track; beyond BANDS_REACH it
- * has no band. Without tracks (scenes from arrays), a view observes all points that project into its image.
+ * A pixel has the depth of the nearest point in the image (4-neighbour distance) that the view observes by its track; beyond
+ * BANDS_REACH it has no band. Without tracks (scenes from arrays), a view observes all points that project into its image.
  *
  * Invariant: a function of the scene alone, so that metrics by depth use the same pixels for every model.
  */

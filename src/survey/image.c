@@ -1,8 +1,8 @@
 /* image.c - reads images (decode, undistort, reduce, mask) and writes PNG and JPEG.
  *
- * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which a test
- * checks. stb allocates with malloc, since its hooks have no context; that memory is freed before a function here returns, except
- * struct pixels (image_pixels_free).
+ * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which
+ * a test checks. stb allocates with malloc, since its hooks have no context; that memory is freed before a function here returns,
+ * except struct pixels (image_pixels_free).
  *
  * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
  */
@@ -18,8 +18,8 @@
 #pragma GCC diagnostic ignored "-Wsign-compare"
 #pragma GCC diagnostic ignored "-Wmissing-field-initializers"
 #endif
-/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, a macro for
- * a function misspelt in stb_image 2.27, and stdio in the writer. */
+/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, a macro
+ * for a function misspelt in stb_image 2.27, and stdio in the writer. */
 #define STB_IMAGE_STATIC
 #define STB_IMAGE_IMPLEMENTATION
 #define STBI_NO_STDIO
@@ -80,9 +80,9 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), accepts a second
- * frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the markers; a
- * preview inside a segment is skipped with it. */
+/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), accepts a
+ * second frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the
+ * markers; a preview inside a segment is skipped with it. */
 static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;

@@ -1,8 +1,8 @@
 /* nerfstudio.c - transforms.json of nerfstudio and instant-ngp, with the points of a PLY file if it names one.
  *
- * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w h; k1 k2 k3 p1 p2, or
- * k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x). transform_matrix is camera to world with x right, y up,
- * z back; file_path starts from the file's folder; ply_file_path too, in the same world.
+ * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w h; k1 k2 k3 p1 p2,
+ * or k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x). transform_matrix is camera to world with x
+ * right, y up, z back; file_path starts from the file's folder; ply_file_path too, in the same world.
  *
  * Masks of frames are not read: those in SCENE/masks are.
  */

@@ -1,7 +1,8 @@
 /* opensfm.c - reconstruction.json of OpenSfM and OpenDroneMap: the reconstruction with most shots in it.
  *
- * Source: opensfm.org, "Dataset structure" and "Camera models" (mapillary/OpenSfM). The normalised image has its origin in the middle
- * and the longer side as its unit: px = size x + w/2, in COLMAP's pixels. Poses are world to camera, as an angle times an axis. Models:
+ * Source: opensfm.org, "Dataset structure" and "Camera models" (mapillary/OpenSfM). The normalised image has its origin in the
+ * middle and the longer side as its unit: px = size x + w/2, in COLMAP's pixels. Poses are world to camera, as an angle times an
+ * axis. Models:
  *
  *     perspective    focal k1 k2                         RADIAL
  *     simple_radial, radial   focal_x focal_y c_x c_y k1 k2        OPENCV

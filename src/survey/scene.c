@@ -1,8 +1,8 @@
 /* scene.c - views, points and images of a survey.
  *
- * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM coordinates (4 200 000 m) lose
- * no precision:  x_local = x_world - origin,  t_local = t + R origin.
- * The test split and the extent are those of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
+ * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM coordinates (4 200 000 m)
+ * lose no precision:  x_local = x_world - origin,  t_local = t + R origin. The test split and the extent are those of 3DGS (Kerbl
+ * 2023, reference code), made robust against an outlier camera.
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
@@ -494,8 +494,8 @@ OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, co
     return scene->decoded || !folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a folder");
 }
 
-/* The full image of a view, from the file that an earlier request has left, or decoded and left there. A file that cannot be written is
- * not needed. */
+/* The full image of a view, from the file that an earlier request has left, or decoded and left there. A file that cannot be
+ * written is not needed. */
 static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const char *path, const char *mask,
                                struct training_image *out)
 {

@@ -82,8 +82,8 @@ OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int ke
 /* The same with another window size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
                                                struct colmap *out);
-/* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Observations and tracks are not moved. OXL_ERR_INPUT
- * without a message: two points have the id *repeated. */
+/* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Observations and tracks are not moved.
+ * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
 OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
@@ -305,8 +305,9 @@ enum { QUALITY_NEIGHBOURS = 8 };
 #define QUALITY_BLUR 0.6 /* x the neighbours' sharpness, at most, and an image is blurred */
 /* Of `count` views, the indices of those that stand nearest to `of` and look the same way, the nearest first; returns how many. */
 OXL_INTERNAL int        quality_nearest(const oxl_scene *scene, const int *view, int count, int of, int out[QUALITY_NEIGHBOURS]);
-/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean: sharpness,
- * whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and a plain surface does not; or NULL. */
+/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean:
+ * sharpness, whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and a plain surface does
+ * not; or NULL. */
 OXL_INTERNAL double     quality_sharpness(const struct training_image *image, double *fine);
 /* Decodes every image; logs and counts blurred and badly exposed ones. */
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
