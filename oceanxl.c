@@ -62,9 +62,9 @@
 #include "src/render/adam.c"     /* optimizer step */
 #include "src/render/renderer.c" /* chains the kernels above */
 #ifdef OXL_VULKAN
-#include "backends/vulkan/device.c"   /* loader, instance, device; only in builds with make VULKAN=1 */
-#include "backends/vulkan/memory.c"   /* buffers and memory limits */
 #include "backends/vulkan/passes.c"   /* commands, compute shaders */
+#include "backends/vulkan/memory.c"   /* buffers and memory limits */
+#include "backends/vulkan/device.c"   /* loader, instance, device; only in builds with make VULKAN=1 */
 #include "backends/vulkan/resident.c" /* data that stays on the device between steps */
 #include "backends/vulkan/renderer.c" /* functions of the renderer as passes */
 #endif
