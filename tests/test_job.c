@@ -340,6 +340,23 @@ TEST(job_in_blocks_that_is_stopped_anywhere_ends_in_the_same_bytes)
     }
 }
 
+TEST(job_in_blocks_of_a_wholly_black_survey_ends_with_a_model)
+{
+    oxl_job_options options  = job_test_blocks();
+    const char     *survey   = job_test_survey();
+    oxl_image       black    = {0};
+    options.train.iterations = 200;
+    CHECK_OK(oxl_image_create(test_ctx, JOB_WIDTH, JOB_HEIGHT, &black));
+    for (int i = 0; i < JOB_VIEWS; i++) {
+        char name[64];
+        snprintf(name, sizeof name, "survey/images/%d.png", i);
+        CHECK_OK(oxl_image_write(test_ctx, test_path(name), &black));
+    }
+    oxl_image_free(test_ctx, &black);
+    CHECK_OK(oxl_job_run(test_ctx, survey, test_path("out"), &options, NULL));
+    CHECK(os_is_file(test_path("out/scene.ply")));
+}
+
 /* Nine cameras along a wall of ten columns of points, 15 apart: a view shows a few of them. */
 static const char *job_test_strip(void)
 {

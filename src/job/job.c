@@ -384,7 +384,7 @@ static oxl_result job_make_partition(struct job *job, const char *path)
     if (rc == OXL_OK && !os_is_file(path)) {
         rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
         if (rc == OXL_OK) rc = start_check(job->ctx, &job->start, job->partition.block_count);
-        if (rc == OXL_OK && (job->partition.block_count > 1 || job->partition.memory > 0 || lock))
+        if (rc == OXL_OK && (job->partition.block_count > 1 || job->partition.memory > (double)job->options.ram || lock))
             rc = partition_save(job->ctx, &job->partition, job->out);
     } else if (rc == OXL_OK) rc = partition_read(job->ctx, path, &job->partition);
     oxl_unlock_folder(job->ctx, &lock);

@@ -194,6 +194,24 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     return OXL_OK;
 }
 
+/* A block without Gaussians, or with too little in every view, as of a survey that is wholly black: it stays as the coarse model has it. */
+static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_model *own)
+{
+    int windows = 0;
+    for (int v = 0; v < plan->views; v++) windows += plan->window[v].width > 0;
+    return own->count == 0 || windows == 0;
+}
+
+static oxl_result rounds_leave(struct job *job, int block, const struct block_task *task, const oxl_model *own)
+{
+    const struct block_record record = {.iterations = task->until, .gaussians = own->count};
+    char                     *path   = job_block_path(job, block, "model.ply");
+    oxl_result                rc     = path ? model_file_write_ply(job->ctx, path, own, own->sh_degree) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = block_write_finished(job->ctx, job->scene, task->folder, task->key, &record);
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
 static oxl_result rounds_train(struct rounds *r, int block, int round, const char *folder)
 {
     struct job              *job      = r->job;
@@ -218,9 +236,12 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     rc = rounds_read_gains(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, &r->coarse, &own, &others);
     oxl_model_free(job->ctx, &others);
-    if (rc == OXL_OK) rc = rounds_context(r, block, &context);
-    if (rc == OXL_OK) rc = rounds_budget(job, &context, &own, &task);
-    if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    if (rc == OXL_OK && rounds_has_nothing_to_train(plan, &own)) rc = rounds_leave(job, block, &task, &own);
+    else {
+        if (rc == OXL_OK) rc = rounds_context(r, block, &context);
+        if (rc == OXL_OK) rc = rounds_budget(job, &context, &own, &task);
+        if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    }
     oxl_model_free(job->ctx, &own);
     oxl_model_free(job->ctx, &context);
     return rc;
