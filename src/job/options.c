@@ -58,8 +58,7 @@ static const oxl_option OPTIONS[] = {
 {"blocks", "N", OXL_OPTION_INT, OPTION_AT(partition.blocks), 0, 100000, EACH("0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "split into about so many blocks, as for so many machines; 0: by --block-points", NULL},
 {"partition", "auto|2d|3d|none", OXL_OPTION_CHOICE, OPTION_AT(partition.kind), 0, 3, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "2d: never split along the third principal axis; auto: 2d for a flat survey; none: one block", NULL},
 {"split", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "balanced: equal numbers of points on both sides; midpoint: the baseline", NULL},
-{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "denser where water takes contrast: gradient weights of the middle and far depth band. on: 1.5 and 2; MID,FAR: searched from there during the run; MID,FAR,fixed: no search; auto: on if contrast fades with depth", NULL},
-{"ucd-bands", "thirds|quantiles|fading", OXL_OPTION_CHOICE, OPTION_AT(train.ucd.bands), 0, 2, EACH("thirds"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "limits of the depth bands: thirds of the largest depth, thirds of the points, or contrast of 4/5 and 1/2", NULL},
+{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the paper's weights of gradients in the middle and far depth band: more Gaussians there; at equal count no gain was measured. on: 1.5 and 2; MID,FAR: corrected by SPSA during the run; MID,FAR,fixed; auto: on if contrast fades with depth", NULL},
 {"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss", NULL},
 {"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "brightness and white balance that differ from image to image; auto: on, if validation views gain", NULL},
 {"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "a light that moves with the camera: a smooth gain over the image, falloff with distance (CPU, one block); auto: on, if validation views gain", NULL},
@@ -280,8 +279,7 @@ static int option_read_ucd(const char *text, oxl_ucd *out)
 {
     oxl_ucd ucd;
     if (oxl_ucd_parse(NULL, text, &ucd) != OXL_OK) return 0;
-    ucd.bands = out->bands; /* another option */
-    *out      = ucd;
+    *out = ucd;
     return 1;
 }
 

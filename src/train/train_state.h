@@ -8,7 +8,6 @@ enum train_trial {
     TRAIN_TRIES_NOTHING,
     TRAIN_TRIES_SH_DEGREE,
     TRAIN_TRIES_LOBES,
-    TRAIN_TRIES_WEIGHTS,
     TRAIN_TRIES_LAMP,
     TRAIN_TRIES_WATER
 };
@@ -87,6 +86,7 @@ struct train_branch { /* the state that a step changes */
     struct exposure exposure;
     struct water    water;
     struct lamp_fit lamp;
+    struct ucd      ucd;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
