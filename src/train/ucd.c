@@ -8,7 +8,7 @@
  * signs, for the next UCD_SPAN against them; the difference of the two costs over the distance of the two points estimates the slope. The
  * cost of a point is
  *     change of the mean log loss  +  UCD_GROWTH x dN / N,
- * dN the number of added Gaussians: without it more would always be better. Costs are nearly flat and noisy (docs/ABLATION.md), so a
+ * dN the number of added Gaussians: without it more would always be better. Costs are nearly flat and noisy (docs/log/ABLATION.md), so a
  * prior with precision P holds the weights where they begin: the estimate is the mean of the prior's and of (prior - slope / P) of
  * each pair, each at most UCD_OFFSET_MAX away. Every second pair is perpendicular to the one before it (Bhatnagar 2003). The
  * search moves in f_mid and f_far - f_mid, so that neither is stuck where f_far = f_mid.
@@ -27,7 +27,7 @@
 #define UCD_DEPTH_MAX  0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
 #define UCD_FRONT      0.10 /* quantiles of depth that auto compares */
 #define UCD_BACK       0.90
-#define UCD_GROWTH     0.02 /* cost of a doubling, in log loss: about what it gains in four densifications (docs/ABLATION.md) */
+#define UCD_GROWTH     0.02 /* cost of a doubling, in log loss: about what it gains in four densifications (docs/log/ABLATION.md) */
 #define UCD_PRECISION  0.05 /* of the prior: half of it in log loss for a weight 1 away */
 #define UCD_OFFSET_MAX 1.0  /* limit of a single pair's distance from the prior */
 #define UCD_SHIFT      0.5  /* of a point from the estimate: differences over less are lost in noise */
