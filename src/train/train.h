@@ -106,7 +106,7 @@ struct ucd {
 /* What is `on` and between which depths. Logs nothing; ucd_describe gives the text. */
 OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options);
 OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
-OXL_INTERNAL void       ucd_observe(struct ucd *u, double loss); /* of each step */
+OXL_INTERNAL void       ucd_observe(struct ucd *u, double loss);               /* of each step */
 OXL_INTERNAL void       ucd_weights(struct ucd *u, size_t count, double f[2]); /* of this densification: f_mid, f_far */
 OXL_INTERNAL void       ucd_restart(struct ucd *u); /* the pair in progress is void: opacities were reset */
 OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);

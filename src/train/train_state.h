@@ -4,13 +4,7 @@
 
 #include "train.h"
 
-enum train_trial {
-    TRAIN_TRIES_NOTHING,
-    TRAIN_TRIES_SH_DEGREE,
-    TRAIN_TRIES_LOBES,
-    TRAIN_TRIES_LAMP,
-    TRAIN_TRIES_WATER
-};
+enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES, TRAIN_TRIES_LAMP, TRAIN_TRIES_WATER };
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 

@@ -28,9 +28,9 @@
 #define UCD_FRONT      0.10 /* quantiles of depth that auto compares */
 #define UCD_BACK       0.90
 #define UCD_GROWTH     0.02 /* cost of a doubling, in log loss: about what it gains in four densifications (docs/log/ABLATION.md) */
-#define UCD_PRECISION  0.05 /* of the prior: half of it in log loss for a weight 1 away */
-#define UCD_OFFSET_MAX 1.0  /* limit of a single pair's distance from the prior */
-#define UCD_SHIFT      0.5  /* of a point from the estimate: differences over less are lost in noise */
+#define UCD_PRECISION  0.05                        /* of the prior: half of it in log loss for a weight 1 away */
+#define UCD_OFFSET_MAX 1.0                         /* limit of a single pair's distance from the prior */
+#define UCD_SHIFT      0.5                         /* of a point from the estimate: differences over less are lost in noise */
 #define UCD_STREAM     (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
 enum { UCD_SPAN = 4 /* densifications for a cost: the gain of the first shows after the third alone */ };
 
@@ -56,11 +56,10 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
         out->learn = strcmp(at, ",fixed") != 0;
         if ((!*at || !out->learn) && mid >= 1 && back >= mid && back <= UCD_CAP) return OXL_OK;
     }
-    return oxl_fail(
-        ctx, OXL_ERR_USAGE,
-        "'%s' is not a depth weight\nfix: on, off, auto, or two weights as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
-        "(1.5,2,fixed: not corrected during the run)",
-        text, UCD_CAP);
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "'%s' is not a depth weight\nfix: on, off, auto, or two weights as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
+                    "(1.5,2,fixed: not corrected during the run)",
+                    text, UCD_CAP);
 }
 
 /* ---------------------------------------------------------------- the bands, and the decision */
@@ -188,5 +187,6 @@ OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
     archive_int(a, &u->pairs);
     archive_int(a, &u->costs);
     archive_int(a, &u->spans);
-    archive_expect(a, u->losses >= 0 && u->pairs >= 0 && u->costs >= -1 && u->costs <= 1 && u->spans >= 0 && u->spans <= UCD_SPAN);
+    archive_expect(a,
+                   u->losses >= 0 && u->pairs >= 0 && u->costs >= -1 && u->costs <= 1 && u->spans >= 0 && u->spans <= UCD_SPAN);
 }
