@@ -115,7 +115,7 @@ static void selection_drop_view(struct train *t, int slot)
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;
-    oxl_result           rc = OXL_OK;
+    oxl_result           rc = step_settle(t);
     *loss = *psnr = 0;
     for (int i = 0; i < t->held_views && rc == OXL_OK;) {
         rc = step_load_image(t, t->held[i]);
@@ -160,7 +160,7 @@ static oxl_result selection_try(struct train *t, double *psnr)
 static oxl_result selection_set_degree(struct train *t, int degree)
 {
     oxl_model *all[3] = {t->model, &t->first, &t->second};
-    oxl_result rc     = renderer_download(t->ctx, t->renderer);
+    oxl_result rc     = step_download(t, 1);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
     return rc == OXL_OK ? step_resize_gradient(t) : rc;
 }
@@ -251,7 +251,7 @@ static oxl_result selection_assign_lobes(struct train *t)
     uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
     size_t                   given     = 0;
     double                   threshold = 0;
-    oxl_result rc = active ? renderer_download(t->ctx, t->renderer) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    oxl_result               rc = active ? step_download(t, 1) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
     if (rc == OXL_OK) rc = selection_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->model->count; i++) {
@@ -275,18 +275,78 @@ static oxl_result selection_lobes(struct train *t)
     oxl_result rc        = OXL_OK;
     if (last == 0 || t->lobes == LOBES_DECIDED || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
     if (t->lobes == LOBES_IDLE) {
-        rc = renderer_download(t->ctx, t->renderer);
+        rc = step_download(t, 1);
         if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
         t->lobes = LOBES_WATCHED;
     }
-    if (rc == OXL_OK) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc == OXL_OK) rc = step_observe(t);
     if (rc != OXL_OK || t->step < last) return rc;
     t->lobes = LOBES_DECIDED;
     if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : selection_assign_lobes(t);
 }
 
+<<<<<<< HEAD
 /* ---------------------------------------------------------------- density control */
+=======
+/* ---------------------------------------------------------------- weights by depth (ucd.c) */
+
+/* No other decision may fall into the trial, and no opacity reset may be recent: the losses would measure the recovery from it. */
+static int selection_weights_can_be_tried_at(const oxl_train_options *o, int begin)
+{
+    const int end = begin + UCD_SPANS * o->densify_every, bands = selection_sh_degree_at(o), lobes = selection_lobes_at(o);
+    if (end > (int)(o->densify_until * o->iterations)) return 0;
+    for (int step = begin; step < end; step++)
+        if (step == bands || step == lobes) return 0;
+    for (int step = OXL_MAX(1, begin - SELECTION_RECOVERY); step < end; step++)
+        if (schedule_resets_opacity_at(o, step)) return 0;
+    return 1;
+}
+
+static int selection_tries_weights(const struct train *t)
+{
+    return ucd_tries(&t->ucd) && selection_weights_can_be_tried_at(t->options, t->step);
+}
+
+/* Densifications with the point asked for, and all steps up to the one after. */
+static oxl_result selection_try_point(struct train *t, double *cost)
+{
+    const int    span = t->options->densify_every, end = t->step + UCD_SPANS * span - 1;
+    const double before = (double)t->model->count, f[2] = {t->ucd.f[0], t->ucd.f[1]};
+    double       sum = 0;
+    oxl_result   rc;
+    ucd_ask(&t->ucd, t->ucd.f);
+    rc = step_densify(t, t->ucd.f);
+    while (rc == OXL_OK && t->step < end) {
+        t->step++;
+        rc = selection_step(t);
+        if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
+        if (rc == OXL_OK && t->step > end - span / 2) rc = step_settle(t);
+        if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
+    }
+    memcpy(t->ucd.f, f, sizeof t->ucd.f);
+    if (rc == OXL_OK) *cost = ucd_update(&t->ucd, sum / (span / 2), (double)t->model->count / before - 1);
+    return rc;
+}
+
+/* Both points of a pair: t is the better branch in the end. */
+static oxl_result selection_try_weights(struct train *t, struct train_branch *start, struct train_branch *other)
+{
+    const struct ucd before  = t->ucd;
+    double           cost[2] = {0, 0};
+    oxl_result       rc;
+    spsa_skip(&t->ucd.spsa); /* an interrupted pair began from another state */
+    rc = selection_try_point(t, &cost[0]);
+    if (rc == OXL_OK) rc = branch_restart(t, start, other);
+    t->ucd.densified = before.densified;
+    if (rc == OXL_OK) rc = selection_try_point(t, &cost[1]);
+    if (rc != OXL_OK) t->ucd = before;
+    if (rc != OXL_OK) return rc;
+    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs were %.5f and %.5f", t->step, t->ucd.f[0],
+            t->ucd.f[1], cost[0], cost[1]);
+    return cost[0] < cost[1] ? branch_swap(t, other) : OXL_OK;
+}
+>>>>>>> main
 
 static oxl_result selection_density(struct train *t)
 {
@@ -294,25 +354,36 @@ static oxl_result selection_density(struct train *t)
     oxl_result               rc = OXL_OK;
     double                   f[2];
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
+<<<<<<< HEAD
     ucd_observe(&t->ucd, t->last_loss);
     rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+=======
+    rc = step_observe(t);
+>>>>>>> main
     if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
         ucd_weights(&t->ucd, t->model->count, f);
         rc = step_densify(t, f);
     }
+<<<<<<< HEAD
     if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
     rc = renderer_download(t->ctx, t->renderer);
     if (rc != OXL_OK) return rc;
     density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
     ucd_restart(&t->ucd);
     return OXL_OK;
+=======
+    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = step_download(t, 1);
+    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step))
+        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+    return rc;
+>>>>>>> main
 }
 
 /* ---------------------------------------------------------------- lamp and water (lamp.c, water.c) */
 
 static oxl_result selection_turn_on(struct train *t, int lamp)
 {
-    const oxl_result rc = renderer_download(t->ctx, t->renderer);
+    const oxl_result rc = step_download(t, 1);
     if (lamp) t->lamp.on = 1;
     else if (rc == OXL_OK) water_start(&t->water, t->model);
     return rc;
@@ -498,7 +569,8 @@ static oxl_result selection_prune(struct train *t)
     double     held = NAN, psnr;
     oxl_result rc   = OXL_OK;
     if (!prune_checks(&t->prune, t->step)) return OXL_OK;
-    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_validate(t, &held, &psnr);
+    rc = step_settle(t);
+    if (rc == OXL_OK && t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_validate(t, &held, &psnr);
     return rc == OXL_OK ? step_prune(t, held) : rc;
 }
 

@@ -21,6 +21,7 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
+<<<<<<< HEAD
 #define UCD_CAP        5.0  /* on both weights [D] */
 #define UCD_FADE_MIN   0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
 #define UCD_ERRORS     3.0  /* auto: standard errors from 0 */
@@ -62,6 +63,20 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
                     text, UCD_CAP);
 }
 
+=======
+#define UCD_GROWTH          0.02 /* cost of a doubling, in log loss: about what it gains in a trial (docs/ABLATION.md) */
+#define UCD_PRIOR_PRECISION 0.01 /* half of it: gain in log loss for a weight 1 away from its default */
+#define UCD_FADE_MIN        0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
+#define UCD_ERRORS          3.0  /* auto: standard errors from 0 */
+#define UCD_DEPTH_MAX       0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
+#define UCD_FRONT           0.10 /* quantiles of depth that auto compares */
+#define UCD_BACK            0.90
+enum {
+    UCD_PAIRS  = 12,           /* at most, spread over the densifications: each costs a trial */
+    UCD_STRIDE = 2 * UCD_SPANS /* densifications between pairs, at least: trials add at most a half */
+};
+
+>>>>>>> main
 /* ---------------------------------------------------------------- the bands, and the decision */
 
 /* Whether contrast falls enough, and the measurement as text. */
