@@ -296,11 +296,10 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
         out->learn = strcmp(at, ",fixed") != 0;
         if ((!*at || !out->learn) && mid >= 1 && back >= mid && back <= UCD_CAP) return OXL_OK;
     }
-    return oxl_fail(
-        ctx, OXL_ERR_USAGE,
-        "'%s' is not a depth weight\nfix: on, off, auto, or where the search starts as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
-        "(1.5,2,fixed: no search)",
-        text, UCD_CAP);
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "'%s' is not a depth weight\nfix: on, off, auto, or two weights as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
+                    "(1.5,2,fixed: not corrected during the run)",
+                    text, UCD_CAP);
 }
 
 static int option_read_ucd(const char *text, oxl_ucd *out)
