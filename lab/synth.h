@@ -171,6 +171,8 @@ double synth_through_water(const struct synth_water *water, int channel, double 
 v3     synth_gain(const synth_options *options, int view);                   /* what an image is multiplied by */
 double synth_lamp_falloff(const synth_options *options, double range);       /* what J is multiplied by; range in metres */
 double synth_lamp_radial(const synth_options *options, double x, double y);  /* what a pixel is multiplied by */
+/* What the water between camera and surface throws back of the lamp's light, before that gain; range in metres. */
+double synth_lamp_backscatter(const synth_options *options, double attenuation, double x, double y, double range);
 int    synth_write_exposure(const synth_options *options, const char *path); /* 1: all is written */
 int    synth_write_lamp(const synth_options *options, const char *path);
 
@@ -223,6 +225,6 @@ uint64_t         synth_id(struct synth_ids ids, uint64_t index);
 /* cameras.txt, images.txt and points3D.txt in a folder that is there. On OXL_ERR_IO `failed` names the file. */
 oxl_result synth_colmap_write(const synth_options *options, const struct synth_path *path, const struct synth_points *points,
                               const char *folder, char *failed, size_t failed_size);
-void       synth_image_name(int view, char name[32]);
+void       synth_image_name(const synth_options *options, int view, char name[32]);
 
 #endif

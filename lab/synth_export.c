@@ -29,9 +29,11 @@ uint64_t synth_id(struct synth_ids ids, uint64_t index)
     return 1 + index * ids.stride % ids.modulus;
 }
 
-void synth_image_name(int view, char name[32])
+/* A stereo pair is one number: IMG_00012L.png, IMG_00012R.png. */
+void synth_image_name(const synth_options *o, int view, char name[32])
 {
-    snprintf(name, 32, "IMG_%05d.png", view);
+    if (o->stereo > 0) snprintf(name, 32, "IMG_%05d%c.png", view / 2, "LR"[view % 2]);
+    else snprintf(name, 32, "IMG_%05d.png", view);
 }
 
 /* w x y z, w >= 0 (Shepperd 1978: divides by the largest of the four). */
@@ -134,7 +136,7 @@ static int export_write_images(const synth_options *o, const struct synth_path *
                 ", mean observations per image: ", (double)points->observation_count / path->count);
     for (int i = 0; i < path->count; i++) {
         char image[32];
-        synth_image_name(i, image);
+        synth_image_name(o, i, image);
         output_file_integer(&f, synth_id(views, (uint64_t)i));
         export_pose(&f, &path->camera[i], o->origin);
         output_file_text(&f, " ");
