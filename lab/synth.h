@@ -168,9 +168,9 @@ double synth_through_water(const struct synth_water *water, int channel, double 
 
 /* ---------------------------------------------------------------- synth_light.c */
 
-v3     synth_gain(const synth_options *options, int view);                   /* what an image is multiplied by */
-double synth_lamp_falloff(const synth_options *options, double range);       /* what J is multiplied by; range in metres */
-double synth_lamp_radial(const synth_options *options, double x, double y);  /* what a pixel is multiplied by */
+v3     synth_gain(const synth_options *options, int view);                  /* what an image is multiplied by */
+double synth_lamp_falloff(const synth_options *options, double range);      /* what J is multiplied by; range in metres */
+double synth_lamp_radial(const synth_options *options, double x, double y); /* what a pixel is multiplied by */
 /* What the water between camera and surface throws back of the lamp's light, before that gain; range in metres. */
 double synth_lamp_backscatter(const synth_options *options, double attenuation, double x, double y, double range);
 int    synth_write_exposure(const synth_options *options, const char *path); /* 1: all is written */

@@ -17,9 +17,9 @@
 #define EXPOSURE_DRIFT   0.75
 #define EXPOSURE_BALANCE 0.2
 
-#define STEREO_RIGHT      0.8
-#define BACKSCATTER_END   6.0 /* metres: nothing comes back from farther off */
-#define BACKSCATTER_FULL  2.5 /* about the integral towards the lamp in clear water */
+#define STEREO_RIGHT     0.8
+#define BACKSCATTER_END  6.0 /* metres: nothing comes back from farther off */
+#define BACKSCATTER_FULL 2.5 /* about the integral towards the lamp in clear water */
 enum { BACKSCATTER_STEPS = 24 };
 static const v3 lamp_at = {-0.25, -0.45, 0.1}; /* metres, in the camera's frame: left, above, a little ahead */
 
@@ -95,8 +95,8 @@ int synth_write_exposure(const synth_options *o, const char *path)
 
 int synth_write_lamp(const synth_options *o, const char *path)
 {
-    const double             value[7] = {o->lamp,        LAMP_RANGE,     lamp_centre[0] * o->width, lamp_centre[1] * o->height,
-                                         lamp_radial[0], lamp_radial[1], o->backscatter};
+    const double value[7] = {o->lamp,        LAMP_RANGE,    lamp_centre[0] * o->width, lamp_centre[1] * o->height, lamp_radial[0],
+                             lamp_radial[1], o->backscatter};
     static const char *const names[7] = {"power ", "range ", "centre_x ", "centre_y ", "r2 ", "r4 ", "backscatter "};
     struct output_file       f;
     output_file_open(&f, path);

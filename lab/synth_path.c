@@ -149,10 +149,10 @@ static void path_measure(struct synth_path *path, double reach)
 static void path_pair(double apart, struct synth_path *path)
 {
     for (int i = path->count - 1; i >= 0; i--) {
-        const struct synth_camera c    = path->camera[i / 2];
-        const v3                  side = v3_scale(v3_of(c.rotation[0], c.rotation[1], c.rotation[2]), (i % 2 ? 0.5 : -0.5) * apart);
-        path->camera[i]                = c;
-        path->camera[i].centre         = v3_add(c.centre, side);
+        const struct synth_camera c = path->camera[i / 2];
+        const v3 side               = v3_scale(v3_of(c.rotation[0], c.rotation[1], c.rotation[2]), (i % 2 ? 0.5 : -0.5) * apart);
+        path->camera[i]             = c;
+        path->camera[i].centre      = v3_add(c.centre, side);
     }
 }
 
@@ -167,8 +167,8 @@ static void path_fly(const synth_options *o, struct synth_path *path)
 int synth_path_create(const synth_options *o, struct synth_path *path)
 {
     synth_options rig = *o;
-    *path        = (struct synth_path){.count = o->views};
-    path->camera = calloc((size_t)o->views, sizeof *path->camera);
+    *path             = (struct synth_path){.count = o->views};
+    path->camera      = calloc((size_t)o->views, sizeof *path->camera);
     if (!path->camera) return 0;
     for (int i = 0; i < o->views; i++) { /* the principal point is off the middle, as calibration finds it */
         struct synth_camera *c = &path->camera[i];

@@ -241,8 +241,8 @@ TEST(exposure_auto_is_on_where_gains_of_tracks_differ_and_neighbours_foretell_th
 /* Both cameras jump together, or only the right ones do. */
 TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do)
 {
-    static const char *const names[] = {"01_left.png", "01_right.png", "02_left.png", "02_right.png", "03_left.png", "03_right.png",
-                                        "04_left.png", "04_right.png", "05_left.png", "05_right.png"};
+    static const char *const names[] = {"01_left.png",  "01_right.png", "02_left.png",  "02_right.png", "03_left.png",
+                                        "03_right.png", "04_left.png",  "04_right.png", "05_left.png",  "05_right.png"};
     oxl_scene               *scene   = exposure_scene_named(names, 10);
     for (int together = 0; together < 2; together++) {
         struct imaging m = water_imaging(10, NULL, 0);
@@ -487,11 +487,11 @@ TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_dif
 /* From one range only the baked colours are those through the water; backwards, they are what they were. */
 TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
 {
-    oxl_scene        *scene  = train_scene(1);
-    const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
-    const size_t      n      = 3 * (size_t)camera->width * (size_t)camera->height;
-    float            *drgb   = oxl_alloc(test_ctx, n, sizeof *drgb);
-    struct medium     m      = water_murky;
+    oxl_scene        *scene   = train_scene(1);
+    const oxl_camera *camera  = &oxl_scene_view(scene, 0)->camera;
+    const size_t      n       = 3 * (size_t)camera->width * (size_t)camera->height;
+    float            *drgb    = oxl_alloc(test_ctx, n, sizeof *drgb);
+    struct medium     m       = water_murky;
     struct imaging    imaging = {0};
     struct renderer  *r;
     oxl_model         model;

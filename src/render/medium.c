@@ -127,13 +127,13 @@ OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const st
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model)
 {
     enum { VIEWS = 64 };
-    const struct medium  *m       = &imaging->medium;
-    const oxl_camera     *camera[VIEWS];
-    const struct lamp    *lamp[VIEWS];
-    double                eye[VIEWS][3];
-    int                   views = 0;
-    const int             all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
-    const int             bands = (model->sh_degree + 1) * (model->sh_degree + 1);
+    const struct medium *m = &imaging->medium;
+    const oxl_camera    *camera[VIEWS];
+    const struct lamp   *lamp[VIEWS];
+    double               eye[VIEWS][3];
+    int                  views = 0;
+    const int            all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
+    const int            bands = (model->sh_degree + 1) * (model->sh_degree + 1);
     for (int v = 0; v < all; v += stride, views++) {
         camera[views] = &oxl_scene_view(scene, v)->camera;
         lamp[views]   = imaging_lamp(imaging, scene, v);

@@ -70,4 +70,22 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
 OXL_INTERNAL void       imaging_join(struct imaging *all, int *count, const struct imaging *block);
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
 
+/* ---------------------------------------------------------------- photometry.c: exposure, lamp and water from the colours of tracks */
+
+enum { PHOTOMETRY_WATER = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
+struct photometry {
+    size_t   points, observations;           /* 0: too few tracks */
+    int      parts;                          /* of those asked for, the ones that the residuals are evidence for */
+    double   direct[3], scatter[3], veil[3]; /* as of struct medium */
+    double   error[9];                       /* standard errors of their logarithms */
+    float    shape[LAMP_TERMS];              /* of a lamp */
+    float   *log_gain;                       /* (views,3) of zero mean */
+    uint8_t *known;                          /* (views) 1: log_gain is fitted */
+    double   drift;                          /* correlation of the images' gains with the mean range of their points */
+    double   residual, without[3];           /* of white, robust: with all parts; without water, lamp, gains (0: not asked for) */
+};
+/* parts: those that may be. Free the result with photometry_free. */
+OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out);
+OXL_INTERNAL void       photometry_free(oxl_context *ctx, struct photometry *p);
+
 #endif

@@ -15,18 +15,19 @@
 #include "../core/vecmath.h"
 
 enum {
-    PHOTOMETRY_VIEWS  = 64,                                   /* limit of images */
-    PHOTOMETRY_SAMPLE = 8000,                                 /* limit of observations */
-    PHOTOMETRY_TRACK  = 32,                                   /* observations of a point, at most; */
-    PHOTOMETRY_FEWEST = 3,                                    /* and at least */
-    PHOTOMETRY_ENOUGH = 500,                                  /* observations */
-    PHOTOMETRY_STEPS  = 12,                                   /* of Gauss-Newton, at most */
-    PHOTOMETRY_COMMON = 9 + LAMP_TERMS,                       /* parameters without the gains */
+    PHOTOMETRY_VIEWS  = 64,             /* limit of images */
+    PHOTOMETRY_SAMPLE = 8000,           /* limit of observations */
+    PHOTOMETRY_TRACK  = 32,             /* observations of a point, at most; */
+    PHOTOMETRY_FEWEST = 3,              /* and at least */
+    PHOTOMETRY_ENOUGH = 500,            /* observations */
+    PHOTOMETRY_STEPS  = 12,             /* of Gauss-Newton, at most */
+    PHOTOMETRY_COMMON = 9 + LAMP_TERMS, /* parameters without the gains */
     PHOTOMETRY_MOST   = PHOTOMETRY_COMMON + 3 * PHOTOMETRY_VIEWS
 };
 #define PHOTOMETRY_DARK   0.02 /* of white: darker and brighter patches are left out */
 #define PHOTOMETRY_BRIGHT 0.98
-#define PHOTOMETRY_START  0.2  /* log of the attenuation over the median range that the fit begins with: from -0.7 it went astray in 7C */
+#define PHOTOMETRY_START \
+    0.2 /* log of the attenuation over the median range that the fit begins with: from -0.7 it went astray in 7C */
 #define PHOTOMETRY_VEIL   -1.2 /* log of Binf that it begins with */
 #define PHOTOMETRY_CENTRE 1e3  /* weight of a channel's sum of log gains, squared: their mean is 0 */
 #define PHOTOMETRY_HUBER  1.5  /* times sigma */
@@ -67,7 +68,8 @@ static void photometry_choose_views(const oxl_scene *scene, const struct colmap 
     for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
     for (int i = 0; i < views; i++) {
         if (oxl_scene_view(scene, i)->is_test) continue;
-        if (train > PHOTOMETRY_VIEWS && (int64_t)seen * PHOTOMETRY_VIEWS / train == (int64_t)(seen + 1) * PHOTOMETRY_VIEWS / train) {
+        if (train > PHOTOMETRY_VIEWS &&
+            (int64_t)seen * PHOTOMETRY_VIEWS / train == (int64_t)(seen + 1) * PHOTOMETRY_VIEWS / train) {
             seen++;
             continue;
         }
@@ -77,7 +79,8 @@ static void photometry_choose_views(const oxl_scene *scene, const struct colmap 
     }
 }
 
-static void photometry_project(const oxl_scene *scene, const struct photometry_work *w, double median, struct photometry_sample *s)
+static void photometry_project(const oxl_scene *scene, const struct photometry_work *w, double median,
+                               struct photometry_sample *s)
 {
     const oxl_camera *c      = &oxl_scene_view(scene, w->chosen[s->view])->camera;
     const double     *origin = oxl_scene_origin(scene), *p = scene_colmap(scene)->point[s->point].position;
@@ -100,11 +103,11 @@ static void photometry_choose_samples(const oxl_scene *scene, double median, str
 {
     const struct colmap *c      = scene_colmap(scene);
     const double        *origin = oxl_scene_origin(scene);
-    size_t               all = 0, step;
+    size_t               all    = 0, step;
     for (size_t i = 0; i < c->track_count; i++) all += w->view[c->track[i].image_row] >= 0;
     step = all / PHOTOMETRY_SAMPLE + 1;
     for (size_t i = 0; i < c->point_count; i += step) {
-        const size_t first = w->samples;
+        const size_t first    = w->samples;
         double       farthest = 0;
         if (!scene_takes_point(&c->point[i], origin)) continue;
         for (uint32_t k = 0; k < c->point[i].track_count && w->samples < PHOTOMETRY_SAMPLE; k++) {
@@ -177,7 +180,8 @@ static void photometry_compact(struct photometry_work *w)
 struct photometry_point {
     int    count;
     double a[PHOTOMETRY_TRACK], b[PHOTOMETRY_TRACK]; /* I = a J + b */
-    double through[PHOTOMETRY_TRACK], veil[PHOTOMETRY_TRACK], near[PHOTOMETRY_TRACK]; /* dI/d(log bD) / J, dI/d(log Binf), dI/d(log bB) */
+    double through[PHOTOMETRY_TRACK], veil[PHOTOMETRY_TRACK],
+        near[PHOTOMETRY_TRACK]; /* dI/d(log bD) / J, dI/d(log Binf), dI/d(log bB) */
     double rest[PHOTOMETRY_TRACK], weight[PHOTOMETRY_TRACK];
     double j, aa;
 };
@@ -189,7 +193,7 @@ static void photometry_evaluate(const struct photometry_work *w, const double *a
     const double direct = water ? vecmath_exp(at[c]) : 0, scatter = water ? vecmath_exp(at[3 + c]) : 0;
     const double far_off = water ? vecmath_exp(at[6 + c]) : 0;
     double       ab      = 0;
-    p->aa = 0;
+    p->aa                = 0;
     for (int k = 0; k < p->count; k++) {
         double gain = at[PHOTOMETRY_COMMON + 3 * s[k].view + c], left;
         for (int t = 0; t < LAMP_TERMS; t++) gain += at[9 + t] * (double)s[k].term[t];
@@ -259,7 +263,8 @@ static void photometry_add(struct photometry_work *w, int row, int column, doubl
     w->normal[(size_t)row * PHOTOMETRY_MOST + (size_t)column] += value;
 }
 
-static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c, const struct photometry_point *p)
+static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c,
+                                 const struct photometry_point *p)
 {
     enum { OWN = 3 + LAMP_TERMS };
     int    index[OWN];
@@ -268,7 +273,7 @@ static void photometry_add_point(struct photometry_work *w, const struct photome
     if (!(p->aa > 0)) return;
     for (int k = 0; k < p->count; k++) {
         const double seen = p->a[k] * p->j + p->b[k], weight = p->weight[k];
-        const int    own  = PHOTOMETRY_COMMON + 3 * s[k].view + c;
+        const int    own = PHOTOMETRY_COMMON + 3 * s[k].view + c;
         double       d[OWN];
         d[0] = p->through[k] * p->j, d[1] = p->near[k], d[2] = p->b[k];
         for (int t = 0; t < LAMP_TERMS; t++) d[3 + t] = seen * (double)s[k].term[t];
@@ -284,7 +289,8 @@ static void photometry_add_point(struct photometry_work *w, const struct photome
     }
     for (int i = 0; i < OWN; i++) { /* what J takes */
         for (int j = 0; j <= i; j++) photometry_add(w, index[i], index[j], block[i][j] - u[i] * u[j] / p->aa);
-        for (int k = 0; k < p->count; k++) photometry_add(w, PHOTOMETRY_COMMON + 3 * s[k].view + c, index[i], -u[i] * gains[k] / p->aa);
+        for (int k = 0; k < p->count; k++)
+            photometry_add(w, PHOTOMETRY_COMMON + 3 * s[k].view + c, index[i], -u[i] * gains[k] / p->aa);
     }
     for (int k = 0; k < p->count; k++)
         for (int l = 0; l <= k; l++)
@@ -346,7 +352,8 @@ static void photometry_normal(struct photometry_work *w)
                 photometry_add(w, PHOTOMETRY_COMMON + 3 * v + c, PHOTOMETRY_COMMON + 3 * k + c, PHOTOMETRY_CENTRE);
     for (int i = 0; i < w->parameters; i++) { /* fixed */
         if (photometry_is_free(w, i)) continue;
-        for (int k = 0; k < w->parameters; k++) w->normal[(size_t)OXL_MAX(i, k) * PHOTOMETRY_MOST + (size_t)OXL_MIN(i, k)] = i == k;
+        for (int k = 0; k < w->parameters; k++)
+            w->normal[(size_t)OXL_MAX(i, k) * PHOTOMETRY_MOST + (size_t)OXL_MIN(i, k)] = i == k;
         w->right[i] = 0;
     }
 }
@@ -383,8 +390,8 @@ static void photometry_solve(const double *m, int n, double *x)
 static double photometry_descend(struct photometry_work *w, double *scratch)
 {
     double damping = 1e-3, cost;
-    w->sigma = photometry_sigma(w, w->at, scratch);
-    cost     = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
+    w->sigma       = photometry_sigma(w, w->at, scratch);
+    cost           = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
     for (int step = 0; step < PHOTOMETRY_STEPS; step++) {
         double to[PHOTOMETRY_MOST], x[PHOTOMETRY_MOST], better;
         photometry_normal(w);
@@ -452,6 +459,25 @@ static void photometry_choose_parts(struct photometry_work *w, int asked, double
     photometry_fit(w, out->parts, scratch);
 }
 
+/* Pearson's, over the images; 0: gains are not fitted, or nothing varies. */
+static double photometry_drift(const struct photometry_work *w, const struct photometry *p)
+{
+    double x[PHOTOMETRY_VIEWS] = {0}, y[PHOTOMETRY_VIEWS], mean[2] = {0, 0}, xx = 0, xy = 0, yy = 0;
+    int    count[PHOTOMETRY_VIEWS] = {0}, views = 0;
+    for (size_t i = 0; i < w->samples; i++) x[w->sample[i].view] += w->sample[i].range, count[w->sample[i].view]++;
+    for (int v = 0; v < w->views; v++) {
+        const float *gain = p->log_gain + 3 * w->chosen[v];
+        if (count[v] == 0) continue;
+        x[v] /= count[v], y[v] = (double)gain[0] + (double)gain[1] + (double)gain[2];
+        mean[0] += x[v], mean[1] += y[v], views++;
+    }
+    for (int v = 0; v < w->views; v++) {
+        const double dx = x[v] - mean[0] / OXL_MAX(views, 1), dy = count[v] ? y[v] - mean[1] / OXL_MAX(views, 1) : 0;
+        if (count[v]) xx += dx * dx, xy += dx * dy, yy += dy * dy;
+    }
+    return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
+}
+
 static void photometry_report(struct photometry_work *w, double median, int asked, double *scratch, struct photometry *out)
 {
     out->observations = w->samples;
@@ -468,18 +494,19 @@ static void photometry_report(struct photometry_work *w, double median, int aske
         out->known[w->chosen[v]] = 1;
         for (int c = 0; c < 3; c++) out->log_gain[3 * w->chosen[v] + c] = (float)w->at[PHOTOMETRY_COMMON + 3 * v + c];
     }
+    out->drift = photometry_drift(w, out);
 }
 
 static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w, struct photometry *out)
 {
     const size_t views = (size_t)oxl_scene_view_count(scene);
-    w->view       = oxl_alloc(ctx, scene_colmap(scene)->image_count + 1, sizeof *w->view);
-    w->chosen     = oxl_alloc(ctx, PHOTOMETRY_VIEWS + 1, sizeof *w->chosen);
-    w->sample     = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
-    w->normal     = oxl_alloc(ctx, (size_t)PHOTOMETRY_MOST * PHOTOMETRY_MOST, sizeof *w->normal);
-    w->scratch    = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
-    out->log_gain = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
-    out->known    = oxl_calloc(ctx, views + 1, sizeof *out->known);
+    w->view            = oxl_alloc(ctx, scene_colmap(scene)->image_count + 1, sizeof *w->view);
+    w->chosen          = oxl_alloc(ctx, PHOTOMETRY_VIEWS + 1, sizeof *w->chosen);
+    w->sample          = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
+    w->normal          = oxl_alloc(ctx, (size_t)PHOTOMETRY_MOST * PHOTOMETRY_MOST, sizeof *w->normal);
+    w->scratch         = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
+    out->log_gain      = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
+    out->known         = oxl_calloc(ctx, views + 1, sizeof *out->known);
     return w->view && w->chosen && w->sample && w->normal && w->scratch && out->log_gain && out->known
                ? OXL_OK
                : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare the colours of tracks");

@@ -3,7 +3,6 @@
 #define OXL_SURVEY_H
 
 #include "../core/core.h"
-#include "imaging.h"
 
 /* ---------------------------------------------------------------- colmap.c: the three text files, as they are */
 
@@ -291,23 +290,6 @@ struct contrast {
 };
 OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, struct contrast *out);
 
-/* ---------------------------------------------------------------- photometry.c: water from the colours of tracks */
-
-enum { PHOTOMETRY_WATER = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
-struct photometry {
-    size_t   points, observations;           /* 0: too few tracks */
-    int      parts;                          /* of those asked for, the ones that the residuals are evidence for */
-    double   direct[3], scatter[3], veil[3]; /* as of struct medium */
-    double   error[9];                       /* standard errors of their logarithms */
-    float    shape[LAMP_TERMS];              /* of a lamp */
-    float   *log_gain;                       /* (views,3) of zero mean */
-    uint8_t *known;                          /* (views) 1: log_gain is fitted */
-    double   residual, without[3];           /* of white, robust: with all parts; without water, lamp, gains (0: not asked for) */
-};
-/* parts: those that may be. Free the result with photometry_free. */
-OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out);
-OXL_INTERNAL void       photometry_free(oxl_context *ctx, struct photometry *p);
-
 /* ---------------------------------------------------------------- lint.c: what is wrong though each file can be read */
 
 #define LINT_MISSED_SURVEY 0.1 /* share of observations outside their image from which the whole survey is reported */
@@ -328,5 +310,6 @@ OXL_INTERNAL double     quality_sharpness(const struct training_image *image, do
 /* Decodes every image; logs and counts blurred and badly exposed ones. */
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);
 
+#include "imaging.h"
 
 #endif

@@ -15,13 +15,13 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define EXPOSURE_RATE     0.03 /* of the first step, in log units; docs/WATER.md has what others cost */
-#define EXPOSURE_LAST     0.02 /* of that at the end of the run */
-#define EXPOSURE_BETA1    0.8  /* a mean over 5 visits: a short run has 30 */
-#define EXPOSURE_BETA2    0.95
-#define EXPOSURE_SMOOTH   0.1  /* of the prior: gradient for a log unit off the neighbours' line */
-#define EXPOSURE_HOLD     0.1  /* of the run: the tracks' gains are kept */
-#define EXPOSURE_DIFFER   0.04 /* rms of the log */
+#define EXPOSURE_RATE   0.03 /* of the first step, in log units; docs/WATER.md has what others cost */
+#define EXPOSURE_LAST   0.02 /* of that at the end of the run */
+#define EXPOSURE_BETA1  0.8  /* a mean over 5 visits: a short run has 30 */
+#define EXPOSURE_BETA2  0.95
+#define EXPOSURE_SMOOTH 0.1  /* of the prior: gradient for a log unit off the neighbours' line */
+#define EXPOSURE_HOLD   0.1  /* of the run: the tracks' gains are kept */
+#define EXPOSURE_DIFFER 0.04 /* rms of the log */
 
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on)
 {
@@ -130,10 +130,11 @@ OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, 
         imaging_centre(&e->of, e->mean);
         exposure_spread(&e->of, &differ, &left);
         e->hold = EXPOSURE_HOLD;
-        snprintf(why, size,
-                 "%zu points in %zu observations: gains of images differ by %.1f %% (rms), neighbours foretell them to %.1f %%; on from "
-                 "%.2g %%, and where they foretell more than they miss",
-                 p->points, p->observations, 100 * differ, 100 * left, 100 * EXPOSURE_DIFFER);
+        snprintf(
+            why, size,
+            "%zu points in %zu observations: gains of images differ by %.1f %% (rms), neighbours foretell them to %.1f %%; on from "
+            "%.2g %%, and where they foretell more than they miss",
+            p->points, p->observations, 100 * differ, 100 * left, 100 * EXPOSURE_DIFFER);
     }
     if (e->mode == OXL_AUTO) e->of.on = fits && differ >= EXPOSURE_DIFFER && left < differ;
     if (!e->of.on) imaging_clear(&e->of);

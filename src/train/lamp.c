@@ -51,8 +51,8 @@ OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct ph
     const int fits = (p->parts & PHOTOMETRY_LAMP) != 0;
     l->on          = fits || mode == OXL_ON;
     for (int g = 0; g < l->groups && fits; g++) memcpy(l->group[g].shape, p->shape, sizeof p->shape);
-    snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without a gain over the image", p->points,
-             p->observations, 100 * p->residual, 100 * p->without[1]);
+    snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without a gain over the image",
+             p->points, p->observations, 100 * p->residual, 100 * p->without[1]);
     if (!p->points) snprintf(why, size, "too few tracks to compare colours");
 }
 

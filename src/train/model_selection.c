@@ -13,11 +13,12 @@
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define SELECTION_SH_MIN_GAIN      0.1  /* dB: minimum gain of all bands over fewer */
-#define SELECTION_LOBES_MIN_GAIN   0.05 /* dB: minimum gain of second lobes */
-#define SELECTION_NOISE            6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
-#define SELECTION_WATCH            (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
-#define SELECTION_TRIAL            (1.0 / 40) /* of the run: length of a trial */
+#define SELECTION_SH_MIN_GAIN    0.1  /* dB: minimum gain of all bands over fewer */
+#define SELECTION_LOBES_MIN_GAIN 0.05 /* dB: minimum gain of second lobes */
+#define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
+#define SELECTION_DRIFT          0.8  /* correlation of exposure with range from which a warning is due */
+#define SELECTION_WATCH          (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
+#define SELECTION_TRIAL          (1.0 / 40) /* of the run: length of a trial */
 enum {
     SELECTION_VIEWS_LEAST = 8,  /* with fewer training views none is used for validation */
     SELECTION_VIEWS_MOST  = 8,  /* limit of validation views */
@@ -357,8 +358,8 @@ static int selection_parts(const struct train *t)
 
 OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
 {
-    const oxl_train_options *o     = t->options;
-    const int                parts = selection_parts(t);
+    const oxl_train_options *o      = t->options;
+    const int                parts  = selection_parts(t);
     const char              *device = "a device renders: it is fitted on the CPU alone";
     struct photometry        p;
     char                     why[400];
@@ -372,6 +373,12 @@ OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
     selection_note_imaging(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : device);
     if (parts & PHOTOMETRY_WATER) water_take(&t->water, water_span(t->scene), &p, why, sizeof why);
     selection_note_imaging(t, "medium", o->medium, t->water.on, parts & PHOTOMETRY_WATER ? why : device);
+    if (t->water.on && fabs(p.drift) > SELECTION_DRIFT)
+        oxl_log(
+            t->ctx, OXL_LOG_WARNING,
+            "the images' exposure goes with the distance of what they show (correlation %.2f): exposure and attenuation are not told "
+            "apart, and scene_clear.ply is not measured colour",
+            p.drift);
     photometry_free(t->ctx, &p);
     if (t->water.on || t->lamp.on) {
         struct imaging m = step_imaging(t);

@@ -323,7 +323,7 @@ static void train_leave_gains(struct train *t)
 {
     struct imaging *to = scene_imaging(t->scene);
     imaging_free(t->ctx, to);
-    *to        = t->exposure.of;
+    *to              = t->exposure.of;
     to->medium       = water_medium(&t->water);
     to->medium.shift = 0;
     lamp_leave(&t->lamp, to);

@@ -267,9 +267,9 @@ struct exposure {
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
-OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
-OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size);
-OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e);
+OXL_INTERNAL void       exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
+OXL_INTERNAL void       exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size);
+OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
 

@@ -82,14 +82,16 @@ OXL_INTERNAL void water_take(struct water *w, double span, const struct photomet
     for (int c = 0; c < 3; c++)
         value[0][c] = (float)p->direct[c], value[1][c] = (float)p->scatter[c], value[2][c] = (float)p->veil[c];
     if (w->on) water_set(w, value[0], value[1], value[2]);
-    snprintf(why, size,
-             "%zu points in %zu observations: residuals %.2f %% of white, %.2f without water; standard errors of bD %.0f %.0f %.0f %%, bB "
-             "%.0f %.0f %.0f %%, Binf %.0f %.0f %.0f %%",
-             p->points, p->observations, 100 * p->residual, 100 * p->without[0], 100 * p->error[0], 100 * p->error[1],
-             100 * p->error[2], 100 * p->error[3], 100 * p->error[4], 100 * p->error[5], 100 * p->error[6], 100 * p->error[7],
-             100 * p->error[8]);
+    snprintf(
+        why, size,
+        "%zu points in %zu observations: residuals %.2f %% of white, %.2f without water; red green blue, standard error: bD %.3g %.3g "
+        "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
+        p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->direct[0], p->direct[1], p->direct[2],
+        100 * p->error[0], 100 * p->error[1], 100 * p->error[2], p->scatter[0], p->scatter[1], p->scatter[2], 100 * p->error[3],
+        100 * p->error[4], 100 * p->error[5], p->veil[0], p->veil[1], p->veil[2]);
     if (span < WATER_SPAN_LEAST)
-        snprintf(why, size, "the points' depths span a factor of %.1f: less than %d does not identify water", span, WATER_SPAN_LEAST);
+        snprintf(why, size, "the points' depths span a factor of %.1f: less than %d does not identify water", span,
+                 WATER_SPAN_LEAST);
     else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
     else if (!w->on)
         snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without water", p->points,
