@@ -37,7 +37,7 @@ enum {
 static const double photometry_prior[5] = {1.5, 0.5, 1.5, 0.3, 0.2};
 /* By how much larger residuals must be without water, lamp, gains: with water they are 2 to 4 times as large, in surveys without it 1.01
  * times (docs/log/WATER.md). */
-static const double photometry_evidence[3] = {0.1, 0.02, 0.02};
+static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
 
 struct photometry_sample { /* a point in an image */
     size_t point;
