@@ -65,6 +65,11 @@ stopped_early() { # COMMAND...: the signal comes while the points of long/ are r
     kill -TERM $!
     wait $!
 }
+behind_the_cameras() { # a second copy of the points, which no camera shows, makes blocks of its own
+    mkdir -p behind && cp -r survey/. behind
+    awk '/^#/ { next } { print; $1 += 100000; $4 += 50; print }' survey/sparse/0/points3D.txt >behind/sparse/0/points3D.txt
+    "$program" train behind -o behind/out --block-points 600 --iterations 40 && test -s behind/out/scene.ply
+}
 single_image() {
     mkdir -p single/sparse/0 && cp survey/sparse/0/cameras.txt single/sparse/0 && ln -sfn ../survey/images single/images
     { sed -n '/^[0-9]/{p;n;p;q;}' survey/sparse/0/images.txt; } >single/sparse/0/images.txt
@@ -182,6 +187,7 @@ promise the_state_is_there_again 0 "" files 1 gone/blocks/000 checkpoint.oxl
 promise a_mask_of_another_shape_is_reported_by_train 0 "the mask is stretched" on_stderr sh -c \
     "mkdir -p masked && cp -r survey/. masked && '$program' synth -o square --views 2 --size 50x50 --points 50 --quiet && mkdir masked/masks && cp square/images/IMG_00000.png masked/masks/\$(ls survey/images | head -n 1).png && '$program' train masked -o masked/out --iterations 20"
 promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/out/report.html
+promise a_block_that_no_view_shows_keeps_its_gaussians 0 "windows of 0 views" behind_the_cameras
 promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
 promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
 promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
