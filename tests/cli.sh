@@ -189,6 +189,10 @@ promise a_mask_of_another_shape_is_reported_by_train 0 "the mask is stretched" o
 promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/out/report.html
 promise a_block_that_no_view_shows_keeps_its_gaussians 0 "windows of 0 views" behind_the_cameras
 promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
+promise warnings_of_reading_the_survey_come_once 0 "" sh -c "cp survey/sparse/0/points3D.txt single/sparse/0 && '$program' train single -o single/more --iterations 10 2>once.txt; test \$(grep -c 'more like it' once.txt) = 1"
+promise fewer_gaussians_than_blocks_are_trained 0 "few2/scene.ply" "$program" train survey -o few2 --max-gaussians 1 --iterations 40 --block-points 300
+promise json_is_utf8_whatever_the_survey_is_called 0 "" sh -c "n=\$(printf 'a\377b'); ln -s survey \$n && '$program' train \$n -o utf8 --iterations 5 --quiet && { ! command -v python3 || python3 -m json.tool utf8/run.json; } && ! grep 'No map' utf8/report.html"
+promise a_glb_that_is_read_is_told_with_what_helps 3 "are written, not read" sh -c "'$program' convert out/scene.ply scene.glb && '$program' info scene.glb"
 promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
 promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
 promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"

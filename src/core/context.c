@@ -3,6 +3,7 @@
  * Invariant: all memory of the library comes from ctx->options.reallocate, so that a caller can count it, limit it or make it fail.
  */
 #include "core.h"
+#include "json.h"
 #include "simd.h"
 
 /* ---------------------------------------------------------------- context */
@@ -230,12 +231,11 @@ OXL_INTERNAL void text_add(struct text *t, const char *format, ...)
 
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s)
 {
+    char character[8];
     text_add(t, "\"");
-    for (; *s; s++) {
-        const unsigned char c = (unsigned char)*s;
-        if (c == '"' || c == '\\') text_add(t, "\\%c", c);
-        else if (c < 0x20) text_add(t, "\\u%04x", c);
-        else text_add(t, "%c", c);
+    while (*s) {
+        s += oxl_json_escape(s, character);
+        text_add(t, "%s", character);
     }
     text_add(t, "\"");
 }
