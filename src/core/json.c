@@ -143,8 +143,8 @@ static unsigned long json_code(const char *at)
 static size_t json_unescape(const char **cursor, char *out)
 {
     static const char from[] = "\"\\/bfnrt", to[] = "\"\\/\b\f\n\r\t";
-    const char       *at     = *cursor, *known;
-    unsigned long     code   = json_code(at), second;
+    const char       *at   = *cursor, *known;
+    unsigned long     code = json_code(at), second;
     if (code) {
         *cursor = at + 5;
         second  = code - JSON_HIGH < JSON_SURROGATES && at[5] == '\\' ? json_code(at + 6) : 0;

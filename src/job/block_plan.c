@@ -235,8 +235,8 @@ static void plan_some_view(const oxl_scene *scene, struct image_window *window)
 {
     int v = 0;
     while (oxl_scene_view(scene, v)->is_test) v++; /* a run has a training view */
-    window[v] = (struct image_window){.width  = oxl_scene_view(scene, v)->camera.width,
-                                      .height = oxl_scene_view(scene, v)->camera.height};
+    window[v] =
+        (struct image_window){.width = oxl_scene_view(scene, v)->camera.width, .height = oxl_scene_view(scene, v)->camera.height};
 }
 
 static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coarse, struct block_plan *plan,

@@ -15,7 +15,7 @@
 #include "../core/vecmath.h"
 
 #define MODEL_FILE_SCALE_MOST  88.7f /* log of the largest size that a float holds */
-#define MODEL_FILE_ORIGIN_MOST 1e15 /* limit of |origin| */
+#define MODEL_FILE_ORIGIN_MOST 1e15  /* limit of |origin| */
 
 enum {
     MODEL_FILE_COLUMNS     = 62,  /* of the standard layout */
@@ -542,8 +542,10 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     *out = (oxl_model){0};
     rc   = model_file_ends_in(path, ".splat") ? model_file_read_splat(ctx, path, out)
            : model_file_ends_in(path, ".spz") ? spz_read(ctx, path, out)
-           : model_file_ends_in(path, ".glb") ? oxl_fail(ctx, OXL_ERR_INPUT, "%s: .glb files are written, not read\n"
-                                                         "fix: use the .ply or .spz that it was made from", path)
+           : model_file_ends_in(path, ".glb") ? oxl_fail(ctx, OXL_ERR_INPUT,
+                                                         "%s: .glb files are written, not read\n"
+                                                           "fix: use the .ply or .spz that it was made from",
+                                                         path)
                                               : model_file_read_ply(ctx, path, out);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0) oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);

@@ -54,8 +54,10 @@ static void spz_put_u32(unsigned char *p, uint32_t value)
 
 static oxl_result spz_wrong(oxl_context *ctx, const char *path, const char *seen, const char *wanted)
 {
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: seen %s, wanted %s\nfix: copy the file again, or write it as SPZ version 3 (splat-transform: --spz-version 3)", path,
-                    seen, wanted);
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "%s: seen %s, wanted %s\nfix: copy the file again, or write it as SPZ version 3 (splat-transform: --spz-version 3)", path,
+        seen, wanted);
 }
 
 /* Offset of the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */
