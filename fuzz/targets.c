@@ -231,8 +231,8 @@ static void fuzz_spz(oxl_context *ctx, const uint8_t *data, size_t size)
     file[10] = 1; /* the last block, stored; its size and the complement of it */
     for (size_t i = 0; i < 2; i++) file[11 + i] = (unsigned char)(size >> 8 * i), file[13 + i] = (unsigned char)(~size >> 8 * i);
     memcpy(file + HEAD, data, size);
-    spz_put_u32(file + HEAD + size, spz_crc(data, size));
-    spz_put_u32(file + HEAD + size + 4, (uint32_t)size);
+    bytes_put(file + HEAD + size, spz_crc(data, size), 4);
+    bytes_put(file + HEAD + size + 4, (uint32_t)size, 4);
     fuzz_model(ctx, "model.spz", file, HEAD + size + TAIL);
     free(file);
 }
