@@ -73,7 +73,6 @@
 /* training */
 #include "src/train/checkpoint.c"      /* training state in a file, for resuming */
 #include "src/train/density.c"         /* clone, split, prune, opacity reset */
-#include "src/train/spsa.c"            /* gradient-free search of the depth weights */
 #include "src/survey/contrast.c"       /* fall of image contrast with depth */
 #include "src/train/ucd.c"             /* depth weights of density control */
 #include "src/train/prune.c"           /* pruning: schedule and scores */

@@ -5,9 +5,6 @@
  * without some SH bands is no evidence: the others have adapted to them. By that test a scene without view dependence seemed to need
  * degree 3.) Each decision is noted with its evidence (run.json).
  *
- * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and compared on training
- * images.
- *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial repeats the trial.
  */
 #include "train_state.h"
@@ -20,9 +17,8 @@
 #define SELECTION_WATCH            (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
 #define SELECTION_TRIAL            (1.0 / 40) /* of the run: length of a trial */
 enum {
-    SELECTION_VIEWS_LEAST = 8,  /* with fewer training views none is used for validation */
-    SELECTION_VIEWS_MOST  = 8,  /* limit of validation views */
-    SELECTION_RECOVERY    = 500 /* steps after an opacity reset in which losses depend on the reset */
+    SELECTION_VIEWS_LEAST = 8, /* with fewer training views none is used for validation */
+    SELECTION_VIEWS_MOST  = 8  /* limit of validation views */
 };
 
 /* Choice and evidence: one member of the object. */
@@ -289,79 +285,26 @@ static oxl_result selection_lobes(struct train *t)
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : selection_assign_lobes(t);
 }
 
-/* ---------------------------------------------------------------- weights by depth (ucd.c) */
-
-/* No other decision may fall into the trial, and no opacity reset may be recent: the losses would measure the recovery from it. */
-static int selection_weights_can_be_tried_at(const oxl_train_options *o, int begin)
-{
-    const int end = begin + UCD_SPANS * o->densify_every, bands = selection_sh_degree_at(o), lobes = selection_lobes_at(o);
-    if (end > (int)(o->densify_until * o->iterations)) return 0;
-    for (int step = begin; step < end; step++)
-        if (step == bands || step == lobes) return 0;
-    for (int step = OXL_MAX(1, begin - SELECTION_RECOVERY); step < end; step++)
-        if (schedule_resets_opacity_at(o, step)) return 0;
-    return 1;
-}
-
-static int selection_tries_weights(const struct train *t)
-{
-    return ucd_tries(&t->ucd) && selection_weights_can_be_tried_at(t->options, t->step);
-}
-
-/* Densifications with the point asked for, and all steps up to the one after. */
-static oxl_result selection_try_point(struct train *t, double *cost)
-{
-    const int    span = t->options->densify_every, end = t->step + UCD_SPANS * span - 1;
-    const double before = (double)t->model->count, f[2] = {t->ucd.f[0], t->ucd.f[1]};
-    double       sum = 0;
-    oxl_result   rc;
-    ucd_ask(&t->ucd, t->ucd.f);
-    rc = step_densify(t, t->ucd.f);
-    while (rc == OXL_OK && t->step < end) {
-        t->step++;
-        rc = selection_step(t);
-        if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
-        if (rc == OXL_OK && t->step > end - span / 2) rc = step_settle(t);
-        if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
-    }
-    memcpy(t->ucd.f, f, sizeof t->ucd.f);
-    if (rc == OXL_OK) *cost = ucd_update(&t->ucd, sum / (span / 2), (double)t->model->count / before - 1);
-    return rc;
-}
-
-/* Both points of a pair: t is the better branch in the end. */
-static oxl_result selection_try_weights(struct train *t, struct train_branch *start, struct train_branch *other)
-{
-    const struct ucd before  = t->ucd;
-    double           cost[2] = {0, 0};
-    oxl_result       rc;
-    spsa_skip(&t->ucd.spsa); /* an interrupted pair began from another state */
-    rc = selection_try_point(t, &cost[0]);
-    if (rc == OXL_OK) rc = branch_restart(t, start, other);
-    t->ucd.densified = before.densified;
-    if (rc == OXL_OK) rc = selection_try_point(t, &cost[1]);
-    if (rc != OXL_OK) t->ucd = before;
-    if (rc != OXL_OK) return rc;
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs were %.5f and %.5f", t->step, t->ucd.f[0],
-            t->ucd.f[1], cost[0], cost[1]);
-    return cost[0] < cost[1] ? branch_swap(t, other) : OXL_OK;
-}
+/* ---------------------------------------------------------------- density control */
 
 static oxl_result selection_density(struct train *t)
 {
     const oxl_train_options *o  = t->options;
     oxl_result               rc = OXL_OK;
+    double                   f[2];
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
+    ucd_observe(&t->ucd, t->last_loss);
     rc = step_observe(t);
     if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
-        if (!t->trial_is_next && selection_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
-        else rc = step_densify(t, t->ucd.f);
-        t->ucd.densified++;
+        ucd_weights(&t->ucd, t->model->count, f);
+        rc = step_densify(t, f);
     }
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = step_download(t, 1);
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step))
-        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
-    return rc;
+    if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
+    rc = step_download(t, 1);
+    if (rc != OXL_OK) return rc;
+    density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+    ucd_restart(&t->ucd);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- lamp and water (lamp.c, water.c) */
@@ -484,8 +427,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
     double              psnr[4] = {0, 0, 0, 0};
     const int           most    = t->model->sh_degree;
     oxl_result          rc      = branch_copy(t, &start);
-    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_WEIGHTS) rc = selection_try_weights(t, &start, &other);
-    else if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
+    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
     else if (rc == OXL_OK && t->trial_is_next >= TRAIN_TRIES_LAMP) rc = selection_try_imaging(t, &start, &other);
     else if (rc == OXL_OK) rc = selection_try_sh_degree(t, &start, &other, psnr);
     if (rc == OXL_OK) {
@@ -503,31 +445,12 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
 
 /* ---------------------------------------------------------------- the cost of trials */
 
-static int selection_pairs_of_weights(const oxl_train_options *o)
-{
-    struct ucd u    = {.learns = o->ucd.mode != OXL_UCD_OFF && o->ucd.learn};
-    int        step = 1;
-    if (u.learns) ucd_begin_search(&u, schedule_densifications(o), 0);
-    while (u.learns && step <= o->densify_until * o->iterations) {
-        const int densifies = schedule_densifies_at(o, step);
-        const int tries     = densifies && ucd_tries(&u) && selection_weights_can_be_tried_at(o, step);
-        u.densified += tries ? UCD_SPANS : densifies;
-        u.spsa.pair += tries;
-        step += tries ? UCD_SPANS * o->densify_every : 1;
-    }
-    return u.spsa.pair;
-}
-
-/* Steps beyond the run's own: three of the four alternatives of a trial of bands, one of two of lobes, one of each pair of depth
- * weights; half of the latter while auto is undecided. */
+/* Steps beyond the run's own: three of the four alternatives of a trial of bands, one of two of others. */
 OXL_INTERNAL int selection_trial_steps(const oxl_train_options *o, int views)
 {
-    const int each  = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
-    const int pairs = selection_pairs_of_weights(o); /* none where a span would not fit into the run, be it longer than an int */
-    const int weights = pairs > 0 ? pairs * (UCD_SPANS * o->densify_every - 1) / (o->ucd.mode == OXL_UCD_AUTO ? 2 : 1) : 0;
-    if (views < SELECTION_VIEWS_LEAST) return weights;
-    return weights +
-           each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO) + (o->lamp == OXL_AUTO) + (o->medium == OXL_AUTO));
+    const int each = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
+    if (views < SELECTION_VIEWS_LEAST) return 0;
+    return each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO) + (o->lamp == OXL_AUTO) + (o->medium == OXL_AUTO));
 }
 
 /* ---------------------------------------------------------------- at the end, and in between */

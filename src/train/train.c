@@ -98,7 +98,7 @@ static oxl_result train_begin_control(struct train *t)
     const oxl_train_options *o     = t->options;
     const int                until = (int)(o->densify_until * o->iterations), views = schedule_training_views(t->scene);
     char                     words[320];
-    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd, schedule_densifications(o));
+    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd);
     if (rc != OXL_OK) return rc;
     ucd_describe(&t->ucd, words, sizeof words);
     if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);

@@ -4,14 +4,7 @@
 
 #include "train.h"
 
-enum train_trial {
-    TRAIN_TRIES_NOTHING,
-    TRAIN_TRIES_SH_DEGREE,
-    TRAIN_TRIES_LOBES,
-    TRAIN_TRIES_WEIGHTS,
-    TRAIN_TRIES_LAMP,
-    TRAIN_TRIES_WATER
-};
+enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES, TRAIN_TRIES_LAMP, TRAIN_TRIES_WATER };
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 
@@ -98,6 +91,7 @@ struct train_branch { /* the state that a step changes */
     struct exposure exposure;
     struct water    water;
     struct lamp_fit lamp;
+    struct ucd      ucd;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
