@@ -109,8 +109,7 @@ int info_copy_imaging(const char *from, const char *to)
     while (in && info_is_for_viewers(from) && fgets(line, sizeof line, in)) own &= line[0] == '#' || info_is_gain(line);
     if (in) rewind(in);
     if (in && own && !there) out = info_open_imaging(to, "wb");
-    while (out && fgets(line, sizeof line, in))
-        fputs(line, out);
+    while (out && fgets(line, sizeof line, in)) fputs(line, out);
     failed = out && (ferror(in) || ferror(out));
     if (in) fclose(in);
     if (there) fclose(there);

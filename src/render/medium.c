@@ -157,10 +157,10 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
             medium_through(m, range, through, &log_near);
             for (int k = 0; k <= seen; k++) {
                 const double weight = 1 / OXL_MAX(range * range, 1e-12); /* its size in the image */
-                const double light =
-                    k && lamp[v] ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * x / camera[v]->width - 1),
-                                                             (float)(2 * y / camera[v]->height - 1)))
-                                 : 1;
+                const double light  = k && lamp[v]
+                                          ? vecmath_exp(lamp_log_gain(lamp[v]->shape, (float)(2 * x / camera[v]->width - 1),
+                                                                      (float)(2 * y / camera[v]->height - 1)))
+                                          : 1;
                 for (int c = 0; c < 3; c++) {
                     const double by = weight * light * (k ? (double)gain[v][c] : 1);
                     sum[k][c] += by * through[c];
