@@ -51,7 +51,7 @@ static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
 OXL_INTERNAL void   imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void   imaging_clear(struct imaging *m);
 OXL_INTERNAL void   imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
-OXL_INTERNAL void   imaging_foretell(const struct imaging *m, int view, float log_gain[3]);
+OXL_INTERNAL void   imaging_predict(const struct imaging *m, int view, float log_gain[3]);
 OXL_INTERNAL void   imaging_gain(const struct imaging *m, int view, float gain[3]);
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
 OXL_INTERNAL void   imaging_apply(const struct imaging *m, int view,
