@@ -178,30 +178,34 @@ OXL_INTERNAL void       transients_archive(struct archive *a, struct transients 
 /* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
 
 struct water {
-    int    on, decided, steps;
+    int    on, fixed, steps;            /* fixed: as the tracks say */
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
-OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *goes_on);
+/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_take, exposure_take. */
+OXL_INTERNAL void water_take(struct water *w, double span, const struct photometry *p, char *why, size_t size);
 #define WATER_SPAN_LEAST 2 /* less does not identify the water: auto is off (docs/WATER.md) */
 OXL_INTERNAL double        water_span(oxl_scene *scene);
-OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* without tracks, after this step; 0: never */
 OXL_INTERNAL struct medium water_medium(const struct water *w);
-OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
+OXL_INTERNAL void          water_start(struct water *w, oxl_scene *scene);
+/* J from what it is in training to that without water, or back. */
+OXL_INTERNAL void          water_scale(const struct water *w, int to_clear, oxl_model *model);
 OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
 OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
 
 /* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
 
 struct lamp_fit {
-    int         on, decided, steps, groups;
+    int         on, steps, groups;
     int         visits[LAMP_MOST];                                           /* steps of a camera */
     struct lamp group[LAMP_MOST];                                            /* the first: cameras that have none of their own */
     double      first[LAMP_MOST][LAMP_TERMS], second[LAMP_MOST][LAMP_TERMS]; /* Adam's moments */
     double      falloff, falloff_first, falloff_second, reference;
 };
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct imaging *goes_on);
-OXL_INTERNAL int  lamp_starts_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size);
 OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m);
 /* of: the lamp of the view's camera. */
 OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
@@ -231,7 +235,7 @@ OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_spa
 
 struct exposure {
     oxl_switch     mode;
-    int            decided;        /* auto: it is decided */
+    double         hold;           /* share of the run up to which known gains stay */
     struct imaging of;             /* the gains; on: they are applied */
     float         *first, *second; /* (views,3) Adam's moments */
     int           *visits;         /* (views) steps of a view's gains */
@@ -240,14 +244,9 @@ struct exposure {
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
-OXL_INTERNAL oxl_switch exposure_mode(const oxl_train_options *options); /* off for `auto` in a short run */
-OXL_INTERNAL int        exposure_watches(const struct exposure *e);
-OXL_INTERNAL int        exposure_decides_at(const oxl_train_options *options); /* after this step; 0: never */
-OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *rendered, const float *target, const float *weight,
-                                 size_t n);
-OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
-OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size);
-OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e);
+OXL_INTERNAL void       exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
+OXL_INTERNAL void       exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size);
+OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
 
