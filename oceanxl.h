@@ -228,6 +228,7 @@ typedef struct oxl_model {
     double scale;             /* factor already applied to positions, sizes and origin, metres per unit of the survey; 0: none */
     float *plane[OXL_PLANES]; /* (count) each, (lobes) from OXL_LOBE on; 64-byte aligned */
     void  *memory;            /* the allocation that holds the planes */
+    size_t not_finite;        /* rows of the file that oxl_model_read left out */
 } oxl_model;
 
 /* All values are 0, except rotations: the identity. */

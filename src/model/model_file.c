@@ -15,6 +15,8 @@
 #include "../core/bytes.h"
 #include "../core/vecmath.h"
 
+#define MODEL_FILE_SCALE_MOST 88.7f /* log of the largest size that a float holds */
+
 enum {
     MODEL_FILE_COLUMNS     = 62,  /* of the standard layout */
     MODEL_FILE_ROWS        = 256, /* converted at a time */
@@ -102,7 +104,7 @@ static oxl_result model_file_check_finite(oxl_context *ctx, const char *path, co
     return rc;
 }
 
-/* Keeps the finite rows in their order. */
+/* Keeps the rows of finite values and sizes in their order. */
 static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_model *model)
 {
     const size_t count = model->count;
@@ -111,12 +113,15 @@ static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_m
     memset(keep, 1, count + 1);
     for (int p = 0; p < oxl_model_planes(model); p++)
         for (size_t i = 0; i < count; i++) keep[i] &= model_file_finite(model->plane[p][i]) != 0;
+    for (int a = 0; a < 3; a++)
+        for (size_t i = 0; i < count; i++) keep[i] &= model->plane[OXL_LOG_SCALE + a][i] < MODEL_FILE_SCALE_MOST;
     for (int k = 0; k < MODEL_LOBE_PLANES; k++)
         for (size_t i = 0; i < model->lobes; i++) keep[i] &= model_file_finite(model->plane[OXL_LOBE + k][i]) != 0;
     model_keep_rows(model, keep);
-    if (model->count < count)
+    model->not_finite = count - model->count;
+    if (model->not_finite)
         oxl_log(ctx, OXL_LOG_WARNING, "%s: dropped %zu of %zu Gaussians that hold values which are not finite", path,
-                count - model->count, count);
+                model->not_finite, count);
     oxl_free(ctx, keep);
     return OXL_OK;
 }
@@ -402,9 +407,9 @@ static void model_file_warn_place(oxl_context *ctx, const char *path, const oxl_
     for (int i = 0; i < 3; i++) format_shortest(text[i], o[i]);
     if (o[0] != 0 || o[1] != 0 || o[2] != 0)
         oxl_log(ctx, OXL_LOG_WARNING,
-                "%s: a .splat cannot store the origin %s %s %s: eval and render will not match the survey's cameras\n"
+                "%s: a .splat cannot store the origin %s %s %s%s: eval and render will not match the survey's cameras\n"
                 "fix: keep the .ply or an .spz, too",
-                path, text[0], text[1], text[2]);
+                path, text[0], text[1], text[2], model->scale > 0 ? " and the scale" : "");
     else if (model->scale > 0)
         oxl_log(ctx, OXL_LOG_WARNING,
                 "%s: a .splat cannot store the scale %g: eval and render will not match the survey's cameras\n"
@@ -472,6 +477,10 @@ oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out)
     *out = (oxl_model){0};
     rc   = model_file_ends_in(path, ".splat") ? model_file_read_splat(ctx, path, out)
            : model_file_ends_in(path, ".spz") ? spz_read(ctx, path, out)
+           : model_file_ends_in(path, ".glb") ? oxl_fail(ctx, OXL_ERR_INPUT,
+                                                         "%s: .glb files are written, not read\n"
+                                                           "fix: use the .ply or .spz that it was made from",
+                                                         path)
                                               : model_file_read_ply(ctx, path, out);
     if (rc == OXL_OK) rc = model_file_drop_rows(ctx, path, out);
     if (rc == OXL_OK && out->count == 0) oxl_log(ctx, OXL_LOG_WARNING, "%s holds no Gaussians: there is nothing to draw", path);

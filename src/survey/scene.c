@@ -559,8 +559,6 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     scene_split(scene, o.test_every);
     if (o.read_images) rc = scene_count_masks(ctx, scene);
     if (rc == OXL_OK) rc = scene_measure(ctx, scene);
-    if (rc == OXL_OK && scene->view_count == 1)
-        oxl_log(ctx, OXL_LOG_WARNING, "only one image: there will be no depth in the scene");
 done:
     if (rc != OXL_OK) oxl_scene_free(ctx, scene);
     else *out = scene;
