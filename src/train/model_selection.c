@@ -163,7 +163,7 @@ static oxl_result selection_try(struct train *t, double *psnr)
 static oxl_result selection_set_degree(struct train *t, int degree)
 {
     oxl_model *all[3] = {t->model, &t->first, &t->second};
-    oxl_result rc     = step_download(t, 1);
+    oxl_result rc     = step_download(t, DOWNLOAD_TO_CHANGE);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
     return rc == OXL_OK ? step_resize_gradient(t) : rc;
 }
@@ -254,7 +254,7 @@ static oxl_result selection_assign_lobes(struct train *t)
     uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
     size_t                   given     = 0;
     double                   threshold = 0;
-    oxl_result               rc = active ? step_download(t, 1) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    oxl_result               rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
     if (rc == OXL_OK) rc = selection_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->model->count; i++) {
@@ -278,7 +278,7 @@ static oxl_result selection_lobes(struct train *t)
     oxl_result rc        = OXL_OK;
     if (last == 0 || t->lobes == LOBES_DECIDED || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
     if (t->lobes == LOBES_IDLE) {
-        rc = step_download(t, 1);
+        rc = step_download(t, DOWNLOAD_TO_CHANGE);
         if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
         t->lobes = LOBES_WATCHED;
     }
@@ -358,17 +358,18 @@ static oxl_result selection_density(struct train *t)
         else rc = step_densify(t, t->ucd.f);
         t->ucd.densified++;
     }
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = step_download(t, 1);
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step))
-        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
-    return rc;
+    if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
+    rc = step_download(t, DOWNLOAD_SHAPE);
+    if (rc != OXL_OK) return rc;
+    density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+    return renderer_send_shape(t->ctx, t->renderer, t->model, 1);
 }
 
 /* ---------------------------------------------------------------- lamp and water (lamp.c, water.c) */
 
 static oxl_result selection_turn_on(struct train *t, int lamp)
 {
-    const oxl_result rc = step_download(t, 1);
+    const oxl_result rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (lamp) t->lamp.on = 1;
     else if (rc == OXL_OK) water_start(&t->water, t->model);
     return rc;

@@ -72,10 +72,9 @@ OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options 
 
 /* Forward, loss, backward, Adam on the next training view: the part of a step that a trial of SH degrees or lobes repeats. */
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
-/* Ends deferred steps, and downloads what a device holds: for reading, or for changing. Before the host uses a step's loss, renders, or reads
- * or changes the model. */
+/* Ends deferred steps, and downloads what a device holds. Before the host uses a step's loss, renders, or reads or changes the model. */
 OXL_INTERNAL oxl_result step_settle(struct train *t);
-OXL_INTERNAL oxl_result step_download(struct train *t, int changes);
+OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what);
 OXL_INTERNAL oxl_result step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
 OXL_INTERNAL oxl_result step_prune(struct train *t, double held);
