@@ -227,8 +227,8 @@ static void vulkan_move_slabs(struct vulkan_renderer *r, const struct vulkan_ren
                 (from[first + rows - 1] & ~RENDERER_FRESH) < old_first)
                 continue;
             VULKAN_RUN(r->v, MOVE, 0, vulkan_groups(rows),
-                       VULKAN_PUSH((uint32_t)first, (uint32_t)rows, r->stride, (uint32_t)old_first, (uint32_t)old_rows, old->stride,
-                                   r->lobe_plane, (uint32_t)r->lobes, OXL_SH),
+                       VULKAN_PUSH((uint32_t)first, (uint32_t)rows, r->stride, (uint32_t)old_first, (uint32_t)old_rows,
+                                   old->stride, r->lobe_plane, (uint32_t)r->lobes, OXL_SH),
                        VULKAN_BUFFERS(&r->moves, &old->slab[o].parameter, &old->slab[o].first, &old->slab[o].second,
                                       &r->slab[s].parameter, &r->slab[s].first, &r->slab[s].second));
         }

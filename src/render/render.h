@@ -97,7 +97,7 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
 enum renderer_download {
     DOWNLOAD_TO_READ,
     DOWNLOAD_TO_CHANGE, /* the next renderer_forward uploads them */
-    DOWNLOAD_SHAPE      /* only the statistics and the planes before OXL_SH, which the host may change and renderer_send_shape uploads */
+    DOWNLOAD_SHAPE /* only the statistics and the planes before OXL_SH, which the host may change and renderer_send_shape uploads */
 };
 OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what);
 

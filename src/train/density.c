@@ -245,9 +245,9 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
     memcpy(next.origin, model->origin, sizeof next.origin);
     next.scale = model->scale;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int k = 0; k < OXL_MIN(planes, oxl_model_planes(model)); k++) density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
-    for (int k = OXL_LOBE; lobes && k < planes; k++)
-        density_copy_plane(d, model->plane[k], model->lobes, next.plane[k], fresh);
+    for (int k = 0; k < OXL_MIN(planes, oxl_model_planes(model)); k++)
+        density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
+    for (int k = OXL_LOBE; lobes && k < planes; k++) density_copy_plane(d, model->plane[k], model->lobes, next.plane[k], fresh);
     for (size_t i = 0; i < model->count && !fresh; i++) {
         if (d->verdict[i] == DENSITY_SPLIT) {
             density_make_child(model, i, &next, at, -1);

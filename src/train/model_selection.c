@@ -254,7 +254,7 @@ static oxl_result selection_assign_lobes(struct train *t)
     uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
     size_t                   given     = 0;
     double                   threshold = 0;
-    oxl_result               rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
     if (rc == OXL_OK) rc = selection_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->model->count; i++) {

@@ -369,11 +369,12 @@ OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
 /* On a device: the rows that density control has decided on. */
 static oxl_result step_move_rows(struct train *t, const struct density_change *change, int *moved)
 {
-    const size_t          count = t->model->count - change->removed + change->split;
-    uint32_t             *from  = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
-    struct renderer_move  move  = {.from = from, .count = count};
-    oxl_result            rc;
-    if (renderer_has_device(t->renderer) && !from) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
+    const size_t         count = t->model->count - change->removed + change->split;
+    uint32_t            *from  = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
+    struct renderer_move move  = {.from = from, .count = count};
+    oxl_result           rc;
+    if (renderer_has_device(t->renderer) && !from)
+        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
     if (from) move.lobes = density_sources(t->density, t->model, from);
     rc = renderer_move_rows(t->ctx, t->renderer, &move, moved);
     oxl_free(t->ctx, from);

@@ -50,7 +50,7 @@ OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, cons
 OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
                                       const struct density_change *change, int moved);
 /* from: of renderer_move, for the decision; returns how many rows keep a second lobe. */
-OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
+OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
 /* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
 OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);
