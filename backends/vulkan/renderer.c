@@ -1,6 +1,6 @@
 /* renderer.c - the renderer on a Vulkan device: the functions of struct renderer_device, each as a few passes of the shaders in shaders/.
  *
- * A step (compare src/render/renderer.c; the arrows are where the host waits):
+ * A step (compare src/render/renderer.c; the arrows are where the host waits, but in deferred steps, which report later):
  *     project, sort by depth, count the pairs  ->  emit the pairs, sort by tile, rasterize, loss  ->  backward, Adam, statistics  ->
  *
  * Invariants: no atomics on floats, and every sum has a written order, so a device repeats its own results. It does not give the
