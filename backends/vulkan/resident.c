@@ -143,8 +143,10 @@ static void vulkan_reserve_rows(struct vulkan_renderer *r)
 OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m)
 {
     if (r->model_here && r->model == m && r->plane == m->plane[0] && r->count == m->count && r->lobes == m->lobes &&
-        r->sh_degree == m->sh_degree)
+        r->sh_degree == m->sh_degree) {
+        vulkan_reserve_rows(r); /* rows may have been moved: vulkan_move_rows */
         return;
+    }
     r->model = (oxl_model *)m; /* written in vulkan_download_model alone, when vulkan_step was given it as its own to write */
     r->first = r->second = NULL;
     r->plane             = m->plane[0];
@@ -262,8 +264,7 @@ OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_mov
     }
     r->room    = 0;
     r->stepped = 1; /* the host has not got all of it */
-    vulkan_reserve_rows(r);
-    return v->rc;
+    return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity)

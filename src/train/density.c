@@ -231,7 +231,7 @@ static void density_copy_plane(const struct density *d, const float *from, size_
     }
 }
 
-/* planes: the first ones are copied, the others are a device's. */
+/* planes: 0: a device has their rows. */
 static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh,
                                   int planes)
 {
@@ -288,7 +288,7 @@ OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_m
     if (change->removed + change->split > 0) {
         rc = density_rebuild(ctx, d, first, count, 1, moved ? 0 : OXL_PLANES);
         if (rc == OXL_OK) rc = density_rebuild(ctx, d, second, count, 1, moved ? 0 : OXL_PLANES);
-        if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0, moved ? OXL_SH : OXL_PLANES);
+        if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0, OXL_PLANES);
     }
     return rc == OXL_OK ? density_clear(ctx, d, model->count) : rc;
 }

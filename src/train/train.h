@@ -44,7 +44,7 @@ OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, s
 /* Of a row, over the views that saw it since the statistics were cleared, without weights. */
 OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
 /* Decides which rows are split and removed; density_apply rebuilds the model and its moments so, and clears the statistics. moved: a device has
- * done the same, and the planes from OXL_SH on and the moments are left to it. */
+ * done the same, and the moments are left to it. */
 OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
                                        const struct density_rules *rules, struct density_change *out);
 OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
