@@ -648,7 +648,7 @@ static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_cam
         CHECK(skipped.rows == skipped_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
-    CHECK_OK(renderer_download(ctx, r, 1));
+    CHECK_OK(renderer_download(ctx, r, DOWNLOAD_TO_CHANGE));
 }
 
 static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double bound)
@@ -792,7 +792,7 @@ static void vulkan_check_deferral(oxl_context *device)
     CHECK(report.there && report.loss.total == loss[6].total);
     CHECK_OK(renderer_report(device, d[1].r, 1, &report));
     CHECK(!report.there);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(device, d[k].r, 1));
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_CHANGE));
     vulkan_check_same_run(&d[0], &d[1]);
     for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
 }
@@ -810,7 +810,7 @@ static void vulkan_check_halt(oxl_context *device)
         for (int k = 0; k < 2; k++) {
             vulkan_deferral_begin(device, &d[k]);
             for (int step = 1; step <= 2; step++) vulkan_step_of(device, &d[k], step, &none);
-            CHECK_OK(renderer_download(device, d[k].r, 1));
+            CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_CHANGE));
             for (int i = 0; i < 3; i++) d[k].run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
             if (halt == HALT_LOSS) d[k].run.model.plane[OXL_SH][40] = INFINITY;
         }
@@ -829,10 +829,10 @@ static void vulkan_check_halt(oxl_context *device)
         renderer_defer(d[1].r, 0);
         CHECK_OK(renderer_download_rows(device, d[1].r));
         CHECK(renderer_row_visible(d[1].r, 40) && renderer_row_finite(d[1].r, 40) == (halt == HALT_PAIRS));
-        CHECK_OK(renderer_download(device, d[1].r, 0));
+        CHECK_OK(renderer_download(device, d[1].r, DOWNLOAD_TO_READ));
         vulkan_check_same_run(&d[0], &d[1]);
         vulkan_step_of(device, &d[1], 3, &none); /* the next one does */
-        CHECK_OK(renderer_download(device, d[1].r, 0));
+        CHECK_OK(renderer_download(device, d[1].r, DOWNLOAD_TO_READ));
         if (halt == HALT_PAIRS)
             CHECK(memcmp(d[0].run.model.plane[OXL_MEAN], d[1].run.model.plane[OXL_MEAN], 300 * sizeof(float)) != 0);
         for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
@@ -873,7 +873,7 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
     vulkan_idle_waits              = 0;
     device->vulkan->DeviceWaitIdle = vulkan_play_idle;
-    CHECK(renderer_download(device, r, 1) == OXL_ERR_FAILED);
+    CHECK(renderer_download(device, r, DOWNLOAD_TO_CHANGE) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
@@ -1241,7 +1241,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_repaint(&other);
     vulkan_forward_both(&t, &m);
     vulkan_compare_images(&t);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k], 1));
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k], DOWNLOAD_TO_CHANGE));
     vulkan_repaint(&m);
     vulkan_repaint(&m);
     vulkan_forward_both(&t, &m);
