@@ -43,14 +43,9 @@ OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, str
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
 /* Of a row, over the views that saw it since the statistics were cleared, without weights. */
 OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
-/* Decides which rows are split and removed; density_apply rebuilds the model and its moments so, and clears the statistics. moved: a device has
- * done the same, and the moments are left to it. */
+/* Decides which rows are split and removed; train_state.h has what carries it out. */
 OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
                                        const struct density_rules *rules, struct density_change *out);
-OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
-                                      const struct density_change *change, int moved);
-/* from: of renderer_move, for the decision; returns how many rows keep a second lobe. */
-OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
 /* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
 OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);

@@ -62,6 +62,14 @@ struct train {
     struct text                decisions; /* members of a JSON object: decisions and evidence */
 };
 
+/* ---------------------------------------------------------------- density.c: the decision carried out */
+
+/* Rebuilds the model and its moments, and clears the statistics. moved: a device has moved the rows, and the moments are left to it. */
+OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+                                      const struct density_change *change, int moved);
+/* from: of renderer_move, for the decision; returns how many rows keep a second lobe. */
+OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
+
 /* ---------------------------------------------------------------- schedule.c */
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
