@@ -428,6 +428,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
+    if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "a model that stays in its file can only be rendered");
     if (r->context && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered with context Gaussians");
     if (r->device && render_has_medium(r))
@@ -852,6 +853,13 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
     *out = (oxl_image){0};
     if (camera->width < 1 || camera->height < 1) {
         return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+    }
+    if (model->pages) {
+        oxl_model shown;
+        rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
+        if (rc == OXL_OK) rc = renderer_draw(ctx, r, &shown, camera, options, out, depth);
+        oxl_model_free(ctx, &shown);
+        return rc;
     }
     rc = renderer_forward(ctx, r, model, camera, options);
     if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);

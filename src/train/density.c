@@ -76,7 +76,7 @@ static oxl_result density_reserve(oxl_context *ctx, struct density *d, size_t co
 OXL_INTERNAL oxl_result density_clear(oxl_context *ctx, struct density *d, size_t count)
 {
     const oxl_result rc = density_reserve(ctx, d, count);
-    if (rc != OXL_OK) return rc;
+    if (rc != OXL_OK || count == 0) return rc;
     memset(d->gradient, 0, count * sizeof *d->gradient);
     memset(d->views, 0, count * sizeof *d->views);
     if (d->banded) memset(d->gradient_mid, 0, count * sizeof *d->gradient_mid);

@@ -79,13 +79,11 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
     t->sh_degree = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
     t->view      = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
     t->held      = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
-    t->full_view = oxl_alloc(t->ctx, (size_t)oxl_scene_view_count(t->scene) + 1, sizeof *t->full_view);
-    if (!t->view || !t->held || !t->full_view) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
         const int trains = selection_trains(t, i), held = trains && holds && selection_holds(index++, views);
         if (held) t->held[t->held_views++] = i;
         else if (trains) t->view[t->views++] = i;
-        if (!held && t->place && t->place->full_view && t->place->full_view[i]) t->full_view[t->full_views++] = i;
     }
     if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
     return OXL_OK;

@@ -250,8 +250,6 @@ OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
 
-enum { TRAIN_FULL_VIEW_EVERY = 6 }; /* steps of a block: one is on a full view */
-
 /* Where a run keeps its state. */
 struct train_output {
     const char                *folder; /* of the checkpoints */
@@ -266,10 +264,9 @@ struct train_output {
     /* a part of a survey's run (src/job/rounds.c): */
     const oxl_model           *context; /* Gaussians that are rendered, too, and not trained; NULL: none */
     const struct image_window *window;  /* (views) trained part of each view, width 0: none; or NULL: all of all */
-    const uint8_t
-        *full_view; /* (views) 1: some steps use all of it, at half the sides, though it has a window or none; or NULL */
-    int  first;     /* a start that is so many steps old, without its moments */
-    int  until;     /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
+    oxl_model *moments; /* (2) Adam's, of the start; taken, and given back with the model; NULL: they begin at 0 */
+    int        first;   /* a start that is so many steps old */
+    int        until;   /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,

@@ -9,7 +9,7 @@ enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 
 struct train_deferred { /* a step that the device has not reported yet */
-    int step, view, on_full_view, is_trial, observed;
+    int step, view, is_trial, observed;
 };
 
 struct train {
@@ -39,11 +39,9 @@ struct train {
     float                     *target, *weight; /* with transients.points: the image of this step: (3,H,W), (H,W) */
     int                        masked;          /* whether weight holds its mask */
     size_t                     target_capacity, weight_capacity;
-    int                       *full_view, full_views; /* (full_views) of train_output */
-    int                        on_full_view;          /* this step does */
-    int                        halved;                /* whether the image of this step is reduced to half the sides */
-    double                     loss, psnr;            /* smoothed */
-    double                     last_loss;             /* of the last image, comparable between steps; NaN: skipped */
+    int                        halved;     /* whether the image of this step is reduced to half the sides */
+    double                     loss, psnr; /* smoothed */
+    double                     last_loss;  /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite              nonfinite;
     int                        first_step; /* after which this process took over: 0, or that of a checkpoint */
     double                     begun;      /* when it did */
