@@ -427,9 +427,9 @@ typedef struct oxl_progress {
     double           seconds;      /* since the start */
     double           seconds_left; /* predicted */
     size_t           memory;       /* peak so far, bytes; only in a job, else 0 */
-    const oxl_model *model;        /* current state; on a device, the last download; valid during the call */
-    oxl_nonfinite    nonfinite;    /* so far */
-    int              trial;        /* 1: a step of a model selection trial, which may be discarded */
+    const oxl_model *model;     /* current state; on a device, the last download, rows as they are now; valid during the call */
+    oxl_nonfinite    nonfinite; /* so far */
+    int              trial;     /* 1: a step of a model selection trial, which may be discarded */
 } oxl_progress;
 
 /* Called after every iteration. A nonzero result stops the run; it returns OXL_ERR_INTERRUPTED and a usable model. */

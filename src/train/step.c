@@ -172,7 +172,7 @@ OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct rend
 /* A loss that is not finite: the step is left out. */
 static oxl_result step_leave_out(struct train *t, int step, int view)
 {
-    oxl_result rc = renderer_download(t->ctx, t->renderer, 1);
+    oxl_result rc = renderer_download(t->ctx, t->renderer, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
     if (rc != OXL_OK) return rc;
     nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, t->renderer, t->model, &t->first,
@@ -280,10 +280,10 @@ OXL_INTERNAL oxl_result step_settle(struct train *t)
     return rc;
 }
 
-OXL_INTERNAL oxl_result step_download(struct train *t, int changes)
+OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what)
 {
     const oxl_result rc = step_settle(t);
-    return rc == OXL_OK ? renderer_download(t->ctx, t->renderer, changes) : rc;
+    return rc == OXL_OK ? renderer_download(t->ctx, t->renderer, what) : rc;
 }
 
 OXL_INTERNAL oxl_result step_observe(struct train *t)
@@ -340,6 +340,21 @@ OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
     return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
 }
 
+/* On a device: the rows that density control has decided on. */
+static oxl_result step_move_rows(struct train *t, const struct density_change *change, int *moved)
+{
+    const size_t         count = t->model->count - change->removed + change->split;
+    uint32_t            *from  = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
+    struct renderer_move move  = {.from = from, .count = count};
+    oxl_result           rc;
+    if (renderer_has_device(t->renderer) && !from)
+        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
+    if (from) move.lobes = density_sources(t->density, t->model, from);
+    rc = renderer_move_rows(t->ctx, t->renderer, &move, moved);
+    oxl_free(t->ctx, from);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
 {
     const oxl_train_options *o      = t->options;
@@ -351,11 +366,15 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                                        .cap         = schedule_gaussian_cap(t->scene, o)};
     struct density_change    change = {0};
     uint8_t                 *carved = NULL;
-    oxl_result               rc     = step_download(t, 1);
+    int                      moved  = 0;
+    oxl_result               rc     = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, t->model, &carved);
     rules.carved = carved;
-    if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, t->model, &rules, &change);
     oxl_free(t->ctx, carved);
+    if (rc == OXL_OK && change.removed + change.split > 0) rc = step_move_rows(t, &change, &moved);
+    if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, t->model, &t->first, &t->second, &change, moved);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK && t->model->count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
@@ -375,7 +394,7 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
     oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
     if (rc == OXL_OK) rc = step_settle(t);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
-    if (rc == OXL_OK) rc = step_download(t, 1);
+    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) {
         model_keep_rows(t->model, keep);
         model_keep_rows(&t->first, keep);
@@ -408,7 +427,7 @@ OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
-    rc = step_download(t, 1);
+    rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);

@@ -43,9 +43,9 @@ OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, str
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
 /* Of a row, over the views that saw it since the statistics were cleared, without weights. */
 OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
-/* Splits and removes rows, rebuilds the model and its moments, clears the statistics. */
-OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
-                                        oxl_model *second, const struct density_rules *rules, struct density_change *out);
+/* Decides which rows are split and removed; train_state.h has what carries it out. */
+OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
+                                       const struct density_rules *rules, struct density_change *out);
 /* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
 OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);

@@ -53,6 +53,14 @@ struct train {
     struct text                decisions; /* members of a JSON object: decisions and evidence */
 };
 
+/* ---------------------------------------------------------------- density.c: the decision carried out */
+
+/* Rebuilds the model and its moments, and clears the statistics. moved: a device has moved the rows, and the moments are left to it. */
+OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+                                      const struct density_change *change, int moved);
+/* from: of renderer_move, for the decision; returns how many rows keep a second lobe. */
+OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
+
 /* ---------------------------------------------------------------- schedule.c */
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
@@ -63,10 +71,9 @@ OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options 
 
 /* Forward, loss, backward, Adam on the next training view: the part of a step that a trial of SH degrees or lobes repeats. */
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
-/* Ends deferred steps, and downloads what a device holds: for reading, or for changing. Before the host uses a step's loss, renders, or reads
- * or changes the model. */
+/* Ends deferred steps, and downloads what a device holds. Before the host uses a step's loss, renders, or reads or changes the model. */
 OXL_INTERNAL oxl_result step_settle(struct train *t);
-OXL_INTERNAL oxl_result step_download(struct train *t, int changes);
+OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what);
 OXL_INTERNAL oxl_result step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
 OXL_INTERNAL oxl_result step_prune(struct train *t, double held);
