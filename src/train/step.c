@@ -203,7 +203,7 @@ static oxl_result step_on_view(struct train *t, int view)
     }
     if (t->exposure.of.on)
         exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));
-    rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
+    rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, (double)t->step / t->options->iterations, renderer_medium_gradient(t->renderer));
     if (t->lamp.on)
