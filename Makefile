@@ -168,8 +168,9 @@ shaders-check: ## fails when the committed SPIR-V does not match the shaders
 rooms: ## the layers of src/: includes go downwards only; line counts
 	scripts/rooms.sh
 
-modules: $(BUILD)/modules/oceanxl ## every module compiled alone: finds dependencies that are not declared
+modules: $(BUILD)/modules/oceanxl ## every module compiled alone: finds dependencies that are not declared, and calls into higher layers
 $(BUILD)/modules/oceanxl: $(patsubst %.c,$(BUILD)/modules/%.o,main.c $(TOOLS) $(MODULES))
+	scripts/rooms.sh links $(BUILD)/modules
 	$(CC) $(FLAGS) $^ -o $@ $(LIBS)
 $(BUILD)/modules/%.o: %.c $(BUILD)/flags
 	@mkdir -p $(@D)

@@ -409,7 +409,7 @@ static oxl_result run_measure(oxl_context *ctx, const struct arguments *a, struc
     oxl_scene        *scene   = NULL;
     oxl_result        rc;
     if (!a->bar) {
-        snprintf(console->error, sizeof console->error, "measure wants --scale-bar ENDS\nfix: oceanxl measure --help shows one");
+        snprintf(console->error, sizeof console->error, "measure needs --scale-bar ENDS\nfix: oceanxl measure --help shows one");
         return OXL_ERR_USAGE;
     }
     options.read_images = 0;

@@ -2,13 +2,16 @@
  *
  *     cc -O3 -fopenmp main.c cli/ *.c lab/ *.c oceanxl.c -lm    is a whole build
  */
-#include "src/core/core.h" /* context, errors, memory, text, numbers, files; each layer has one header */
-#include "src/core/simd.h" /* run-time selection of the instruction set */
+#include "src/core/core.h"  /* context, errors, memory, text, numbers, files; each layer has one header */
+#include "src/core/simd.h"  /* run-time selection of the instruction set */
+#include "src/core/bytes.h" /* little-endian numbers in files */
 
+#include "src/core/memory.c"  /* errors, memory, text, random numbers */
 #include "src/core/os.c"      /* operating system: atomic file writes, folders, clock, memory use */
 #include "src/core/lock.c"    /* one process at a time writes to a folder */
-#include "src/core/context.c" /* context, errors, memory, text, random numbers */
+#include "src/core/context.c" /* options, threads, interruption */
 #include "src/core/number.c"  /* fast, exact, locale-independent number parsing */
+#include "src/core/options.c" /* the table of options, parsing and printing */
 
 /* input: the survey */
 #include "src/core/json.c"            /* JSON reader */
@@ -59,9 +62,9 @@
 #include "src/render/adam.c"     /* optimizer step */
 #include "src/render/renderer.c" /* chains the kernels above */
 #ifdef OXL_VULKAN
-#include "backends/vulkan/device.c"   /* loader, instance, device; only in builds with make VULKAN=1 */
-#include "backends/vulkan/memory.c"   /* buffers and memory limits */
 #include "backends/vulkan/passes.c"   /* commands, compute shaders */
+#include "backends/vulkan/memory.c"   /* buffers and memory limits */
+#include "backends/vulkan/device.c"   /* loader, instance, device; only in builds with make VULKAN=1 */
 #include "backends/vulkan/resident.c" /* data that stays on the device between steps */
 #include "backends/vulkan/renderer.c" /* functions of the renderer as passes */
 #endif
@@ -96,7 +99,6 @@
 #include "src/job/budget.c"            /* --ram: limits that fit a memory budget */
 #include "src/job/survey_report.c"     /* content of a survey and predicted cost of training */
 #include "src/job/partition_balance.c" /* balance of the blocks, predicted cost of each */
-#include "src/job/options.c"           /* the option table, parsing and printing */
 #include "src/job/manifest.c"          /* run.json: all inputs of a result */
 #include "src/job/block.c"             /* training of one block in its folder */
 #include "src/job/start.c"             /* a model in the place of the points, --from and continuing */

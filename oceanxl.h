@@ -160,7 +160,7 @@ typedef struct oxl_point {
 
 typedef struct oxl_scene oxl_scene;
 
-/* Defaults and ranges of all options: src/job/options.c, docs/OPTIONS.md. */
+/* Defaults and ranges of all options: src/core/options.c, docs/OPTIONS.md. */
 typedef struct oxl_scene_options {
     const char *images;            /* image folder; NULL: SCENE/images */
     const char *sparse;            /* folder of the COLMAP model; NULL: SCENE/sparse/0, SCENE/sparse or SCENE */

@@ -56,7 +56,7 @@ OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
 
 /* ---------------------------------------------------------------- options by name */
 
-/* One row per option; the table is in src/job/options.c. Defaults, parsing, range checks, run.json, the command line, its help, the manual
+/* One row per option; the table is in src/core/options.c. Defaults, parsing, range checks, run.json, the command line, its help, the manual
  * page and docs/OPTIONS.md are generated from it. A program can have a table of the same type for its own options. */
 typedef enum oxl_option_kind {                     /* what the field holds, and its text */
                                OXL_OPTION_FLAG,    /* int, 0 or 1: no text, or true | false */

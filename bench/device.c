@@ -55,8 +55,13 @@ struct device_most {    /* what the passes are held against */
 };
 
 struct device_counts {
-    size_t waits, dispatches, sent;
+    size_t waits, frame_waits, dispatches, barriers, submissions, sent, read;
 };
+
+static struct device_counts device_counts(const struct vulkan *v)
+{
+    return (struct device_counts){v->waits, v->frame_waits, v->dispatches, v->barriers, v->submissions, v->sent, v->read_bytes};
+}
 
 static void device_check(oxl_context *ctx, oxl_result rc)
 {
@@ -125,6 +130,15 @@ static void device_step(oxl_context *ctx, struct device_run *r)
     device_check(ctx, renderer_observe(ctx, r->renderer, &sums));
 }
 
+/* As training does. */
+static void device_deferred_step(oxl_context *ctx, struct device_run *r)
+{
+    struct renderer_report report;
+    device_step(ctx, r);
+    device_check(ctx, renderer_report(ctx, r->renderer, 0, &report));
+    if (report.halt != HALT_NONE) fprintf(stderr, "bench: a step halted (%d)\n", (int)report.halt), exit(1);
+}
+
 /* GB/s read and written, from one buffer of 64 MiB to another. */
 static double device_copy(oxl_context *ctx)
 {
@@ -188,7 +202,7 @@ static void device_arithmetic(const struct device_most *most, int operations, do
 }
 
 static void device_table(const struct vulkan *v, const struct device_run *r, const double seconds[DEVICE_ROUNDS],
-                         const struct device_most *most, const struct device_counts *before)
+                         const struct device_most *most, const struct device_counts *before, const struct device_counts *now)
 {
     const struct vulkan_renderer *d      = r->renderer->device;
     const double                  rounds = DEVICE_ROUNDS, pixels = (double)r->camera.width * r->camera.height;
@@ -196,7 +210,7 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
     double                        all     = 0;
     for (int p = 0; p < PASS_COUNT; p++) all += v->pass_seconds[p];
     printf("%zu Gaussians, SH degree 3, %d x %d px, %zu (tile, splat) pairs, %.1f evaluations a pixel\n", r->model.count,
-           r->camera.width, r->camera.height, d->pairs, (double)most->evaluations / pixels);
+           r->camera.width, r->camera.height, d->most_pairs, (double)most->evaluations / pixels);
     for (int p = 0; p < PASS_COUNT; p++) {
         const double each = v->pass_seconds[p] / rounds;
         if (v->pass_runs[p] == 0) continue;
@@ -208,8 +222,12 @@ static void device_table(const struct vulkan *v, const struct device_run *r, con
         if (p >= PASS_RASTER_BACKWARD_4 && p <= PASS_RASTER_BACKWARD_16) device_arithmetic(most, DEVICE_BACKWARD, each);
         printf("\n");
     }
-    printf("  a step: %.1f waits, %.1f dispatches, %.0f bytes sent\n", (double)(v->waits - before->waits) / rounds,
-           (double)(v->dispatches - before->dispatches) / rounds, (double)(v->sent - before->sent) / rounds);
+    printf(
+        "  a step: %.1f waits, %.1f for the step before, %.1f dispatches, %.1f barriers, %.1f submissions, %.0f bytes sent, %.0f read\n",
+        (double)(now->waits - before->waits) / rounds, (double)(now->frame_waits - before->frame_waits) / rounds,
+        (double)(now->dispatches - before->dispatches) / rounds, (double)(now->barriers - before->barriers) / rounds,
+        (double)(now->submissions - before->submissions) / rounds, (double)(now->sent - before->sent) / rounds,
+        (double)(now->read - before->read) / rounds);
     printf("  %-18s %9.3f ms\n  %-18s %9.3f ms, fastest %.3f: %.1f iterations a second\n", "passes", 1e3 * all / rounds, "step",
            1e3 * seconds[DEVICE_ROUNDS / 2], 1e3 * seconds[0], 1 / seconds[DEVICE_ROUNDS / 2]);
 }
@@ -242,23 +260,26 @@ static void device_bench(oxl_context *ctx, size_t count, int width, int height, 
 {
     struct device_run    r;
     struct device_most   all = *most;
-    struct device_counts before;
+    struct device_counts before, after;
     double               seconds[DEVICE_ROUNDS];
     device_begin(ctx, count, width, height, &r);
-    device_step(ctx, &r); /* makes the shaders and the room, and takes the model there */
-    device_step(ctx, &r);
+    device_step(ctx, &r); /* makes the shaders, and takes the model there */
+    renderer_defer(r.renderer, 1);
+    for (int k = 0; k < 2; k++) device_deferred_step(ctx, &r); /* and the room */
     vulkan_finish(ctx->vulkan);
     device_check(ctx, vulkan_measure(ctx->vulkan));
-    before = (struct device_counts){ctx->vulkan->waits, ctx->vulkan->dispatches, ctx->vulkan->sent};
-    if (all.evaluations == 0) all.evaluations = 256 * ((struct vulkan_renderer *)r.renderer->device)->pairs;
+    before = device_counts(ctx->vulkan);
+    if (all.evaluations == 0) all.evaluations = 256 * ((struct vulkan_renderer *)r.renderer->device)->most_pairs;
     for (int k = 0; k < DEVICE_ROUNDS; k++) {
         const double begun = os_seconds();
-        device_step(ctx, &r);
-        vulkan_finish(ctx->vulkan);
+        device_deferred_step(ctx, &r);
         seconds[k] = os_seconds() - begun;
     }
+    after = device_counts(ctx->vulkan);
+    device_check(ctx, vulkan_finish(ctx->vulkan)); /* the last one's passes are timed, too */
     qsort(seconds, DEVICE_ROUNDS, sizeof *seconds, device_ascending);
-    device_table(ctx->vulkan, &r, seconds, &all, &before);
+    renderer_defer(r.renderer, 0);
+    device_table(ctx->vulkan, &r, seconds, &all, &before, &after);
     printf("  %-18s %9.3f ms more, without the CPU's work\n", "with --mask-transients", 1e3 * device_robust(ctx, &r));
     device_end(ctx, &r);
 }

@@ -43,7 +43,7 @@ times() { # GAUSSIANS:WIDTH:HEIGHT [BATCH]
             line = substr($0, RSTART, RLENGTH); sub(/ ms$/, "", line); ms = line; sub(/.* /, "", ms); sub(/ +[0-9.]+$/, "", line); sub(/^ +/, "", line)
             t[line] = ms
         }
-        / a step:/ { waits = $3; dispatches = $5 }
+        / a step:/ { waits = $3; for (i = 1; i <= NF; i++) if ($i ~ /^dispatches/) dispatches = $(i - 1) }
         END {
             sort = t["scan"] + t["compact"] + t["sort, count"] + t["sort, scatter"] + t["footprint"] + t["ranges"]
             loss = t["loss forward"] + t["loss total"] + t["loss backward"] + t["unpack"]
@@ -83,7 +83,7 @@ echo '|---|---|---|---|---|---|---|---|---|---|---|---|---|'
 for size in $sizes; do times "$size"; done
 for batch in 4 16; do times "$variants" $batch; done
 echo
-echo 'The benchmark waits once more a step than training does.'
+echo 'Waits: of the host while the device has nothing else to do.'
 echo
 echo '## Training'
 echo

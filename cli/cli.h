@@ -43,6 +43,10 @@ void output_add(struct output *t, const char *format, ...); /* without %f, which
 const char *output_fixed(char out[32], double value, int decimals);
 #define OUTPUT_FIXED(value, decimals) output_fixed((char[32]){0}, value, decimals)
 
+/* FOLDER/name as text in fresh memory, or NULL; size may be NULL. */
+char *output_read(const char *folder, const char *name, size_t *size);
+int   output_save(struct output *t, const char *path); /* 1: written, whole; t is empty then */
+
 double axis_step(double span); /* distance of grid lines: 1, 2 or 5 times a power of ten, at most 5 lines in the span */
 
 /* ---------------------------------------------------------------- file.c: files of numbers, independent of the locale */
@@ -122,7 +126,7 @@ typedef struct synth_options {
     const char *out;             /* folder */
     int         views;           /* images (40) */
     int         width, height;   /* px (400 x 260) */
-    double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap wants (0) */
+    double      extent;          /* side of the area flown over, metres; orbit: its diameter. 0: as the overlap requires (0) */
     const char *water;           /* none I IA IB II III 1C 3C 5C 7C 9C (1C) */
     const char *path;            /* lawnmower | orbit | forward | rov (lawnmower) */
     double      exposure_jitter; /* stops by which images are brighter or darker, at most (0) */

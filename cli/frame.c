@@ -1,8 +1,8 @@
 /* frame.c - the axes right, up and above of a survey, for maps, orthomosaics and camera paths.
  *
- * Above is along the narrowest principal axis of the points, on the side of the cameras. When that is the world's z to within 20 degrees, the
- * survey is assumed to be georeferenced, and right, up and above are the world's x, y and z.
- * Invariant: the frame is right-handed: no rendering is mirrored.
+ * Above is along the narrowest principal axis of the points, on the side of the cameras. When that is the world's z to within 20
+ * degrees, the survey is assumed to be georeferenced, and right, up and above are the world's x, y and z. Invariant: the frame is
+ * right-handed: no rendering is mirrored.
  */
 #include "cli.h"
 

@@ -224,7 +224,7 @@ void help_manual(FILE *to)
 static void page_range(FILE *to, const oxl_option *o)
 {
     const int has = o->kind == OXL_OPTION_INT || o->kind == OXL_OPTION_FLOAT || o->kind == OXL_OPTION_DOUBLE;
-    if (has && o->high > o->low && o->high < 1e6) fprintf(to, "; %g to %g", o->low, o->high);
+    if (has && o->high > o->low && o->high < 1e6 && !(o->low == 0 && o->high == 1)) fprintf(to, "; %g to %g", o->low, o->high);
 }
 
 static void page_option(FILE *to, int index)
@@ -248,9 +248,9 @@ void help_page(FILE *to)
 {
     fputs(
         "# Options and outputs\n\n"
-        "Made by `make man` from the tables in `src/job/options.c` (the training job) and `cli/options.c` (the program): change it "
+        "Made by `make man` from the tables in `src/core/options.c` (the training job) and `cli/options.c` (the program): change it "
         "there.\n"
-        "Defaults and ranges are in parentheses. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
+        "Defaults and ranges are in parentheses; shares and rates go from 0 to 1. `oceanxl COMMAND --help` shows the basic options of a command, `--help all` every one.\n"
         "A resumed run keeps the options in OUT/run.json.\n",
         to);
     for (int g = 0; g < cli_option_count(); g++) {

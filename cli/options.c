@@ -1,5 +1,6 @@
-/* options.c - the commands, and the options that are the program's alone: two tables. The options of a training job are the library's
- * (src/job/options.c); both tables have the same type of row, and parsing, help, the manual page and docs/OPTIONS.md are made from both.
+/* options.c - the commands, and the options that are the program's alone: two tables. The options of a training job are the
+ * library's (src/core/options.c); both tables have the same type of row, and parsing, help, the manual page and docs/OPTIONS.md
+ * are made from both.
  *
  * Invariant: an option that is in neither table is an error. Nothing is ignored silently.
  */

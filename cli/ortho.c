@@ -1,7 +1,7 @@
 /* ortho.c - an orthomosaic of a model, its world file, and a height model, all from straight above.
  *
- * A pinhole camera 1000 times farther away than the survey is wide, with a focal length to match: a point h above the mean
- * height is displaced by at most h / 2000, at the image's edge. Colours that change with the view are those seen from straight above.
+ * A pinhole camera 1000 times farther away than the survey is wide, with a focal length to match: a point h above the mean height
+ * is displaced by at most h / 2000, at the image's edge. Colours that change with the view are those seen from straight above.
  * World file: ESRI's six lines, pixel size, two turns (0), minus pixel size, and the place of the top-left pixel's centre.
  * Invariant: image to world coordinates is exact at the mean height.
  */
@@ -94,9 +94,9 @@ static oxl_result ortho_draw(oxl_context *ctx, const oxl_model *model, const oxl
     snprintf(path, sizeof path, "%s/ortho.png", options->folder);
     if (rc == OXL_OK) rc = oxl_image_write(ctx, path, &image);
     if (rc == OXL_OK && !ortho_world_file(o, options->folder, unit))
-        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.pgw\nfix: look for room on the disk");
+        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.pgw\nfix: free space on the disk");
     if (rc == OXL_OK && depth && !ortho_heights(o, scene, options->folder, unit, depth))
-        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.height.pfm\nfix: look for room on the disk");
+        rc = ortho_fail(OXL_ERR_IO, error, error_size, "ortho: cannot write ortho.height.pfm\nfix: free space on the disk");
     oxl_image_free(ctx, &image);
     free(depth);
     return rc;

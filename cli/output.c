@@ -43,6 +43,39 @@ const char *output_fixed(char out[32], double value, int decimals)
     return out;
 }
 
+char *output_read(const char *folder, const char *name, size_t *size)
+{
+    char  path[2048], *text = NULL;
+    FILE *file;
+    long  end;
+    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) return NULL;
+    file = fopen(path, "rb");
+    if (!file) return NULL;
+    if (fseek(file, 0, SEEK_END) == 0 && (end = ftell(file)) >= 0 && fseek(file, 0, SEEK_SET) == 0)
+        text = malloc((size_t)end + 1);
+    if (text) {
+        const size_t got = fread(text, 1, (size_t)end, file);
+        text[got]        = 0;
+        if (size) *size = got;
+    }
+    fclose(file);
+    return text;
+}
+
+int output_save(struct output *t, const char *path)
+{
+    struct output_file f;
+    int                saved = !t->failed;
+    if (saved) {
+        output_file_open(&f, path);
+        output_file_bytes(&f, t->data, t->used);
+        saved = output_file_close(&f);
+    }
+    free(t->data);
+    *t = (struct output){0};
+    return saved;
+}
+
 double axis_step(double span)
 {
     static const double factor[] = {1, 2, 5};

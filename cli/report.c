@@ -1,7 +1,7 @@
 /* report.c - report.html: quality, decisions with evidence, curves and the command that repeats a run, on one page.
  *
- * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey's text files for the map.
- * Invariant: every figure on the page is from one of these files; what is absent is left out or reported as missing.
+ * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey's text files
+ * for the map. Invariant: every figure on the page is from one of these files; what is absent is left out or reported as missing.
  */
 #include "report.h"
 
@@ -9,120 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { REPORT_BLOCKS = 100000, REPORT_EVIDENCE = 3, REPORT_NOTES = 100 /* lines that are seen at once; at all */ };
-
-static const char *const REPORT_HEADS[REPORT_COLUMNS] = {"iteration", "loss",  "psnr",  "gaussians",
-                                                         "seconds",   "f_mid", "f_far", "peak_rss_bytes"};
-
-/* ---------------------------------------------------------------- what is there */
-
-char *report_read(const struct report *r, const char *name, size_t *size)
-{
-    const size_t length = strlen(r->out) + strlen(name) + 2;
-    char        *path = malloc(length), *text = NULL;
-    FILE        *file;
-    long         end;
-    if (!path) return NULL;
-    snprintf(path, length, "%s/%s", r->out, name);
-    file = fopen(path, "rb");
-    free(path);
-    if (!file) return NULL;
-    if (fseek(file, 0, SEEK_END) == 0 && (end = ftell(file)) >= 0 && fseek(file, 0, SEEK_SET) == 0)
-        text = malloc((size_t)end + 1);
-    if (text) {
-        const size_t got = fread(text, 1, (size_t)end, file);
-        text[got]        = 0;
-        if (size) *size = got;
-    }
-    fclose(file);
-    return text;
-}
-
-/* Our column at each position of the file; -1: none. */
-static int report_heads(const char *text, int *column, int most)
-{
-    int n = 0;
-    for (const char *at = text; n < most;) {
-        const size_t length = strcspn(at, ",\r\n");
-        column[n]           = -1;
-        for (int k = 0; k < REPORT_COLUMNS; k++)
-            if (strlen(REPORT_HEADS[k]) == length && strncmp(at, REPORT_HEADS[k], length) == 0) column[n] = k;
-        n++;
-        if (at[length] != ',') break;
-        at += length + 1;
-    }
-    return n;
-}
-
-static int report_log_row(const char *at, const int *column, int columns, double *row)
-{
-    for (int k = 0; k < REPORT_COLUMNS; k++) row[k] = NAN;
-    for (int i = 0; i < columns; i++) {
-        const double value = json_number_at(&at);
-        if (column[i] >= 0) row[column[i]] = value;
-        at += strcspn(at, ",\r\n");
-        if (*at != ',') break;
-        at++;
-    }
-    return isfinite(row[REPORT_ITERATION]);
-}
-
-static void report_read_log(struct report *r, struct report_block *b, char *text)
-{
-    int    column[32], columns = report_heads(text, column, 32);
-    size_t lines = 0;
-    for (const char *at = text; *at; at++) lines += *at == '\n';
-    b->log = malloc((lines + 1) * REPORT_COLUMNS * sizeof *b->log);
-    if (!b->log) r->page.failed = 1;
-    for (const char *at = strchr(text, '\n'); b->log && at && at[1]; at = strchr(at + 1, '\n'))
-        if (report_log_row(at + 1, column, columns, b->log + (size_t)b->rows * REPORT_COLUMNS)) b->rows++;
-}
-
-const char *report_part(const struct report *r, int part, char out[40])
-{
-    if (part < r->blocks) snprintf(out, 40, "block %d", part);
-    else snprintf(out, 40, "coarse model");
-    return out;
-}
-
-static void report_read_block(struct report *r, int k)
-{
-    char name[64], folder[32] = "blocks/coarse", *log;
-    if (k < r->blocks) snprintf(folder, sizeof folder, "blocks/%03d", k);
-    snprintf(name, sizeof name, "%s/block.json", folder);
-    r->block[k].json = report_read(r, name, NULL);
-    snprintf(name, sizeof name, "%s/log.csv", folder);
-    log = report_read(r, name, NULL);
-    if (log) report_read_log(r, &r->block[k], log);
-    free(log);
-}
-
-static void report_open(struct report *r)
-{
-    const double blocks = json_number(r->run, "blocks");
-    r->job              = json_member(r->run, "job");
-    r->survey           = json_member(r->run, "survey");
-    r->scene            = json_string(json_member(r->job, "scene"));
-    r->metrics          = report_read(r, "metrics.json", NULL);
-    r->blocks           = blocks >= 1 && blocks <= REPORT_BLOCKS ? (int)blocks : 1;
-    r->block            = calloc((size_t)r->blocks + 1, sizeof *r->block);
-    if (!r->block) r->page.failed = 1, r->blocks = 0;
-    for (int k = 0; r->block && k < r->blocks + (r->blocks > 1); k++) report_read_block(r, k);
-    r->parts = r->blocks + (r->block && r->block[r->blocks].json);
-}
-
-static void report_close(struct report *r)
-{
-    for (int k = 0; r->block && k <= r->blocks; k++) {
-        free(r->block[k].json);
-        free(r->block[k].log);
-    }
-    free(r->block);
-    free(r->run);
-    free(r->scene);
-    free(r->metrics);
-    free(r->page.data);
-}
+enum { REPORT_EVIDENCE = 3, REPORT_NOTES = 100 /* lines that are shown at once; at all */ };
 
 /* ---------------------------------------------------------------- at the top */
 
@@ -484,24 +371,20 @@ static void report_compose(struct report *r)
 
 static oxl_result report_save(struct report *r, char *error, size_t error_size)
 {
-    struct output_file file;
-    char               path[1024];
+    char path[1024];
     if (snprintf(path, sizeof path, "%s/report.html", r->out) >= (int)sizeof path) {
         snprintf(error, error_size, "report: the folder's name is too long");
         return OXL_ERR_USAGE;
     }
-    output_file_open(&file, path);
-    output_file_bytes(&file, r->page.data, r->page.used);
-    if (output_file_close(&file)) return OXL_OK;
+    if (output_save(&r->page, path)) return OXL_OK;
     snprintf(error, error_size, "report: cannot write %s\nfix: check free disk space and permissions", path);
     return OXL_ERR_IO;
 }
 
 oxl_result report_write(oxl_context *ctx, const char *out, char *error, size_t error_size)
 {
-    struct report r  = {.ctx = ctx, .out = out};
+    struct report r  = {.ctx = ctx, .out = out, .run = output_read(out, "run.json", NULL)};
     oxl_result    rc = OXL_OK;
-    r.run            = report_read(&r, "run.json", NULL);
     if (!json_member(r.run, "job")) {
         snprintf(error, error_size, "%s holds no run.json of a run\nfix: run oceanxl train SCENE -o %s first", out, out);
         free(r.run);

@@ -1,6 +1,7 @@
 /* report.h - the interface between the files of the report: one self-contained page about a run.
  *
- *     report.c         reads OUT, writes the page from top to bottom
+ *     report.c         writes the page from top to bottom
+ *     report_read.c    reads OUT
  *     report_page.c    the page's frame: style, escaping, base64, figures with units
  *     report_chart.c   curves over the iterations as inline SVG
  *     report_map.c     cameras and points from above
@@ -40,9 +41,10 @@ struct report {
     struct output        page;
 };
 
-/* OUT/name as text in fresh memory, or NULL; size may be NULL. */
-char *report_read(const struct report *r, const char *name, size_t *size);
+/* ---------------------------------------------------------------- report_read.c */
 
+void        report_open(struct report *r); /* r->run is there */
+void        report_close(struct report *r);
 /* "block 3", "refinement"; returns out. */
 const char *report_part(const struct report *r, int part, char out[40]);
 #define REPORT_PART(r, part) report_part(r, part, (char[40]){0})

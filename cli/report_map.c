@@ -1,6 +1,7 @@
 /* report_map.c - the survey from above (frame.c): its points in their colours, the cameras on top.
  *
- * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are distinguishable at any size.
+ * The points become one image, so the page does not grow with them; cameras are drawn on it, so they are distinguishable at any
+ * size.
  */
 #include "report.h"
 
@@ -164,7 +165,7 @@ static oxl_scene *map_load(struct report *r)
 static void map_partition(struct report *r)
 {
     size_t size = 0;
-    char  *svg  = r->blocks > 1 ? report_read(r, "partition.svg", &size) : NULL;
+    char  *svg  = r->blocks > 1 ? output_read(r->out, "partition.svg", &size) : NULL;
     if (svg && size < 3000000) {
         output_add(&r->page, "<figure><img alt=\"Blocks of the survey\" src=\"");
         page_data(&r->page, "image/svg+xml", svg, size);

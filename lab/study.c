@@ -130,7 +130,7 @@ static double study_steps(const struct study *s, int row)
  * The choice is kept in this folder, so a resumed study compares equal sizes. */
 static oxl_result study_choose_side(struct study *s)
 {
-    char         *before = study_read(s->options->out, "study.json");
+    char         *before = output_read(s->options->out, "study.json", NULL);
     const double  chosen = json_number(before, "max_side");
     double        steps  = 0;
     oxl_survey    survey;
@@ -148,14 +148,12 @@ static oxl_result study_choose_side(struct study *s)
         if (fits < side) s->base.scene.max_side = fits < STUDY_LEAST_SIDE ? STUDY_LEAST_SIDE : fits;
     }
     output_add(&t, "{\n  \"max_side\": %d\n}\n", s->base.scene.max_side);
-    rc = study_write(&s->meter, s->options->out, "study.json", &t);
-    free(t.data);
-    return rc;
+    return study_write(&s->meter, s->options->out, "study.json", &t);
 }
 
 static int study_is_finished(const char *folder)
 {
-    char     *run      = study_read(folder, "run.json");
+    char     *run      = output_read(folder, "run.json", NULL);
     const int finished = run && strstr(run, "\"finished\": true") != NULL;
     free(run);
     return finished;
@@ -184,8 +182,8 @@ static double study_next(const double *threshold, const double *off, int k)
     return threshold[k] - off[k] / slope;
 }
 
-/* A control: the densify threshold, the same at all depths, is adjusted until the number of Gaussians equals that of the row `like`. The
- * nearest trial is used. */
+/* A control: the densify threshold, the same at all depths, is adjusted until the number of Gaussians equals that of the row
+ * `like`. The nearest trial is used. */
 static oxl_result study_train_equal(struct study *s, int row, int seed, struct study_result *out)
 {
     const double wanted = s->value[study_row_index(s, s->row[row]->like)][seed - 1][STUDY_GAUSSIANS];
@@ -237,9 +235,8 @@ static oxl_result study_write_all(struct study *s, FILE *to)
         char          name[40];
         snprintf(name, sizeof name, "%s.%s", s->kind->file, ends[i]);
         make[i](&t, s);
+        if (i == 0 && !t.failed) fprintf(to, "%s\n", t.data);
         rc = study_write(&s->meter, s->options->out, name, &t);
-        if (rc == OXL_OK && i == 0) fprintf(to, "%s\n", t.data);
-        free(t.data);
         if (rc == OXL_OK) fprintf(to, "%-5s %s/%s\n", ends[i], s->options->out, name);
     }
     return rc;

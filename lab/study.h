@@ -97,8 +97,7 @@ oxl_result study_train(struct study_meter *s, const char *scene, const char *fol
                        struct study_result *out);
 
 /* A file of the folder: written whole or not at all; read into fresh memory, NULL when it is not there. */
-oxl_result study_write(struct study_meter *s, const char *folder, const char *name, const struct output *t);
-char      *study_read(const char *folder, const char *name);
+oxl_result study_write(struct study_meter *s, const char *folder, const char *name, struct output *t); /* empties t */
 
 /* ---------------------------------------------------------------- all trainings: study.c */
 

@@ -1,6 +1,7 @@
 /* study_plot.c - a study as an SVG: PSNR over processor time and over bytes.
  *
- * All lengths are in the drawing's own units, px at its natural size. Cost axes are logarithmic. Points on the Pareto front are filled.
+ * All lengths are in the drawing's own units, px at its natural size. Cost axes are logarithmic. Points on the Pareto front are
+ * filled.
  */
 #include "study.h"
 

@@ -83,8 +83,8 @@ static int found_is_of_iterations(const struct study_row *r)
     return r->change[0].what == STUDY_ITERATIONS && r->change[1].what == STUDY_UNCHANGED;
 }
 
-/* PSNR that the base's options reach in so much processor time with more iterations or fewer: linear in the logarithm of time between
- * the two neighbours among the rows that differ in iterations alone; NaN outside of them. */
+/* PSNR that the base's options reach in so much processor time with more iterations or fewer: linear in the logarithm of time
+ * between the two neighbours among the rows that differ in iterations alone; NaN outside of them. */
 static double found_by_iterations(const struct study *s, double cpu)
 {
     double below = 0, above = HUGE_VAL, psnr_below = NAN, psnr_above = NAN;

@@ -65,30 +65,15 @@ oxl_result study_open(struct study_meter *s, const char *out)
 
 /* ---------------------------------------------------------------- files */
 
-char *study_read(const char *folder, const char *name)
+oxl_result study_write(struct study_meter *s, const char *folder, const char *name, struct output *t)
 {
-    char  path[1024], *text = calloc(1, 65536); /* figures come first, then views in any number */
-    FILE *file;
+    const int no_memory = t->failed;
+    char      path[1024];
     snprintf(path, sizeof path, "%s/%s", folder, name);
-    file = fopen(path, "rb");
-    if (file && text) text[fread(text, 1, 65535, file)] = 0;
-    if (file) fclose(file);
-    else free(text), text = NULL;
-    return text;
-}
-
-oxl_result study_write(struct study_meter *s, const char *folder, const char *name, const struct output *t)
-{
-    struct output_file file;
-    char               path[1024];
-    if (t->failed) return study_fail(s, OXL_ERR_MEMORY, "no memory for ", name);
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    output_file_open(&file, path);
-    output_file_bytes(&file, t->data, t->used);
-    return output_file_close(&file)
-               ? OXL_OK
-               : study_fail(s, OXL_ERR_IO,
-                            "a file cannot be written\nfix: make room on the disk or choose a place that you may use: ", path);
+    if (output_save(t, path)) return OXL_OK;
+    if (no_memory) return study_fail(s, OXL_ERR_MEMORY, "no memory for ", name);
+    return study_fail(s, OXL_ERR_IO,
+                      "a file cannot be written\nfix: free space on the disk or choose a place that you may use: ", path);
 }
 
 /* ---------------------------------------------------------------- one training */
@@ -113,9 +98,8 @@ static int study_progress(void *user, const oxl_progress *p)
 /* Memory: the peak over all the parts in which it was trained; CPU time: their sum. */
 static oxl_result study_note(struct study_meter *s, const char *folder, double value[STUDY_MEASURES])
 {
-    char         *before = study_read(folder, "study.json");
+    char         *before = output_read(folder, "study.json", NULL);
     struct output t      = {0};
-    oxl_result    rc     = OXL_OK;
     value[STUDY_MEMORY]  = json_number(before, "library_peak_bytes");
     value[STUDY_CPU]     = json_number(before, "cpu_seconds");
     free(before);
@@ -125,9 +109,7 @@ static oxl_result study_note(struct study_meter *s, const char *folder, double v
     output_add(&t, "{\n  \"library_peak_bytes\": %s", OUTPUT_FIXED(value[STUDY_MEMORY], 0));
     if (!isnan(value[STUDY_CPU])) output_add(&t, ",\n  \"cpu_seconds\": %s", OUTPUT_FIXED(value[STUDY_CPU], 2));
     output_add(&t, "\n}\n");
-    rc = study_write(s, folder, "study.json", &t);
-    free(t.data);
-    return rc;
+    return study_write(s, folder, "study.json", &t);
 }
 
 static oxl_result study_read_metrics(struct study_meter *s, const char *folder, struct study_result *r)
@@ -139,7 +121,7 @@ static oxl_result study_read_metrics(struct study_meter *s, const char *folder, 
     } fields[]          = {{STUDY_PSNR, "psnr", 0},      {STUDY_SSIM, "ssim", 0},           {STUDY_MS_SSIM, "ms_ssim", 0},
                            {STUDY_NEAR, "near_psnr", 1}, {STUDY_MIDDLE, "mid_psnr", 1},     {STUDY_FAR, "far_psnr", 1},
                            {STUDY_BYTES, "bytes", 0},    {STUDY_GAUSSIANS, "gaussians", 0}, {STUDY_SECONDS, "seconds", 0}};
-    char        *text   = study_read(folder, "metrics.json");
+    char        *text   = output_read(folder, "metrics.json", NULL);
     const double blocks = json_number(text, "blocks");
     int          whole  = !isnan(blocks);
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++) {

@@ -57,7 +57,7 @@ synth_options synth_options_default(void)
 static oxl_result synth_fail(struct synth_run *s, oxl_result rc, const char *what, const char *detail)
 {
     const char *fix = rc == OXL_ERR_USAGE ? "\nfix: oceanxl help synth lists what there is"
-                      : rc == OXL_ERR_IO  ? "\nfix: choose a folder that you may write to, on a disk with room"
+                      : rc == OXL_ERR_IO  ? "\nfix: choose a folder that you may write to, on a disk with free space"
                                           : "";
     if (s->error_size > 0)
         snprintf(s->error, s->error_size, "%s%s%s", what, detail, strstr(what, "fix: ") || strstr(detail, "fix: ") ? "" : fix);
@@ -141,11 +141,6 @@ static oxl_result synth_find_water(struct synth_run *s)
         return OXL_OK;
     }
     return synth_fail(s, OXL_ERR_USAGE, "synth: waters are none I IA IB II III 1C 3C 5C 7C 9C, not ", s->options->water);
-}
-
-double synth_through_water(const struct synth_water *w, int c, double colour, double range)
-{
-    return colour * exp(-w->direct[c] * range) + w->veil[c] * (1 - exp(-w->scatter[c] * range));
 }
 
 /* ---------------------------------------------------------------- images */
@@ -354,86 +349,66 @@ static oxl_result synth_views(struct synth_run *s)
 
 /* ---------------------------------------------------------------- truth in words and numbers */
 
-static void synth_triple(struct output_file *f, const char *name, const double value[3])
+static void synth_triple(struct output *t, const char *name, const double value[3])
 {
-    output_file_text(f, name);
-    for (int c = 0; c < 3; c++) {
-        output_file_text(f, " ");
-        output_file_fixed(f, value[c], 6);
-    }
-    output_file_text(f, "\n");
+    output_add(t, "%s %s %s %s\n", name, OUTPUT_FIXED(value[0], 6), OUTPUT_FIXED(value[1], 6), OUTPUT_FIXED(value[2], 6));
 }
 
 static int synth_write_water(const struct synth_run *s, const char *path)
 {
-    struct output_file f;
-    output_file_open(&f, path);
-    output_file_text(&f,
-                     "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
-                     "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
-                     "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
-                     "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\n");
-    output_file_text(&f, "type ");
-    output_file_text(&f, s->water.name);
-    output_file_text(&f, "\n");
-    synth_triple(&f, "bD", s->water.direct);
-    synth_triple(&f, "bB", s->water.scatter);
-    synth_triple(&f, "Binf", s->water.veil);
-    output_file_text(&f, "noise ");
-    output_file_fixed(&f, s->options->noise, 6);
-    output_file_text(&f, "\n");
-    return output_file_close(&f);
+    struct output t = {0};
+    output_add(&t,
+               "# I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel, red green blue\n"
+               "# I, J: values of images/ and truth/clean/ over 255, as in the PNG files, no gamma removed\n"
+               "# z: range along the ray in metres = depth * sqrt(1 + ((x-cx)/f)^2 + ((y-cy)/f)^2), at the pixel's centre\n"
+               "# bD, bB: per metre; noise: sigma of the sensor in 8-bit levels, added before rounding\ntype %s\n",
+               s->water.name);
+    synth_triple(&t, "bD", s->water.direct);
+    synth_triple(&t, "bB", s->water.scatter);
+    synth_triple(&t, "Binf", s->water.veil);
+    output_add(&t, "noise %s\n", OUTPUT_FIXED(s->options->noise, 6));
+    return output_save(&t, path);
 }
 
 static int synth_write_model(const struct synth_run *s, const char *path)
 {
     const synth_options *o = s->options;
-    struct output_file   f;
-    output_file_open(&f, path);
-    output_file_text(&f,
-                     "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
-                     "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
-                     "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
-                     "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
-                     "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
-                     "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
-                     "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
-                     "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
-                     "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
-                     "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
+    struct output        t = {0};
+    output_add(&t, "A made-up seabed, seen by a made-up camera. Metres; x east, y north, z up.\n\n"
+                   "World    sand with ripples, swell and reef patches (a height field); boulders, pebbles, brain corals,\n"
+                   "         branching and table corals, tube sponges, starfish and planks (distance functions);\n"
+                   "         a wreck of 4.4 m: hull, ribs, deck, cabin, boiler, funnel, fallen mast. No Gaussians.\n"
+                   "Light    sun with soft shadows, sky with occlusion, light thrown back by the sand; it does not move.\n"
+                   "Camera   one PINHOLE camera; COLMAP's frame. Poses in sparse/0/images.txt are exact.\n"
+                   "Points   on visible surfaces, exact; observations with 0.3 px of noise (sigma, each axis). 1 in 100 is an\n"
+                   "         outlier: off the surface, seen by 2 or 3 views, 1.5 px (truth/outliers.txt lists their ids).\n"
+                   "Depth    truth/depth/NAME.pfm: camera z at the middle of each pixel, metres; 0: nothing but water.\n"
+                   "Clean    truth/clean/NAME.png: without water and noise.  Water: truth/water.txt.\n\n");
     if (o->fish > 0)
-        output_file_text(
-            &f, "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
-                "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
-                "         black where they are. No points are on them, they throw no shadow.\n\n");
-    output_file_text(&f, "seed ");
-    output_file_integer(&f, o->seed);
-    output_file_text(&f, "\npath ");
-    output_file_text(&f, o->path);
-    output_file_text(&f, "\nscene ");
-    output_file_text(&f, s->world.scene == SYNTH_WRECK ? "wreck" : s->world.scene == SYNTH_RIDGE ? "ridge" : "reef");
-    output_file_text(&f, "\nviews ");
-    output_file_integer(&f, (uint64_t)o->views);
-    output_file_text(&f, "\n");
-    synth_triple(&f, "origin", o->origin);
-    synth_triple(&f, "wreck",
+        output_add(&t,
+                   "Fish     in images/ alone; each is placed in one image and moves on into its neighbours, a second apart.\n"
+                   "         truth/still/NAME.png: the image before they came, noise and all; truth/masks/NAME.png:\n"
+                   "         black where they are. No points are on them, they throw no shadow.\n\n");
+    output_add(&t, "seed %llu\npath %s\nscene %s\nviews %d\n", (unsigned long long)o->seed, o->path,
+               s->world.scene == SYNTH_WRECK   ? "wreck"
+               : s->world.scene == SYNTH_RIDGE ? "ridge"
+                                               : "reef",
+               o->views);
+    synth_triple(&t, "origin", o->origin);
+    synth_triple(&t, "wreck",
                  (double[3]){s->world.wreck.x + o->origin[0], s->world.wreck.y + o->origin[1], s->world.wreck.z + o->origin[2]});
-    synth_triple(&f, "sun", (double[3]){s->world.sun.x, s->world.sun.y, s->world.sun.z});
-    return output_file_close(&f);
+    synth_triple(&t, "sun", (double[3]){s->world.sun.x, s->world.sun.y, s->world.sun.z});
+    return output_save(&t, path);
 }
 
 static int synth_write_outliers(const struct synth_run *s, const char *path)
 {
     const struct synth_ids ids = synth_ids_for(s->points.count);
-    struct output_file     f;
-    output_file_open(&f, path);
-    output_file_text(&f, "# POINT3D_ID of the points that lie off the surface\n");
-    for (size_t i = 0; i < s->points.count; i++) {
-        if (!s->points.point[i].is_outlier) continue;
-        output_file_integer(&f, synth_id(ids, i));
-        output_file_text(&f, "\n");
-    }
-    return output_file_close(&f);
+    struct output          t   = {0};
+    output_add(&t, "# POINT3D_ID of the points that lie off the surface\n");
+    for (size_t i = 0; i < s->points.count; i++)
+        if (s->points.point[i].is_outlier) output_add(&t, "%llu\n", (unsigned long long)synth_id(ids, i));
+    return output_save(&t, path);
 }
 
 static oxl_result synth_write_truth(struct synth_run *s)

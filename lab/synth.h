@@ -138,6 +138,7 @@ struct synth_path {
 int  synth_path_create(const synth_options *options, struct synth_path *out);
 void synth_path_settle(struct synth_path *path, const struct synth_world *world);
 void synth_path_free(struct synth_path *path);
+void synth_image_name(int view, char name[32]);
 v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
 /* Pixel and camera z of a world point; 0 when it lies behind. */
 int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
@@ -158,15 +159,13 @@ int    synth_fish_near(const synth_options *options, const struct synth_world *w
 double synth_fish_cast(const struct synth_fish *fish, int count, const struct synth_world *world, v3 from, v3 direction,
                        double far, v3 *colour);
 
-/* ---------------------------------------------------------------- water, in synth.c */
+/* ---------------------------------------------------------------- synth_light.c: water, exposure, lamp */
 
 struct synth_water { /* I = J exp(-direct z) + veil (1 - exp(-scatter z)), z: range in metres; display values */
     const char *name;
     double      direct[3], scatter[3], veil[3]; /* per metre, per metre, 0..1 */
 };
 double synth_through_water(const struct synth_water *water, int channel, double colour, double range);
-
-/* ---------------------------------------------------------------- synth_light.c */
 
 v3     synth_gain(const synth_options *options, int view);                   /* what an image is multiplied by */
 double synth_lamp_falloff(const synth_options *options, double range);       /* what J is multiplied by; range in metres */
@@ -223,6 +222,5 @@ uint64_t         synth_id(struct synth_ids ids, uint64_t index);
 /* cameras.txt, images.txt and points3D.txt in a folder that is there. On OXL_ERR_IO `failed` names the file. */
 oxl_result synth_colmap_write(const synth_options *options, const struct synth_path *path, const struct synth_points *points,
                               const char *folder, char *failed, size_t failed_size);
-void       synth_image_name(int view, char name[32]);
 
 #endif

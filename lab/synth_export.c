@@ -1,6 +1,7 @@
 /* synth_export.c - the three text files, in the layout of COLMAP's documentation ("Output Format").
  *
- * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports. Invariant: both ways round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
+ * Ids are sparse and unordered, keypoints without a point are mixed with the others, as in real exports. Invariant: both ways
+ * round, observation POINT2D_IDX of image IMAGE_ID names POINT3D_ID.
  */
 #include "synth.h"
 
@@ -27,11 +28,6 @@ struct synth_ids synth_ids_for(uint64_t count)
 uint64_t synth_id(struct synth_ids ids, uint64_t index)
 {
     return 1 + index * ids.stride % ids.modulus;
-}
-
-void synth_image_name(int view, char name[32])
-{
-    snprintf(name, 32, "IMG_%05d.png", view);
 }
 
 /* w x y z, w >= 0 (Shepperd 1978: divides by the largest of the four). */

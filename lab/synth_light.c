@@ -16,6 +16,11 @@
 
 static const double lamp_centre[2] = {0.46, 0.56}, lamp_radial[2] = {-0.55, 0.12};
 
+double synth_through_water(const struct synth_water *w, int c, double colour, double range)
+{
+    return colour * exp(-w->direct[c] * range) + w->veil[c] * (1 - exp(-w->scatter[c] * range));
+}
+
 /* Within -1..1, smooth over about a dozen views. */
 static double light_drift(uint64_t seed, int view, uint64_t what)
 {
@@ -52,36 +57,25 @@ double synth_lamp_radial(const synth_options *o, double x, double y)
 
 int synth_write_exposure(const synth_options *o, const char *path)
 {
-    struct output_file f;
-    output_file_open(&f, path);
-    output_file_text(&f, "# NAME GAIN_RED GAIN_GREEN GAIN_BLUE: what the image was multiplied by, before noise and rounding\n");
+    struct output t = {0};
+    output_add(&t, "# NAME GAIN_RED GAIN_GREEN GAIN_BLUE: what the image was multiplied by, before noise and rounding\n");
     for (int i = 0; i < o->views; i++) {
         const v3 gain = synth_gain(o, i);
         char     name[32];
         synth_image_name(i, name);
-        output_file_text(&f, name);
-        for (int c = 0; c < 3; c++) {
-            output_file_text(&f, " ");
-            output_file_fixed(&f, c == 0 ? gain.x : c == 1 ? gain.y : gain.z, 6);
-        }
-        output_file_text(&f, "\n");
+        output_add(&t, "%s %s %s %s\n", name, OUTPUT_FIXED(gain.x, 6), OUTPUT_FIXED(gain.y, 6), OUTPUT_FIXED(gain.z, 6));
     }
-    return output_file_close(&f);
+    return output_save(&t, path);
 }
 
 int synth_write_lamp(const synth_options *o, const char *path)
 {
-    const double             value[6] = {o->lamp,        LAMP_RANGE,    lamp_centre[0] * o->width, lamp_centre[1] * o->height,
-                                         lamp_radial[0], lamp_radial[1]};
-    static const char *const names[6] = {"power ", "range ", "centre_x ", "centre_y ", "r2 ", "r4 "};
-    struct output_file       f;
-    output_file_open(&f, path);
-    output_file_text(&f, "# J of the water's formula is multiplied by (range / z)^power, the image by 1 + r2 r^2 + r4 r^4;\n"
-                         "# r: distance from the centre in half diagonals. Metres, px.\n");
-    for (int i = 0; i < 6; i++) {
-        output_file_text(&f, names[i]);
-        output_file_fixed(&f, value[i], 6);
-        output_file_text(&f, "\n");
-    }
-    return output_file_close(&f);
+    struct output t = {0};
+    output_add(&t,
+               "# J of the water's formula is multiplied by (range / z)^power, the image by 1 + r2 r^2 + r4 r^4;\n"
+               "# r: distance from the centre in half diagonals. Metres, px.\n"
+               "power %s\nrange %s\ncentre_x %s\ncentre_y %s\nr2 %s\nr4 %s\n",
+               OUTPUT_FIXED(o->lamp, 6), OUTPUT_FIXED(LAMP_RANGE, 6), OUTPUT_FIXED(lamp_centre[0] * o->width, 6),
+               OUTPUT_FIXED(lamp_centre[1] * o->height, 6), OUTPUT_FIXED(lamp_radial[0], 6), OUTPUT_FIXED(lamp_radial[1], 6));
+    return output_save(&t, path);
 }

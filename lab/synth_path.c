@@ -1,9 +1,9 @@
 /* synth_path.c - camera paths.
  *
- * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 % along a row and
- * rows by 60 %, as survey manuals recommend. orbit: two rings around the wreck, looking at it. Position, height
- * and angles are perturbed. rov: three legs along the ridge, low and forward-looking: at the foot of the wall, along the crest, and back
- * over the slope; near and far lie 1 : 10 and more apart in a view. forward: one straight line, 2 m over the ground, looking ahead and
+ * lawnmower: rows to and fro, 3 m over the ground, looking down and a little ahead; images overlap by 75 % along a row and rows
+ * by 60 %, as survey manuals recommend. orbit: two rings around the wreck, looking at it. Position, height and angles are
+ * perturbed. rov: three legs along the ridge, low and forward-looking: at the foot of the wall, along the crest, and back over
+ * the slope; near and far lie 1 : 10 and more apart in a view. forward: one straight line, 2 m over the ground, looking ahead and
  * 35 degrees down, as a vehicle does.
  */
 #include "synth.h"
@@ -203,4 +203,9 @@ int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, do
     *px = c->cx + c->f * (r[0] * q.x + r[1] * q.y + r[2] * q.z) / *z;
     *py = c->cy + c->f * (r[3] * q.x + r[4] * q.y + r[5] * q.z) / *z;
     return 1;
+}
+
+void synth_image_name(int view, char name[32])
+{
+    snprintf(name, 32, "IMG_%05d.png", view);
 }

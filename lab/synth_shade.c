@@ -1,8 +1,8 @@
 /* synth_shade.c - rays, light and colour.
  *
  * Rays march along the distance function (sphere tracing, Hart 1996). Light: a sun high in the south-west with soft shadows
- * (Quilez's penumbra from the nearest miss), a blue-green sky dimmed by near objects (ambient occlusion), light reflected by the sand.
- * Colour is procedural down to the pixel: waves and specks finer than the footprint of a pixel fade out. It does not depend
+ * (Quilez's penumbra from the nearest miss), a blue-green sky dimmed by near objects (ambient occlusion), light reflected by the
+ * sand. Colour is procedural down to the pixel: waves and specks finer than the footprint of a pixel fade out. It does not depend
  * on the direction of view: what differs between images is water and noise alone.
  */
 #include "synth.h"

@@ -4,8 +4,8 @@
  * slope is smooth. Things are signed distance functions (Hart 1996, sphere tracing): displaced ellipsoids, boxes, and limbs
  * melted together. A grid of cells lists what comes near each.
  *
- * Invariant: synth_distance promises no more way to an object than there is: what a cell does not list is at least SYNTH_NEAR away from
- * the whole cell. For the ground it is an estimate; a ray that steps below a steep slope steps back.
+ * Invariant: synth_distance promises no more way to an object than there is: what a cell does not list is at least SYNTH_NEAR
+ * away from the whole cell. For the ground it is an estimate; a ray that steps below a steep slope steps back.
  */
 #include "synth.h"
 

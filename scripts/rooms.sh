@@ -1,8 +1,9 @@
 #!/bin/sh
-# rooms.sh [write] - the layers of src/: includes go to lower layers only, each layer has one header of at most 320 lines; line counts.
+# rooms.sh [write | links FOLDER] - the layers of src/: includes go to lower layers only, each layer has one header of at most 320 lines;
+# line counts.
 #
-# Calls are covered too: `make modules` compiles each file with its own layer's header, which declares lower layers alone.
 # write: puts the table between the marks in docs/ARCHITECTURE.md. Without it, the table there must be the current one.
+# links: in the objects of `make modules`, no file calls a function of a higher layer.
 set -eu
 cd "$(dirname "$0")/.."
 layers='core survey model render train blocks job'
@@ -16,6 +17,25 @@ includes() {
         realpath -m --relative-to=. "$(dirname "$1")/$name"
     done
 }
+
+if [ "${1:-}" = links ]; then
+    objects=$(ls src/*/*.c | sed "s|^\(.*\)c$|$2/\1o|")
+    nm -A $objects | sed "s|^$2/||" | awk -v layers="$layers" '
+        { split($1, part, ":"); file = part[1] }
+        $(NF - 1) == "U" { user[++uses] = file; name[uses] = $NF }
+        $(NF - 1) ~ /^[TDBRC]$/ { home[$NF] = file }
+        function rank(file) { split(file, part, "/"); return index(layers, part[2]) }
+        END {
+            for (i = 1; i <= uses; i++)
+                if (name[i] in home && rank(home[name[i]]) > rank(user[i])) {
+                    printf "rooms: %s calls %s in %s, a higher layer\n", user[i], name[i], home[name[i]]
+                    wrong = 1
+                }
+            if (!wrong) print "rooms: 0 calls into higher layers"
+            exit wrong
+        }'
+    exit
+fi
 
 wrong=0
 complain() { echo "rooms: $1" >&2; wrong=1; }
@@ -41,7 +61,8 @@ for layer in $layers; do
     files=$(ls src/"$layer"/*.c | wc -l)
     lines=$(cat src/"$layer"/*.[ch] | wc -l)
     used=$(for u in $used; do echo "$u"; done | sort -u | tr '\n' ' ' | sed 's/ $//; s/ /, /g')
-    printf '| `src/%s` | %s | %s | %s | %s |\n' "$layer" "$files" "$lines" "$header" "${used:-(nothing)}" >>"$table"
+    content=$(sed -n '1s/^[^-]* - \([^.]*\)\..*/\1/p' "src/$layer/$layer.h") # the header's first sentence
+    printf '| `src/%s` | %s | %s | %s | %s |\n' "$layer" "$content" "$files" "$lines" "${used:-(nothing)}" >>"$table"
 done
 for file in main.c cli/*.[ch] lab/*.[ch]; do
     for name in $(includes "$file"); do
@@ -53,7 +74,7 @@ for file in main.c cli/*.[ch] lab/*.[ch]; do
     done
 done
 
-{ echo '| layer | modules | lines | its header | headers used directly |'; echo '|---|--:|--:|--:|---|'; cat "$table"; } >"$table.page"
+{ echo '| layer | content | modules | lines | headers used |'; echo '|---|---|--:|--:|---|'; cat "$table"; } >"$table.page"
 cat "$table.page"
 printf 'src/ %s lines, cli/ and lab/ %s, main.c %s, oceanxl.h %s, oceanxl_job.h %s, backends/vulkan %s, reference/splat.c %s\n' \
     "$(cat src/*/*.[ch] | wc -l)" "$(cat cli/*.[ch] lab/*.[ch] | wc -l)" "$(wc -l <main.c)" "$(wc -l <oceanxl.h)" "$(wc -l <oceanxl_job.h)" \
@@ -69,5 +90,9 @@ else # line counts change daily; the layers and what they use must be right
     cut -d'|' -f2,6 "$table.page" >"$table"
     between | cut -d'|' -f2,6 | diff - "$table" >/dev/null || complain "$page shows other layers. fix: scripts/rooms.sh write"
 fi
+# The map, the derivations and the paper's table name functions of today.
+for name in $(grep -oh '`[a-z][a-z0-9]*_[a-z0-9_]*`' docs/ARCHITECTURE.md docs/MATH.md docs/PAPER.md README.md | tr -d '`' | sort -u); do
+    grep -rqw "$name" src tests reference cli lab oceanxl.h oceanxl_job.h || complain "the documents name $name, which is nowhere in the code"
+done
 [ $wrong = 0 ] && echo 'rooms: 0 includes of higher layers'
 exit $wrong

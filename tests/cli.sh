@@ -176,7 +176,7 @@ else
     echo "skip hangup_saves_as_ctrl_c_does: env has no --default-signal"
 fi
 promise nohup_continues 0 "hup/scene.ply" sh -c "nohup '$program' train survey -o hup --iterations 400 --quiet & sleep 0.3; kill -HUP \$!; wait \$!"
-promise a_file_size_limit_is_reported_as_a_full_disk 1 "room on the disk" on_stderr sh -c "ulimit -f 8; '$program' train survey -o limited --iterations 20 --quiet"
+promise a_file_size_limit_is_reported_as_a_full_disk 1 "free space on the disk" on_stderr sh -c "ulimit -f 8; '$program' train survey -o limited --iterations 20 --quiet"
 promise a_folder_of_blocks_that_is_deleted_is_made_again 130 "the state is saved" on_stderr with_signal "INT rm -rf gone/blocks" "$program" train survey -o gone --iterations 1000000
 promise the_state_is_there_again 0 "" files 1 gone/blocks/000 checkpoint.oxl
 promise a_mask_of_another_shape_is_reported_by_train 0 "the mask is stretched" on_stderr sh -c \

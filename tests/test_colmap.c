@@ -229,17 +229,17 @@ TEST(colmap_a_name_that_begins_in_this_folder_is_the_name_alone)
     colmap_free(test_ctx, &c);
 }
 
-TEST(colmap_points_are_read_as_written_with_their_tracks)
+TEST(colmap_points_are_read_by_id_with_their_tracks)
 {
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK(c.point_count == 2 && c.track_count == 3);
-    CHECK(c.point[0].id == 9 && c.point[0].rgb[0] == 255 && c.point[0].rgb[1] == 0 && c.point[0].rgb[2] == 128);
-    CHECK_CLOSE(c.point[0].error, 0.25, 0);
-    CHECK_CLOSE(c.point[1].position[0], 100, 0);
-    CHECK(c.point[0].first_track == 0 && c.point[0].track_count == 1 && c.image[c.track[0].image_row].id == 5 &&
+    CHECK(c.point[1].id == 9 && c.point[1].rgb[0] == 255 && c.point[1].rgb[1] == 0 && c.point[1].rgb[2] == 128);
+    CHECK_CLOSE(c.point[1].error, 0.25, 0);
+    CHECK_CLOSE(c.point[0].position[0], 100, 0);
+    CHECK(c.point[1].first_track == 0 && c.point[1].track_count == 1 && c.image[c.track[0].image_row].id == 5 &&
           c.track[0].observation == 0);
-    CHECK(c.point[1].first_track == 1 && c.point[1].track_count == 2 && c.image[c.track[2].image_row].id == 2 &&
+    CHECK(c.point[0].first_track == 1 && c.point[0].track_count == 2 && c.image[c.track[2].image_row].id == 2 &&
           c.track[2].observation == 11);
     colmap_free(test_ctx, &c);
 }
@@ -683,7 +683,7 @@ TEST(colmap_point_ids_may_lie_far_apart)
     struct colmap c;
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images,
                         "-9223372036854775808 1 2 3 4 5 6 0.5\n9223372036854775807 1 2 3 4 5 6 0.5\n0 1 2 3 4 5 6 0.5\n", &c));
-    CHECK(c.point_count == 3 && c.point[0].id == INT64_MIN && c.point[1].id == INT64_MAX);
+    CHECK(c.point_count == 3 && c.point[0].id == INT64_MIN && c.point[2].id == INT64_MAX);
     colmap_free(test_ctx, &c);
 }
 

@@ -201,8 +201,8 @@ TEST(colmap_binary_invalid_values_are_handled_as_in_text)
     CHECK_OK(colmap_try(colmap_good_cameras, colmap_good_images, colmap_good_points, &c));
     CHECK_OK(os_make_folder(test_ctx, test_path("binary")));
     c.observation[0].x     = NAN;
-    c.point[0].position[1] = INFINITY;
-    c.point[1].error       = NAN;
+    c.point[1].position[1] = INFINITY;
+    c.point[0].error       = NAN;
     c.image[1].rotation[0] = 8;
     binary_write(test_path("binary"), &c);
     colmap_free(test_ctx, &c);
@@ -365,12 +365,13 @@ TEST(colmap_order_of_many_points_is_that_of_their_ids_near_or_far_apart)
 {
     for (int far = 0; far < 2; far++) {
         struct colmap c = {.point_count = 1000};
-        c.point         = oxl_calloc(test_ctx, c.point_count, sizeof *c.point);
+        int64_t       repeated;
+        c.point = oxl_calloc(test_ctx, c.point_count, sizeof *c.point);
         for (size_t i = 0; i < c.point_count; i++) {
             c.point[i].id          = (int64_t)(i * 7919 % 1009) * (far ? INT64_C(1) << 40 : 1) - 50;
             c.point[i].position[0] = (double)c.point[i].id;
         }
-        CHECK_OK(colmap_order(test_ctx, &c));
+        CHECK_OK(colmap_order_points(test_ctx, &c, &repeated));
         for (size_t i = 0; i < c.point_count; i++)
             CHECK((i == 0 || c.point[i - 1].id < c.point[i].id) && c.point[i].position[0] == (double)c.point[i].id);
         colmap_free(test_ctx, &c);

@@ -112,9 +112,9 @@ TEST(spz_frame_is_turned_by_half_a_turn_about_x)
     oxl_model     m;
     FILE         *file;
     memcpy(all, spz_test_one, sizeof spz_test_one);
-    spz_put_u32(all + sizeof spz_test_one - 4, (uint32_t)3 << 30 | 511); /* x y z w = 0 0 .7 .7 there */
-    spz_put_u32(all + sizeof spz_test_one, spz_crc(all + 15, data));
-    spz_put_u32(all + sizeof spz_test_one + 4, (uint32_t)data);
+    bytes_put(all + sizeof spz_test_one - 4, (uint32_t)3 << 30 | 511, 4); /* x y z w = 0 0 .7 .7 there */
+    bytes_put(all + sizeof spz_test_one, spz_crc(all + 15, data), 4);
+    bytes_put(all + sizeof spz_test_one + 4, (uint32_t)data, 4);
     file = fopen(test_path("one.spz"), "wb");
     CHECK(file && fwrite(all, 1, sizeof all, file) == sizeof all && fclose(file) == 0);
     CHECK_OK(oxl_model_read(test_ctx, test_path("one.spz"), &m));
@@ -195,10 +195,11 @@ TEST(gltf_holds_the_arrays_it_announces_and_the_origin_in_full)
     CHECK_OK(oxl_model_write(test_ctx, test_path("m.glb"), &m));
     CHECK_OK(os_read_file(test_ctx, test_path("m.glb"), &map));
     p    = (const unsigned char *)map.data;
-    text = spz_u32(p + 12);
-    CHECK(memcmp(p, "glTF", 4) == 0 && spz_u32(p + 4) == 2 && spz_u32(p + 8) == map.size && memcmp(p + 16, "JSON", 4) == 0);
-    CHECK(text % 4 == 0 && memcmp(p + 20 + text + 4, "BIN\0", 4) == 0 && spz_u32(p + 20 + text) == 33 * 4 * (3 + 4 + 3 + 1 + 27));
-    CHECK(map.size == 28 + text + spz_u32(p + 20 + text));
+    text = bytes_u32(p + 12);
+    CHECK(memcmp(p, "glTF", 4) == 0 && bytes_u32(p + 4) == 2 && bytes_u32(p + 8) == map.size && memcmp(p + 16, "JSON", 4) == 0);
+    CHECK(text % 4 == 0 && memcmp(p + 20 + text + 4, "BIN\0", 4) == 0 &&
+          bytes_u32(p + 20 + text) == 33 * 4 * (3 + 4 + 3 + 1 + 27));
+    CHECK(map.size == 28 + text + bytes_u32(p + 20 + text));
     CHECK_TEXT(map.data + 20, "\"translation\":[500000.125,4200000.25,-12.5]");
     CHECK_TEXT(map.data + 20, "\"KHR_gaussian_splatting:SH_DEGREE_2_COEF_4\":12}");
     CHECK_TEXT(map.data + 20, "\"colorSpace\":\"srgb_rec709_display\"");

@@ -83,7 +83,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     pixels = (size_t)image.width * (size_t)image.height;
     for (size_t i = 0; i < pixels; i++)
         if (image.rgb[i] > image.rgb[brightest]) brightest = i;
-    text   = report_read(&r, "ortho.pgw", NULL);
+    text   = output_read(r.out, "ortho.pgw", NULL);
     cursor = text ? text : "";
     for (int i = 0; i < 6; i++) {
         line[i] = json_number_at(&cursor);
@@ -94,7 +94,7 @@ TEST(ortho_places_a_speck_where_its_world_file_says)
     CHECK_CLOSE(line[4] + line[0] * (double)(brightest % (size_t)image.width), at[0], 0.05);
     CHECK_CLOSE(line[5] + line[3] * (double)(brightest / (size_t)image.width), at[1], 0.05);
     free(text);
-    text = report_read(&r, "ortho.height.pfm", &pixels);
+    text = output_read(r.out, "ortho.height.pfm", &pixels);
     CHECK(text != NULL);
     if (text) {
         float        height;
@@ -192,7 +192,7 @@ TEST(scale_bar_has_its_true_length)
     CHECK_OK(scale_measure(test_ctx, scene, bar, 0.25, to, error, sizeof error));
     CHECK_OK(scale_measure(test_ctx, scene, "5,2,0:5,2.5,0", 1.5, to, error, sizeof error));
     fclose(to);
-    text = report_read(&r, "said", NULL);
+    text = output_read(r.out, "said", NULL);
     CHECK_TEXT(text ? text : "", "end 2     5.000000 2.500000");
     CHECK_TEXT(text ? text : "", "scale     0.5");
     CHECK_TEXT(text ? text : "", "scale     3 metres");

@@ -4,6 +4,7 @@
 #include "../cli/report.c"
 #include "../cli/report_chart.c"
 #include "../cli/report_map.c"
+#include "../cli/report_read.c"
 #include "../cli/report_page.c"
 #include "../cli/report_views.c"
 
@@ -22,7 +23,7 @@ static char *report_test_page(void)
     char               *page;
     CHECK(rc == OXL_OK);
     if (rc != OXL_OK) printf("  %s\n", error);
-    page = report_read(&r, "report.html", NULL);
+    page = output_read(r.out, "report.html", NULL);
     CHECK(page != NULL);
     return page ? page : calloc(1, 1);
 }

@@ -196,7 +196,7 @@ static void vulkan_check_scan(oxl_context *device, size_t n)
     vulkan_reserve(v, &r->seen, n, 4, "numbers");
     vulkan_reserve(v, &r->scan_sums, vulkan_blocks(n), 4, "numbers");
     vulkan_upload(v, &r->seen, 0, in, 4 * n);
-    vulkan_scan(r, &r->seen, n, COUNT_PAIRS);
+    vulkan_scan(r, &r->seen, n, COUNT_PAIRS, UINT32_MAX);
     vulkan_download(v, &r->seen, 0, out, 4 * n);
     vulkan_download(v, &r->counts, 4 * COUNT_PAIRS, &total, 4);
     for (size_t i = 0; i < n; i++) wrong += out[i] != sum, sum += in[i];
@@ -648,7 +648,7 @@ static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_cam
         CHECK(skipped.rows == skipped_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
-    CHECK_OK(renderer_download(ctx, r));
+    CHECK_OK(renderer_download(ctx, r, 1));
 }
 
 static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double bound)
@@ -722,6 +722,123 @@ static void vulkan_check_aside(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
+/* ---------------------------------------------------------------- deferred steps */
+
+struct vulkan_deferral { /* a run whose steps are deferred, against one image */
+    struct vulkan_run run;
+    struct renderer  *r;
+    oxl_camera        camera;
+    uint8_t           bytes[3 * 64 * 48];
+};
+
+static void vulkan_deferral_begin(oxl_context *device, struct vulkan_deferral *d)
+{
+    d->run    = vulkan_run_begin(300, 1, 100);
+    d->camera = vulkan_camera(64, 48);
+    for (size_t i = 0; i < sizeof d->bytes; i++) d->bytes[i] = (uint8_t)random_bits(9, i, 0);
+    CHECK_OK(renderer_create(device, &d->r));
+}
+
+static void vulkan_deferral_end(oxl_context *device, struct vulkan_deferral *d)
+{
+    renderer_free(device, d->r);
+    vulkan_run_free(&d->run);
+}
+
+static void vulkan_step_of(oxl_context *device, struct vulkan_deferral *d, int step, struct renderer_loss *loss)
+{
+    const struct training_image image   = {d->camera.width, d->camera.height, d->bytes, NULL};
+    const oxl_render_options    options = oxl_render_options_default();
+    struct adam_params          adam    = {.beta = {0.7, 0.9995}, .step = step};
+    struct renderer_nonfinite   skipped;
+    for (int k = 0; k < OXL_PLANES; k++) adam.rate[k] = 1e-3f;
+    CHECK_OK(renderer_take_image(device, d->r, 0, &image, NULL, 0));
+    CHECK_OK(renderer_forward(device, d->r, &d->run.model, &d->camera, &options));
+    CHECK_OK(renderer_loss(device, d->r, NULL, NULL, 0.2f, loss));
+    CHECK_OK(renderer_backward(device, d->r, NULL, &d->run.gradient));
+    CHECK_OK(renderer_step(device, d->r, &d->run.model, &d->run.gradient, &d->run.first, &d->run.second, &adam, &skipped));
+    CHECK_OK(renderer_observe(device, d->r, &d->run.sums));
+}
+
+static void vulkan_check_same_run(const struct vulkan_deferral *a, const struct vulkan_deferral *b)
+{
+    for (int k = 0; k < oxl_model_planes(&a->run.model); k++) {
+        CHECK(memcmp(a->run.model.plane[k], b->run.model.plane[k], 300 * sizeof(float)) == 0);
+        CHECK(memcmp(a->run.second.plane[k], b->run.second.plane[k], 300 * sizeof(float)) == 0);
+    }
+    CHECK(memcmp(a->run.numbers, b->run.numbers, 4 * 300 * sizeof(float)) == 0);
+}
+
+/* The same losses, one step late, and the same model; the host never waits for a device that has nothing else to do. */
+static void vulkan_check_deferral(oxl_context *device)
+{
+    static struct vulkan_deferral d[2];
+    struct vulkan                *v = device->vulkan;
+    struct renderer_loss          loss[7], none;
+    struct renderer_report        report;
+    size_t                        waits = 0, dispatches = 0;
+    for (int k = 0; k < 2; k++) vulkan_deferral_begin(device, &d[k]);
+    for (int step = 1; step <= 6; step++) vulkan_step_of(device, &d[0], step, &loss[step]);
+    CHECK(renderer_defer(d[1].r, 1));
+    for (int step = 1; step <= 6; step++) {
+        if (step == 2) waits = v->waits, dispatches = v->dispatches;
+        vulkan_step_of(device, &d[1], step, &none);
+        CHECK_OK(renderer_report(device, d[1].r, 0, &report));
+        CHECK(report.there == (step > 1) && report.halt == HALT_NONE && report.skipped.rows == 0);
+        if (step > 1) CHECK(report.loss.total == loss[step - 1].total && report.loss.mse == loss[step - 1].mse);
+    }
+    CHECK(v->waits == waits && v->dispatches - dispatches <= 5 * 40);
+    CHECK_OK(renderer_report(device, d[1].r, 1, &report));
+    CHECK(report.there && report.loss.total == loss[6].total);
+    CHECK_OK(renderer_report(device, d[1].r, 1, &report));
+    CHECK(!report.there);
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(device, d[k].r, 1));
+    vulkan_check_same_run(&d[0], &d[1]);
+    for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
+}
+
+/* A step without room for its pairs, or whose loss is not finite: neither it nor the one behind it changes anything, and what the host then
+ * sees are its rows. */
+static void vulkan_check_halt(oxl_context *device)
+{
+    for (int halt = HALT_PAIRS; halt <= HALT_LOSS; halt++) {
+        static struct vulkan_deferral d[2];
+        struct vulkan_renderer       *r;
+        struct renderer_loss          none;
+        struct renderer_report        report;
+        size_t                        room;
+        for (int k = 0; k < 2; k++) {
+            vulkan_deferral_begin(device, &d[k]);
+            for (int step = 1; step <= 2; step++) vulkan_step_of(device, &d[k], step, &none);
+            CHECK_OK(renderer_download(device, d[k].r, 1));
+            for (int i = 0; i < 3; i++) d[k].run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
+            if (halt == HALT_LOSS) d[k].run.model.plane[OXL_SH][40] = INFINITY;
+        }
+        r = d[1].r->device;
+        CHECK(renderer_defer(d[1].r, 1));
+        vulkan_take_model(r, &d[1].run.model);
+        r->room = room = 2 * r->pairs;
+        if (halt == HALT_PAIRS) r->room = 100;
+        vulkan_step_of(device, &d[1], 3, &none);
+        r->room = room;
+        vulkan_step_of(device, &d[1], 4, &none);
+        CHECK_OK(renderer_report(device, d[1].r, 1, &report));
+        CHECK(report.there && (int)report.halt == halt);
+        CHECK_OK(renderer_report(device, d[1].r, 1, &report));
+        CHECK(!report.there);
+        renderer_defer(d[1].r, 0);
+        CHECK_OK(renderer_download_rows(device, d[1].r));
+        CHECK(renderer_row_visible(d[1].r, 40) && renderer_row_finite(d[1].r, 40) == (halt == HALT_PAIRS));
+        CHECK_OK(renderer_download(device, d[1].r, 0));
+        vulkan_check_same_run(&d[0], &d[1]);
+        vulkan_step_of(device, &d[1], 3, &none); /* the next one does */
+        CHECK_OK(renderer_download(device, d[1].r, 0));
+        if (halt == HALT_PAIRS)
+            CHECK(memcmp(d[0].run.model.plane[OXL_MEAN], d[1].run.model.plane[OXL_MEAN], 300 * sizeof(float)) != 0);
+        for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
+    }
+}
+
 /* ---------------------------------------------------------------- what goes wrong */
 
 static int vulkan_idle_waits;
@@ -756,7 +873,7 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
     vulkan_idle_waits              = 0;
     device->vulkan->DeviceWaitIdle = vulkan_play_idle;
-    CHECK(renderer_download(device, r) == OXL_ERR_FAILED);
+    CHECK(renderer_download(device, r, 1) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
@@ -1062,7 +1179,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_repaint(&other);
     vulkan_forward_both(&t, &m);
     vulkan_compare_images(&t);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k]));
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k], 1));
     vulkan_repaint(&m);
     vulkan_repaint(&m);
     vulkan_forward_both(&t, &m);
@@ -1140,6 +1257,36 @@ static void vulkan_check_training(oxl_context *device)
         for (int k = 0; k < oxl_model_planes(&model[1]); k++)
             CHECK(memcmp(model[1].plane[k], model[2].plane[k], model[1].count * sizeof(float)) == 0);
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
+}
+
+static PFN_vkCmdPushConstants vulkan_real_push;
+static int                    vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
+
+/* Room for one pair in every third deferred step. */
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_push(VkCommandBuffer commands, VkPipelineLayout layout, VkShaderStageFlags stages,
+                                                   uint32_t offset, uint32_t size, const void *push)
+{
+    uint32_t word[32];
+    memcpy(word, push, size);
+    if (size == SPIRV_SCAN_PUSH && word[1] == COUNT_PAIRS && word[2] != UINT32_MAX && vulkan_counted++ % 3 == 2)
+        word[2] = 1, vulkan_halted++;
+    vulkan_real_push(commands, layout, stages, offset, size, word);
+}
+
+static void vulkan_check_repeated(oxl_context *device)
+{
+    oxl_model model[2];
+    double    psnr[2];
+    vulkan_train(device, 60, &model[0], &psnr[0]);
+    vulkan_real_push                 = device->vulkan->CmdPushConstants;
+    device->vulkan->CmdPushConstants = vulkan_play_push;
+    vulkan_train(device, 60, &model[1], &psnr[1]);
+    device->vulkan->CmdPushConstants = vulkan_real_push;
+    CHECK(vulkan_counted > 20 && vulkan_halted > 6);
+    CHECK(psnr[0] == psnr[1] && model[0].count == model[1].count);
+    for (int k = 0; k < oxl_model_planes(&model[0]) && model[0].count == model[1].count; k++)
+        CHECK(memcmp(model[0].plane[k], model[1].plane[k], model[0].count * sizeof(float)) == 0);
+    for (int k = 0; k < 2; k++) oxl_model_free(test_ctx, &model[k]);
 }
 
 static char vulkan_log[200]; /* the log line of --mask-transients */
@@ -1334,6 +1481,21 @@ TEST(vulkan_renders_the_current_model)
 TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
 {
     ON_DEVICE(vulkan_check_training);
+}
+
+TEST(vulkan_deferred_steps_are_the_same_steps_without_waits)
+{
+    ON_DEVICE(vulkan_check_deferral);
+}
+
+TEST(vulkan_steps_behind_one_that_cannot_be_done_change_nothing)
+{
+    ON_DEVICE(vulkan_check_halt);
+}
+
+TEST(vulkan_training_repeats_steps_that_found_no_room)
+{
+    ON_DEVICE(vulkan_check_repeated);
 }
 
 TEST(vulkan_masks_transients_as_the_cpu_does)

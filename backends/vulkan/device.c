@@ -3,37 +3,7 @@
  * Built by make VULKAN=1 alone; needs the headers to compile, and nothing at run time: a machine without a loader or a device says so in
  * one line.
  */
-#include "device.h"
-
-/* ---------------------------------------------------------------- what went wrong */
-
-OXL_INTERNAL const char *vulkan_word(VkResult result)
-{
-    switch (result) {
-    case VK_TIMEOUT: return "it did not answer in time";
-    case VK_ERROR_OUT_OF_HOST_MEMORY: return "no host memory";
-    case VK_ERROR_OUT_OF_DEVICE_MEMORY: return "no device memory is left";
-    case VK_ERROR_DEVICE_LOST: return "the device is lost";
-    case VK_ERROR_INITIALIZATION_FAILED: return "it could not be started";
-    case VK_ERROR_INCOMPATIBLE_DRIVER: return "no driver";
-    default: return "refused";
-    }
-}
-
-/* Keeps the first failure. 1: all is well. */
-OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
-{
-    const int memory = result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
-    if (result == VK_SUCCESS) return v->rc == OXL_OK;
-    if (v->rc == OXL_OK && memory)
-        v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
-                         "Vulkan, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", what,
-                         vulkan_word(result), (int)result);
-    if (v->rc == OXL_OK)
-        v->rc =
-            oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan, %s: %s (%d)\nfix: --backend cpu", what, vulkan_word(result), (int)result);
-    return 0;
-}
+#include "state.h"
 
 /* ---------------------------------------------------------------- loader and instance */
 
@@ -326,7 +296,7 @@ static oxl_result vulkan_create_device(struct vulkan *v)
     return OXL_OK;
 }
 
-static oxl_result vulkan_create_pools(struct vulkan *v)
+static oxl_result vulkan_create_frame(struct vulkan *v, struct vulkan_frame *f)
 {
     const VkCommandPoolCreateInfo    pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO, .queueFamilyIndex = v->family};
     VkCommandBufferAllocateInfo      commands = {.sType              = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
@@ -336,12 +306,11 @@ static oxl_result vulkan_create_pools(struct vulkan *v)
     const VkDescriptorPoolSize       size     = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VULKAN_SETS * VULKAN_BINDINGS};
     const VkDescriptorPoolCreateInfo sets     = {
             .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = VULKAN_SETS, .poolSizeCount = 1, .pPoolSizes = &size};
-    v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
-    if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &v->command_pool), "a command pool")) return v->rc;
-    commands.commandPool = v->command_pool;
-    if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, v->command), "a command buffer") &&
-        vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &v->fence), "a fence"))
-        vulkan_ok(v, v->CreateDescriptorPool(v->device, &sets, NULL, &v->descriptor_pool), "descriptors");
+    if (!vulkan_ok(v, v->CreateCommandPool(v->device, &pool, NULL, &f->command_pool), "a command pool")) return v->rc;
+    commands.commandPool = f->command_pool;
+    if (vulkan_ok(v, v->AllocateCommandBuffers(v->device, &commands, f->command), "a command buffer") &&
+        vulkan_ok(v, v->CreateFence(v->device, &fence, NULL, &f->fence), "a fence"))
+        vulkan_ok(v, v->CreateDescriptorPool(v->device, &sets, NULL, &f->descriptor_pool), "descriptors");
     return v->rc;
 }
 
@@ -359,12 +328,13 @@ OXL_INTERNAL oxl_result vulkan_open(oxl_context *ctx, int device, int any, struc
     if (rc == OXL_OK) rc = vulkan_choose(v, device, any);
     if (rc == OXL_OK) rc = vulkan_check(v);
     if (rc == OXL_OK) rc = vulkan_create_device(v);
-    if (rc == OXL_OK) rc = vulkan_create_pools(v);
+    if (rc == OXL_OK) v->GetDeviceQueue(v->device, v->family, 0, &v->queue);
+    for (int k = 0; k < VULKAN_FRAMES && rc == OXL_OK; k++) rc = vulkan_create_frame(v, &v->frame[k]);
     if (rc == OXL_OK) {
         v->image_bytes_max = vulkan_memory_left(v) / VULKAN_IMAGE_SHARE;
-        vulkan_create(v, &v->staging, VULKAN_STAGING, 1);
+        vulkan_create(v, &v->staging, VULKAN_FRAMES * VULKAN_STAGING, 1);
         vulkan_create(v, &v->nothing, 256, 0);
-        if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VULKAN_STAGING, 0, &mapped), "staging");
+        if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, v->staging.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "staging");
         v->mapped = mapped;
         rc        = v->rc;
     }
@@ -391,9 +361,11 @@ OXL_INTERNAL void vulkan_close(struct vulkan *v)
         vulkan_release(v, &v->staging);
         vulkan_release(v, &v->nothing);
         v->DestroyQueryPool(v->device, v->clock, NULL);
-        v->DestroyDescriptorPool(v->device, v->descriptor_pool, NULL);
-        v->DestroyFence(v->device, v->fence, NULL);
-        v->DestroyCommandPool(v->device, v->command_pool, NULL);
+        for (int k = 0; k < VULKAN_FRAMES; k++) {
+            v->DestroyDescriptorPool(v->device, v->frame[k].descriptor_pool, NULL);
+            v->DestroyFence(v->device, v->frame[k].fence, NULL);
+            v->DestroyCommandPool(v->device, v->frame[k].command_pool, NULL);
+        }
         v->DestroyDevice(v->device, NULL);
     }
     vulkan_stop(v);

@@ -1,9 +1,9 @@
 /* memory.c - buffers on the device, and how much memory there is for them.
  *
- * Where an allocation fails, images that are kept on the device make room first (resident.c); what still fails is OXL_ERR_MEMORY, and
+ * Where an allocation fails, images that are kept on the device make room first (vulkan.make_room); what still fails is OXL_ERR_MEMORY, and
  * with --backend auto the CPU takes over (src/render/renderer.c).
  */
-#include "device.h"
+#include "state.h"
 
 /* Free bytes of the largest heap that is the device's own: as the driver says, or all that it has. */
 OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v)
@@ -44,7 +44,7 @@ OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b)
 static VkResult vulkan_allocate(struct vulkan *v, const VkMemoryAllocateInfo *info, VkDeviceMemory *out)
 {
     VkResult result = v->AllocateMemory(v->device, info, NULL, out);
-    if ((result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY) && vulkan_drop_images(v) > 0)
+    if ((result == VK_ERROR_OUT_OF_DEVICE_MEMORY || result == VK_ERROR_OUT_OF_HOST_MEMORY) && v->make_room && v->make_room(v) > 0)
         result = v->AllocateMemory(v->device, info, NULL, out);
     return result;
 }

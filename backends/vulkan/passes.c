@@ -5,7 +5,7 @@
  *
  * Invariant: whatever is recorded works on buffers that live until it was submitted and waited for (vulkan_reserve sees to that).
  */
-#include "device.h"
+#include "state.h"
 #include "generated/spirv.h"
 
 #define VULKAN_PASS(name) \
@@ -49,25 +49,63 @@ OXL_INTERNAL size_t vulkan_shared(void)
     return most;
 }
 
+/* ---------------------------------------------------------------- what went wrong */
+
+OXL_INTERNAL const char *vulkan_word(VkResult result)
+{
+    switch (result) {
+    case VK_TIMEOUT: return "it did not answer in time";
+    case VK_ERROR_OUT_OF_HOST_MEMORY: return "no host memory";
+    case VK_ERROR_OUT_OF_DEVICE_MEMORY: return "no device memory is left";
+    case VK_ERROR_DEVICE_LOST: return "the device is lost";
+    case VK_ERROR_INITIALIZATION_FAILED: return "it could not be started";
+    case VK_ERROR_INCOMPATIBLE_DRIVER: return "no driver";
+    default: return "refused";
+    }
+}
+
+/* Keeps the first failure. 1: all is well. */
+OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what)
+{
+    const int memory = result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    if (result == VK_SUCCESS) return v->rc == OXL_OK;
+    if (v->rc == OXL_OK && memory)
+        v->rc = oxl_fail(v->ctx, OXL_ERR_MEMORY,
+                         "Vulkan, %s: %s (%d)\nfix: a smaller --max-side, fewer --max-gaussians, or --backend cpu", what,
+                         vulkan_word(result), (int)result);
+    if (v->rc == OXL_OK)
+        v->rc =
+            oxl_fail(v->ctx, OXL_ERR_FAILED, "Vulkan, %s: %s (%d)\nfix: --backend cpu", what, vulkan_word(result), (int)result);
+    return 0;
+}
+
 /* ---------------------------------------------------------------- recording and submitting */
+
+static struct vulkan_frame *vulkan_frame(struct vulkan *v)
+{
+    return &v->frame[v->at];
+}
 
 OXL_INTERNAL int vulkan_record(struct vulkan *v)
 {
     const VkCommandBufferBeginInfo begin = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
                                             .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
+    struct vulkan_frame           *f     = vulkan_frame(v);
     if (v->rc != OXL_OK || v->recording) return v->rc == OXL_OK;
-    v->commands = v->command[v->command_at];
+    v->commands = f->command[f->command_at];
     if (!vulkan_ok(v, v->BeginCommandBuffer(v->commands, &begin), "recording")) return 0;
     v->recording = 1;
-    if (v->clock && v->command_at == 0) v->CmdResetQueryPool(v->commands, v->clock, 0, 2 * VULKAN_SETS);
+    if (v->clock && f->command_at == 0)
+        v->CmdResetQueryPool(v->commands, v->clock, (uint32_t)v->at * 2 * VULKAN_SETS, 2 * VULKAN_SETS);
     return 1;
 }
 
 /* From now on each pass is timed by the device's own clock, into pass_seconds and pass_runs. For the benchmark. */
 OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
 {
-    const VkQueryPoolCreateInfo info = {
-        .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2 * VULKAN_SETS};
+    const VkQueryPoolCreateInfo info = {.sType      = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
+                                        .queryType  = VK_QUERY_TYPE_TIMESTAMP,
+                                        .queryCount = VULKAN_FRAMES * 2 * VULKAN_SETS};
     if (!v->properties.limits.timestampComputeAndGraphics)
         return oxl_fail(v->ctx, OXL_ERR_FAILED, "%s has no clock", v->properties.deviceName);
     if (!v->clock) vulkan_ok(v, v->CreateQueryPool(v->device, &info, NULL, &v->clock), "a clock");
@@ -77,22 +115,25 @@ OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v)
 /* Before (0) and after (1) the pass that is recorded next. What went before has ended: the barrier behind it sees to that. */
 static void vulkan_stamp(struct vulkan *v, enum vulkan_pass pass, uint32_t after)
 {
-    const uint32_t set = (uint32_t)v->sets - 1;
+    struct vulkan_frame *f   = vulkan_frame(v);
+    const uint32_t       set = (uint32_t)f->sets - 1;
     if (!v->clock) return;
-    v->pass_at[set] = (uint8_t)pass;
-    v->CmdWriteTimestamp(v->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, v->clock, 2 * set + after);
+    f->pass_at[set] = (uint8_t)pass;
+    v->CmdWriteTimestamp(v->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, v->clock,
+                         2 * ((uint32_t)v->at * VULKAN_SETS + set) + after);
 }
 
-static void vulkan_read_clock(struct vulkan *v)
+static void vulkan_read_clock(struct vulkan *v, const struct vulkan_frame *f)
 {
-    uint64_t stamp[2 * VULKAN_SETS];
-    if (!v->clock || v->sets == 0) return;
-    if (v->GetQueryPoolResults(v->device, v->clock, 0, 2 * (uint32_t)v->sets, sizeof stamp, stamp, sizeof *stamp,
+    const uint32_t first = (uint32_t)(f - v->frame) * 2 * VULKAN_SETS;
+    uint64_t       stamp[2 * VULKAN_SETS];
+    if (!v->clock || f->sets == 0) return;
+    if (v->GetQueryPoolResults(v->device, v->clock, first, 2 * (uint32_t)f->sets, sizeof stamp, stamp, sizeof *stamp,
                                VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT) != VK_SUCCESS)
         return;
-    for (int i = 0; i < v->sets; i++) {
-        v->pass_seconds[v->pass_at[i]] += 1e-9 * v->properties.limits.timestampPeriod * (double)(stamp[2 * i + 1] - stamp[2 * i]);
-        v->pass_runs[v->pass_at[i]]++;
+    for (int i = 0; i < f->sets; i++) {
+        v->pass_seconds[f->pass_at[i]] += 1e-9 * v->properties.limits.timestampPeriod * (double)(stamp[2 * i + 1] - stamp[2 * i]);
+        v->pass_runs[f->pass_at[i]]++;
     }
 }
 
@@ -105,16 +146,19 @@ OXL_INTERNAL void vulkan_barrier(struct vulkan *v)
                                                            VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT |
                                                            VK_ACCESS_HOST_READ_BIT};
     const VkPipelineStageFlags from    = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
+    v->updates                         = 0;
+    v->barriers++;
     v->CmdPipelineBarrier(v->commands, from, from | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
 }
 
-/* Clears what was recorded, or submitted and is complete. */
-static void vulkan_drop(struct vulkan *v)
+/* Clears what was recorded in a frame, or submitted and is complete. */
+static void vulkan_drop(struct vulkan *v, struct vulkan_frame *f)
 {
-    v->ResetCommandPool(v->device, v->command_pool, 0);
-    v->ResetDescriptorPool(v->device, v->descriptor_pool, 0);
-    v->recording = v->sets = v->reads = v->command_at = 0;
-    v->staged                                         = 0;
+    v->ResetCommandPool(v->device, f->command_pool, 0);
+    v->ResetDescriptorPool(v->device, f->descriptor_pool, 0);
+    if (f->under_way) vulkan_ok(v, v->ResetFences(v->device, 1, &f->fence), "a fence");
+    f->sets = f->command_at = f->under_way = 0;
+    f->staged                              = 0;
 }
 
 /* After a timeout the submission continues, or hangs: its fence, buffers and pools must not be touched, and another wait may not end. A
@@ -135,52 +179,91 @@ static int vulkan_submit(struct vulkan *v, VkFence fence)
 {
     const VkSubmitInfo submit = {
         .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &v->commands};
+    if (v->updates) vulkan_barrier(v);
+    v->submissions++;
+    v->recording = 0;
     return vulkan_ok(v, v->EndCommandBuffer(v->commands), "recording") &&
            vulkan_submitted(v, v->QueueSubmit(v->queue, 1, &submit, fence));
 }
 
 OXL_INTERNAL void vulkan_flush(struct vulkan *v)
 {
-    if (v->rc != OXL_OK || !v->recording || v->command_at + 1 == VULKAN_COMMANDS) return;
-    if (!vulkan_submit(v, VK_NULL_HANDLE)) return;
-    v->recording = 0;
-    v->command_at++;
+    struct vulkan_frame *f = vulkan_frame(v);
+    if (v->rc != OXL_OK || !v->recording || f->command_at + 1 == VULKAN_COMMANDS) return;
+    if (vulkan_submit(v, VK_NULL_HANDLE)) f->command_at++;
 }
 
-/* A fence behind the last submission stands for those before it. */
+/* A fence behind the frame's last submission stands for those before it. */
+static void vulkan_submit_frame(struct vulkan *v)
+{
+    struct vulkan_frame *f = vulkan_frame(v);
+    if (f->command_at > 0) vulkan_record(v);
+    if (v->recording && !v->lost) f->under_way = vulkan_submit(v, f->fence);
+}
+
+/* Until the device is done with a frame. */
+static void vulkan_wait(struct vulkan *v, struct vulkan_frame *f)
+{
+    if (!f->under_way || v->rc != OXL_OK) return;
+    if (!vulkan_submitted(v, v->WaitForFences(v->device, 1, &f->fence, VK_TRUE, VULKAN_WAIT))) return;
+    vulkan_read_clock(v, f);
+    vulkan_drop(v, f);
+}
+
+/* What was recorded or submitted before a failure is dropped: the buffers it works on may not exist. A lost device stays as it is. */
+static void vulkan_drop_all(struct vulkan *v)
+{
+    if (v->lost) return;
+    v->DeviceWaitIdle(v->device);
+    v->recording = v->reads = v->updates = 0;
+    for (int k = 0; k < VULKAN_FRAMES; k++) vulkan_drop(v, &v->frame[k]);
+}
+
 OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v)
 {
-    if (v->command_at > 0) vulkan_record(v);
-    if (v->recording && !v->lost) {
-        v->waits++;
-        if (vulkan_submit(v, v->fence) && vulkan_submitted(v, v->WaitForFences(v->device, 1, &v->fence, VK_TRUE, VULKAN_WAIT)))
-            vulkan_ok(v, v->ResetFences(v->device, 1, &v->fence), "a fence");
-        if (v->lost) return v->rc;
-        if (v->rc == OXL_OK) vulkan_read_clock(v);
-        else v->DeviceWaitIdle(v->device);
-        vulkan_drop(v);
+    vulkan_submit_frame(v);
+    for (int k = 0, waits = 0; k < VULKAN_FRAMES; k++) {
+        struct vulkan_frame *f = &v->frame[(v->at + 1 + k) % VULKAN_FRAMES];
+        v->waits += f->under_way && waits++ == 0;
+        vulkan_wait(v, f);
     }
-    v->staged = 0;
+    if (v->rc != OXL_OK) vulkan_drop_all(v);
+    vulkan_frame(v)->staged = 0;
     return v->rc;
 }
 
-/* What was recorded before a failure is dropped: the buffers it works on may not exist. A lost device stays as it is. */
+OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v)
+{
+    vulkan_submit_frame(v);
+    v->at = (v->at + 1) % VULKAN_FRAMES;
+    v->frame_waits += (size_t)vulkan_frame(v)->under_way;
+    vulkan_wait(v, vulkan_frame(v));
+    return v->rc;
+}
+
 OXL_INTERNAL void vulkan_enter(struct vulkan *v)
 {
     if (v->lost) return;
-    if (v->rc != OXL_OK && v->command_at > 0) v->DeviceWaitIdle(v->device);
-    if (v->rc != OXL_OK) vulkan_drop(v);
+    if (v->rc != OXL_OK) vulkan_drop_all(v);
     v->rc = OXL_OK;
+}
+
+/* 1: any command may be recorded, behind those that were. */
+static int vulkan_ready(struct vulkan *v)
+{
+    const int records = vulkan_record(v);
+    if (records && v->updates) vulkan_barrier(v);
+    return records;
 }
 
 /* A place of `size` bytes in the staging buffer for what is recorded next. */
 static size_t vulkan_stage(struct vulkan *v, size_t size)
 {
     size_t at;
-    if (v->staged + size > VULKAN_STAGING) vulkan_finish(v);
-    at        = v->staged;
-    v->staged = (at + size + 15) & ~(size_t)15;
-    return at;
+    if (vulkan_frame(v)->staged + size > VULKAN_STAGING) vulkan_finish(v);
+    at                      = vulkan_frame(v)->staged;
+    vulkan_frame(v)->staged = (at + size + 15) & ~(size_t)15;
+    return (size_t)v->at * VULKAN_STAGING + at;
 }
 
 OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
@@ -191,12 +274,21 @@ OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to
         size_t       at;
         piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
         at    = vulkan_stage(v, piece);
-        if (!vulkan_record(v)) return;
+        if (!vulkan_ready(v)) return;
         memcpy(v->mapped + at, (const char *)from + done, piece);
         copy = (VkBufferCopy){at, offset + done, piece};
         v->CmdCopyBuffer(v->commands, v->staging.handle, to->handle, 1, &copy);
         vulkan_barrier(v);
     }
+}
+
+OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from, const struct vulkan_buffer *to, size_t offset,
+                              size_t size)
+{
+    const VkBufferCopy copy = {0, offset, size};
+    if (!vulkan_ready(v)) return;
+    v->CmdCopyBuffer(v->commands, from->handle, to->handle, 1, &copy);
+    vulkan_barrier(v);
 }
 
 /* Waits for all that was recorded, and copies the queued reads. */
@@ -211,11 +303,12 @@ OXL_INTERNAL void vulkan_collect(struct vulkan *v)
 /* `to` is filled by vulkan_collect, which must come before anything else is sent: many small pieces, one wait. */
 OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size)
 {
+    v->read_bytes += size;
     for (size_t done = 0, piece; done < size && v->rc == OXL_OK; done += piece) {
         VkBufferCopy copy;
         piece = OXL_MIN(size - done, (size_t)VULKAN_STAGING);
-        if (v->staged + piece > VULKAN_STAGING || v->reads == VULKAN_READS) vulkan_collect(v);
-        if (!vulkan_record(v)) return;
+        if (vulkan_frame(v)->staged + piece > VULKAN_STAGING || v->reads == VULKAN_READS) vulkan_collect(v);
+        if (!vulkan_ready(v)) return;
         copy                = (VkBufferCopy){offset + done, vulkan_stage(v, piece), piece};
         v->read[v->reads++] = (struct vulkan_read){(char *)to + done, copy.dstOffset, piece};
         v->CmdCopyBuffer(v->commands, from->handle, v->staging.handle, 1, &copy);
@@ -229,17 +322,17 @@ OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *
     vulkan_collect(v);
 }
 
-/* A few words, kept in the command itself. */
+/* A few words, kept in the command itself. Updates that follow each other have one barrier. */
 OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size)
 {
     if (!vulkan_record(v)) return;
     v->CmdUpdateBuffer(v->commands, to->handle, offset, size, from);
-    vulkan_barrier(v);
+    v->updates = 1;
 }
 
 OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, uint32_t value)
 {
-    if (!vulkan_record(v)) return;
+    if (!vulkan_ready(v)) return;
     v->CmdFillBuffer(v->commands, to->handle, 0, VK_WHOLE_SIZE, value);
     vulkan_barrier(v);
 }
@@ -300,7 +393,7 @@ static VkDescriptorSet vulkan_bind(struct vulkan *v, enum vulkan_pass pass, cons
 {
     const uint32_t                    count = VULKAN_PASSES[pass].bindings;
     const VkDescriptorSetAllocateInfo info  = {.sType              = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
-                                               .descriptorPool     = v->descriptor_pool,
+                                               .descriptorPool     = vulkan_frame(v)->descriptor_pool,
                                                .descriptorSetCount = 1,
                                                .pSetLayouts        = &v->pipeline[pass].set};
     VkDescriptorSet                   set   = VK_NULL_HANDLE;
@@ -327,17 +420,17 @@ OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t v
     const size_t            across = OXL_MIN(groups, v->groups_max), down = across ? (groups + across - 1) / across : 0;
     VkDescriptorSet         set;
     if (v->rc != OXL_OK || groups == 0) return;
-    if (v->sets == VULKAN_SETS) vulkan_finish(v);
+    if (vulkan_frame(v)->sets == VULKAN_SETS) vulkan_finish(v);
     if (down > v->groups_max) {
         v->rc = oxl_fail(v->ctx, OXL_ERR_FAILED, "%s: %zu workgroups are more than it takes\nfix: --backend cpu",
                          v->properties.deviceName, groups);
         return;
     }
     if (!p->variant[variant]) vulkan_make_variant(v, pass, variant);
-    if (!vulkan_record(v)) return;
+    if (!vulkan_ready(v)) return;
     set = vulkan_bind(v, pass, buffer);
     if (v->rc != OXL_OK) return;
-    v->sets++;
+    vulkan_frame(v)->sets++;
     v->CmdBindPipeline(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->variant[variant]);
     v->CmdBindDescriptorSets(v->commands, VK_PIPELINE_BIND_POINT_COMPUTE, p->layout, 0, 1, &set, 0, NULL);
     v->CmdPushConstants(v->commands, p->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, VULKAN_PASSES[pass].push, push);

@@ -12,10 +12,11 @@
 
 /* ---------------------------------------------------------------- scanning and sorting */
 
-/* Exclusive prefix sums of n numbers, in place; the total goes to counts[slot]. */
-static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *data, size_t n, enum vulkan_count slot)
+/* Exclusive prefix sums of n numbers, in place; the total goes to counts[slot]: 0, and the steps halt, if it is more than `most`. */
+static void vulkan_scan(struct vulkan_renderer *r, const struct vulkan_buffer *data, size_t n, enum vulkan_count slot,
+                        uint32_t most)
 {
-    const uint32_t push[2] = {(uint32_t)n, slot}, sums[2] = {(uint32_t)vulkan_blocks(n), slot};
+    const uint32_t push[3] = {(uint32_t)n, slot, most}, sums[3] = {(uint32_t)vulkan_blocks(n), slot, most};
     if (n <= VULKAN_SCAN_WHOLE) {
         VULKAN_RUN(r->v, SCAN, 1, 1, push, VULKAN_BUFFERS(data, &r->counts, NULL));
         return;
@@ -34,7 +35,7 @@ static int vulkan_sort(struct vulkan_renderer *r, struct vulkan_buffer key[2], s
     for (uint32_t shift = 0; shift < bits && blocks > 0; shift += VULKAN_DIGIT, at ^= 1) {
         const uint32_t push[3] = {slot, shift, (uint32_t)blocks};
         VULKAN_RUN(r->v, SORT_COUNT, 0, blocks, push, VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram));
-        VULKAN_RUN(r->v, SCAN, 3, VULKAN_DIGITS / 8, VULKAN_PUSH((uint32_t)blocks, 0),
+        VULKAN_RUN(r->v, SCAN, 3, VULKAN_DIGITS / 8, VULKAN_PUSH((uint32_t)blocks, 0, 0),
                    VULKAN_BUFFERS(&r->histogram, &r->counts, &r->digits));
         VULKAN_RUN(r->v, SORT_SCATTER, 0, blocks, push,
                    VULKAN_BUFFERS(&r->counts, &key[at], &r->histogram, &r->digits, &key[at ^ 1], &value[at], &value[at ^ 1]));
@@ -89,30 +90,32 @@ static void vulkan_project(struct vulkan_renderer *r)
         vulkan_row_push(r, s, push);
         VULKAN_RUN(r->v, PROJECT, 0, vulkan_groups(push[1]), push,
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->splat_a, &r->splat_b, &r->splat_c, &r->seen,
-                                  &r->lobe_a, &r->lobe_b, &r->rank));
+                                  &r->lobe_a, &r->lobe_b, &r->rank, &r->counts));
     }
 }
 
 static void vulkan_footprint(struct vulkan_renderer *r, uint32_t variant)
 {
-    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count),
-               VULKAN_PUSH(COUNT_VISIBLE, COUNT_PAIRS, (uint32_t)r->lobes, (uint32_t)r->count),
+    VULKAN_RUN(r->v, FOOTPRINT, variant, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->lobes, (uint32_t)r->count),
                VULKAN_BUFFERS(&r->view_buffer, &r->counts, &r->row_value[0], &r->splat_a, &r->splat_b, &r->lobe_a, &r->lobe_b,
                               &r->row_pairs, &r->pair_key[0], &r->pair_value[0], &r->staged, &r->row_slots));
 }
 
-/* Up to the number of pairs, which the host must know to make room. */
+/* Up to the number of pairs. The host makes room for them: it waits for the number, or, in a deferred step, keeps to the room there is. */
 static void vulkan_order_rows(struct vulkan_renderer *r)
 {
     struct vulkan *v     = r->v;
     uint32_t       pairs = 0;
+    const int      waits = !r->deferred || r->room == 0;
     vulkan_project(r);
-    vulkan_scan(r, &r->rank, r->count, COUNT_VISIBLE);
+    vulkan_scan(r, &r->rank, r->count, COUNT_VISIBLE, UINT32_MAX);
     VULKAN_RUN(v, COMPACT, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count),
-               VULKAN_BUFFERS(&r->seen, &r->rank, &r->splat_c, &r->row_key[0], &r->row_value[0]));
+               VULKAN_BUFFERS(&r->seen, &r->rank, &r->splat_c, &r->row_key[0], &r->row_value[0], &r->counts));
     vulkan_sort(r, r->row_key, r->row_value, COUNT_VISIBLE, r->count, 32); /* 4 digits: it ends where it began */
     vulkan_footprint(r, 0);
-    vulkan_scan(r, &r->row_pairs, r->count, COUNT_PAIRS);
+    vulkan_scan(r, &r->row_pairs, r->count, COUNT_PAIRS, waits ? UINT32_MAX : (uint32_t)r->room);
+    r->pairs = r->room;
+    if (!waits) return;
     vulkan_download(v, &r->counts, COUNT_PAIRS * sizeof pairs, &pairs, sizeof pairs);
     r->pairs = pairs;
     if (pairs == UINT32_MAX && v->rc == OXL_OK)
@@ -125,6 +128,11 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
     struct vulkan *v    = r->v;
     uint32_t       bits = 1;
     while (r->tiles >> bits) bits++;
+    if (r->deferred && r->room == 0) {
+        r->pairs = OXL_MAX(r->pairs, r->most_pairs);
+        r->room  = OXL_MIN(r->pairs + r->pairs / VULKAN_ROOM + VULKAN_BLOCK, (size_t)UINT32_MAX - 1);
+        r->pairs = r->room;
+    }
     for (int k = 0; k < 2; k++) {
         vulkan_reserve(v, &r->pair_key[k], r->pairs, 4, "(tile, splat) pairs");
         vulkan_reserve(v, &r->pair_value[k], r->pairs, 4, "(tile, splat) pairs");
@@ -133,8 +141,8 @@ static void vulkan_order_pairs(struct vulkan_renderer *r)
     vulkan_reserve(v, &r->histogram, VULKAN_DIGITS * vulkan_blocks(r->pairs), 4, "(tile, splat) pairs");
     vulkan_footprint(r, 1);
     r->sort_end = vulkan_sort(r, r->pair_key, r->pair_value, COUNT_PAIRS, r->pairs, bits);
-    VULKAN_RUN(v, RANGES, 0, vulkan_groups(r->tiles + 1), VULKAN_PUSH((uint32_t)r->pairs, (uint32_t)r->tiles),
-               VULKAN_BUFFERS(&r->pair_key[r->sort_end], &r->start));
+    VULKAN_RUN(v, RANGES, 0, vulkan_groups(r->tiles + 1), VULKAN_PUSH((uint32_t)r->tiles),
+               VULKAN_BUFFERS(&r->pair_key[r->sort_end], &r->start, &r->counts));
 }
 
 /* Calls draw(r, first tile, tiles, argument) for the whole image, or for some rows of tiles at a time, each a submission of its own: an
@@ -201,7 +209,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
-        const oxl_result rc = vulkan_download_model(device); /* another model is rendered in between */
+        const oxl_result rc = vulkan_download_model(device, 1); /* another model is rendered in between */
         if (rc != OXL_OK) return rc;
     }
     vulkan_enter(r->v);
@@ -231,9 +239,19 @@ static void vulkan_compare(struct vulkan_renderer *r, float ssim_weight, int mas
     const uint32_t push[5] = {r->view.width, r->view.height, (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)masked};
     VULKAN_RUN(r->v, LOSS_FORWARD, 0, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->partial));
-    VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, VULKAN_PUSH(3 * (uint32_t)r->tiles), VULKAN_BUFFERS(&r->partial, &r->totals));
+    VULKAN_RUN(r->v, LOSS_TOTAL, 0, 1, VULKAN_PUSH(3 * (uint32_t)r->tiles, vulkan_bits(ssim_weight), (uint32_t)r->deferred),
+               VULKAN_BUFFERS(&r->partial, &r->totals, &r->counts));
     VULKAN_RUN(r->v, LOSS_BACKWARD, 0, 3 * r->tiles, push,
                VULKAN_BUFFERS(&r->rgb, &r->target, &r->weight, &r->slope[0], &r->slope[1], &r->slope[2], &r->totals, &r->drgb));
+}
+
+static struct renderer_loss vulkan_loss_of(const float total[5], float ssim_weight)
+{
+    struct renderer_loss out = {.l1   = total[3] > 0 ? (double)total[0] / total[3] : 0,
+                                .ssim = total[4] > 0 ? ssim_weight > 0 ? (double)total[1] / total[4] : 0 : 1,
+                                .mse  = total[3] > 0 ? (double)total[2] / total[3] : 0};
+    out.total                = (1 - (double)ssim_weight) * out.l1 + (double)ssim_weight * (1 - out.ssim);
+    return out;
 }
 
 static oxl_result vulkan_loss(void *device, const float *rgb, const float *weight, float ssim_weight, struct renderer_loss *out)
@@ -241,7 +259,7 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
     struct vulkan_renderer *r      = device;
     struct vulkan          *v      = r->v;
     const size_t            pixels = (size_t)r->view.width * r->view.height;
-    float                   total[5];
+    float                   total[OXL_COUNT(r->report->totals)];
     vulkan_enter(v);
     if (rgb) vulkan_reserve(v, &r->target, pixels, 12, "pixels");
     vulkan_reserve(v, &r->drgb, pixels, 12, "pixels");
@@ -251,13 +269,12 @@ static oxl_result vulkan_loss(void *device, const float *rgb, const float *weigh
     if (rgb) vulkan_upload(v, &r->target, 0, rgb, 12 * pixels);
     if (weight) vulkan_upload(v, &r->weight, 0, weight, 4 * pixels);
     vulkan_compare(r, ssim_weight, rgb ? weight != NULL : r->masked);
+    r->ssim_weight = ssim_weight;
+    *out           = (struct renderer_loss){0};
+    if (r->deferred) return v->rc;
     vulkan_download(v, &r->totals, 0, total, sizeof total);
-    if (v->rc != OXL_OK) return v->rc;
-    out->l1    = total[3] > 0 ? (double)total[0] / total[3] : 0;
-    out->ssim  = total[4] > 0 ? ssim_weight > 0 ? (double)total[1] / total[4] : 0 : 1;
-    out->mse   = total[3] > 0 ? (double)total[2] / total[3] : 0;
-    out->total = (1 - (double)ssim_weight) * out->l1 + (double)ssim_weight * (1 - out->ssim);
-    return OXL_OK;
+    if (v->rc == OXL_OK) *out = vulkan_loss_of(total, ssim_weight);
+    return v->rc;
 }
 
 /* ---------------------------------------------------------------- backward and score */
@@ -360,6 +377,23 @@ static oxl_result vulkan_score(void *device, const float *drgb, float *score)
 
 /* ---------------------------------------------------------------- step and statistics */
 
+/* counts: from COUNT_NONFINITE on. */
+static struct renderer_nonfinite vulkan_nonfinite_of(const uint32_t counts[3])
+{
+    return (struct renderer_nonfinite){counts[0], counts[0] ? counts[1] : SIZE_MAX, counts[2]};
+}
+
+/* Of a deferred one: its report is on the way when the host goes on to the next. */
+static oxl_result vulkan_end_step(struct vulkan_renderer *r)
+{
+    struct vulkan *v  = r->v;
+    const size_t   at = r->steps % VULKAN_REPORTS * sizeof *r->report;
+    if (v->rc == OXL_OK) r->steps++;
+    vulkan_copy(v, &r->counts, &r->reports, at + offsetof(struct vulkan_report, counts), sizeof r->report->counts);
+    vulkan_copy(v, &r->totals, &r->reports, at + offsetof(struct vulkan_report, totals), sizeof r->report->totals);
+    return vulkan_next_frame(v);
+}
+
 static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
                               struct renderer_nonfinite *out)
 {
@@ -368,7 +402,7 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     const double            correction = 1 - vecmath_exp(adam->step * vecmath_log(adam->beta[0]));
     const float             inverse    = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))));
     float                   rate[OXL_PLANES];
-    uint32_t                skipped[2] = {0, UINT32_MAX}, push[6];
+    uint32_t                skipped[3] = {0, UINT32_MAX, 0}, push[6];
     vulkan_enter(v);
     for (uint32_t k = 0; k < r->planes; k++)
         rate[k] = (float)(adam->rate[k < r->lobe_plane ? k : OXL_LOBE + k - r->lobe_plane] / correction);
@@ -380,16 +414,44 @@ static oxl_result vulkan_step(void *device, oxl_model *model, oxl_model *first, 
     for (size_t s = 0; s < r->slabs; s++) {
         vulkan_row_push(r, s, push);
         VULKAN_RUN(v, STEP, 0, vulkan_groups(push[1]),
-                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], COUNT_NONFINITE,
-                               vulkan_bits((float)adam->beta[0]), vulkan_bits((float)adam->beta[1]), vulkan_bits(inverse)),
+                   VULKAN_PUSH(push[0], push[1], push[2], push[3], push[4], push[5], vulkan_bits((float)adam->beta[0]),
+                               vulkan_bits((float)adam->beta[1]), vulkan_bits(inverse)),
                    VULKAN_BUFFERS(&r->view_buffer, &r->slab[s].parameter, &r->seen, &r->row_slots, &r->sums_a, &r->sums_b,
                                   &r->sums_c, &r->sums_d, &r->sums_e, &r->mean2d, &r->slab[s].first, &r->slab[s].second,
                                   &r->counts, &r->rates));
     }
     r->stepped = 1;
+    if (r->deferred) return vulkan_end_step(r);
     vulkan_download(v, &r->counts, COUNT_NONFINITE * sizeof *skipped, skipped, sizeof skipped);
-    *out = (struct renderer_nonfinite){skipped[0], skipped[0] ? skipped[1] : SIZE_MAX};
+    *out = vulkan_nonfinite_of(skipped);
     return v->rc;
+}
+
+static int vulkan_defer(void *device, int on)
+{
+    struct vulkan_renderer *r = device;
+    r->deferred               = on;
+    return on;
+}
+
+static oxl_result vulkan_report(void *device, int wait, struct renderer_report *out)
+{
+    struct vulkan_renderer     *r    = device;
+    const struct vulkan_report *here = &r->report[r->reported % VULKAN_REPORTS];
+    const uint32_t              on   = HALT_NONE;
+    vulkan_enter(r->v);
+    *out = (struct renderer_report){0};
+    if (wait ? vulkan_finish(r->v) != OXL_OK || r->reported == r->steps : r->steps - r->reported < VULKAN_REPORTS)
+        return r->v->rc;
+    r->reported++;
+    r->most_pairs = OXL_MAX(r->most_pairs, (size_t)here->counts[COUNT_PAIRS_FOUND]);
+    *out          = (struct renderer_report){1, here->counts[COUNT_HALT], vulkan_loss_of(here->totals, r->ssim_weight),
+                                             vulkan_nonfinite_of(here->counts + COUNT_NONFINITE)};
+    if (out->halt == HALT_NONE) return OXL_OK;
+    r->reported = r->steps; /* those behind it did nothing */
+    r->room     = 0;        /* to be found anew */
+    vulkan_update(r->v, &r->counts, COUNT_HALT * sizeof on, &on, sizeof on);
+    return vulkan_finish(r->v);
 }
 
 static oxl_result vulkan_observe(void *device, const struct renderer_sums *sums)
@@ -400,10 +462,10 @@ static oxl_result vulkan_observe(void *device, const struct renderer_sums *sums)
     vulkan_enter(v);
     r->sums = *sums;
     vulkan_reserve(v, &r->statistics, r->count, 16, "Gaussians");
-    if (!r->observed) vulkan_copy_sums(r, 1);
-    r->observed = v->rc == OXL_OK;
+    if (!r->sums_here) vulkan_copy_sums(r, 1);
+    r->observed = r->sums_here = v->rc == OXL_OK;
     VULKAN_RUN(v, OBSERVE, 0, vulkan_groups(r->count), VULKAN_PUSH((uint32_t)r->count, vulkan_bits(z_near), vulkan_bits(z_far)),
-               VULKAN_BUFFERS(&r->seen, &r->mean2d, &r->splat_c, &r->statistics));
+               VULKAN_BUFFERS(&r->seen, &r->mean2d, &r->splat_c, &r->statistics, &r->counts));
     return v->rc;
 }
 
@@ -468,6 +530,8 @@ OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
                                                      .gradient      = vulkan_gradient,
                                                      .score         = vulkan_score,
                                                      .step          = vulkan_step,
+                                                     .defer         = vulkan_defer,
+                                                     .report        = vulkan_report,
                                                      .observe       = vulkan_observe,
                                                      .download      = vulkan_download_model,
                                                      .clear_visible = vulkan_clear_visible,

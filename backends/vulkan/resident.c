@@ -3,7 +3,7 @@
  * The model lies in slabs of rows, each a buffer of its own: so no array that a shader sees exceeds maxStorageBufferRange, however many
  * Gaussians there are. What is indexed by any row has at most 16 bytes a row or pair.
  *
- * Invariant: between vulkan_forward and vulkan_download_model the device's copy is the model; vulkan_download_model downloads it and ends that.
+ * Invariant: from vulkan_forward on the device's copy is the model, until vulkan_download_model has downloaded it for a host that changes it.
  */
 #include "resident.h"
 
@@ -33,20 +33,26 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
 
 OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
 {
-    struct vulkan_renderer *r = oxl_calloc(ctx, 1, sizeof *r);
-    struct vulkan          *v = ctx->vulkan;
-    *out                      = NULL;
+    struct vulkan_renderer *r      = oxl_calloc(ctx, 1, sizeof *r);
+    struct vulkan          *v      = ctx->vulkan;
+    void                   *mapped = NULL;
+    *out                           = NULL;
     if (!r) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a renderer");
     r->v         = v;
     r->using     = -1;
     r->next      = v->renderers;
     v->renderers = r;
+    v->make_room = vulkan_drop_images;
     vulkan_enter(v);
     vulkan_reserve(v, &r->view_buffer, 1, sizeof r->view, "views");
     vulkan_reserve(v, &r->counts, COUNTS, sizeof(uint32_t), "numbers");
     vulkan_reserve(v, &r->digits, VULKAN_DIGITS, sizeof(uint32_t), "numbers");
     vulkan_reserve(v, &r->rates, OXL_PLANES, sizeof(float), "numbers");
-    vulkan_reserve(v, &r->totals, 5, sizeof(float), "numbers");
+    vulkan_reserve(v, &r->totals, OXL_COUNT(r->report->totals), sizeof(float), "numbers");
+    vulkan_create(v, &r->reports, VULKAN_REPORTS * sizeof *r->report, 1);
+    if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, r->reports.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "reports");
+    r->report = mapped;
+    vulkan_fill(v, &r->counts, 0);
     if (v->rc == OXL_OK) *out = r;
     else vulkan_renderer_free(r);
     return v->rc;
@@ -139,6 +145,7 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     r->plane             = m->plane[0];
     r->count = m->count, r->lobes = m->lobes, r->sh_degree = m->sh_degree;
     r->model_here = r->moments_here = r->stepped = 0;
+    r->room                                      = 0;
     vulkan_reserve_slabs(r);
     vulkan_reserve_rows(r);
     if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, 1);
@@ -184,7 +191,7 @@ OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up)
     oxl_free(r->v->ctx, sum);
 }
 
-OXL_INTERNAL oxl_result vulkan_download_model(void *device)
+OXL_INTERNAL oxl_result vulkan_download_model(void *device, int changes)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
@@ -194,7 +201,8 @@ OXL_INTERNAL oxl_result vulkan_download_model(void *device)
         vulkan_copy_model(r, r->second, 0);
     }
     if (r->observed) vulkan_copy_sums(r, 0);
-    r->model_here = r->moments_here = r->stepped = r->observed = 0;
+    r->stepped = r->observed = 0;
+    if (changes) r->model_here = r->moments_here = r->sums_here = 0;
     return r->v->rc;
 }
 

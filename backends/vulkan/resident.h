@@ -2,7 +2,7 @@
 #ifndef OXL_VULKAN_RESIDENT_H
 #define OXL_VULKAN_RESIDENT_H
 
-#include "device.h"
+#include "state.h"
 
 struct vulkan_slab {
     struct vulkan_buffer parameter, gradient, first, second; /* (planes, stride) */
@@ -19,7 +19,25 @@ struct vulkan_training_image { /* (3,H,W) bytes, then from a word on the mask's 
     uint32_t             width, height, mask_at; /* mask_at: bytes; 0: there is none */
 };
 
-enum vulkan_count { COUNT_VISIBLE, COUNT_PAIRS, COUNT_SCRATCH, COUNT_NONFINITE, COUNT_FIRST_NONFINITE, COUNTS = 8 };
+/* Words of the buffer of counts, as shaders/common.glsl has them. */
+enum vulkan_count {
+    COUNT_VISIBLE,
+    COUNT_PAIRS,       /* (tile, splat) pairs; 0: more than there is room for */
+    COUNT_PAIRS_FOUND, /* with or without room */
+    COUNT_HALT,        /* enum renderer_halt */
+    COUNT_NONFINITE,
+    COUNT_FIRST_NONFINITE,
+    COUNT_CLEARED,
+    COUNTS = 8
+};
+
+/* What a deferred step leaves for the host: the counts, then the loss' totals. */
+struct vulkan_report {
+    uint32_t counts[COUNTS];
+    float    totals[8];
+};
+
+enum { VULKAN_REPORTS = VULKAN_FRAMES };
 
 struct vulkan_renderer {
     struct vulkan                *v;
@@ -31,7 +49,11 @@ struct vulkan_renderer {
     int                           sh_degree, bands; /* carried; evaluated */
     int                           model_here, moments_here, stepped;
     struct renderer_sums          sums;
-    int                           observed; /* there are statistics here that the host has not got */
+    int                           observed;        /* there are statistics here that the host has not got */
+    int                           sums_here;       /* those here are what the host has, or newer */
+    int                           deferred;        /* steps report later: renderer_defer */
+    size_t                        steps, reported; /* deferred steps submitted; those reported */
+    const struct vulkan_report   *report;          /* (VULKAN_REPORTS) step n's is n % VULKAN_REPORTS; as the host sees it */
     struct vulkan_slab           *slab;
     size_t                        slabs, slab_capacity;
     uint32_t                      stride;             /* rows of a slab */
@@ -44,7 +66,10 @@ struct vulkan_renderer {
     int                  masked;                                       /* whether the one that was taken last is */
     /* the last view */
     struct vulkan_view   view;
-    size_t               tiles, pairs;
+    size_t               tiles, pairs; /* pairs: at most, when deferred */
+    size_t               room;         /* of the pairs' buffers, for deferred steps; 0: not known, the next forward counts */
+    size_t               most_pairs;   /* of the views so far, as deferred steps reported them */
+    float                ssim_weight;
     int                  sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2], row_pairs, row_slots,
@@ -54,7 +79,7 @@ struct vulkan_renderer {
     /* by tile or pixel */
     struct vulkan_buffer start, rgb, drgb, target, weight, slope[3], partial, passing; /* passing: an image that is not kept */
     /* small, or of sorting and scanning */
-    struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums;
+    struct vulkan_buffer view_buffer, counts, rates, totals, histogram, digits, scan_sums, reports;
 };
 
 OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out);
@@ -66,7 +91,8 @@ OXL_INTERNAL void   vulkan_take_model(struct vulkan_renderer *r, const oxl_model
 OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
-OXL_INTERNAL oxl_result vulkan_download_model(void *device);
+OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v); /* of every renderer, but the one that is in use; how many */
+OXL_INTERNAL oxl_result vulkan_download_model(void *device, int changes);
 OXL_INTERNAL int        vulkan_has_image(const void *device, int view);
 OXL_INTERNAL size_t     vulkan_target(void *device, float *rgb, float *weight, int *masked);
 OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image, int halved);

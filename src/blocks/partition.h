@@ -16,7 +16,7 @@ struct partition_axes {     /* relative to the scene's origin */
 };
 OXL_INTERNAL oxl_result partition_axes(oxl_context *ctx, const oxl_scene *scene, struct partition_axes *out);
 
-/* ---------------------------------------------------------------- partition_visibility.c: who saw which point */
+/* ---------------------------------------------------------------- partition_visibility.c: points that each view observes */
 
 struct partition_visibility { /* from the tracks; empty for test views */
     size_t    views;          /* of the scene */

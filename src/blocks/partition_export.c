@@ -12,6 +12,7 @@
  * Several threads write files, one block each. Invariant: the content of files does not depend on the number of threads.
  */
 #include "partition.h"
+#include "../core/bytes.h"
 
 enum { EXPORT_BUFFER = 1 << 20, EXPORT_WAVE = 32, EXPORT_FILES = 3 };
 
@@ -185,12 +186,8 @@ static void exporter_list_binary(const struct exporter *e, struct exporter_worke
 {
     for (size_t k = 0; 24 * k + 24 <= size; k++) {
         for (int axis = 0; axis < 2; axis++) {
-            uint64_t bits = 0;
-            double   value;
-            for (int i = 7; i >= 0; i--) bits = bits << 8 | (unsigned char)p[24 * k + 8 * (size_t)axis + (size_t)i];
-            memcpy(&value, &bits, sizeof value);
             if (k + (size_t)axis > 0) exporter_put(w, " ", 1);
-            w->used += format_double(exporter_room(w, NUMBER_TEXT_MAX), value);
+            w->used += format_double(exporter_room(w, NUMBER_TEXT_MAX), bytes_double(p + 24 * k + 8 * (size_t)axis));
         }
         exporter_put_whole(w, ' ', k < e->slots ? w->slot[k] : -1);
         if (k < e->slots) w->slot[k] = -1;

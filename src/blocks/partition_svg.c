@@ -16,9 +16,10 @@ enum {
     SVG_COLOURS = 12,
     SVG_LISTED  = 8,   /* blocks in a common label */
     SVG_ROWS    = 300, /* blocks listed in the table */
-    SVG_COLUMN  = 190  /* px of a column of the table */
+    SVG_COLUMN  = 190, /* px of a column of the table */
+    SVG_NUMBER  = 48   /* bytes of a number as text */
 };
-#define SVG_AIR 0.05 /* of the extents, around them */
+#define SVG_MARGIN 0.05 /* of the extents, around them */
 
 static const char *const svg_colour[SVG_COLOURS] = {"#1f77a8", "#e07b39", "#3a9d6e", "#b5507f", "#7a68b3", "#c9a227",
                                                     "#3fa7b5", "#c4504b", "#6b8e3d", "#8c6d5a", "#5479c4", "#a35fb0"};
@@ -47,46 +48,47 @@ struct svg {
 /* ---------------------------------------------------------------- numbers and words */
 
 /* With one decimal. */
-static void svg_put(struct text *t, double px)
+static const char *svg_px(char out[SVG_NUMBER], double px)
 {
     const long tenths = (long)floor(10 * px + 0.5), whole = labs(tenths) / 10, rest = labs(tenths) % 10;
-    text_add(t, rest ? "%s%ld.%ld" : "%s%ld", tenths < 0 ? "-" : "", whole, rest);
+    snprintf(out, SVG_NUMBER, rest ? "%s%ld.%ld" : "%s%ld", tenths < 0 ? "-" : "", whole, rest);
+    return out;
 }
 
-static void svg_attribute(struct text *t, const char *name, double px)
+/* 28 366, with thin spaces. */
+static const char *svg_count(char out[SVG_NUMBER], size_t count)
 {
-    text_add(t, " %s=\"", name);
-    svg_put(t, px);
-    text_add(t, "\"");
-}
-
-/* 28 366 */
-static void svg_put_count(struct text *t, size_t count)
-{
-    char digits[32];
+    char digits[24], *to = out;
     int  n = snprintf(digits, sizeof digits, "%zu", count);
-    for (int i = 0; i < n; i++) text_add(t, "%s%c", i > 0 && (n - i) % 3 == 0 ? "\xE2\x80\x89" : "", digits[i]); /* thin space */
+    for (int i = 0; i < n; i++) to += sprintf(to, "%s%c", i > 0 && (n - i) % 3 == 0 ? "\xE2\x80\x89" : "", digits[i]);
+    return out;
 }
+
+#define PX(px)       svg_px((char[SVG_NUMBER]){0}, px)
+#define COUNT(count) svg_count((char[SVG_NUMBER]){0}, count)
 
 /* Three significant digits of a length below 100, whole units above. */
-static void svg_put_length(struct text *t, double units)
+static double svg_rounded(double units)
 {
     double parts = 1;
     while (parts < 1e9 && units * parts < 100) parts *= 10;
-    text_add_number(t, floor(units * parts + 0.5) / parts);
+    return floor(units * parts + 0.5) / parts;
 }
 
-static void svg_begin_text(struct text *t, const char *class, double x, double y)
+static void svg_text(struct text *t, const char *class, double x, double y, const char *format, ...) OXL_PRINTF(5, 6);
+static void svg_text(struct text *t, const char *class, double x, double y, const char *format, ...)
 {
-    text_add(t, "<text class=\"%s\"", class);
-    svg_attribute(t, "x", x);
-    svg_attribute(t, "y", y);
-    text_add(t, ">");
+    char    words[400];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(words, sizeof words, format, args);
+    va_end(args);
+    text_add(t, "<text class=\"%s\" x=\"%s\" y=\"%s\">%s</text>\n", class, PX(x), PX(y), words);
 }
 
 /* ---------------------------------------------------------------- layout */
 
-/* The trimmed extents with some air, and the cameras that are not too far off. */
+/* The trimmed extents with a margin, and the cameras near them. */
 static void svg_set_bounds(struct svg *s, struct svg_panel *panel)
 {
     const int views = (int)s->p->plan->visibility->views;
@@ -99,8 +101,8 @@ static void svg_set_bounds(struct svg *s, struct svg_panel *panel)
             const double at = s->camera[3 * v + axis];
             if (at > low - size && at < high + 2 * size) from = OXL_MIN(from, at), to = OXL_MAX(to, at);
         }
-        panel->low[k]  = from - SVG_AIR * size;
-        panel->high[k] = to + SVG_AIR * size;
+        panel->low[k]  = from - SVG_MARGIN * size;
+        panel->high[k] = to + SVG_MARGIN * size;
     }
 }
 
@@ -178,11 +180,8 @@ static void svg_choose_colours(struct svg *s)
 
 static void svg_rectangle(struct text *t, const char *class, const char *colour, double x, double y, double wide, double tall)
 {
-    text_add(t, "<rect class=\"%s\"", class);
-    svg_attribute(t, "x", x);
-    svg_attribute(t, "y", y);
-    svg_attribute(t, "width", OXL_MAX(wide, 0));
-    svg_attribute(t, "height", OXL_MAX(tall, 0));
+    text_add(t, "<rect class=\"%s\" x=\"%s\" y=\"%s\" width=\"%s\" height=\"%s\"", class, PX(x), PX(y), PX(OXL_MAX(wide, 0)),
+             PX(OXL_MAX(tall, 0)));
     if (colour) text_add(t, " fill=\"%s\" stroke=\"%s\"", colour, colour);
     text_add(t, "/>\n");
 }
@@ -201,11 +200,7 @@ static void svg_to_pixels(const struct svg_panel *p, const struct partition_box 
 
 static void svg_dot(struct text *t, const struct svg_panel *p, const double frame[3])
 {
-    text_add(t, "M");
-    svg_put(t, svg_x(p, frame[p->across]));
-    text_add(t, " ");
-    svg_put(t, svg_y(p, frame[p->up]));
-    text_add(t, "h0");
+    text_add(t, "M%s %sh0", PX(svg_x(p, frame[p->across])), PX(svg_y(p, frame[p->up])));
 }
 
 /* One path a block. */
@@ -270,11 +265,8 @@ static void svg_draw_test_views(struct svg *s, const struct svg_panel *panel)
     text_add(&s->t, "<path class=\"test\" d=\"");
     for (size_t v = 0; v < views; v += stride) {
         if (!oxl_scene_view(s->p->plan->scene, (int)v)->is_test || !svg_shows(panel, s->camera + 3 * v)) continue;
-        text_add(&s->t, "M");
-        svg_put(&s->t, svg_x(panel, s->camera[3 * v + (size_t)panel->across]));
-        text_add(&s->t, " ");
-        svg_put(&s->t, svg_y(panel, s->camera[3 * v + (size_t)panel->up]) - 3.5);
-        text_add(&s->t, "l3.5 3.5-3.5 3.5-3.5-3.5z");
+        text_add(&s->t, "M%s %sl3.5 3.5-3.5 3.5-3.5-3.5z", PX(svg_x(panel, s->camera[3 * v + (size_t)panel->across])),
+                 PX(svg_y(panel, s->camera[3 * v + (size_t)panel->up]) - 3.5));
     }
     text_add(&s->t, "\"/>\n");
 }
@@ -286,25 +278,20 @@ static void svg_label(struct svg *s, const struct svg_panel *panel, int i)
     svg_to_pixels(panel, &b->box, at);
     if (at[2] < 24 || at[3] < 16) return;
     if (at[2] < 92 || at[3] < 62) {
-        svg_begin_text(&s->t, "number small", at[0] + at[2] / 2, at[1] + at[3] / 2 + 4);
-        text_add(&s->t, "%d</text>\n", i);
+        svg_text(&s->t, "number small", at[0] + at[2] / 2, at[1] + at[3] / 2 + 4, "%d", i);
         return;
     }
-    svg_begin_text(&s->t, "number", at[0] + 10, at[1] + 25);
-    text_add(&s->t, "%d</text>\n", i);
-    svg_begin_text(&s->t, "count", at[0] + 10, at[1] + 42);
-    text_add(&s->t, "P ");
-    svg_put_count(&s->t, b->points);
-    text_add(&s->t, "</text>\n");
-    svg_begin_text(&s->t, "count", at[0] + 10, at[1] + 58);
-    text_add(&s->t, "C %d + %d</text>\n", b->base_views, b->border_views);
+    svg_text(&s->t, "number", at[0] + 10, at[1] + 25, "%d", i);
+    svg_text(&s->t, "count", at[0] + 10, at[1] + 42, "P %s", COUNT(b->points));
+    svg_text(&s->t, "count", at[0] + 10, at[1] + 58, "C %d + %d", b->base_views, b->border_views);
 }
 
 /* Blocks that have their middle in the same place share a label: 3, 4, 5. Block i speaks for all of them when it is the first. */
 static void svg_label_stacked(struct svg *s, const struct svg_panel *panel, int i)
 {
     double mine[4], other[4];
-    int    listed = 0;
+    int    listed = 0, used = 0;
+    char   words[SVG_LISTED * 12 + 8];
     svg_to_pixels(panel, &s->p->block[i].box, mine);
     for (int pass = 0; pass < 2; pass++)
         for (int j = pass ? i : 0; j < (pass ? s->p->block_count : i); j++) {
@@ -312,10 +299,10 @@ static void svg_label_stacked(struct svg *s, const struct svg_panel *panel, int 
             if (fabs(2 * mine[0] + mine[2] - 2 * other[0] - other[2]) > 2 * 14) continue;
             if (fabs(2 * mine[1] + mine[3] - 2 * other[1] - other[3]) > 2 * 14) continue;
             if (!pass) return;
-            if (!listed) svg_begin_text(&s->t, "number small", mine[0] + mine[2] / 2, mine[1] + mine[3] / 2 + 4);
-            if (++listed <= SVG_LISTED) text_add(&s->t, listed > 1 ? ", %d" : "%d", j);
+            if (++listed <= SVG_LISTED) used += sprintf(words + used, listed > 1 ? ", %d" : "%d", j);
         }
-    text_add(&s->t, listed > SVG_LISTED ? " ...</text>\n" : "</text>\n");
+    svg_text(&s->t, "number small", mine[0] + mine[2] / 2, mine[1] + mine[3] / 2 + 4, "%s%s", words,
+             listed > SVG_LISTED ? " ..." : "");
 }
 
 /* 1, 2 or 5 times a power of ten, about a seventh of the panel. */
@@ -326,24 +313,17 @@ static void svg_draw_scale(struct svg *s, const struct svg_panel *panel)
     while (length > wanted) length /= 10;
     while (10 * length <= wanted) length *= 10;
     length *= 5 * length <= wanted ? 5 : 2 * length <= wanted ? 2 : 1;
-    text_add(&s->t, "<path class=\"scale\" d=\"M");
-    svg_put(&s->t, panel->left);
-    text_add(&s->t, " ");
-    svg_put(&s->t, y - 4);
-    text_add(&s->t, "v4h");
-    svg_put(&s->t, length * panel->scale);
-    text_add(&s->t, "v-4\"/>\n");
-    svg_begin_text(&s->t, "note", panel->left + length * panel->scale + 8, y + 2);
-    svg_put_length(&s->t, length);
-    text_add(&s->t, length == 1 ? " unit</text>\n" : " units</text>\n");
-    svg_begin_text(&s->t, "note end", panel->left + panel->wide, y + 2);
-    text_add(&s->t, "principal axes %d \xE2\x86\x92 and %d \xE2\x86\x91</text>\n", panel->across + 1, panel->up + 1); /* arrows */
+    text_add(&s->t, "<path class=\"scale\" d=\"M%s %sv4h%sv-4\"/>\n", PX(panel->left), PX(y - 4), PX(length * panel->scale));
+    svg_text(&s->t, "note", panel->left + length * panel->scale + 8, y + 2, "%s unit%s", NUMBER(svg_rounded(length)),
+             length == 1 ? "" : "s");
+    svg_text(&s->t, "note end", panel->left + panel->wide, y + 2, "principal axes %d \xE2\x86\x92 and %d \xE2\x86\x91",
+             panel->across + 1, panel->up + 1); /* arrows */
 }
 
 static void svg_draw_panel(struct svg *s, const struct svg_panel *panel, int index)
 {
-    svg_begin_text(&s->t, "head", panel->left, panel->top - 10);
-    text_add(&s->t, "%s</text>\n<clipPath id=\"clip%d\">", panel->title, index);
+    svg_text(&s->t, "head", panel->left, panel->top - 10, "%s", panel->title);
+    text_add(&s->t, "<clipPath id=\"clip%d\">", index);
     svg_rectangle(&s->t, "clip", NULL, panel->left, panel->top, panel->wide, panel->tall);
     text_add(&s->t, "</clipPath>\n");
     svg_rectangle(&s->t, "paper", NULL, panel->left, panel->top, panel->wide, panel->tall);
@@ -367,27 +347,18 @@ static void svg_draw_panel(struct svg *s, const struct svg_panel *panel, int ind
 static void svg_draw_title(struct svg *s)
 {
     const struct scene_stats *stats = scene_stats_of(s->p->plan->scene);
-    svg_begin_text(&s->t, "title", SVG_EDGE, 46);
-    text_add(&s->t, "%d block%s</text>\n", s->p->block_count, s->p->block_count == 1 ? "" : "s");
-    svg_begin_text(&s->t, "sub", SVG_EDGE, 70);
-    svg_put_count(&s->t, stats->points);
-    text_add(&s->t, " points, ");
-    svg_put_count(&s->t, (size_t)(stats->views - stats->test_views));
-    text_add(&s->t, " training views, %d held out; cut in %dD, principal extents ", stats->test_views, s->p->dimensions);
-    for (int k = 0; k < 3; k++) {
-        if (k > 0) text_add(&s->t, " \xC3\x97 "); /* times */
-        svg_put_length(&s->t, s->p->extent[k]);
-    }
-    text_add(&s->t, "</text>\n");
+    const double             *e     = s->p->extent;
+    svg_text(&s->t, "title", SVG_EDGE, 46, "%d block%s", s->p->block_count, s->p->block_count == 1 ? "" : "s");
+    svg_text(&s->t, "sub", SVG_EDGE, 70,
+             "%s points, %s training views, %d held out; cut in %dD, principal extents %s \xC3\x97 %s \xC3\x97 %s", /* times */
+             COUNT(stats->points), COUNT((size_t)(stats->views - stats->test_views)), stats->test_views, s->p->dimensions,
+             NUMBER(svg_rounded(e[0])), NUMBER(svg_rounded(e[1])), NUMBER(svg_rounded(e[2])));
 }
 
 static double svg_key(struct svg *s, double x, double y, const char *shapes, const char *words)
 {
-    text_add(&s->t, "<g transform=\"translate(");
-    svg_put(&s->t, x);
-    text_add(&s->t, " ");
-    svg_put(&s->t, y);
-    text_add(&s->t, ")\">%s<text class=\"note\" x=\"11\" y=\"4\">%s</text></g>\n", shapes, words);
+    text_add(&s->t, "<g transform=\"translate(%s %s)\">%s<text class=\"note\" x=\"11\" y=\"4\">%s</text></g>\n", PX(x), PX(y),
+             shapes, words);
     return x + 26 + 6.0 * (double)strlen(words);
 }
 
@@ -400,11 +371,9 @@ static double svg_draw_legend(struct svg *s, double y)
                        "<path class=\"ring\" stroke=\"#4b5a66\" d=\"M0 0h0\"/><path class=\"halo\" stroke=\"#fff\" d=\"M0 0h0\"/>",
                        "ring: border view of the block of its colour");
     x        = svg_key(s, x, y, "<path class=\"test\" d=\"M0-3.5l3.5 3.5-3.5 3.5-3.5-3.5z\"/>", "held out for the test");
-    svg_begin_text(&s->t, "note", SVG_EDGE, y + 24);
-    text_add(
-        &s->t,
-        "P points inside, C base + border views. Blocks at the edge are unbounded: the dashed line is the border of the image."
-        "</text>\n");
+    svg_text(
+        &s->t, "note", SVG_EDGE, y + 24,
+        "P points inside, C base + border views. Blocks at the edge are unbounded: the dashed line is the border of the image.");
     return y + 50;
 }
 
@@ -416,19 +385,13 @@ static double svg_draw_table(struct svg *s, double y, double wide)
         const struct partition_block *b = &s->p->block[i];
         const double                  x = SVG_EDGE + SVG_COLUMN * (i / rows), at = y + 18.0 * (i % rows);
         svg_rectangle(&s->t, "swatch", svg_colour[s->colour[i]], x, at - 9, 10, 10);
-        svg_begin_text(&s->t, "cell bold end", x + 36, at);
-        text_add(&s->t, "%d</text>\n", i);
-        svg_begin_text(&s->t, "cell end", x + 104, at);
-        text_add(&s->t, "P ");
-        svg_put_count(&s->t, b->points);
-        text_add(&s->t, "</text>\n");
-        svg_begin_text(&s->t, "cell", x + 114, at);
-        text_add(&s->t, "C %d + %d</text>\n", b->base_views, b->border_views);
+        svg_text(&s->t, "cell bold end", x + 36, at, "%d", i);
+        svg_text(&s->t, "cell end", x + 104, at, "P %s", COUNT(b->points));
+        svg_text(&s->t, "cell", x + 114, at, "C %d + %d", b->base_views, b->border_views);
     }
-    if (shown < s->p->block_count) {
-        svg_begin_text(&s->t, "note", SVG_EDGE, y + 18.0 * rows + 4);
-        text_add(&s->t, "and %d more: partition.txt lists them all</text>\n", s->p->block_count - shown);
-    }
+    if (shown < s->p->block_count)
+        svg_text(&s->t, "note", SVG_EDGE, y + 18.0 * rows + 4, "and %d more: partition.txt lists them all",
+                 s->p->block_count - shown);
     return y + 18.0 * rows + (shown < s->p->block_count ? 18 : 0);
 }
 
@@ -454,12 +417,11 @@ static void svg_draw(struct svg *s)
     rows = OXL_MAX(1, (int)((wide - 2 * SVG_EDGE) / SVG_COLUMN));
     rows = (OXL_MIN(s->p->block_count, (int)SVG_ROWS) + rows - 1) / rows;
     tall = bottom + 50 + 18.0 * rows + (s->p->block_count > SVG_ROWS ? 18 : 0) + 24;
-    text_add(&s->t, "<svg xmlns=\"http://www.w3.org/2000/svg\"");
-    svg_attribute(&s->t, "width", ceil(wide));
-    svg_attribute(&s->t, "height", ceil(tall));
-    text_add(&s->t, " viewBox=\"0 0 %d %d\">\n<title>The survey in %d blocks</title>\n<style>%s</style>\n", (int)ceil(wide),
-             (int)ceil(tall), s->p->block_count, svg_style);
-    text_add(&s->t, "<rect width=\"100%%\" height=\"100%%\" fill=\"#f4f7f9\"/>\n");
+    text_add(
+        &s->t,
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\">\n"
+        "<title>The survey in %d blocks</title>\n<style>%s</style>\n<rect width=\"100%%\" height=\"100%%\" fill=\"#f4f7f9\"/>\n",
+        (int)ceil(wide), (int)ceil(tall), (int)ceil(wide), (int)ceil(tall), s->p->block_count, svg_style);
     svg_draw_title(s);
     for (int i = 0; i < s->panels; i++) svg_draw_panel(s, &s->panel[i], i);
     bottom = svg_draw_legend(s, bottom);
@@ -467,7 +429,7 @@ static void svg_draw(struct svg *s)
     text_add(&s->t, "</svg>\n");
 }
 
-/* ---------------------------------------------------------------- door */
+/* ---------------------------------------------------------------- the file */
 
 static void svg_find_cameras(struct svg *s)
 {

@@ -93,7 +93,8 @@ OXL_INTERNAL oxl_result partition_visibility_create(oxl_context *ctx, const oxl_
         s->seen  = oxl_calloc(ctx, views + 1, sizeof *s->seen);
         b.next   = oxl_calloc(ctx, PARTITION_TASKS * views, sizeof *b.next);
     }
-    if (!s || !s->first || !s->seen || !b.next) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the sight of %zu views", views);
+    if (!s || !s->first || !s->seen || !b.next)
+        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the visibility of %zu views", views);
     if (rc == OXL_OK && b.colmap->point_count >= UINT32_MAX)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%zu points are more than a partition can number (2^32 - 1)\nfix: filter points3D to fewer points",

@@ -1,9 +1,9 @@
-/* core.h - context, errors, memory, text, numbers, files. Each layer has one header, with a section per module; a layer includes headers of
- * lower layers only (make rooms).
+/* core.h - context, errors, memory, text, numbers, files, the table of options. Each layer has one header, with a section per
+ * module; it includes headers of lower layers only (make rooms).
  *
- * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other modules; static functions
- * belong to their file. In the single translation unit OXL_INTERNAL is static; in separate modules (OXL_MODULES) it is extern, so
- * every dependency must be declared here.
+ * Names: oxl_* is public; OXL_INTERNAL functions start with their module's name and may be called by other modules; static
+ * functions belong to their file. In the single translation unit OXL_INTERNAL is static; in separate modules (OXL_MODULES) it is
+ * extern, so every dependency must be declared here.
  */
 #ifndef OXL_CORE_H
 #define OXL_CORE_H
@@ -55,7 +55,7 @@
     } while (0)
 #define OXL_CLAMP(x, lo, hi) ((x) < (lo) ? (lo) : (x) > (hi) ? (hi) : (x))
 
-/* ---------------------------------------------------------------- context.c: context, errors, memory, text, random numbers */
+/* ---------------------------------------------------------------- context.c: the context; memory.c: errors, memory, text, random numbers */
 
 struct oxl_context {
     oxl_context_options options;
@@ -73,7 +73,7 @@ OXL_INTERNAL void       context_close(oxl_context *ctx);
 
 OXL_INTERNAL int context_thread(void); /* index of this thread in a parallel region, from 0 */
 
-/* OXL_ERR_INTERRUPTED when the caller wants to stop. For loops over files, images and blocks that report no progress; not while the
+/* OXL_ERR_INTERRUPTED when the caller asks to stop. For loops over files, images and blocks that report no progress; not while the
  * state is saved, and on one thread only. */
 OXL_INTERNAL oxl_result context_stopped(oxl_context *ctx);
 OXL_INTERNAL oxl_result context_wait(oxl_context *ctx, double seconds); /* then as context_stopped */
@@ -115,15 +115,15 @@ OXL_INTERNAL void       text_add(struct text *t, const char *format, ...) OXL_PR
 OXL_INTERNAL void       text_add_json_string(struct text *t, const char *s); /* quoted and escaped */
 OXL_INTERNAL void       text_add_number(struct text *t,
                                         double       value); /* shortest text that parses to the same value; null if not finite */
-OXL_INTERNAL void       text_add_float(struct text *t, float value); /* shortest text that parses to the same float */
 OXL_INTERNAL void       text_free(struct text *t);
 /* Moves the text to *out and empties t; OXL_ERR_MEMORY if an addition failed. */
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
 /* A copy of the text, or NULL. */
-OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
+OXL_INTERNAL char       *oxl_strdup(oxl_context *ctx, const char *s);
 /* "a/b", allocated; a may be "" or end in a slash. */
-OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+OXL_INTERNAL char       *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 
 /* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
 
@@ -140,7 +140,15 @@ OXL_INTERNAL void   format_digits(char out[NUMBER_TEXT_MAX], double value, int p
 OXL_INTERNAL void   format_shortest(char out[NUMBER_TEXT_MAX], double value);              /* parses to the same double */
 OXL_INTERNAL void   format_float(char out[NUMBER_TEXT_MAX], float value);                  /* parses to the same float */
 
-/* ---------------------------------------------------------------- context.c again: random numbers */
+/* The value as text, for %s in a format: it parses to the same value; "null" if it is not finite. */
+OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value);
+#define NUMBER(value) number_text((char[NUMBER_TEXT_MAX]){0}, value)
+
+/* ---------------------------------------------------------------- options.c: the table of options; its functions are public */
+
+#define UCD_CAP 5.0 /* largest depth weight of UCD */
+
+/* ---------------------------------------------------------------- memory.c again: random numbers */
 
 /* A stateless random number: a function of (seed, a, b), equal on all machines (finaliser of splitmix64). */
 OXL_INTERNAL uint64_t random_bits(uint64_t seed, uint64_t a, uint64_t b);

@@ -23,8 +23,8 @@ double      oxl_json_number_at(const char **cursor); /* moves past it; NAN: no n
 double      oxl_json_number(const char *object, const char *name);
 int         oxl_json_is_true(const char *object, const char *name);
 
-/* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or does not fit. The result
- * is never longer than the source. */
+/* Unescapes the string into `size` bytes, terminated; returns its length, or 0 if the value is no string or does not fit. The
+ * result is never longer than the source. */
 size_t oxl_json_text(const char *value, char *out, size_t size);
 size_t oxl_json_room(const char *value); /* upper bound of the bytes for oxl_json_text */
 

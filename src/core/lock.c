@@ -1,8 +1,8 @@
 /* lock.c - a folder that one process writes to at a time.
  *
- * FOLDER/.lock is locked by the operating system, which releases it when the process ends, however it ends: so a lock without a holder
- * is free, and the text in the file, "process N on HOST", only names the process that holds it or was killed with it. Processes that train different
- * blocks of one run share OUT's lock and hold one of their own in each blocks/KKK.
+ * FOLDER/.lock is locked by the operating system, which releases it when the process ends, however it ends: so a lock without a
+ * holder is free, and the text in the file, "process N on HOST", only names the process that holds it or was killed with it.
+ * Processes that train different blocks of one run share OUT's lock and hold one of their own in each blocks/KKK.
  *
  * Invariant: the lock is held on the file that FOLDER/.lock names, not on one that its last holder has removed.
  */

@@ -381,3 +381,13 @@ OXL_INTERNAL void format_float(char out[NUMBER_TEXT_MAX], float value)
         if ((float)number_read(out) == value) return;
     }
 }
+
+OXL_INTERNAL const char *number_text(char out[NUMBER_TEXT_MAX], double value)
+{
+    if (!(fabs(value) <= DBL_MAX)) return "null";
+    for (int precision = 6; precision <= 17; precision++) {
+        format_digits(out, value, precision);
+        if (number_read(out) == value) break;
+    }
+    return out;
+}

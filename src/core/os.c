@@ -538,7 +538,7 @@ OXL_INTERNAL oxl_result os_fail(oxl_context *ctx, oxl_result rc, const char *pat
                       : error == EACCES || error == EPERM || error == EROFS || error == 0
                           ? "choose a place that you may use, or change its permissions"
                       : error == EMFILE || error == ENFILE ? "allow more open files, as ulimit -n 1024 does"
-                      : error == ENOSPC || error == EFBIG  ? "make room on the disk"
+                      : error == ENOSPC || error == EFBIG  ? "free space on the disk"
                       : error == EISDIR                    ? "name a file, not a folder"
                       : error == ENAMETOOLONG              ? "use a shorter name"
                                                            : "look at the disk or the network drive";

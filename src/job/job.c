@@ -521,8 +521,11 @@ static oxl_result job_read_gains(struct job *job, int block)
 /* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : rounds_trains_merged(job) ? blocks + 1 : -1;
-    oxl_result rc = one < 0 ? job_merge(job, standard, out) : job_read_model(job, one, standard, out);
+    const int  blocks = job->partition.block_count;
+    int        merged = 0, one;
+    oxl_result rc     = blocks > 1 ? rounds_trains_merged(job, &merged) : OXL_OK;
+    one               = blocks == 1 ? 0 : merged ? blocks + 1 : -1;
+    if (rc == OXL_OK) rc = one < 0 ? job_merge(job, standard, out) : job_read_model(job, one, standard, out);
     if (rc == OXL_OK && one >= 0 && job->scene) rc = job_read_gains(job, one);
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,

@@ -1,4 +1,4 @@
-/* job.h - a whole job: survey in, folder out; options, predictions, manifest, metrics. */
+/* job.h - a whole job: survey in, folder out; blocks, budget, predictions, manifest, metrics. */
 #ifndef OXL_JOB_H
 #define OXL_JOB_H
 

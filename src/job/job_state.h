@@ -77,8 +77,8 @@ OXL_INTERNAL int        block_plan_shows(const oxl_camera *camera, double near_p
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
 OXL_INTERNAL oxl_result rounds_train_merged(struct job *job); /* after all blocks: trains the merged model, if it is planned */
-OXL_INTERNAL double     rounds_merged_share(const struct job *job); /* of the run */
-OXL_INTERNAL int        rounds_trains_merged(struct job *job);      /* 1: it is planned */
-OXL_INTERNAL oxl_result rounds_collect(struct job *job);            /* the blocks' records; an error when one is not finished */
+OXL_INTERNAL double     rounds_merged_share(const struct job *job);         /* of the run */
+OXL_INTERNAL oxl_result rounds_trains_merged(struct job *job, int *trains); /* 1: it is planned */
+OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */
 
 #endif

@@ -355,12 +355,13 @@ OXL_INTERNAL double rounds_merged_share(const struct job *job)
     return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_MERGED : JOB_MERGED_LATER;
 }
 
-OXL_INTERNAL int rounds_trains_merged(struct job *job)
+OXL_INTERNAL oxl_result rounds_trains_merged(struct job *job, int *trains)
 {
     struct block_plan plan = {0};
-    const int read = block_plan_read(job, 0, &plan) == OXL_OK && plan.views > 0, finishes = read && plan.last < plan.iterations;
+    const oxl_result  rc   = block_plan_read(job, 0, &plan);
+    *trains                = rc == OXL_OK && plan.views > 0 && plan.last < plan.iterations;
     block_plan_free(job->ctx, &plan);
-    return finishes;
+    return rc;
 }
 
 static oxl_result rounds_run_merged(struct job *job, const char *folder)
@@ -388,10 +389,12 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
 
 OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
 {
-    char               *folder = job_block_path(job, job->partition.block_count + 1, NULL);
-    struct block_record record = {0};
-    oxl_result          rc     = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
-    if (rc == OXL_OK && !record.finished && rounds_trains_merged(job)) {
+    char               *folder  = job_block_path(job, job->partition.block_count + 1, NULL);
+    struct block_record record  = {0};
+    int                 planned = 0;
+    oxl_result          rc      = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK && !record.finished) rc = rounds_trains_merged(job, &planned);
+    if (rc == OXL_OK && planned) {
         rc = rounds_run_merged(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;

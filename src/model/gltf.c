@@ -1,17 +1,19 @@
 /* gltf.c - writes models as binary glTF files (GLB) with the extension KHR_gaussian_splatting.
  *
- * Source: the glTF 2.0 specification, 5.20 "GLB"; KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting (release candidate).
+ * Source: the glTF 2.0 specification, 5.20 "GLB"; KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting (release
+ * candidate).
  *
  *     "glTF" 2 length | length "JSON" text, padded with blanks | length "BIN\0" the arrays, one after the other
  *
- * All attributes are float: positions, unit quaternions x y z w, activated scales and opacities, harmonics by degree and order with the
- * signs of the standard PLY. The frame is converted (frame_flip.h); the origin is the node's translation, in 17 digits, and the model's
- * scale, if any, is extras.scale of the node. The format has no second lobes.
+ * All attributes are float: positions, unit quaternions x y z w, activated scales and opacities, harmonics by degree and order
+ * with the signs of the standard PLY. The frame is converted (frame_flip.h); the origin is the node's translation, in 17 digits,
+ * and the model's scale, if any, is extras.scale of the node. The format has no second lobes.
  *
  * Invariant: valid files: unit rotations, opacities in 0..1, finite scales, bounds of the positions.
  */
 #include "model.h"
 
+#include "../core/bytes.h"
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
@@ -43,13 +45,9 @@ static int gltf_width(int array)
 
 static void gltf_rotation(const oxl_model *model, size_t row, float out[4])
 {
-    double q[4], norm = 0;
-    for (int i = 0; i < 4; i++) {
-        q[i] = model->plane[OXL_ROTATION + (i + 1) % 4][row] * (i == 1 || i == 2 ? -1.0 : 1.0); /* x y z w */
-        norm += q[i] * q[i];
-    }
-    norm = sqrt(norm);
-    for (int i = 0; i < 4; i++) out[i] = norm > 0 ? (float)(q[i] / norm) : (float)(i == 3);
+    double q[4];
+    model_rotation(model, row, q);
+    for (int i = 0; i < 4; i++) out[i] = (float)(q[(i + 1) % 4] * (i == 1 || i == 2 ? -1 : 1)); /* x y z w */
 }
 
 static void gltf_values(const oxl_model *model, int array, size_t row, float out[4])
@@ -64,11 +62,6 @@ static void gltf_values(const oxl_model *model, int array, size_t row, float out
     if (array == 1) gltf_rotation(model, row, out);
 }
 
-static void gltf_put_u32(unsigned char *p, uint32_t value)
-{
-    for (int i = 0; i < 4; i++) p[i] = (unsigned char)(value >> 8 * i);
-}
-
 static void gltf_write_array(FILE *file, const oxl_model *model, int array)
 {
     unsigned char bytes[16 * GLTF_BUFFER];
@@ -78,11 +71,7 @@ static void gltf_write_array(FILE *file, const oxl_model *model, int array)
         for (size_t i = 0; i < rows; i++) {
             float value[4];
             gltf_values(model, array, first + i, value);
-            for (int k = 0; k < width; k++) {
-                uint32_t bits;
-                memcpy(&bits, &value[k], sizeof bits);
-                gltf_put_u32(bytes + 4 * (i * (size_t)width + (size_t)k), bits);
-            }
+            for (int k = 0; k < width; k++) bytes_put_float(bytes + 4 * (i * (size_t)width + (size_t)k), value[k]);
         }
         fwrite(bytes, 4 * (size_t)width, rows, file); /* os_writer_close reports errors */
     }
@@ -100,11 +89,8 @@ static void gltf_add_bounds(struct text *t, const oxl_model *model)
             low[k]         = i ? OXL_MIN(low[k], x) : x;
             high[k]        = i ? OXL_MAX(high[k], x) : x;
         }
-    text_add(t, ",\"min\":[");
-    for (int k = 0; k < 3; k++) text_add(t, k ? "," : ""), text_add_number(t, low[k] + 0.0);
-    text_add(t, "],\"max\":[");
-    for (int k = 0; k < 3; k++) text_add(t, k ? "," : ""), text_add_number(t, high[k] + 0.0);
-    text_add(t, "]");
+    text_add(t, ",\"min\":[%s,%s,%s],\"max\":[%s,%s,%s]", NUMBER(low[0] + 0.0), NUMBER(low[1] + 0.0), NUMBER(low[2] + 0.0),
+             NUMBER(high[0] + 0.0), NUMBER(high[1] + 0.0), NUMBER(high[2] + 0.0));
 }
 
 /* Degree l, coefficient n of the k-th: 0; 1 1 1; 2 2 2 2 2... */
@@ -125,11 +111,7 @@ static void gltf_add_origin(struct text *t, const oxl_model *model)
         text_add(t, "%s%s", i ? "," : "", text);
     }
     text_add(t, "]");
-    if (model->scale > 0) {
-        text_add(t, ",\"extras\":{\"scale\":");
-        text_add_number(t, model->scale);
-        text_add(t, "}");
-    }
+    if (model->scale > 0) text_add(t, ",\"extras\":{\"scale\":%s}", NUMBER(model->scale));
 }
 
 static oxl_result gltf_text(oxl_context *ctx, const oxl_model *model, uint64_t bytes, struct text *t)
@@ -168,7 +150,7 @@ static oxl_result gltf_text(oxl_context *ctx, const oxl_model *model, uint64_t b
 static void gltf_write_chunk(FILE *file, uint64_t length, const char *kind)
 {
     unsigned char head[8];
-    gltf_put_u32(head, (uint32_t)length);
+    bytes_put(head, length, 4);
     memcpy(head + 4, kind, 4);
     fwrite(head, 1, sizeof head, file);
 }
@@ -192,7 +174,7 @@ OXL_INTERNAL oxl_result gltf_write(oxl_context *ctx, const char *path, const oxl
                       path, all);
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc == OXL_OK) {
-        gltf_put_u32(head + 8, (uint32_t)all);
+        bytes_put(head + 8, all, 4);
         fwrite(head, 1, sizeof head, w.file);
         gltf_write_chunk(w.file, t.size, "JSON");
         fwrite(t.data, 1, t.size, w.file);

@@ -1,10 +1,10 @@
 /* model.c - planes of Gaussians: create, grow, copy, assign second lobes, initialise from points.
  *
- * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order).
- * Invariant: one allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts on
- * a 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as long
- * as the packs of rows 0..lobes-1.
- * Rows from count to capacity are finite: model_clear_rows initialises new rows, and a smaller count leaves valid rows.
+ * Sources: Kerbl 2023 (initialisation); Friedman, Bentley & Finkel 1977 (k-d tree); Morton 1966 (Z-order). Invariant: one
+ * allocation holds all planes, each `capacity` floats long. Capacity is a multiple of MODEL_PACK, so each plane starts on a
+ * 64-byte line and kernels may read and write whole packs of rows up to capacity. The planes of the second lobe follow, each as
+ * long as the packs of rows 0..lobes-1. Rows from count to capacity are finite: model_clear_rows initialises new rows, and a
+ * smaller count leaves valid rows.
  */
 #include "model.h"
 #include "../core/vecmath.h"
@@ -243,15 +243,24 @@ OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model,
  */
 
 struct model_key {
-    uint64_t code; /* Morton code: 21 bits an axis, interleaved */
-    size_t   index;
+    uint64_t         code; /* Morton code: 21 bits an axis, interleaved */
+    const oxl_point *point;
 };
 
-static int model_by_code(const void *a, const void *b)
+static int model_compare_places(const struct model_key *x, const struct model_key *y)
+{
+    const double *p = x->point->position, *q = y->point->position;
+    for (int a = 0; a < 3; a++)
+        if (p[a] != q[a]) return p[a] < q[a] ? -1 : 1;
+    return 0;
+}
+
+/* By Morton code, then place, then row. */
+static int model_compare_keys(const void *a, const void *b)
 {
     const struct model_key *x = a, *y = b;
-    if (x->code != y->code) return x->code < y->code ? -1 : 1;
-    return x->index < y->index ? -1 : x->index > y->index;
+    const int               c = x->code != y->code ? (x->code < y->code ? -1 : 1) : model_compare_places(x, y);
+    return c ? c : (x->point > y->point) - (x->point < y->point);
 }
 
 static uint64_t model_spread_bits(uint64_t x) /* bit i to bit 3 i, for 21 bits */
@@ -277,13 +286,23 @@ static void model_sort_by_code(const oxl_point *points, size_t count, struct mod
         side = OXL_MAX(side, high - low[a]);
     }
     for (size_t i = 0; i < count; i++) {
-        key[i] = (struct model_key){0, i};
+        key[i] = (struct model_key){0, &points[i]};
         for (int a = 0; a < 3 && side > 0; a++) {
             const double cell = (points[i].position[a] - low[a]) / side * 2097151.0; /* 2^21 - 1 */
             key[i].code |= model_spread_bits((uint64_t)cell) << a;
         }
     }
-    qsort(key, count, sizeof *key, model_by_code);
+    qsort(key, count, sizeof *key, model_compare_keys);
+}
+
+/* Of points at the same place the first one stays; returns how many stay. Without this a million points at one place would be a
+ * million Gaussians of unit width, each in every pixel. */
+static size_t model_drop_coincident(struct model_key *key, size_t count)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < count; i++)
+        if (kept == 0 || model_compare_places(&key[i], &key[kept - 1]) != 0) key[kept++] = key[i];
+    return kept;
 }
 
 /* ---------------------------------------------------------------- start from points: the 3 nearest neighbours
@@ -343,38 +362,6 @@ static void model_select(struct model_site *site, size_t first, size_t end, size
     }
 }
 
-/* By place, then row. */
-static int model_by_place(const void *a, const void *b)
-{
-    const struct model_site *x = a, *y = b;
-    for (int k = 0; k < 3; k++)
-        if (x->x[k] != y->x[k]) return x->x[k] < y->x[k] ? -1 : 1;
-    return x->row < y->row ? -1 : x->row > y->row;
-}
-
-/* Of points at the same place the first one stays; returns how many stay. site (count) is scratch. Without this a million points at one
- * place would be a million Gaussians of unit width, each in every pixel. */
-static size_t model_drop_coincident(const oxl_point *points, struct model_key *key, size_t count, struct model_site *site)
-{
-    size_t kept = 0;
-    for (size_t first = 0, end; first < count; first = end) {
-        const uint64_t code = key[first].code;
-        const size_t   run  = kept;
-        for (end = first; end < count && key[end].code == code; end++) {
-            struct model_site *s = &site[end - first];
-            memcpy(s->x, points[key[end].index].position, sizeof s->x);
-            s->row = key[end].index;
-        }
-        qsort(site, end - first, sizeof *site, model_by_place);
-        for (size_t i = 0; i < end - first; i++)
-            if (i == 0 || site[i].x[0] != site[i - 1].x[0] || site[i].x[1] != site[i - 1].x[1] ||
-                site[i].x[2] != site[i - 1].x[2])
-                key[kept++] = (struct model_key){code, site[i].row};
-        qsort(key + run, kept - run, sizeof *key, model_by_code);
-    }
-    return kept;
-}
-
 static void model_build_tree(struct model_tree *tree, size_t first, size_t end)
 {
     while (end - first > MODEL_LEAF) {
@@ -393,7 +380,7 @@ struct model_nearest {
     double        distance[MODEL_NEIGHBOURS];
 };
 
-static void model_meet(struct model_nearest *n, const struct model_site *site, size_t index)
+static void model_consider(struct model_nearest *n, const struct model_site *site, size_t index)
 {
     const double dx = site->x[0] - n->x[0], dy = site->x[1] - n->x[1], dz = site->x[2] - n->x[2];
     double       d = dx * dx + dy * dy + dz * dz;
@@ -415,11 +402,11 @@ static void model_search(const struct model_tree *tree, size_t first, size_t end
         if (beyond < 0) model_search(tree, first, middle, n);
         else model_search(tree, middle + 1, end, n);
         if (beyond * beyond >= n->distance[MODEL_NEIGHBOURS - 1]) return; /* the other side is farther than all three */
-        model_meet(n, &tree->site[middle], middle);
+        model_consider(n, &tree->site[middle], middle);
         if (beyond < 0) first = middle + 1;
         else end = middle;
     }
-    for (size_t i = first; i < end; i++) model_meet(n, &tree->site[i], i);
+    for (size_t i = first; i < end; i++) model_consider(n, &tree->site[i], i);
 }
 
 /* square[row] = mean squared distance to the nearest three, or fewer if there are fewer; 0 for a single point. */
@@ -442,8 +429,8 @@ static void model_measure(oxl_context *ctx, const struct model_tree *tree, doubl
 
 #define MODEL_LEAST_SQUARE 1e-4 /* of the median's; see model_widths */
 
-/* Mean squared distances to log widths. Almost coincident points would have almost width 0: 3DGS limits the square to 1e-7; our unit is
- * arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
+/* Mean squared distances to log widths. Almost coincident points would have almost width 0: 3DGS limits the square to 1e-7; our
+ * unit is arbitrary, so the limit is 1 % of the median width. A single point: width 1. */
 static oxl_result model_widths(oxl_context *ctx, double *square, size_t count)
 {
     double *apart = oxl_alloc(ctx, count, sizeof *apart), least = 1;
@@ -468,12 +455,12 @@ static oxl_result model_check_points(oxl_context *ctx, const oxl_point *points, 
     return OXL_OK;
 }
 
-/* Row i is the point key[i].index, `width` its log width. */
-static void model_fill(oxl_model *model, const oxl_point *points, const struct model_key *key, const double *width)
+/* Row i is key[i].point, `width` its log width. */
+static void model_fill(oxl_model *model, const struct model_key *key, const double *width)
 {
     const float opacity = (float)vecmath_logit(MODEL_OPACITY);
     for (size_t i = 0; i < model->count; i++) {
-        const oxl_point *p = &points[key[i].index];
+        const oxl_point *p = key[i].point;
         for (int a = 0; a < 3; a++) {
             model->plane[OXL_MEAN + a][i]      = (float)p->position[a];
             model->plane[OXL_LOG_SCALE + a][i] = (float)width[i];
@@ -501,17 +488,17 @@ oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *points, size
         goto done;
     }
     model_sort_by_code(points, count, key);
-    count = tree.count = model_drop_coincident(points, key, count, tree.site);
+    count = tree.count = model_drop_coincident(key, count);
     rc                 = oxl_model_create(ctx, count, sh_degree, out);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < count; i++) {
-        memcpy(tree.site[i].x, points[key[i].index].position, sizeof tree.site[i].x);
+        memcpy(tree.site[i].x, key[i].point->position, sizeof tree.site[i].x);
         tree.site[i].row = i;
     }
     model_build_tree(&tree, 0, count);
     model_measure(ctx, &tree, width);
     rc = model_widths(ctx, width, count);
-    if (rc == OXL_OK) model_fill(out, points, key, width);
+    if (rc == OXL_OK) model_fill(out, key, width);
 done:
     oxl_free(ctx, width);
     oxl_free(ctx, tree.split);
@@ -530,4 +517,50 @@ OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3])
             const double more  = k == 0 ? (factor[c] - 1) * 0.5 / MODEL_SH0 : 0;
             for (size_t i = 0; i < model->count; i++) plane[i] = (float)(factor[c] * plane[i] + more);
         }
+}
+
+/* ---------------------------------------------------------------- values for other formats */
+
+OXL_INTERNAL void model_rotation(const oxl_model *model, size_t row, double q[4])
+{
+    double norm = 0;
+    for (int i = 0; i < 4; i++) {
+        q[i] = model->plane[OXL_ROTATION + i][row];
+        norm += q[i] * q[i];
+    }
+    norm = sqrt(norm);
+    for (int i = 0; i < 4; i++) q[i] = norm > 0 ? q[i] / norm : i == 0;
+}
+
+OXL_INTERNAL unsigned char model_byte(double x)
+{
+    return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
+}
+
+/* ---------------------------------------------------------------- origin and scale as text, in comments of files */
+
+#define MODEL_ORIGIN_MOST 1e15 /* limit of |origin| */
+
+/* So many finite numbers after blanks; 0: there are others. */
+static int model_read_numbers(const char *text, double *value, int count)
+{
+    const char *end = text + strlen(text);
+    for (int n = 0; n < count; n++) {
+        while (*text == ' ') text++;
+        if (!parse_double(&text, end, &value[n]) || !(fabs(value[n]) <= MODEL_ORIGIN_MOST)) return 0;
+    }
+    return 1;
+}
+
+/* "origin X Y Z" and "scale S". */
+OXL_INTERNAL void model_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
+{
+    const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
+    double    value[3];
+    if (is_origin && model_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
+    else if (is_scale && model_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_ORIGIN_MOST)
+        model->scale = value[0] == 1 ? 0 : value[0];
+    else if (is_origin || is_scale)
+        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted %s, %s%g", path, comment,
+                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ", MODEL_ORIGIN_MOST);
 }

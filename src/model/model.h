@@ -43,10 +43,13 @@ OXL_INTERNAL oxl_result model_activate_lobes(oxl_context *ctx, oxl_model *model,
 /* Multiplies colours by a factor per channel: all SH coefficients, and the offset 0.5. */
 OXL_INTERNAL void model_scale_colour(oxl_model *model, const double factor[3]);
 
+OXL_INTERNAL void          model_rotation(const oxl_model *model, size_t row, double q[4]); /* w x y z, of length 1 */
+OXL_INTERNAL unsigned char model_byte(double x);                                            /* the nearest */
+/* Origin or scale from a comment of a file; other comments are ignored. */
+OXL_INTERNAL void          model_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model);
+
 /* ---------------------------------------------------------------- model_file.c: models as PLY and .splat */
 
-/* Origin or scale from a comment of a file; other comments are ignored. */
-OXL_INTERNAL void       model_file_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model);
 /* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes are included. */
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
 

@@ -12,9 +12,8 @@
  */
 #include "model.h"
 
+#include "../core/bytes.h"
 #include "../core/vecmath.h"
-
-#define MODEL_FILE_ORIGIN_MOST 1e15 /* limit of |origin| */
 
 enum {
     MODEL_FILE_COLUMNS     = 62,  /* of the standard layout */
@@ -122,32 +121,10 @@ static oxl_result model_file_drop_rows(oxl_context *ctx, const char *path, oxl_m
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- bytes, whatever the machine's own order */
-
-static void model_file_put_bits(unsigned char *p, uint32_t bits)
-{
-    for (int i = 0; i < 4; i++) p[i] = (unsigned char)(bits >> 8 * i);
-}
-
-static void model_file_put_float(unsigned char *p, float value)
-{
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    model_file_put_bits(p, bits);
-}
-
-static float model_file_get_float(const unsigned char *p)
-{
-    const uint32_t bits = (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
-    float          value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
 static oxl_result model_file_put(oxl_context *ctx, const struct os_writer *w, const void *data, size_t size)
 {
     if (fwrite(data, 1, size, w->file) == size) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: look for room on the disk", w->path);
+    return oxl_fail(ctx, OXL_ERR_IO, "%s: writing failed\nfix: free space on the disk", w->path);
 }
 
 /* ---------------------------------------------------------------- PLY out */
@@ -157,15 +134,9 @@ static oxl_result model_file_write_header(oxl_context *ctx, const struct os_writ
 {
     struct text t  = {.ctx = ctx};
     oxl_result  rc = OXL_ERR_MEMORY;
-    text_add(&t, "ply\nformat binary_little_endian 1.0\ncomment origin");
-    for (int i = 0; i < 3; i++) {
-        text_add(&t, " ");
-        text_add_number(&t, model->origin[i]);
-    }
-    if (model->scale > 0) {
-        text_add(&t, "\ncomment scale ");
-        text_add_number(&t, model->scale);
-    }
+    text_add(&t, "ply\nformat binary_little_endian 1.0\ncomment origin %s %s %s", NUMBER(model->origin[0]),
+             NUMBER(model->origin[1]), NUMBER(model->origin[2]));
+    if (model->scale > 0) text_add(&t, "\ncomment scale %s", NUMBER(model->scale));
     if (model->lobes)
         text_add(&t, "\ncomment dog: a second lobe, alpha = min(.99, o G) - min(.99, o' G'); raw factors: "
                      "o' = o sigmoid(opacity_factor), s' = s exp(scale_factor)");
@@ -189,8 +160,8 @@ static oxl_result model_file_write_rows(oxl_context *ctx, const struct os_writer
         const size_t n = OXL_MIN(model->count - first, MODEL_FILE_ROWS);
         for (int c = 0; c < columns; c++)
             for (size_t i = 0; i < n; i++)
-                model_file_put_float(rows + i * row + 4 * (size_t)c,
-                                     column[c].plane < 0 ? 0 : model->plane[column[c].plane][first + i]);
+                bytes_put_float(rows + i * row + 4 * (size_t)c,
+                                column[c].plane < 0 ? 0 : model->plane[column[c].plane][first + i]);
         rc = model_file_put(ctx, w, rows, n * row);
     }
     oxl_free(ctx, rows);
@@ -202,7 +173,7 @@ static oxl_result model_file_write_lobes(oxl_context *ctx, const struct os_write
     oxl_result rc = OXL_OK;
     for (size_t i = 0; rc == OXL_OK && i < model->lobes; i++) {
         unsigned char row[MODEL_FILE_LOBE_BYTES];
-        for (int k = 0; k < MODEL_LOBE_PLANES; k++) model_file_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
+        for (int k = 0; k < MODEL_LOBE_PLANES; k++) bytes_put_float(row + 4 * k, model->plane[OXL_LOBE + k][i]);
         rc = model_file_put(ctx, w, row, sizeof row);
     }
     return rc;
@@ -223,31 +194,6 @@ OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path,
 }
 
 /* ---------------------------------------------------------------- PLY in */
-
-/* So many finite numbers after blanks; 0: there are others. */
-static int model_file_read_numbers(const char *text, double *value, int count)
-{
-    const char *end = text + strlen(text);
-    for (int n = 0; n < count; n++) {
-        while (*text == ' ') text++;
-        if (!parse_double(&text, end, &value[n]) || !(fabs(value[n]) <= MODEL_FILE_ORIGIN_MOST)) return 0;
-    }
-    return 1;
-}
-
-/* "origin X Y Z" and "scale S". */
-OXL_INTERNAL void model_file_read_comment(oxl_context *ctx, const char *path, const char *comment, oxl_model *model)
-{
-    const int is_origin = !strncmp(comment, "origin ", 7), is_scale = !strncmp(comment, "scale ", 6);
-    double    value[3];
-    if (is_origin && model_file_read_numbers(comment + 7, value, 3)) memcpy(model->origin, value, sizeof value);
-    else if (is_scale && model_file_read_numbers(comment + 6, value, 1) && value[0] >= 1 / MODEL_FILE_ORIGIN_MOST)
-        model->scale = value[0] == 1 ? 0 : value[0];
-    else if (is_origin || is_scale)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s: comment '%s' ignored: wanted %s, %s%g", path, comment,
-                is_origin ? "origin X Y Z" : "scale S", is_origin ? "each within " : "above 0 and up to ",
-                MODEL_FILE_ORIGIN_MOST);
-}
 
 static oxl_result model_file_no_property(oxl_context *ctx, const struct ply *ply, const struct ply_element *vertex,
                                          const char *name)
@@ -394,7 +340,7 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
         rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: no element 'vertex' among its %d\nfix: export the model as a 3DGS PLY", path,
                       ply.elements);
     if (rc == OXL_OK && dog >= 0) rc = model_file_read_lobes(ctx, &ply, dog, out);
-    for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_file_read_comment(ctx, path, ply.comment[i], out);
+    for (int i = 0; rc == OXL_OK && i < ply.comments; i++) model_read_comment(ctx, path, ply.comment[i], out);
     ply_close(ctx, &ply);
     return rc;
 }
@@ -405,30 +351,18 @@ static oxl_result model_file_read_ply(oxl_context *ctx, const char *path, oxl_mo
  *          12  scale     3 float        28  rotation w x y z, q * 128 + 128
  */
 
-static unsigned char model_file_byte(double x)
-{
-    return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
-}
-
 static void model_file_put_splat(const oxl_model *model, size_t row, unsigned char *p)
 {
-    double norm = 0;
-    for (int i = 0; i < 4; i++) {
-        const double q = model->plane[OXL_ROTATION + i][row];
-        norm += q * q;
-    }
-    norm = sqrt(norm);
+    double q[4];
+    model_rotation(model, row, q);
     for (int i = 0; i < 3; i++) {
         const double scale = vecmath_exp(model->plane[OXL_LOG_SCALE + i][row]);
-        model_file_put_float(p + 4 * i, model->plane[OXL_MEAN + i][row]);
-        model_file_put_float(p + 12 + 4 * i, (float)OXL_MIN(scale, FLT_MAX));
-        p[24 + i] = model_file_byte(255 * (0.5 + MODEL_SH0 * model->plane[OXL_SH + i][row]));
+        bytes_put_float(p + 4 * i, model->plane[OXL_MEAN + i][row]);
+        bytes_put_float(p + 12 + 4 * i, (float)OXL_MIN(scale, FLT_MAX));
+        p[24 + i] = model_byte(255 * (0.5 + MODEL_SH0 * model->plane[OXL_SH + i][row]));
     }
-    p[27] = model_file_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
-    for (int i = 0; i < 4; i++) {
-        const double q = norm > 0 ? model->plane[OXL_ROTATION + i][row] / norm : i == 0;
-        p[28 + i]      = model_file_byte(128 * q + 128);
-    }
+    p[27] = model_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
+    for (int i = 0; i < 4; i++) p[28 + i] = model_byte(128 * q[i] + 128);
 }
 
 /* Limits have no finite raw value: alpha 0 and 255 move inwards by a quarter step, scale 0 becomes the smallest normal float, so that
@@ -438,8 +372,8 @@ static void model_file_get_splat(const unsigned char *p, oxl_model *model, size_
     const double alpha = OXL_CLAMP(p[27], 0.25, 254.75) / 255;
     int          zero  = 1;
     for (int i = 0; i < 3; i++) {
-        const float scale                    = model_file_get_float(p + 12 + 4 * i);
-        model->plane[OXL_MEAN + i][row]      = model_file_get_float(p + 4 * i);
+        const float scale                    = bytes_float(p + 12 + 4 * i);
+        model->plane[OXL_MEAN + i][row]      = bytes_float(p + 4 * i);
         model->plane[OXL_LOG_SCALE + i][row] = (float)vecmath_log(scale >= 0 && scale < FLT_MIN ? FLT_MIN : scale);
         model->plane[OXL_SH + i][row]        = (float)((p[24 + i] / 255.0 - 0.5) / MODEL_SH0);
     }

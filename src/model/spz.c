@@ -8,13 +8,14 @@
  *     rotations (N) u32: the index of the largest of x y z w, then the others as sign and 9 bits of 511 q sqrt(2); version 2: x y z, u8
  *     harmonics past degree 0 (N, coefficients, 3) u8 = 128 c + 128, written in buckets of 2 (degree 1) and 4
  *
- * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952, 2.3.1), "origin X Y Z" and
- * "scale S" separated by a newline, which other readers skip. The format has no second lobes.
+ * The frame is converted (frame_flip.h). Origin and scale are in the comment of the gzip header (RFC 1952, 2.3.1), "origin X Y Z"
+ * and "scale S" separated by a newline, which other readers skip. The format has no second lobes.
  *
  * Invariant: lengths are checked against the file size before allocation; deflate expands a byte to at most 1032 bytes.
  */
 #include "model.h"
 
+#include "../core/bytes.h"
 #include "../core/vecmath.h"
 #include "frame_flip.h"
 
@@ -42,17 +43,7 @@ static uint32_t spz_crc(const unsigned char *p, size_t size)
     return ~crc;
 }
 
-static uint32_t spz_u32(const unsigned char *p)
-{
-    return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
-}
-
-static void spz_put_u32(unsigned char *p, uint32_t value)
-{
-    for (int i = 0; i < 4; i++) p[i] = (unsigned char)(value >> 8 * i);
-}
-
-static oxl_result spz_wrong(oxl_context *ctx, const char *path, const char *seen, const char *wanted)
+static oxl_result spz_fail(oxl_context *ctx, const char *path, const char *seen, const char *wanted)
 {
     return oxl_fail(ctx, OXL_ERR_INPUT, "%s: seen %s, wanted %s\nfix: copy the file again, or write it as SPZ version 3", path,
                     seen, wanted);
@@ -81,20 +72,19 @@ static oxl_result spz_unpack(oxl_context *ctx, const char *path, const struct os
 {
     const unsigned char *p = (const unsigned char *)file->data;
     size_t               at, packed, comment;
-    if (file->size > 4 && memcmp(p, "NGSP", 4) == 0) return spz_wrong(ctx, path, "SPZ version 4 (zstd)", "version 2 or 3 (gzip)");
-    if (file->size < 20 || p[0] != 0x1f || p[1] != 0x8b || p[2] != 8)
-        return spz_wrong(ctx, path, "no gzip header", "an SPZ file");
+    if (file->size > 4 && memcmp(p, "NGSP", 4) == 0) return spz_fail(ctx, path, "SPZ version 4 (zstd)", "version 2 or 3 (gzip)");
+    if (file->size < 20 || p[0] != 0x1f || p[1] != 0x8b || p[2] != 8) return spz_fail(ctx, path, "no gzip header", "an SPZ file");
     at     = spz_gzip_header(p, file->size, &comment);
     packed = at ? file->size - at - 8 : 0;
-    *size  = spz_u32(p + file->size - 4);
+    *size  = bytes_u32(p + file->size - 4);
     if (at == 0 || *size < SPZ_HEADER || *size > INT_MAX || *size / SPZ_DEFLATE_MOST > packed || packed > INT_MAX)
-        return spz_wrong(ctx, path, "a gzip length that its data cannot have", "an SPZ file of at most 2 GB");
+        return spz_fail(ctx, path, "a gzip length that its data cannot have", "an SPZ file of at most 2 GB");
     *out = oxl_alloc(ctx, *size, 1);
     if (!*out) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, *size);
     /* with the 8 bytes that follow: stb 2.27 looks ahead past the last code */
-    if (!image_inflate(*out, *size, p + at, packed + 8)) return spz_wrong(ctx, path, "gzip data that are damaged", "an SPZ file");
-    if (spz_crc(*out, *size) != spz_u32(p + file->size - 8))
-        return spz_wrong(ctx, path, "another checksum", "the one it was written with");
+    if (!image_inflate(*out, *size, p + at, packed + 8)) return spz_fail(ctx, path, "gzip data that are damaged", "an SPZ file");
+    if (spz_crc(*out, *size) != bytes_u32(p + file->size - 8))
+        return spz_fail(ctx, path, "another checksum", "the one it was written with");
     return OXL_OK;
 }
 
@@ -104,7 +94,7 @@ static void spz_read_comment(oxl_context *ctx, const char *path, const char *com
     while (*comment) {
         const size_t length = strcspn(comment, "\n");
         snprintf(line, sizeof line, "%.*s", (int)OXL_MIN(length, sizeof line - 1), comment);
-        model_file_read_comment(ctx, path, line, model);
+        model_read_comment(ctx, path, line, model);
         comment += length + (comment[length] != 0);
     }
 }
@@ -114,14 +104,8 @@ static void spz_add_header(struct text *t, const oxl_model *model)
 {
     const int placed = model->origin[0] != 0 || model->origin[1] != 0 || model->origin[2] != 0;
     text_add(t, "\x1f\x8b\x08%c%c%c%c%c%c\xff", placed || model->scale > 0 ? 16 : 0, 0, 0, 0, 0, 0);
-    for (int i = 0; placed && i < 3; i++) {
-        text_add(t, i ? " " : "origin ");
-        text_add_number(t, model->origin[i]);
-    }
-    if (model->scale > 0) {
-        text_add(t, placed ? "\nscale " : "scale ");
-        text_add_number(t, model->scale);
-    }
+    if (placed) text_add(t, "origin %s %s %s", NUMBER(model->origin[0]), NUMBER(model->origin[1]), NUMBER(model->origin[2]));
+    if (model->scale > 0) text_add(t, "%sscale %s", placed ? "\n" : "", NUMBER(model->scale));
     if (placed || model->scale > 0) text_add(t, "%c", 0);
 }
 
@@ -136,8 +120,8 @@ static oxl_result spz_pack(oxl_context *ctx, const char *path, const oxl_model *
                      : image_deflate(ctx, data, size, head.size, 8, &all, &deflated);
     if (rc == OXL_OK) {
         memcpy(all, head.data, head.size);
-        spz_put_u32(all + head.size + deflated, spz_crc(data, size));
-        spz_put_u32(all + head.size + deflated + 4, (uint32_t)size);
+        bytes_put(all + head.size + deflated, spz_crc(data, size), 4);
+        bytes_put(all + head.size + deflated + 4, (uint32_t)size, 4);
         rc = os_write_file(ctx, path, all, head.size + deflated + 8);
     }
     oxl_free(ctx, all);
@@ -211,21 +195,21 @@ static oxl_result spz_read_header(oxl_context *ctx, const char *path, const unsi
                                   struct spz_layout *l)
 {
     char     seen[100];
-    uint32_t version = spz_u32(data + 4);
-    if (memcmp(data, "NGSP", 4) != 0) return spz_wrong(ctx, path, "gzip data of another kind", "an SPZ file");
+    uint32_t version = bytes_u32(data + 4);
+    if (memcmp(data, "NGSP", 4) != 0) return spz_fail(ctx, path, "gzip data of another kind", "an SPZ file");
     if (version < 2 || version > 3) {
         snprintf(seen, sizeof seen, "SPZ version %lu", (unsigned long)version);
-        return spz_wrong(ctx, path, seen, "version 2 or 3");
+        return spz_fail(ctx, path, seen, "version 2 or 3");
     }
-    *l = (struct spz_layout){.version = (int)version, .count = spz_u32(data + 8), .degree = data[12], .bits = data[13]};
+    *l = (struct spz_layout){.version = (int)version, .count = bytes_u32(data + 8), .degree = data[12], .bits = data[13]};
     if (l->degree > SPZ_DEGREES || l->bits > 23) {
         snprintf(seen, sizeof seen, "degree %d and %d fractional bits", l->degree, l->bits);
-        return spz_wrong(ctx, path, seen, "degree 0 to 4 and 0 to 23 bits");
+        return spz_fail(ctx, path, seen, "degree 0 to 4 and 0 to 23 bits");
     }
     if (l->count <= (size - SPZ_HEADER) / 19) spz_lay_out(l); /* 19: the least a Gaussian has in version 2 */
     if (l->end == 0 || l->end > size) {
         snprintf(seen, sizeof seen, "%zu Gaussians of degree %d in %zu bytes", l->count, l->degree, size);
-        return spz_wrong(ctx, path, seen, "the bytes for them");
+        return spz_fail(ctx, path, seen, "the bytes for them");
     }
     return OXL_OK;
 }
@@ -244,7 +228,7 @@ static void spz_get(const unsigned char *data, const struct spz_layout *l, oxl_m
     }
     model->plane[OXL_OPACITY][row] = (float)vecmath_logit(alpha);
     if (l->version == 2) spz_get_first_three(data + l->rotations + 3 * row, q);
-    else spz_get_rotation(spz_u32(data + l->rotations + 4 * row), q);
+    else spz_get_rotation(bytes_u32(data + l->rotations + 4 * row), q);
     model->plane[OXL_ROTATION][row] = (float)q[3];
     for (int i = 0; i < 3; i++) model->plane[OXL_ROTATION + 1 + i][row] = (float)(turn[i] * q[i]);
     for (int k = 0; k < OXL_MIN(l->coefficients, 15); k++)
@@ -277,11 +261,6 @@ OXL_INTERNAL oxl_result spz_read(oxl_context *ctx, const char *path, oxl_model *
 
 /* ---------------------------------------------------------------- writing */
 
-static unsigned char spz_byte(double x)
-{
-    return (unsigned char)(OXL_CLAMP(x, 0, 255) + 0.5);
-}
-
 /* Quantised, for better compression; 0 is the centre of a bucket. */
 static unsigned char spz_coefficient(double value, int bucket)
 {
@@ -292,21 +271,18 @@ static unsigned char spz_coefficient(double value, int bucket)
 static void spz_put(const oxl_model *model, const struct spz_layout *l, size_t row, unsigned char *data)
 {
     const double turn[3] = {1, -1, -1};
-    double       q[4], norm = 0;
+    double       q[4], xyzw[4];
     for (int i = 0; i < 3; i++) {
         const int32_t fixed = (int32_t)floor(turn[i] * model->plane[OXL_MEAN + i][row] * (1 << l->bits) + 0.5);
-        for (size_t k = 0; k < 3; k++) data[SPZ_HEADER + 9 * row + 3 * (size_t)i + k] = (unsigned char)((uint32_t)fixed >> 8 * k);
-        data[l->colours + 3 * row + (size_t)i] = spz_byte(255 * (SPZ_COLOUR * model->plane[OXL_SH + i][row] + 0.5));
-        data[l->scales + 3 * row + (size_t)i]  = spz_byte(16 * (model->plane[OXL_LOG_SCALE + i][row] + 10.0));
+        bytes_put(data + SPZ_HEADER + 9 * row + 3 * (size_t)i, (uint32_t)fixed, 3);
+        data[l->colours + 3 * row + (size_t)i] = model_byte(255 * (SPZ_COLOUR * model->plane[OXL_SH + i][row] + 0.5));
+        data[l->scales + 3 * row + (size_t)i]  = model_byte(16 * (model->plane[OXL_LOG_SCALE + i][row] + 10.0));
     }
-    data[l->alphas + row] = spz_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
-    for (int i = 0; i < 4; i++) {
-        q[i] = model->plane[OXL_ROTATION + (i + 1) % 4][row] * (i < 3 ? turn[i] : 1); /* x y z w */
-        norm += q[i] * q[i];
-    }
-    norm = sqrt(norm);
-    for (int i = 0; i < 4; i++) q[i] = norm > 0 ? q[i] / norm : i == 3;
-    spz_put_u32(data + l->rotations + 4 * row, spz_put_rotation(q));
+    data[l->alphas + row] = model_byte(255 * vecmath_sigmoid(model->plane[OXL_OPACITY][row]));
+    model_rotation(model, row, q);
+    for (int i = 0; i < 3; i++) xyzw[i] = turn[i] * q[i + 1];
+    xyzw[3] = q[0];
+    bytes_put(data + l->rotations + 4 * row, spz_put_rotation(xyzw), 4);
     for (int k = 0; k < l->coefficients; k++)
         for (int c = 0; c < 3; c++)
             data[l->sh + 3 * ((size_t)l->coefficients * row + (size_t)k) + (size_t)c] = spz_coefficient(
@@ -338,8 +314,8 @@ OXL_INTERNAL oxl_result spz_write(oxl_context *ctx, const char *path, const oxl_
     data = oxl_calloc(ctx, l.end, 1);
     if (!data) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory for its %zu bytes", path, l.end);
     memcpy(data, "NGSP", 4);
-    spz_put_u32(data + 4, 3);
-    spz_put_u32(data + 8, (uint32_t)l.count);
+    bytes_put(data + 4, 3, 4);
+    bytes_put(data + 8, (uint32_t)l.count, 4);
     data[12] = (unsigned char)l.degree;
     data[13] = (unsigned char)l.bits;
     for (size_t i = 0; i < l.count; i++) spz_put(model, &l, i, data);

@@ -61,12 +61,27 @@ struct adam_params {
     } /* [Kerbl 2023] */
 struct renderer_nonfinite {
     size_t rows, first; /* how many; the first of them */
+    size_t cleared;     /* of them, on a device: those that held such a value, as nonfinite.c clears them */
 };
 /* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated and count as
  * invisible from then on. */
 OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *gradient,
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out);
+
+/* Deferred steps, on a device: from renderer_defer(1) on forward, loss, backward and step return before the device is done, with no loss
+ * and no rows, and renderer_report has these of the oldest step without a report: with `wait` of the last one, too, without it of the one
+ * before. A step that cannot be done halts: neither it nor those behind it change anything, and they have no reports; the caller repeats
+ * them without deferring. Before anything but steps, defer(0) and all reports. Returns 1: the device defers from now on. */
+enum renderer_halt { HALT_NONE, HALT_PAIRS, HALT_LOSS }; /* more pairs than the device had room for; the loss is not finite */
+struct renderer_report {
+    int                       there; /* 0: no step to report */
+    enum renderer_halt        halt;
+    struct renderer_loss      loss;
+    struct renderer_nonfinite skipped;
+};
+OXL_INTERNAL int        renderer_defer(struct renderer *r, int on);
+OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait, struct renderer_report *out);
 
 /* After the backward pass: adds the last view's gradients of visible rows to the statistics of density control. */
 struct renderer_sums {
@@ -78,9 +93,9 @@ struct renderer_sums {
 };
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
 
-/* Between steps a device holds the model, its moments and the statistics. Downloads them; must be called before the host reads or changes
- * any of them. The next renderer_forward uploads the host's model. */
-OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r);
+/* Between steps a device holds the model, its moments and the statistics. Downloads them; must be called before the host reads any of
+ * them. changes 1: the host may change them, so the next renderer_forward uploads them. */
+OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, int changes);
 
 OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context     *ctx,
                                                struct renderer *r); /* marks all rows invisible in the last view */
@@ -114,8 +129,10 @@ struct renderer_device {
     oxl_result (*score)(void *device, const float *drgb, float *score);
     oxl_result (*step)(void *device, oxl_model *model, oxl_model *first, oxl_model *second, const struct adam_params *adam,
                        struct renderer_nonfinite *out);
+    int (*defer)(void *device, int on);
+    oxl_result (*report)(void *device, int wait, struct renderer_report *out);
     oxl_result (*observe)(void *device, const struct renderer_sums *sums);
-    oxl_result (*download)(void *device);
+    oxl_result (*download)(void *device, int changes);
     oxl_result (*clear_visible)(void *device);
     /* Results of the last view, as in struct renderer: splats of visible rows, visibility bits, |dL/d(u,v)|. */
     oxl_result (*rows)(void *device, struct splat *splat, uint16_t *visible, float *dmean2d);

@@ -19,6 +19,7 @@ struct render_share {
 struct renderer {
     const struct renderer_device *backend; /* of `device` */
     void                         *device;  /* NULL: the CPU renders, with the members below */
+    int                           deferred;
 
     struct kernel_camera kernel_camera;
     float                background[3];
@@ -192,14 +193,15 @@ static oxl_result render_download_target(oxl_context *ctx, struct renderer *r)
     return rc;
 }
 
-/* With --backend auto, a device without enough memory is replaced by the CPU. Returns rc in all other cases. */
+/* With --backend auto, a device without enough memory is replaced by the CPU, unless steps are to be reported yet. Returns rc in all
+ * other cases. */
 static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_result rc)
 {
     char why[160];
-    if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO) return rc;
+    if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO || r->deferred) return rc;
     snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
     rc = render_download_target(ctx, r);
-    if (rc == OXL_OK) rc = r->backend->download(r->device);
+    if (rc == OXL_OK) rc = r->backend->download(r->device, 1);
     if (rc != OXL_OK) return rc;
     r->backend->free(r->device);
     r->device = NULL;
@@ -696,7 +698,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads) reduction(+ : skipped) reduction(min : first_skipped)
     for (int64_t task = 0; task < tasks; task++) {
         struct adam_job           job  = rows;
-        struct renderer_nonfinite here = {0, SIZE_MAX};
+        struct renderer_nonfinite here = {0, SIZE_MAX, 0};
         uint16_t                  seen[RENDER_TASK];
         job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->packs);
         if (r->unprojected) render_project_backward(ctx, r, task, &pulled);
@@ -708,7 +710,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         first_skipped = OXL_MIN(first_skipped, here.first);
     }
     r->unprojected = 0;
-    *out           = (struct renderer_nonfinite){skipped, first_skipped};
+    *out           = (struct renderer_nonfinite){skipped, first_skipped, 0};
     return OXL_OK;
 }
 
@@ -731,10 +733,23 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r)
+OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, int changes)
 {
     (void)ctx;
-    return r->device ? r->backend->download(r->device) : OXL_OK;
+    return r->device ? r->backend->download(r->device, changes) : OXL_OK;
+}
+
+OXL_INTERNAL int renderer_defer(struct renderer *r, int on)
+{
+    r->deferred = r->device && r->backend->defer(r->device, on);
+    return r->deferred;
+}
+
+OXL_INTERNAL oxl_result renderer_report(oxl_context *ctx, struct renderer *r, int wait, struct renderer_report *out)
+{
+    (void)ctx;
+    *out = (struct renderer_report){0};
+    return r->device ? r->backend->report(r->device, wait, out) : OXL_OK;
 }
 
 OXL_INTERNAL int renderer_row_visible(const struct renderer *r, size_t row)

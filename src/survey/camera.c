@@ -244,8 +244,9 @@ static int camera_trace(const struct colmap_camera *camera, const double target[
     return CAMERA_FOLD;
 }
 
-/* Distance in px from the principal point to each side of a rectangle inside the field of view. Where the image border is the limit,
- * that side moves inwards; where the polynomial is (a curve around the axis), all four sides move inwards by the same factor. */
+/* Distance in px from the principal point to each side of a rectangle inside the field of view. Where the image border is the
+ * limit, that side moves inwards; where the polynomial is (a curve around the axis), all four sides move inwards by the same
+ * factor. */
 static void camera_rectangle(const struct colmap_camera *camera, double side[4])
 {
     double       k[4], folded = 1, fold_at[4 * CAMERA_RAYS][2];

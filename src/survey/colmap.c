@@ -1,5 +1,5 @@
-/* colmap.c - reads the text files of a COLMAP model (cameras.txt, images.txt, points3D.txt), and chooses between text and binary files
- * where a folder holds both.
+/* colmap.c - reads the text files of a COLMAP model (cameras.txt, images.txt, points3D.txt), and chooses between text and binary
+ * files where a folder holds both.
  *
  * Source: "Output Format" in COLMAP's documentation, and variants of other programs: CR LF, tabs, a missing line of 2D points,
  * decimal commas, -nan(ind). Recoverable deviations are read with a warning; others are an error that names file:line, the value
@@ -63,12 +63,7 @@ static oxl_result colmap_read_cameras(struct colmap_reader *r)
     while (rc == OXL_OK && colmap_next_record(r)) {
         struct colmap_camera camera = {0};
         rc                          = colmap_read_camera(r, &camera);
-        if (rc == OXL_OK)
-            rc = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, out->camera_count + 1, sizeof camera);
-        if (rc != OXL_OK) break;
-        out->camera[out->camera_count] = camera;
-        rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof camera, out->camera_count, "camera id");
-        if (rc == OXL_OK) out->camera_count++;
+        if (rc == OXL_OK) rc = colmap_add_camera(r, &camera);
     }
     if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->camera_count == 0)
@@ -82,84 +77,6 @@ static oxl_result colmap_read_cameras(struct colmap_reader *r)
  *     IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME       the name is the rest of the line
  *     (X Y POINT3D_ID)*                                  may be empty; some programs leave it out
  */
-
-/* "1-3" when there is no gap, else "3 from 1 to 17". */
-static void colmap_camera_ids(const struct colmap *c, char *out, size_t size)
-{
-    int64_t low = c->camera[0].id, high = low;
-    for (size_t i = 1; i < c->camera_count; i++) {
-        low  = OXL_MIN(low, c->camera[i].id);
-        high = OXL_MAX(high, c->camera[i].id);
-    }
-    if (c->camera_count == 1) snprintf(out, size, "%" PRId64, low);
-    else if ((uint64_t)high - (uint64_t)low == c->camera_count - 1) snprintf(out, size, "%" PRId64 "-%" PRId64, low, high);
-    else snprintf(out, size, "%zu from %" PRId64 " to %" PRId64, c->camera_count, low, high);
-}
-
-static int colmap_knows_camera(const struct colmap_reader *r, int64_t id)
-{
-    return *colmap_index_slot(&r->cameras, r->out->camera, sizeof *r->out->camera, id) != 0;
-}
-
-OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id)
-{
-    char ids[80];
-    if (colmap_knows_camera(r, id)) return OXL_OK;
-    colmap_camera_ids(r->out, ids, sizeof ids);
-    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: camera id %" PRId64 " is not in %s (ids there: %s)\nfix: " COLMAP_FIX_SAME,
-                    r->path, r->line, id, r->out->camera->file, ids);
-}
-
-OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4])
-{
-    const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    if (!(length >= 1e-6 && length <= 1e6))
-        return oxl_fail(
-            r->ctx, OXL_ERR_INPUT,
-            "%s:%d: seen the quaternion %g %g %g %g, wanted a rotation (length 1)\nfix: delete this image from the model "
-            "(colmap image_deleter) and export it once more",
-            r->path, r->line, q[0], q[1], q[2], q[3]);
-    if (fabs(length - 1) > 1e-2) colmap_warn(r, ODD_QUATERNION);
-    return OXL_OK;
-}
-
-/* Rejects paths outside the image folder: absolute paths, drives, ".." between slashes of either kind. */
-static int colmap_name_is_safe(const char *name, const char *end)
-{
-    const char *part = name;
-    if (*name == '/' || *name == '\\' || (end - name > 1 && name[1] == ':')) return 0;
-    for (const char *p = name;; p++) {
-        if (p < end && *p == 0) return 0;
-        if (p < end && *p != '/' && *p != '\\') continue;
-        if (p - part == 2 && part[0] == '.' && part[1] == '.') return 0;
-        if (p == end) return 1;
-        part = p + 1;
-    }
-}
-
-OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
-{
-    struct colmap *out = r->out;
-    size_t         size;
-    oxl_result     rc;
-    colmap_skip_blanks(r);
-    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same image */
-        for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
-    size = (size_t)(r->end - r->cursor);
-    if (size == 0) return colmap_wrong(r, r->cursor, "NAME", "a file in the image folder");
-    if (!colmap_name_is_safe(r->cursor, r->end))
-        return oxl_fail(r->ctx, OXL_ERR_INPUT,
-                        "%s:%d: seen the name '%.*s', wanted a path inside the image folder\n"
-                        "fix: give names relative to that folder, without \"..\"",
-                        r->path, r->line, (int)OXL_MIN(size, (size_t)200), r->cursor);
-    rc = oxl_reserve(r->ctx, (void **)&out->names, &r->names_capacity, out->names_size + size + 1, 1);
-    if (rc != OXL_OK) return rc;
-    *name = out->names_size;
-    memcpy(out->names + *name, r->cursor, size);
-    out->names[*name + size] = 0;
-    out->names_size += size + 1;
-    return OXL_OK;
-}
 
 static oxl_result colmap_read_pose(struct colmap_reader *r, struct colmap_image *image)
 {
@@ -201,7 +118,7 @@ static oxl_result colmap_read_observations(struct colmap_reader *r, struct colma
         if (rc == OXL_OK) rc = colmap_read_match(r, &o->point);
         if (rc == OXL_OK && !(fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX)) {
             *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
-            colmap_warn(r, ODD_OBSERVATION);
+            colmap_warn(r, WARN_OBSERVATION);
         }
         out->observation_count++;
     }
@@ -230,9 +147,9 @@ static size_t colmap_count_fields(const char *p, const char *end)
     return count;
 }
 
-/* 1: a line at the position of 2D points is the first line of an image: an integer, 7 numbers, an integer, and a name. Most names are
- * not numbers, which decides. With a numeric name, it is an image if the number of fields is not a multiple of 3, the rotation is
- * plausible and the camera exists. */
+/* 1: a line at the position of 2D points is the first line of an image: an integer, 7 numbers, an integer, and a name. Most names
+ * are not numbers, which decides. With a numeric name, it is an image if the number of fields is not a multiple of 3, the
+ * rotation is plausible and the camera exists. */
 static int colmap_is_pose(const struct colmap_reader *r)
 {
     const char *p = r->cursor;
@@ -252,7 +169,7 @@ static oxl_result colmap_read_second_line(struct colmap_reader *r, int keep, str
 {
     if (!colmap_next_line(r)) return r->rc;
     if (r->cursor < r->end && (*r->cursor == '#' || colmap_is_pose(r))) {
-        colmap_warn(r, ODD_NO_POINTS_LINE);
+        colmap_warn(r, WARN_NO_POINTS_LINE);
         r->next = r->cursor;
         r->line--;
         return OXL_OK;
@@ -270,12 +187,8 @@ static oxl_result colmap_read_images(struct colmap_reader *r, int keep_observati
     while (rc == OXL_OK && colmap_next_record(r)) {
         struct colmap_image image = {.first_observation = out->observation_count};
         rc                        = colmap_read_pose(r, &image);
-        if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, out->image_count + 1, sizeof image);
-        if (rc != OXL_OK) break;
-        out->image[out->image_count] = image;
-        rc                           = colmap_enter(r, &r->images, out->image, sizeof image, out->image_count, "image id");
-        if (rc == OXL_OK) rc = colmap_read_second_line(r, keep_observations, &out->image[out->image_count]);
-        if (rc == OXL_OK) out->image_count++;
+        if (rc == OXL_OK) rc = colmap_add_image(r, &image);
+        if (rc == OXL_OK) rc = colmap_read_second_line(r, keep_observations, &out->image[out->image_count - 1]);
     }
     if (rc == OXL_OK) rc = r->rc;
     if (rc == OXL_OK && out->image_count == 0)
@@ -292,15 +205,15 @@ enum { COLMAP_FILES = 3 };
 static const char *const colmap_names[2][COLMAP_FILES] = {{"cameras.txt", "images.txt", "points3D.txt"},
                                                           {"cameras.bin", "images.bin", "points3D.bin"}};
 
-struct colmap_found { /* the three files of one format */
+struct colmap_files { /* the three files of one format */
     int         count;
     const char *missing;  /* the first missing file */
     int64_t     modified; /* of the newest */
 };
 
-static oxl_result colmap_look(oxl_context *ctx, const char *folder, enum colmap_format format, struct colmap_found *out)
+static oxl_result colmap_find_files(oxl_context *ctx, const char *folder, enum colmap_format format, struct colmap_files *out)
 {
-    *out = (struct colmap_found){.count = 0};
+    *out = (struct colmap_files){.count = 0};
     for (int i = 0; i < COLMAP_FILES; i++) {
         char *path = oxl_path_join(ctx, folder, colmap_names[format][i]);
         if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to look for %s", folder, colmap_names[format][i]);
@@ -318,9 +231,9 @@ static oxl_result colmap_look(oxl_context *ctx, const char *folder, enum colmap_
 /* Text if both have the same age: text files may have been edited. */
 static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colmap_format *out)
 {
-    struct colmap_found text, binary;
-    oxl_result          rc = colmap_look(ctx, folder, COLMAP_TEXT, &text);
-    if (rc == OXL_OK) rc = colmap_look(ctx, folder, COLMAP_BINARY, &binary);
+    struct colmap_files text, binary;
+    oxl_result          rc = colmap_find_files(ctx, folder, COLMAP_TEXT, &text);
+    if (rc == OXL_OK) rc = colmap_find_files(ctx, folder, COLMAP_BINARY, &binary);
     if (rc != OXL_OK) return rc;
     *out = binary.count == COLMAP_FILES && (text.count < COLMAP_FILES || binary.modified > text.modified) ? COLMAP_BINARY
                                                                                                           : COLMAP_TEXT;

@@ -16,7 +16,7 @@ struct colmap_index {
     size_t    slots; /* a power of 2, at least twice the rows */
 };
 
-enum colmap_oddity { ODD_NO_POINTS_LINE, ODD_OBSERVATION, ODD_QUATERNION, ODD_POSITION, ODD_ERROR, ODD_TRACK, ODD_COUNT };
+enum colmap_warning { WARN_NO_POINTS_LINE, WARN_OBSERVATION, WARN_QUATERNION, WARN_POSITION, WARN_ERROR, WARN_TRACK, WARN_COUNT };
 
 #define COLMAP_FIX_EXPORT "export the model once more: colmap model_converter --output_type TXT"
 #define COLMAP_FIX_SAME   "export all three files from the same COLMAP model"
@@ -41,14 +41,15 @@ struct colmap_reader {
     uint64_t            declared;     /* rows stated by COLMAP's comment at the start of the file; 0: not stated */
     int                 is_quiet;     /* 1: no messages; `suppressed` is set instead */
     int                 suppressed;
-    size_t              odd[ODD_COUNT];
+    size_t              warned[WARN_COUNT];
     struct colmap_index cameras, images;
     size_t              camera_capacity, image_capacity, observation_capacity, point_capacity, track_capacity, names_capacity;
 };
 
-/* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated. colmap_close: reports the number of
- * suppressed warnings and closes the file. */
+/* Opens a file of the folder. colmap_compare: compares the number of rows with the number stated. colmap_close: reports the
+ * number of suppressed warnings and closes the file. */
 OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name);
+OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name); /* reads nothing yet */
 OXL_INTERNAL void       colmap_compare(struct colmap_reader *r, const char *what, size_t count);
 OXL_INTERNAL void       colmap_close(struct colmap_reader *r);
 
@@ -62,7 +63,7 @@ OXL_INTERNAL int        colmap_next_record(struct colmap_reader *r); /* the next
 
 /* The error of the field at `token`: "seen ..., wanted WHAT, KIND". */
 OXL_INTERNAL oxl_result  colmap_wrong(struct colmap_reader *r, const char *token, const char *what, const char *kind);
-OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_oddity kind);
+OXL_INTERNAL void        colmap_warn(struct colmap_reader *r, enum colmap_warning kind);
 OXL_INTERNAL const char *colmap_printable(const char *p, const char *end, char out[64]); /* a field, printable in a message */
 
 /* Fields. Each function moves the cursor past its field. */
@@ -76,20 +77,21 @@ OXL_INTERNAL oxl_result colmap_id(struct colmap_reader *r, const char *what, int
 
 /* The slot of the id, or the empty slot for it. */
 OXL_INTERNAL uint32_t  *colmap_index_slot(const struct colmap_index *x, const void *rows, size_t stride, int64_t id);
-/* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
-OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
-                                     size_t count, const char *what);
+/* Rows whose id may not be there yet. */
+OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);
+OXL_INTERNAL oxl_result colmap_add_image(struct colmap_reader *r, const struct colmap_image *image);
+/* 0, with a warning: no finite position. An error that is not finite becomes -1. */
+OXL_INTERNAL int        colmap_check_point(struct colmap_reader *r, struct colmap_point *point);
 OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *what, int64_t id); /* the error, at this line */
 
-/* colmap.c: used for text and binary files. The name is at r->cursor .. r->end. */
+/* For text and binary files. The name is at r->cursor .. r->end. */
+OXL_INTERNAL int        colmap_knows_camera(const struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id);
 OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4]);
 OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name);
 
 /* colmap_points.c: reads the open file points3D.txt. */
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r);
-/* The first row with the id of an earlier row; point_count if there is none. */
-OXL_INTERNAL oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row);
 
 /* colmap_binary.c: the three files of a folder. */
 OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations);

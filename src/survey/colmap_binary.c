@@ -8,10 +8,11 @@
  *
  * rigs.bin and frames.bin of COLMAP 3.12 and later are not read: images.bin has each image's own pose.
  *
- * Invariant: the result equals that of the text export of the same model, except for the order of rows (colmap_order); messages name
- * the record instead of the line. A count is compared with the size of the file before memory is allocated for it.
+ * Invariant: the result equals that of the text export of the same model, except for the order of rows (colmap_order); messages
+ * name the record instead of the line. A count is compared with the size of the file before memory is allocated for it.
  */
 #include "colmap.h"
+#include "../core/bytes.h"
 
 enum {
     BINARY_CAMERA_LEAST = 24 + 2 * 8,          /* bytes of a camera of the fewest parameters */
@@ -27,28 +28,6 @@ enum {
 
 /* ---------------------------------------------------------------- bytes */
 
-static uint64_t binary_u64(const char *p)
-{
-    uint64_t value = 0;
-    for (int i = 7; i >= 0; i--) value = value << 8 | (unsigned char)p[i];
-    return value;
-}
-
-static uint32_t binary_u32(const char *p)
-{
-    uint32_t value = 0;
-    for (int i = 3; i >= 0; i--) value = value << 8 | (unsigned char)p[i];
-    return value;
-}
-
-static double binary_f64(const char *p)
-{
-    const uint64_t bits = binary_u64(p);
-    double         value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
 /* Offset in the file of the first unread byte. */
 static uint64_t binary_offset(const struct colmap_reader *r)
 {
@@ -60,8 +39,8 @@ static uint64_t binary_left(const struct colmap_reader *r)
     return r->file.size > binary_offset(r) ? r->file.size - binary_offset(r) : 0;
 }
 
-static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...) OXL_PRINTF(4, 5);
-static oxl_result binary_wrong(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...)
+static oxl_result binary_fail(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...) OXL_PRINTF(4, 5);
+static oxl_result binary_fail(struct colmap_reader *r, uint64_t at, const char *what, const char *format, ...)
 {
     char    seen[200];
     va_list args;
@@ -78,7 +57,7 @@ static oxl_result binary_take(struct colmap_reader *r, size_t size, const char *
     while ((size_t)(r->limit - r->next) < size && !r->at_end)
         if (colmap_fill(r) != OXL_OK) return r->rc;
     if ((size_t)(r->limit - r->next) < size)
-        return binary_wrong(r, binary_offset(r) + (uint64_t)(r->limit - r->next), what, "the end of the file");
+        return binary_fail(r, binary_offset(r) + (uint64_t)(r->limit - r->next), what, "the end of the file");
     *out = r->next;
     r->next += size;
     return OXL_OK;
@@ -104,30 +83,15 @@ static oxl_result binary_count(struct colmap_reader *r, const char *what, size_t
     const uint64_t   at = binary_offset(r);
     const oxl_result rc = binary_take(r, 8, what, &p);
     if (rc != OXL_OK) return rc;
-    *out = binary_u64(p);
+    *out = bytes_get(p, 8);
     if (*out <= binary_left(r) / least) return OXL_OK;
-    return binary_wrong(r, at, what, "the number %" PRIu64 " where %" PRIu64 " bytes follow", *out, binary_left(r));
+    return binary_fail(r, at, what, "the number %" PRIu64 " where %" PRIu64 " bytes follow", *out, binary_left(r));
 }
 
 static oxl_result binary_finite(struct colmap_reader *r, const char *p, const char *what, double *out)
 {
-    *out = binary_f64(p);
-    return fabs(*out) <= DBL_MAX ? OXL_OK : binary_wrong(r, binary_offset(r), what, "%g", *out);
-}
-
-static oxl_result binary_open(struct colmap_reader *r, const char *folder, const char *name)
-{
-    size_t wanted;
-    r->path = oxl_path_join(r->ctx, folder, name);
-    r->line = 0;
-    if (!r->path) return oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
-    r->rc = os_reader_open(r->ctx, r->path, &r->file);
-    if (r->rc != OXL_OK) return r->rc;
-    wanted    = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2;
-    r->offset = 0;
-    r->limit = r->next = r->window;
-    if (r->room < wanted && colmap_widen(r, wanted) != OXL_OK) return r->rc;
-    return colmap_fill(r);
+    *out = bytes_double(p);
+    return fabs(*out) <= DBL_MAX ? OXL_OK : binary_fail(r, binary_offset(r), what, "%g", *out);
 }
 
 /* Bytes after the last record are an error. */
@@ -147,7 +111,7 @@ static oxl_result binary_parameters(struct colmap_reader *r, struct colmap_camer
     for (int i = 0; i < c->parameter_count && rc == OXL_OK; i++) {
         rc = binary_finite(r, p + 8 * i, "a finite parameter", &c->parameter[i]);
         if (rc == OXL_OK && i < camera_model_at(c->model)->focal_count && !(c->parameter[i] > 0))
-            rc = binary_wrong(r, binary_offset(r), "a focal length of more than 0 px", "%g", c->parameter[i]);
+            rc = binary_fail(r, binary_offset(r), "a focal length of more than 0 px", "%g", c->parameter[i]);
     }
     return rc;
 }
@@ -159,10 +123,10 @@ static oxl_result binary_camera(struct colmap_reader *r, struct colmap_camera *c
     uint64_t       width, height;
     oxl_result     rc = binary_take(r, 24, "a camera", &p);
     if (rc != OXL_OK) return rc;
-    c->id    = binary_u32(p);
-    c->model = (int)OXL_MIN(binary_u32(p + 4), (uint32_t)INT_MAX);
-    width    = binary_u64(p + 8);
-    height   = binary_u64(p + 16);
+    c->id    = bytes_u32(p);
+    c->model = (int)OXL_MIN(bytes_u32(p + 4), (uint32_t)INT_MAX);
+    width    = bytes_get(p + 8, 8);
+    height   = bytes_get(p + 16, 8);
     c->file  = "cameras.bin";
     c->line  = r->line;
     if (c->model >= camera_model_count())
@@ -172,7 +136,7 @@ static oxl_result binary_camera(struct colmap_reader *r, struct colmap_camera *c
             "fix: let COLMAP undistort: colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path OUT",
             r->path, at + 4, r->line, c->model, camera_model_count() - 1, camera_model_list());
     if (width < 1 || height < 1 || width > INT_MAX || height > INT_MAX)
-        return binary_wrong(r, at + 8, "a width and a height of 1 to 2147483647 px", "%" PRIu64 " x %" PRIu64, width, height);
+        return binary_fail(r, at + 8, "a width and a height of 1 to 2147483647 px", "%" PRIu64 " x %" PRIu64, width, height);
     c->width           = (int)width;
     c->height          = (int)height;
     c->parameter_count = camera_model_at(c->model)->parameter_count;
@@ -184,16 +148,12 @@ static oxl_result binary_cameras(struct colmap_reader *r)
     struct colmap *out   = r->out;
     uint64_t       count = 0;
     oxl_result     rc    = binary_count(r, "the number of cameras", BINARY_CAMERA_LEAST, &count);
-    if (rc == OXL_OK && count == 0) rc = binary_wrong(r, 0, "a camera", "none");
-    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, (size_t)count, sizeof *out->camera);
+    if (rc == OXL_OK && count == 0) rc = binary_fail(r, 0, "a camera", "none");
     while (rc == OXL_OK && out->camera_count < count) {
         struct colmap_camera camera = {0};
         r->line++;
         rc = binary_camera(r, &camera);
-        if (rc != OXL_OK) break;
-        out->camera[out->camera_count] = camera;
-        rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof camera, out->camera_count, "camera id");
-        if (rc == OXL_OK) out->camera_count++;
+        if (rc == OXL_OK) rc = colmap_add_camera(r, &camera);
     }
     if (rc == OXL_OK) binary_end(r);
     return rc;
@@ -211,11 +171,11 @@ static oxl_result binary_name(struct colmap_reader *r, size_t *name)
            r->limit - r->next <= BINARY_NAME_LONGEST)
         if (colmap_fill(r) != OXL_OK) return r->rc;
     if (!zero || zero - r->next > BINARY_NAME_LONGEST)
-        return binary_wrong(r, binary_offset(r), "a name that ends in a zero byte", "%zu bytes without one",
-                            (size_t)OXL_MIN(r->limit - r->next, (ptrdiff_t)BINARY_NAME_LONGEST));
+        return binary_fail(r, binary_offset(r), "a name that ends in a zero byte", "%zu bytes without one",
+                           (size_t)OXL_MIN(r->limit - r->next, (ptrdiff_t)BINARY_NAME_LONGEST));
     size = (size_t)(zero - r->next);
     if (memchr(r->next, '\n', size) || memchr(r->next, '\r', size))
-        return binary_wrong(r, binary_offset(r), "a name of one line", "a line end in a name");
+        return binary_fail(r, binary_offset(r), "a name of one line", "a line end in a name");
     rc = binary_take(r, size + 1, "a name", &p);
     if (rc != OXL_OK) return rc;
     r->cursor = p;
@@ -229,8 +189,8 @@ static oxl_result binary_pose(struct colmap_reader *r, struct colmap_image *imag
     const char *p  = NULL;
     oxl_result  rc = binary_take(r, BINARY_POSE, "an image", &p);
     if (rc != OXL_OK) return rc;
-    image->id        = binary_u32(p);
-    image->camera_id = binary_u32(p + 60);
+    image->id        = bytes_u32(p);
+    image->camera_id = bytes_u32(p + 60);
     image->line      = r->line;
     for (int i = 0; i < 7 && rc == OXL_OK; i++)
         rc = binary_finite(r, p + 4 + 8 * i, "a finite pose", i < 4 ? &image->rotation[i] : &image->translation[i - 4]);
@@ -243,10 +203,10 @@ static oxl_result binary_pose(struct colmap_reader *r, struct colmap_image *imag
 /* Ids from 2^63 on mean no point; COLMAP writes 2^64 - 1. */
 static oxl_result binary_point_id(struct colmap_reader *r, const char *p, int64_t *out)
 {
-    const uint64_t id = binary_u64(p);
+    const uint64_t id = bytes_get(p, 8);
     *out              = id == UINT64_MAX ? -1 : (int64_t)(id & INT64_MAX);
     return id == UINT64_MAX || id <= INT64_MAX ? OXL_OK
-                                               : binary_wrong(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
+                                               : binary_fail(r, binary_offset(r), "a point id below 2^63", "%" PRIu64, id);
 }
 
 static oxl_result binary_observation(struct colmap_reader *r, struct colmap_observation *o)
@@ -255,11 +215,11 @@ static oxl_result binary_observation(struct colmap_reader *r, struct colmap_obse
     oxl_result  rc = binary_take(r, BINARY_OBSERVATION, "a 2D point", &p);
     if (rc == OXL_OK) rc = binary_point_id(r, p + 16, &o->point);
     if (rc != OXL_OK) return rc;
-    o->x = binary_f64(p);
-    o->y = binary_f64(p + 8);
+    o->x = bytes_double(p);
+    o->y = bytes_double(p + 8);
     if (fabs(o->x) <= DBL_MAX && fabs(o->y) <= DBL_MAX) return OXL_OK;
     *o = (struct colmap_observation){.point = -1}; /* keeps its index, which tracks refer to */
-    colmap_warn(r, ODD_OBSERVATION);
+    colmap_warn(r, WARN_OBSERVATION);
     return OXL_OK;
 }
 
@@ -290,16 +250,12 @@ static oxl_result binary_images(struct colmap_reader *r, int keep_observations)
                       "%s: byte 0: seen no image, wanted one or more\nfix: take a model with registered images (sparse/0, "
                       "sparse/1, ...)",
                       r->path);
-    if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, (size_t)count, sizeof *out->image);
     while (rc == OXL_OK && out->image_count < count) {
         struct colmap_image image = {.first_observation = out->observation_count};
         r->line++;
         rc = binary_pose(r, &image);
-        if (rc != OXL_OK) break;
-        out->image[out->image_count] = image;
-        rc                           = colmap_enter(r, &r->images, out->image, sizeof image, out->image_count, "image id");
-        if (rc == OXL_OK) rc = binary_observations(r, keep_observations, &out->image[out->image_count]);
-        if (rc == OXL_OK) out->image_count++;
+        if (rc == OXL_OK) rc = colmap_add_image(r, &image);
+        if (rc == OXL_OK) rc = binary_observations(r, keep_observations, &out->image[out->image_count - 1]);
     }
     if (rc == OXL_OK) binary_end(r);
     return rc;
@@ -315,9 +271,9 @@ static oxl_result binary_track(struct colmap_reader *r, uint64_t length, struct 
         const oxl_result rc = binary_take(r, BINARY_TRACK, "an entry of a track", &p);
         uint32_t         row;
         if (rc != OXL_OK) return rc;
-        row = *colmap_index_slot(&r->images, out->image, sizeof *out->image, (int64_t)binary_u32(p));
-        if (row == 0) colmap_warn(r, ODD_TRACK);
-        else out->track[out->track_count + point->track_count++] = (struct colmap_track){row - 1, binary_u32(p + 4)};
+        row = *colmap_index_slot(&r->images, out->image, sizeof *out->image, (int64_t)bytes_u32(p));
+        if (row == 0) colmap_warn(r, WARN_TRACK);
+        else out->track[out->track_count + point->track_count++] = (struct colmap_track){row - 1, bytes_u32(p + 4)};
     }
     return OXL_OK;
 }
@@ -329,14 +285,14 @@ static oxl_result binary_point(struct colmap_reader *r, uint64_t more, struct co
     oxl_result  rc = binary_take(r, BINARY_POINT - 8, "a point", &p);
     if (rc == OXL_OK) rc = binary_point_id(r, p, &point->id);
     if (rc != OXL_OK) return rc;
-    for (int i = 0; i < 3; i++) point->position[i] = binary_f64(p + 8 + 8 * i);
+    for (int i = 0; i < 3; i++) point->position[i] = bytes_double(p + 8 + 8 * i);
     memcpy(point->rgb, p + 32, 3);
-    point->error = binary_f64(p + 35);
+    point->error = bytes_double(p + 35);
     rc           = binary_count(r, "the length of a track", BINARY_TRACK, length);
     if (rc == OXL_OK && *length * BINARY_TRACK + more * BINARY_POINT > binary_left(r))
-        rc = binary_wrong(r, binary_offset(r) - 8, "the length of a track",
-                          "the number %" PRIu64 " where %" PRIu64 " bytes and as many points as %" PRIu64 " follow", *length,
-                          binary_left(r), more);
+        rc = binary_fail(r, binary_offset(r) - 8, "the length of a track",
+                         "the number %" PRIu64 " where %" PRIu64 " bytes and as many points as %" PRIu64 " follow", *length,
+                         binary_left(r), more);
     return rc;
 }
 
@@ -348,14 +304,7 @@ static oxl_result binary_add_point(struct colmap_reader *r, uint64_t more)
     uint64_t            length = 0;
     oxl_result          rc     = binary_point(r, more, &point, &length);
     if (rc != OXL_OK) return rc;
-    if (!(fabs(point.position[0]) <= DBL_MAX && fabs(point.position[1]) <= DBL_MAX && fabs(point.position[2]) <= DBL_MAX)) {
-        colmap_warn(r, ODD_POSITION);
-        return binary_skip(r, length * BINARY_TRACK);
-    }
-    if (!(fabs(point.error) <= DBL_MAX)) {
-        colmap_warn(r, ODD_ERROR);
-        point.error = -1;
-    }
+    if (!colmap_check_point(r, &point)) return binary_skip(r, length * BINARY_TRACK);
     rc = binary_track(r, length, &point);
     if (rc != OXL_OK) return rc;
     out->point[out->point_count++] = point;
@@ -368,7 +317,7 @@ static oxl_result binary_points(struct colmap_reader *r)
 {
     struct colmap *out   = r->out;
     uint64_t       count = 0;
-    size_t         row   = 0;
+    int64_t        id    = 0;
     oxl_result     rc    = binary_count(r, "the number of points", BINARY_POINT, &count);
     if (rc != OXL_OK) return rc;
     out->point = oxl_alloc(r->ctx, (size_t)count + 1, sizeof *out->point);
@@ -379,10 +328,9 @@ static oxl_result binary_points(struct colmap_reader *r)
         r->line++;
         rc = binary_add_point(r, count - (uint64_t)r->line);
     }
-    if (rc == OXL_OK) rc = points_find_repeated(r->ctx, out, &row);
-    if (rc == OXL_OK && row < out->point_count)
+    if (rc == OXL_OK && (rc = colmap_order_points(r->ctx, out, &id)) == OXL_ERR_INPUT)
         rc = oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: point id %" PRId64 " is there twice, wanted each id once\nfix: " BINARY_FIX,
-                      r->path, out->point[row].id);
+                      r->path, id);
     if (rc == OXL_OK) binary_end(r);
     return rc;
 }
@@ -391,13 +339,16 @@ static oxl_result binary_points(struct colmap_reader *r)
 
 OXL_INTERNAL oxl_result colmap_read_binary(struct colmap_reader *r, const char *folder, int keep_observations)
 {
-    oxl_result rc = binary_open(r, folder, "cameras.bin");
+    oxl_result rc = colmap_open_bytes(r, folder, "cameras.bin");
+    if (rc == OXL_OK) rc = colmap_fill(r);
     if (rc == OXL_OK) rc = binary_cameras(r);
     colmap_close(r);
-    if (rc == OXL_OK) rc = binary_open(r, folder, "images.bin");
+    if (rc == OXL_OK) rc = colmap_open_bytes(r, folder, "images.bin");
+    if (rc == OXL_OK) rc = colmap_fill(r);
     if (rc == OXL_OK) rc = binary_images(r, keep_observations);
     colmap_close(r);
-    if (rc == OXL_OK) rc = binary_open(r, folder, "points3D.bin");
+    if (rc == OXL_OK) rc = colmap_open_bytes(r, folder, "points3D.bin");
+    if (rc == OXL_OK) rc = colmap_fill(r);
     if (rc == OXL_OK) rc = binary_points(r);
     colmap_close(r);
     return rc;

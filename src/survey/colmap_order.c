@@ -3,7 +3,8 @@
  * COLMAP writes rows in the order of its hash tables, so its text and binary exports of one model differ in this order. The result
  * depends on it: Gaussians and sums follow the order of the points.
  *
- * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of observations and tracks.
+ * Invariant: models that differ only in the order of rows are equal afterwards, except for the positions of observations and
+ * tracks.
  */
 #include "colmap.h"
 
@@ -54,30 +55,19 @@ static void order_points_by_rank(struct colmap *c, const struct order_ranks *k)
         for (size_t to; (to = order_rank(k, c->point[i].id)) != i;) OXL_SWAP(struct colmap_point, c->point[i], c->point[to]);
 }
 
-static oxl_result order_points(oxl_context *ctx, struct colmap *c)
+static oxl_result order_by_rank(oxl_context *ctx, struct colmap *c, int64_t low, size_t words, int64_t *repeated)
 {
-    struct order_ranks k    = {.low = INT64_MAX};
-    int64_t            high = INT64_MIN;
-    size_t             sorted, words;
+    struct order_ranks k      = {.low = low};
     uint32_t           before = 0;
     oxl_result         rc     = OXL_OK;
-    for (sorted = 1; sorted < c->point_count && c->point[sorted - 1].id < c->point[sorted].id; sorted++) {}
-    if (sorted >= c->point_count) return OXL_OK;
-    for (size_t i = 0; i < c->point_count; i++) {
-        k.low = OXL_MIN(k.low, c->point[i].id);
-        high  = OXL_MAX(high, c->point[i].id);
-    }
-    if (((uint64_t)high - (uint64_t)k.low) / 64 > c->point_count || c->point_count > UINT32_MAX) {
-        qsort(c->point, c->point_count, sizeof *c->point, order_compare); /* sparse ids, not from COLMAP */
-        return OXL_OK;
-    }
-    words    = (size_t)(((uint64_t)high - (uint64_t)k.low) / 64) + 1;
-    k.met    = oxl_calloc(ctx, words, sizeof *k.met);
-    k.before = oxl_alloc(ctx, words, sizeof *k.before);
+    k.met                     = oxl_calloc(ctx, words, sizeof *k.met);
+    k.before                  = oxl_alloc(ctx, words, sizeof *k.before);
     if (!k.met || !k.before) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to order %zu points", c->point_count);
     for (size_t i = 0; i < c->point_count && rc == OXL_OK; i++) {
-        const uint64_t at = (uint64_t)c->point[i].id - (uint64_t)k.low;
-        k.met[at / 64] |= UINT64_C(1) << (at & 63);
+        const uint64_t at = (uint64_t)c->point[i].id - (uint64_t)low, bit = UINT64_C(1) << (at & 63);
+        *repeated = c->point[i].id;
+        if (k.met[at / 64] & bit) rc = OXL_ERR_INPUT;
+        k.met[at / 64] |= bit;
     }
     for (size_t i = 0; i < words && rc == OXL_OK; i++) {
         k.before[i] = before;
@@ -87,6 +77,24 @@ static oxl_result order_points(oxl_context *ctx, struct colmap *c)
     oxl_free(ctx, k.met);
     oxl_free(ctx, k.before);
     return rc;
+}
+
+OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated)
+{
+    int64_t low = INT64_MAX, high = INT64_MIN;
+    size_t  sorted = 1;
+    for (size_t i = 0; i < c->point_count; i++) {
+        low  = OXL_MIN(low, c->point[i].id);
+        high = OXL_MAX(high, c->point[i].id);
+    }
+    while (sorted < c->point_count && c->point[sorted - 1].id < c->point[sorted].id) sorted++;
+    if (sorted >= c->point_count) return OXL_OK;
+    if (((uint64_t)high - (uint64_t)low) / 64 <= c->point_count && c->point_count <= UINT32_MAX)
+        return order_by_rank(ctx, c, low, (size_t)(((uint64_t)high - (uint64_t)low) / 64) + 1, repeated);
+    qsort(c->point, c->point_count, sizeof *c->point, order_compare); /* sparse ids, not from COLMAP */
+    for (size_t i = 1; i < c->point_count; i++)
+        if (c->point[i - 1].id == (*repeated = c->point[i].id)) return OXL_ERR_INPUT;
+    return OXL_OK;
 }
 
 struct order_image {
@@ -111,7 +119,6 @@ static oxl_result order_images(oxl_context *ctx, struct colmap *c)
 
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c)
 {
-    oxl_result rc = c->image_count ? order_images(ctx, c) : OXL_OK;
     if (c->camera_count) qsort(c->camera, c->camera_count, sizeof *c->camera, order_compare);
-    return rc == OXL_OK ? order_points(ctx, c) : rc;
+    return c->image_count ? order_images(ctx, c) : OXL_OK;
 }

@@ -30,7 +30,7 @@ struct points_rows { /* capacity for a full window, divided into pieces */
 /* ---------------------------------------------------------------- a line */
 
 /* Fast path: an integer of at most 9 digits. 0: any other field; the cursor stays. */
-static inline int points_plain(const char **cursor, const char *end, uint32_t *out)
+static inline int points_short_integer(const char **cursor, const char *end, uint32_t *out)
 {
     const char *p     = *cursor, *first;
     uint32_t    value = 0, digit;
@@ -48,7 +48,7 @@ static oxl_result points_read_track_entry(struct colmap_reader *r, int64_t *imag
     uint32_t    plain;
     int64_t     index = 0;
     oxl_result  rc;
-    if (points_plain(&p, r->end, &plain) && points_plain(&p, r->end, observation)) {
+    if (points_short_integer(&p, r->end, &plain) && points_short_integer(&p, r->end, observation)) {
         *image    = plain;
         r->cursor = p;
         return OXL_OK;
@@ -69,17 +69,12 @@ static oxl_result points_read_track(struct colmap_reader *r, struct points_piece
         if (rc != OXL_OK) break;
         slot = *colmap_index_slot(&r->images, r->out->image, sizeof *r->out->image, image);
         if (slot == 0) {
-            colmap_warn(r, ODD_TRACK);
+            colmap_warn(r, WARN_TRACK);
             continue;
         }
         to->track[to->tracks + point->track_count++] = (struct colmap_track){slot - 1, observation};
     }
     return rc;
-}
-
-static int points_is_finite(const double p[3])
-{
-    return fabs(p[0]) <= DBL_MAX && fabs(p[1]) <= DBL_MAX && fabs(p[2]) <= DBL_MAX;
 }
 
 static oxl_result points_read_fields(struct colmap_reader *r, struct colmap_point *point)
@@ -100,14 +95,7 @@ static oxl_result points_read_record(struct colmap_reader *r, struct points_piec
     struct colmap_point point = {.first_track = to->tracks};
     oxl_result          rc    = points_read_fields(r, &point);
     if (rc != OXL_OK) return rc;
-    if (!points_is_finite(point.position)) {
-        colmap_warn(r, ODD_POSITION);
-        return OXL_OK;
-    }
-    if (!(fabs(point.error) <= DBL_MAX)) {
-        colmap_warn(r, ODD_ERROR);
-        point.error = -1;
-    }
+    if (!colmap_check_point(r, &point)) return OXL_OK;
     rc = points_read_track(r, to, &point);
     if (rc != OXL_OK) return rc;
     to->point[to->points++] = point;
@@ -180,9 +168,9 @@ static oxl_result points_report(struct colmap_reader *r, const char *const *begi
     for (int i = 0; i < POINTS_PIECES; i++) {
         struct points_piece *p = &piece[i];
         if (p->reader.suppressed) {
-            memcpy(p->reader.odd, r->odd, sizeof r->odd);
+            memcpy(p->reader.warned, r->warned, sizeof r->warned);
             points_read_piece(p, begin[i], 0, r->line);
-            memcpy(r->odd, p->reader.odd, sizeof r->odd);
+            memcpy(r->warned, p->reader.warned, sizeof r->warned);
             p->reader.line -= r->line;
         }
         if (p->rc != OXL_OK) return p->rc;
@@ -236,70 +224,36 @@ static oxl_result points_read_window(struct colmap_reader *r, struct points_rows
     return rc == OXL_OK ? points_join(r, piece) : rc;
 }
 
-/* ---------------------------------------------------------------- ids once */
+/* ---------------------------------------------------------------- the file */
 
-/* The first row with the id of an earlier row; point_count if there is none. Uses one bit per id between the smallest and the
- * largest, unless ids are sparse. */
-OXL_INTERNAL oxl_result points_find_repeated(oxl_context *ctx, const struct colmap *c, size_t *row)
+/* Reads the file again up to the second point of this id, to name its line. */
+static oxl_result points_repeated(struct colmap_reader *r, const struct points_rows *rows, int64_t id)
 {
-    struct colmap_index far = {.slots = 64};
-    uint64_t           *met = NULL, span = 0;
-    int64_t             low = INT64_MAX, high = INT64_MIN;
-    oxl_result          rc = OXL_OK;
-    for (size_t i = 0; i < c->point_count; i++) {
-        low  = OXL_MIN(low, c->point[i].id);
-        high = OXL_MAX(high, c->point[i].id);
-    }
-    if (c->point_count) span = (uint64_t)high - (uint64_t)low;
-    if (span / 64 <= c->point_count) {
-        met = oxl_calloc(ctx, (size_t)(span / 64) + 1, sizeof *met);
-    } else {
-        while (far.slots < 2 * c->point_count) far.slots *= 2;
-        if (c->point_count < UINT32_MAX) far.slot = oxl_calloc(ctx, far.slots, sizeof *far.slot);
-    }
-    if (!met && !far.slot) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a table of %zu ids", c->point_count);
-    for (*row = 0; rc == OXL_OK && *row < c->point_count; ++*row) {
-        const uint64_t at = (uint64_t)c->point[*row].id - (uint64_t)low, bit = UINT64_C(1) << (at & 63);
-        uint32_t      *slot = met ? NULL : colmap_index_slot(&far, c->point, sizeof *c->point, c->point[*row].id);
-        if (met ? (met[at / 64] & bit) != 0 : *slot != 0) break;
-        if (met) met[at / 64] |= bit;
-        else *slot = (uint32_t)*row + 1;
-    }
-    oxl_free(ctx, met);
-    oxl_free(ctx, far.slot);
-    return rc;
-}
-
-/* Reads the file again up to the line of this row, to name it in a message. */
-static oxl_result points_repeated(struct colmap_reader *r, const struct points_rows *rows, size_t row)
-{
-    struct points_piece one = {.point = rows->point, .track = rows->track};
-    const int64_t       id  = r->out->point[row].id;
-    oxl_result          rc  = os_reader_seek(r->ctx, &r->file, 0);
+    struct points_piece one  = {.point = rows->point, .track = rows->track};
+    oxl_result          rc   = os_reader_seek(r->ctx, &r->file, 0);
+    size_t              seen = 0;
     if (rc == OXL_OK) rc = colmap_begin(r);
     r->is_quiet = 1;
-    for (size_t seen = 0; rc == OXL_OK && seen <= row && colmap_next_record(r); seen += one.points) {
+    while (rc == OXL_OK && seen < 2 && colmap_next_record(r)) {
         one.points = one.tracks = 0;
         rc                      = points_read_record(r, &one);
+        if (one.points && one.point->id == id) seen++;
     }
     r->is_quiet = 0;
     if (rc == OXL_OK) rc = r->rc;
     return rc != OXL_OK ? rc : colmap_repeated(r, "point id", id);
 }
 
-/* ---------------------------------------------------------------- the file */
-
 OXL_INTERNAL oxl_result colmap_read_points(struct colmap_reader *r)
 {
     struct points_rows rows = {0};
-    size_t             row  = 0;
+    int64_t            id   = 0;
     oxl_result         rc   = points_read_window(r, &rows);
     while (rc == OXL_OK && !r->at_end) {
         rc = colmap_fill(r);
         if (rc == OXL_OK) rc = points_read_window(r, &rows);
     }
-    if (rc == OXL_OK) rc = points_find_repeated(r->ctx, r->out, &row);
-    if (rc == OXL_OK && row < r->out->point_count) rc = points_repeated(r, &rows, row);
+    if (rc == OXL_OK && (rc = colmap_order_points(r->ctx, r->out, &id)) == OXL_ERR_INPUT) rc = points_repeated(r, &rows, id);
     oxl_free(r->ctx, rows.point);
     oxl_free(r->ctx, rows.track);
     return rc;

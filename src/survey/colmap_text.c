@@ -34,9 +34,9 @@ static oxl_result colmap_index_grow(oxl_context *ctx, struct colmap_index *x, co
     return OXL_OK;
 }
 
-/* ---------------------------------------------------------------- what is odd, and yet read */
+/* ---------------------------------------------------------------- deviations that are read with a warning */
 
-static const char *const colmap_oddity_text[ODD_COUNT] = {
+static const char *const colmap_warning_text[WARN_COUNT] = {
     "the image before has no line of 2D points; it is taken as empty",
     "a 2D point without a finite position; it is taken as unmatched",
     "a quaternion whose length is not 1; it is normalised",
@@ -112,17 +112,23 @@ OXL_INTERNAL void colmap_compare(struct colmap_reader *r, const char *what, size
     r->out->is_cut = 1;
 }
 
-OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
+OXL_INTERNAL oxl_result colmap_open_bytes(struct colmap_reader *r, const char *folder, const char *name)
 {
     size_t wanted;
-    r->path = oxl_path_join(r->ctx, folder, name);
+    r->line   = 0;
+    r->offset = 0;
+    r->path   = oxl_path_join(r->ctx, folder, name);
     if (!r->path) return r->rc = oxl_fail(r->ctx, OXL_ERR_MEMORY, "%s: no memory to read it", name);
     r->rc = os_reader_open(r->ctx, r->path, &r->file);
     if (r->rc != OXL_OK) return r->rc;
     r->limit = r->next = r->window;
     wanted = (size_t)OXL_MIN(r->file.size, (uint64_t)r->window_size) + 2; /* one byte to detect the end, and the zero byte */
-    if (r->room < wanted && colmap_widen(r, wanted) != OXL_OK) return r->rc;
-    if (colmap_begin(r) == OXL_OK) r->declared = colmap_announcement(r);
+    return r->room < wanted ? colmap_widen(r, wanted) : OXL_OK;
+}
+
+OXL_INTERNAL oxl_result colmap_open(struct colmap_reader *r, const char *folder, const char *name)
+{
+    if (colmap_open_bytes(r, folder, name) == OXL_OK && colmap_begin(r) == OXL_OK) r->declared = colmap_announcement(r);
     return r->rc;
 }
 
@@ -141,12 +147,12 @@ OXL_INTERNAL oxl_result colmap_begin(struct colmap_reader *r)
 
 OXL_INTERNAL void colmap_close(struct colmap_reader *r)
 {
-    for (int i = 0; i < ODD_COUNT; i++) {
-        if (r->odd[i] > COLMAP_LOGGED_MAX)
-            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path, r->odd[i] - COLMAP_LOGGED_MAX,
-                    colmap_oddity_text[i]);
-        r->out->warnings += r->odd[i];
-        r->odd[i] = 0;
+    for (int i = 0; i < WARN_COUNT; i++) {
+        if (r->warned[i] > COLMAP_LOGGED_MAX)
+            oxl_log(r->ctx, OXL_LOG_WARNING, "%s: %zu more like it: %s", r->path, r->warned[i] - COLMAP_LOGGED_MAX,
+                    colmap_warning_text[i]);
+        r->out->warnings += r->warned[i];
+        r->warned[i] = 0;
     }
     os_reader_close(&r->file);
     oxl_free(r->ctx, r->path);
@@ -155,12 +161,12 @@ OXL_INTERNAL void colmap_close(struct colmap_reader *r)
 
 /* ---------------------------------------------------------------- lines and fields */
 
-OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_oddity kind)
+OXL_INTERNAL void colmap_warn(struct colmap_reader *r, enum colmap_warning kind)
 {
     r->suppressed = 1;
     if (r->is_quiet) return;
-    if (r->odd[kind]++ < COLMAP_LOGGED_MAX)
-        oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_oddity_text[kind]);
+    if (r->warned[kind]++ < COLMAP_LOGGED_MAX)
+        oxl_log(r->ctx, OXL_LOG_WARNING, "%s:%d: %s", r->path, r->line, colmap_warning_text[kind]);
 }
 
 OXL_INTERNAL int colmap_next_line(struct colmap_reader *r)
@@ -276,8 +282,9 @@ OXL_INTERNAL oxl_result colmap_repeated(struct colmap_reader *r, const char *wha
                     r->path, r->line, what, id);
 }
 
-OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride,
-                                     size_t count, const char *what)
+/* Inserts the last of `count` + 1 rows; a duplicate id is an error. */
+static oxl_result colmap_enter(struct colmap_reader *r, struct colmap_index *x, const void *rows, size_t stride, size_t count,
+                               const char *what)
 {
     const int64_t id = colmap_id_at(rows, stride, count);
     uint32_t     *slot;
@@ -287,5 +294,121 @@ OXL_INTERNAL oxl_result colmap_enter(struct colmap_reader *r, struct colmap_inde
     slot = colmap_index_slot(x, rows, stride, id);
     if (*slot) return colmap_repeated(r, what, id);
     *slot = (uint32_t)count + 1;
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result colmap_add_camera(struct colmap_reader *r, const struct colmap_camera *camera)
+{
+    struct colmap *out = r->out;
+    oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
+    if (rc != OXL_OK) return rc;
+    out->camera[out->camera_count] = *camera;
+    rc                             = colmap_enter(r, &r->cameras, out->camera, sizeof *camera, out->camera_count, "camera id");
+    out->camera_count += rc == OXL_OK;
+    return rc;
+}
+
+OXL_INTERNAL oxl_result colmap_add_image(struct colmap_reader *r, const struct colmap_image *image)
+{
+    struct colmap *out = r->out;
+    oxl_result     rc  = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, out->image_count + 1, sizeof *image);
+    if (rc != OXL_OK) return rc;
+    out->image[out->image_count] = *image;
+    rc                           = colmap_enter(r, &r->images, out->image, sizeof *image, out->image_count, "image id");
+    out->image_count += rc == OXL_OK;
+    return rc;
+}
+
+OXL_INTERNAL int colmap_check_point(struct colmap_reader *r, struct colmap_point *point)
+{
+    for (int i = 0; i < 3; i++)
+        if (!(fabs(point->position[i]) <= DBL_MAX)) {
+            colmap_warn(r, WARN_POSITION);
+            return 0;
+        }
+    if (!(fabs(point->error) <= DBL_MAX)) {
+        colmap_warn(r, WARN_ERROR);
+        point->error = -1;
+    }
+    return 1;
+}
+
+/* ---------------------------------------------------------------- rotations, cameras and names, of text and binary files */
+
+/* "1-3" when there is no gap, else "3 from 1 to 17". */
+static void colmap_camera_ids(const struct colmap *c, char *out, size_t size)
+{
+    int64_t low = c->camera[0].id, high = low;
+    for (size_t i = 1; i < c->camera_count; i++) {
+        low  = OXL_MIN(low, c->camera[i].id);
+        high = OXL_MAX(high, c->camera[i].id);
+    }
+    if (c->camera_count == 1) snprintf(out, size, "%" PRId64, low);
+    else if ((uint64_t)high - (uint64_t)low == c->camera_count - 1) snprintf(out, size, "%" PRId64 "-%" PRId64, low, high);
+    else snprintf(out, size, "%zu from %" PRId64 " to %" PRId64, c->camera_count, low, high);
+}
+
+OXL_INTERNAL int colmap_knows_camera(const struct colmap_reader *r, int64_t id)
+{
+    return *colmap_index_slot(&r->cameras, r->out->camera, sizeof *r->out->camera, id) != 0;
+}
+
+OXL_INTERNAL oxl_result colmap_check_camera(struct colmap_reader *r, int64_t id)
+{
+    char ids[80];
+    if (colmap_knows_camera(r, id)) return OXL_OK;
+    colmap_camera_ids(r->out, ids, sizeof ids);
+    return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s:%d: camera id %" PRId64 " is not in %s (ids there: %s)\nfix: " COLMAP_FIX_SAME,
+                    r->path, r->line, id, r->out->camera->file, ids);
+}
+
+OXL_INTERNAL oxl_result colmap_check_rotation(struct colmap_reader *r, const double q[4])
+{
+    const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(length >= 1e-6 && length <= 1e6))
+        return oxl_fail(
+            r->ctx, OXL_ERR_INPUT,
+            "%s:%d: seen the quaternion %g %g %g %g, wanted a rotation (length 1)\nfix: delete this image from the model "
+            "(colmap image_deleter) and export it once more",
+            r->path, r->line, q[0], q[1], q[2], q[3]);
+    if (fabs(length - 1) > 1e-2) colmap_warn(r, WARN_QUATERNION);
+    return OXL_OK;
+}
+
+/* Rejects paths outside the image folder: absolute paths, drives, ".." between slashes of either kind. */
+static int colmap_name_is_safe(const char *name, const char *end)
+{
+    const char *part = name;
+    if (*name == '/' || *name == '\\' || (end - name > 1 && name[1] == ':')) return 0;
+    for (const char *p = name;; p++) {
+        if (p < end && *p == 0) return 0;
+        if (p < end && *p != '/' && *p != '\\') continue;
+        if (p - part == 2 && part[0] == '.' && part[1] == '.') return 0;
+        if (p == end) return 1;
+        part = p + 1;
+    }
+}
+
+OXL_INTERNAL oxl_result colmap_read_name(struct colmap_reader *r, size_t *name)
+{
+    struct colmap *out = r->out;
+    size_t         size;
+    oxl_result     rc;
+    colmap_skip_blanks(r);
+    while (r->end - r->cursor > 2 && r->cursor[0] == '.' && r->cursor[1] == '/') /* the same image */
+        for (r->cursor += 2; r->cursor < r->end && r->cursor[0] == '/';) r->cursor++;
+    size = (size_t)(r->end - r->cursor);
+    if (size == 0) return colmap_wrong(r, r->cursor, "NAME", "a file in the image folder");
+    if (!colmap_name_is_safe(r->cursor, r->end))
+        return oxl_fail(r->ctx, OXL_ERR_INPUT,
+                        "%s:%d: seen the name '%.*s', wanted a path inside the image folder\n"
+                        "fix: give names relative to that folder, without \"..\"",
+                        r->path, r->line, (int)OXL_MIN(size, (size_t)200), r->cursor);
+    rc = oxl_reserve(r->ctx, (void **)&out->names, &r->names_capacity, out->names_size + size + 1, 1);
+    if (rc != OXL_OK) return rc;
+    *name = out->names_size;
+    memcpy(out->names + *name, r->cursor, size);
+    out->names[*name + size] = 0;
+    out->names_size += size + 1;
     return OXL_OK;
 }

@@ -121,7 +121,7 @@ static oxl_result contrast_integrate(oxl_context *ctx, const struct training_ima
 }
 
 /* Log of the standard deviation of the cells' brightness; invalid unless the patch is inside the image and unmasked. */
-static void contrast_look(const struct training_image *p, const uint32_t *integral, struct contrast_sample *s)
+static void contrast_of_patch(const struct training_image *p, const uint32_t *integral, struct contrast_sample *s)
 {
     const size_t stride = (size_t)p->width + 1;
     const float  left = s->x - 0.5f * CONTRAST_CELLS * s->cell, top = s->y - 0.5f * CONTRAST_CELLS * s->cell;
@@ -145,7 +145,7 @@ static void contrast_look(const struct training_image *p, const uint32_t *integr
 }
 
 /* All samples of one image. */
-static void contrast_look_at(const oxl_context *ctx, const struct training_image *image, int view, struct contrast_work *w)
+static void contrast_of_image(const oxl_context *ctx, const struct training_image *image, int view, struct contrast_work *w)
 {
     const int64_t samples = (int64_t)w->samples;
     (void)ctx; /* without OpenMP */
@@ -153,13 +153,13 @@ static void contrast_look_at(const oxl_context *ctx, const struct training_image
     for (int64_t i = 0; i < samples; i++) {
         struct contrast_sample *s = &w->sample[i];
         if (s->view != view || !s->valid) continue;
-        if (image) contrast_look(image, w->integral, s);
+        if (image) contrast_of_patch(image, w->integral, s);
         else s->valid = 0;
     }
 }
 
 /* View by view, so that each image is loaded once; unreadable images are left out. */
-static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
+static oxl_result contrast_of_images(oxl_context *ctx, oxl_scene *scene, struct contrast_work *w)
 {
     oxl_result rc = OXL_OK;
     for (int k = 0; k < w->chosen_count && rc == OXL_OK; k++) {
@@ -169,7 +169,7 @@ static oxl_result contrast_look_at_all(oxl_context *ctx, oxl_scene *scene, struc
         image = image_cache_get(ctx, scene_image_cache(scene), w->chosen[k]);
         if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
         if (image) rc = contrast_integrate(ctx, image, w);
-        if (rc == OXL_OK) contrast_look_at(ctx, image, w->chosen[k], w);
+        if (rc == OXL_OK) contrast_of_image(ctx, image, w->chosen[k], w);
     }
     return rc;
 }
@@ -246,7 +246,7 @@ OXL_INTERNAL oxl_result contrast_measure(oxl_context *ctx, oxl_scene *scene, str
     contrast_choose_views(scene, c, &w);
     contrast_choose_samples(c, &w);
     contrast_size_cells(scene, &w);
-    rc = contrast_look_at_all(ctx, scene, &w);
+    rc = contrast_of_images(ctx, scene, &w);
     if (rc == OXL_OK) contrast_fit(&w, views, out);
 done:
     oxl_free(ctx, w.view);

@@ -1,7 +1,7 @@
 /* depth_bands.c - assigns pixels of a view to the depth bands near, mid and far, from the survey's points.
  *
- * A pixel has the depth of the nearest point in the image (4-neighbour distance) that the view observes by its track; beyond BANDS_REACH it
- * has no band. Without tracks (scenes from arrays), a view observes all points that project into its image.
+ * A pixel has the depth of the nearest point in the image (4-neighbour distance) that the view observes by its track; beyond
+ * BANDS_REACH it has no band. Without tracks (scenes from arrays), a view observes all points that project into its image.
  *
  * Invariant: a function of the scene alone, so that metrics by depth use the same pixels for every model.
  */
@@ -10,7 +10,7 @@
 #define BANDS_REACH (1.0 / 16) /* of the longer side */
 enum { BANDS_MOST = 1 << 22 }; /* limit of observations; every k-th if there are more */
 
-static void depth_bands_see(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
+static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
 {
     const oxl_camera *c      = &oxl_scene_view(scene, view)->camera;
     const double     *origin = oxl_scene_origin(scene);
@@ -35,17 +35,17 @@ static void depth_bands_by_tracks(struct depth_bands *b, const oxl_scene *scene,
     for (size_t i = 0; i < c->point_count; i++)
         for (uint32_t k = 0; k < c->point[i].track_count; k++) {
             const int v = view[c->track[c->point[i].first_track + k].image_row];
-            if (seen++ % step == 0 && v >= 0) depth_bands_see(b, scene, v, c->point[i].position);
+            if (seen++ % step == 0 && v >= 0) depth_bands_add(b, scene, v, c->point[i].position);
         }
 }
 
-static void depth_bands_by_track(struct depth_bands *b, const oxl_scene *scene, const int *asked, int count)
+static void depth_bands_by_projection(struct depth_bands *b, const oxl_scene *scene, const int *asked, int count)
 {
     const size_t views = (size_t)oxl_scene_view_count(scene), step = oxl_scene_point_count(scene) * views / BANDS_MOST + 1;
     for (size_t i = 0; i < oxl_scene_point_count(scene); i += step)
         for (int k = 0; k < count; k++) {
             const double *p = oxl_scene_points(scene)[i].position, *origin = oxl_scene_origin(scene);
-            depth_bands_see(b, scene, asked[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
+            depth_bands_add(b, scene, asked[k], (double[]){p[0] + origin[0], p[1] + origin[1], p[2] + origin[2]});
         }
 }
 
@@ -74,7 +74,7 @@ OXL_INTERNAL oxl_result depth_bands_begin(oxl_context *ctx, const oxl_scene *sce
     for (size_t i = 0; tracked && i < c->image_count; i++) view[i] = -1;
     for (int k = 0; tracked && k < count; k++) view[scene_source_image(scene, asked[k]) - c->image] = asked[k];
     if (tracked) depth_bands_by_tracks(out, scene, c, view);
-    else depth_bands_by_track(out, scene, asked, count);
+    else depth_bands_by_projection(out, scene, asked, count);
     qsort(out->sample, out->count, sizeof *out->sample, depth_bands_compare);
     oxl_free(ctx, view);
     return OXL_OK;

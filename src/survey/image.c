@@ -1,8 +1,8 @@
 /* image.c - reads images (decode, undistort, reduce, mask) and writes PNG and JPEG.
  *
- * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which a test
- * checks. stb allocates with malloc, since its hooks have no context; that memory is freed before a function here returns, except
- * struct pixels (image_pixels_free).
+ * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which
+ * a test checks. stb allocates with malloc, since its hooks have no context; that memory is freed before a function here returns,
+ * except struct pixels (image_pixels_free).
  *
  * Invariant: an image's bytes do not depend on the machine or on the number of threads. Every sum is one of integers.
  */
@@ -18,8 +18,8 @@
 #pragma GCC diagnostic ignored "-Wsign-compare"
 #pragma GCC diagnostic ignored "-Wmissing-field-initializers"
 #endif
-/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, a macro for
- * a function misspelt in stb_image 2.27, and stdio in the writer. */
+/* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, a macro
+ * for a function misspelt in stb_image 2.27, and stdio in the writer. */
 #define STB_IMAGE_STATIC
 #define STB_IMAGE_IMPLEMENTATION
 #define STBI_NO_STDIO
@@ -80,9 +80,9 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), accepts a second
- * frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the markers; a
- * preview inside a segment is skipped with it. */
+/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), accepts a
+ * second frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the
+ * markers; a preview inside a segment is skipped with it. */
 static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
@@ -534,30 +534,31 @@ OXL_INTERNAL void image_begin(void)
     }
 }
 
-static unsigned char *image_encode_png(const uint8_t *bytes, int width, int height, int channels, int *size)
+/* Planes (3,count) as bytes, interleaved; NULL: no memory. */
+static uint8_t *image_interleave(oxl_context *ctx, const float *rgb, size_t count)
 {
-    return stbi_write_png_to_mem(bytes, channels * width, width, height, channels, size);
+    uint8_t *bytes = oxl_alloc(ctx, count, 3);
+    for (size_t i = 0; bytes && i < count; i++)
+        for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_to_byte(rgb[c * count + i]);
+    return bytes;
+}
+
+/* Frees both; encoded NULL: there was no memory. */
+static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_t *bytes, unsigned char *encoded, int size)
+{
+    const oxl_result rc = encoded ? os_write_file(ctx, path, encoded, (size_t)size)
+                                  : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode the image", path);
+    STBIW_FREE(encoded);
+    oxl_free(ctx, bytes);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height)
 {
-    const size_t   count   = (size_t)width * height;
-    uint8_t       *bytes   = oxl_alloc(ctx, count, 3); /* interleaved */
-    unsigned char *encoded = NULL;
+    uint8_t       *bytes   = image_interleave(ctx, rgb, (size_t)width * height);
     int            size    = 0;
-    oxl_result     rc      = OXL_OK;
-    for (size_t i = 0; bytes && i < count; i++)
-        for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_to_byte(rgb[c * count + i]);
-    if (bytes) encoded = image_encode_png(bytes, width, height, 3, &size);
-    if (!encoded) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode %d x %d px", path, width, height);
-        goto done;
-    }
-    rc = os_write_file(ctx, path, encoded, (size_t)size);
-done:
-    STBIW_FREE(encoded);
-    oxl_free(ctx, bytes);
-    return rc;
+    unsigned char *encoded = bytes ? stbi_write_png_to_mem(bytes, 3 * width, width, height, 3, &size) : NULL;
+    return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
 /* Encoded by stb as 8-bit grey with alpha, which has the same bytes per pixel; then the header is changed to 16-bit grey. */
@@ -568,20 +569,16 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
     uint8_t       *bytes   = oxl_alloc(ctx, count, 2);
     unsigned char *encoded = NULL;
     int            size    = 0;
-    oxl_result     rc      = OXL_OK;
     for (size_t i = 0; bytes && i < count; i++)
         bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
-    if (bytes) encoded = image_encode_png(bytes, width, height, 2, &size);
+    if (bytes) encoded = stbi_write_png_to_mem(bytes, 2 * width, width, height, 2, &size);
     if (encoded) {
         unsigned sum;
         encoded[BITS] = 16, encoded[COLOUR] = 0;
         sum = stbiw__crc32(encoded + HEADER, HEADER_SIZE);
         for (int k = 0; k < 4; k++) encoded[SUM + k] = (unsigned char)(sum >> (24 - 8 * k));
-        rc = os_write_file(ctx, path, encoded, (size_t)size);
-    } else rc = oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode %d x %d px", path, width, height);
-    STBIW_FREE(encoded);
-    oxl_free(ctx, bytes);
-    return rc;
+    }
+    return image_write_encoded(ctx, path, bytes, encoded, size);
 }
 
 /* Callback of stb: receives the parts of a JPEG. */
@@ -611,10 +608,8 @@ oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quali
     *out  = NULL;
     *size = 0;
     if (!image->rgb || count == 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the image to encode is empty");
-    bytes = oxl_alloc(ctx, count, 3); /* interleaved */
+    bytes = image_interleave(ctx, image->rgb, count);
     if (!bytes) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
-    for (size_t i = 0; i < count; i++)
-        for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_to_byte(image->rgb[c * count + i]);
     stbi_write_jpg_to_func(image_take, &sink, image->width, image->height, 3, bytes, OXL_MAX(1, OXL_MIN(quality, 100)));
     oxl_free(ctx, bytes);
     if (sink.rc != OXL_OK) {

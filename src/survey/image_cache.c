@@ -32,8 +32,8 @@ static size_t image_cache_size(const struct training_image *image)
     return (size_t)image->width * image->height * (image->mask ? 4 : 3);
 }
 
-/* Evicts the most recently used images until the rest and `keep` fit. Each epoch uses all images in a new order, so the most recent
- * one is needed last: with memory for half of the images 50 % of the requests are hits; with LRU 15 %. */
+/* Evicts the most recently used images until the rest and `keep` fit. Each epoch uses all images in a new order, so the most
+ * recent one is needed last: with memory for half of the images 50 % of the requests are hits; with LRU 15 %. */
 static void image_cache_make_room(oxl_context *ctx, struct image_cache *p, int keep, size_t limit)
 {
     while (p->held > limit) {

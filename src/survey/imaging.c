@@ -25,14 +25,6 @@ OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imagi
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
 }
 
-OXL_INTERNAL void imaging_free(oxl_context *ctx, struct imaging *m)
-{
-    oxl_free(ctx, m->log_gain);
-    oxl_free(ctx, m->known);
-    oxl_free(ctx, m->camera);
-    *m = (struct imaging){0};
-}
-
 /* to: as many views. */
 OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
 {
@@ -61,7 +53,7 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
 {
     const struct colmap *from    = scene_colmap(scene);
     const int            has_ids = from && from->camera_count * IMAGING_CAMERA_VIEWS <= (size_t)oxl_scene_view_count(scene);
-    const char          *name = oxl_scene_view(scene, view)->name, *base = survey_find_base_name(name);
+    const char          *name = oxl_scene_view(scene, view)->name, *base = path_base_name(name);
     const uint64_t       id   = has_ids ? (uint64_t)scene_source_image(scene, view)->camera_id : 0;
     uint64_t             hash = UINT64_C(14695981039346656037);
     for (int k = 0; k < 8; k++) hash = imaging_hash(hash, (unsigned char)(id >> 8 * k & 255));
@@ -448,7 +440,7 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
 
 oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path)
 {
-    const char    *name   = survey_find_base_name(model_path);
+    const char    *name   = path_base_name(model_path);
     struct text    folder = {.ctx = ctx};
     char          *path;
     struct imaging read = {0};

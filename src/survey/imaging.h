@@ -38,20 +38,26 @@ OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imagi
 OXL_INTERNAL uint64_t   imaging_camera(const oxl_scene *scene, int view);
 /* Which views are of one camera. */
 OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *scene, struct imaging *m);
-OXL_INTERNAL void       imaging_free(oxl_context *ctx, struct imaging *m);
-OXL_INTERNAL void       imaging_copy(const struct imaging *from, struct imaging *to);
-OXL_INTERNAL void       imaging_clear(struct imaging *m);
-OXL_INTERNAL void       imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
-OXL_INTERNAL void       imaging_gain(const struct imaging *m, int view, float gain[3]);
-OXL_INTERNAL double     imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
-OXL_INTERNAL void       imaging_apply(const struct imaging *m, int view,
-                                      oxl_image *image); /* the gain, to what is rendered at mean exposure */
+static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
+{
+    oxl_free(ctx, m->log_gain);
+    oxl_free(ctx, m->known);
+    oxl_free(ctx, m->camera);
+    *m = (struct imaging){0};
+}
+OXL_INTERNAL void   imaging_copy(const struct imaging *from, struct imaging *to);
+OXL_INTERNAL void   imaging_clear(struct imaging *m);
+OXL_INTERNAL void   imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
+OXL_INTERNAL void   imaging_gain(const struct imaging *m, int view, float gain[3]);
+OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
+OXL_INTERNAL void   imaging_apply(const struct imaging *m, int view,
+                                  oxl_image *image); /* the gain, to what is rendered at mean exposure */
 /* The polynomial at a place, -1..1 across the image. */
-OXL_INTERNAL double     lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
+OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
 /* gain (H,W): exp of the polynomial. */
-OXL_INTERNAL void       lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain);
+OXL_INTERNAL void   lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain);
 /* sum (14): of by (H,W) x each term. */
-OXL_INTERNAL void       lamp_project(const float *by, int width, int height, double sum[LAMP_TERMS]);
+OXL_INTERNAL void   lamp_project(const float *by, int width, int height, double sum[LAMP_TERMS]);
 OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_scene *scene, int view); /* NULL: none */
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
                                                    oxl_image *image); /* to what is rendered; before the gain */

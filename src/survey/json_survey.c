@@ -1,11 +1,12 @@
-/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, as the struct that COLMAP's files give.
+/* json_survey.c - surveys in JSON: nerfstudio's transforms.json and OpenSfM's reconstruction.json, as the struct that COLMAP's
+ * files give.
  *
  * Invariant: as in colmap.c: finite numbers, rotations, names inside the image folder, each image's camera exists. There are no
  * 2D points and no tracks, so such a survey is one block.
  */
 #include "json_survey.h"
 
-OXL_INTERNAL oxl_result json_survey_wrong(struct colmap_reader *r, const char *what, const char *seen, const char *wanted)
+OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen, const char *wanted)
 {
     return oxl_fail(r->ctx, OXL_ERR_INPUT, "%s: record %d: seen %s for %s, wanted %s\nfix: export the survey once more", r->path,
                     r->line, seen, what, wanted);
@@ -44,11 +45,11 @@ OXL_INTERNAL oxl_result json_survey_add_camera(struct colmap_reader *r, const st
     const struct camera_model *m   = camera_model_at(camera->model);
     oxl_result rc = oxl_reserve(r->ctx, (void **)&out->camera, &r->camera_capacity, out->camera_count + 1, sizeof *camera);
     if (rc != OXL_OK) return rc;
-    if (camera->width < 1 || camera->height < 1) return json_survey_wrong(r, "width and height", "none", "1 px or more of each");
+    if (camera->width < 1 || camera->height < 1) return json_survey_fail(r, "width and height", "none", "1 px or more of each");
     for (int i = 0; i < m->parameter_count; i++)
         if (!(fabs(camera->parameter[i]) <= DBL_MAX) || (i < m->focal_count && !(camera->parameter[i] > 0)))
-            return json_survey_wrong(r, "the camera", "a parameter that is missing or not finite, or a focal length of 0 or less",
-                                     "focal lengths and distortion as numbers");
+            return json_survey_fail(r, "the camera", "a parameter that is missing or not finite, or a focal length of 0 or less",
+                                    "focal lengths and distortion as numbers");
     out->camera[out->camera_count]                 = *camera;
     out->camera[out->camera_count].id              = (int64_t)out->camera_count;
     out->camera[out->camera_count].line            = r->line;
@@ -69,7 +70,7 @@ OXL_INTERNAL oxl_result json_survey_add_image(struct colmap_reader *r, const cha
     r->cursor = name;
     r->end    = end;
     if (rc == OXL_OK && (memchr(name, '\n', (size_t)(end - name)) || memchr(name, '\r', (size_t)(end - name))))
-        rc = json_survey_wrong(r, "an image's name", "a line end", "a name of one line");
+        rc = json_survey_fail(r, "an image's name", "a line end", "a name of one line");
     if (rc == OXL_OK) rc = colmap_read_name(r, &image.name);
     if (rc == OXL_OK) rc = oxl_reserve(r->ctx, (void **)&out->image, &r->image_capacity, out->image_count + 1, sizeof image);
     if (rc == OXL_OK) out->image[out->image_count++] = image;
@@ -88,24 +89,4 @@ OXL_INTERNAL oxl_result json_survey_add_point(struct colmap_reader *r, const dou
     }
     out->point[out->point_count++] = point;
     return OXL_OK;
-}
-
-OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out)
-{
-    struct colmap_reader r    = {.ctx = ctx, .out = out};
-    struct os_file_map   map  = {0};
-    char                *path = oxl_path_join(ctx, folder, name), *slash;
-    oxl_result           rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    *out                      = (struct colmap){.format = COLMAP_JSON, .images_file = survey_find_base_name(name)};
-    if (rc == OXL_OK) rc = json_survey_open(&r, path, &map);
-    if (rc == OXL_OK)
-        rc = strcmp(out->images_file, "transforms.json") ? opensfm_read(&r, map.data) : nerfstudio_read(&r, map.data);
-    if (rc == OXL_OK && out->image_count == 0) rc = json_survey_wrong(&r, "the images", "none", "one or more");
-    if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0; /* the folder alone */
-    out->folder = path;
-    out->warnings += r.odd[ODD_QUATERNION];
-    os_release_file(ctx, &map);
-    oxl_free(ctx, r.path);
-    if (rc != OXL_OK) colmap_free(ctx, out);
-    return rc;
 }

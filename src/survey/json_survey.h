@@ -7,7 +7,7 @@
 
 /* The file in memory, its brackets closed; r->path and r->line (the record) are for messages. json_survey.c */
 OXL_INTERNAL oxl_result json_survey_open(struct colmap_reader *r, const char *path, struct os_file_map *map);
-OXL_INTERNAL oxl_result json_survey_wrong(struct colmap_reader *r, const char *what, const char *seen, const char *wanted);
+OXL_INTERNAL oxl_result json_survey_fail(struct colmap_reader *r, const char *what, const char *seen, const char *wanted);
 
 /* Rows. The camera's numbers are checked; its id is its row. `name` ends at `end`. */
 OXL_INTERNAL oxl_result json_survey_add_camera(struct colmap_reader *r, const struct colmap_camera *camera);

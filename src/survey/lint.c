@@ -55,7 +55,7 @@ static void lint_count(const oxl_scene *scene, const int *view_of, struct lint_v
     }
 }
 
-static int lint_is_odd(const struct lint_view *v)
+static int lint_is_wrong(const struct lint_view *v)
 {
     return v->seen >= LINT_LEAST && (double)v->missed > LINT_MISSED * (double)v->seen;
 }
@@ -65,13 +65,13 @@ static void lint_sum_up(oxl_context *ctx, const oxl_scene *scene, const struct l
 {
     const int count = oxl_scene_view_count(scene);
     size_t    seen = 0, missed = 0;
-    int       odd = 0, named = 0;
-    for (int i = 0; i < count; i++) odd += lint_is_odd(&views[i]);
+    int       wrong = 0, named = 0;
+    for (int i = 0; i < count; i++) wrong += lint_is_wrong(&views[i]);
     for (int i = 0; i < count; i++)
-        if (2 * odd > count || !lint_is_odd(&views[i])) seen += views[i].seen, missed += views[i].missed;
+        if (2 * wrong > count || !lint_is_wrong(&views[i])) seen += views[i].seen, missed += views[i].missed;
     s->missed = seen ? (double)missed / (double)seen : 0;
     for (int i = 0; i < count && s->missed <= LINT_MISSED_SURVEY; i++)
-        if (lint_is_odd(&views[i]) && named++ < LINT_NAMED)
+        if (lint_is_wrong(&views[i]) && named++ < LINT_NAMED)
             oxl_log(ctx, OXL_LOG_WARNING,
                     "%s: %.0f %% of the points in its tracks project outside this image, so its pose is wrong\n"
                     "fix: remove it from the model with colmap image_deleter",

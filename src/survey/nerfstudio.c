@@ -1,8 +1,8 @@
 /* nerfstudio.c - transforms.json of nerfstudio and instant-ngp, with the points of a PLY file if it names one.
  *
- * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w h; k1 k2 k3 p1 p2, or
- * k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x). transform_matrix is camera to world with x right, y up,
- * z back; file_path starts from the file's folder; ply_file_path too, in the same world.
+ * Source: docs.nerf.studio, "Data conventions". Intrinsics are at the top or in each frame (fl_x fl_y cx cy w h; k1 k2 k3 p1 p2,
+ * or k1-k4 of OPENCV_FISHEYE; camera_angle_x in radians where there is no fl_x). transform_matrix is camera to world with x
+ * right, y up, z back; file_path starts from the file's folder; ply_file_path too, in the same world.
  *
  * Masks of frames are not read: those in SCENE/masks are.
  */
@@ -28,7 +28,7 @@ static oxl_result nerfstudio_model(struct colmap_reader *r, const char *json, co
     if (!strcmp(name, "OPENCV_FISHEYE")) *out = name[0] ? "OPENCV_FISHEYE" : *out;
     else if (!strcmp(name, "EQUIRECTANGULAR")) *out = "EQUIRECTANGULAR";
     else if (value && strcmp(name, "OPENCV") && strcmp(name, "PINHOLE") && strcmp(name, "SIMPLE_PINHOLE"))
-        return json_survey_wrong(r, "camera_model", name[0] ? name : "something", "OPENCV, OPENCV_FISHEYE or PINHOLE");
+        return json_survey_fail(r, "camera_model", name[0] ? name : "something", "OPENCV, OPENCV_FISHEYE or PINHOLE");
     return OXL_OK;
 }
 
@@ -47,7 +47,7 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
     rc = nerfstudio_model(r, json, frame, distorted, &model);
     if (rc != OXL_OK) return rc;
     if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
-        return json_survey_wrong(r, "w and h", "none", "the images' width and height");
+        return json_survey_fail(r, "w and h", "none", "the images' width and height");
     *c              = (struct colmap_camera){.model = camera_model_find(model, strlen(model)), .width = (int)w, .height = (int)h};
     c->parameter[0] = fx;
     c->parameter[1] = nerfstudio_number(json, frame, "fl_y", fx);
@@ -56,7 +56,7 @@ static oxl_result nerfstudio_camera(struct colmap_reader *r, const char *json, c
     if (!strcmp(model, "OPENCV_FISHEYE"))
         for (int i = 0; i < 4; i++) c->parameter[4 + i] = nerfstudio_number(json, frame, names[1][i], 0);
     if (!strcmp(model, "FULL_OPENCV")) {
-        if (k[5] != 0) return json_survey_wrong(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
+        if (k[5] != 0) return json_survey_fail(r, "k4 of OPENCV", "a number", "0: r^8 is in no model of COLMAP's");
         memcpy(c->parameter + 4, k, 5 * sizeof *k);
     }
     return OXL_OK;
@@ -90,12 +90,12 @@ static oxl_result nerfstudio_pose(struct colmap_reader *r, const char *frame, do
     double      m[3][4], rotation[9];
     for (int i = 0; i < 3; i++, row = oxl_json_next(row))
         if (!row || !json_survey_numbers(row, 4, m[i]))
-            return json_survey_wrong(r, "transform_matrix", "too little", "4 x 4 numbers");
+            return json_survey_fail(r, "transform_matrix", "too little", "4 x 4 numbers");
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++) {
             const double dot = m[0][i] * m[0][k] + m[1][i] * m[1][k] + m[2][i] * m[2][k];
             if (!(fabs(dot - (i == k)) < 1e-3))
-                return json_survey_wrong(r, "transform_matrix", "no rotation", "columns of length 1 at right angles");
+                return json_survey_fail(r, "transform_matrix", "no rotation", "columns of length 1 at right angles");
             rotation[3 * i + k] = i ? -m[k][i] : m[k][i];
         }
     for (int i = 0; i < 3; i++)
@@ -122,11 +122,10 @@ static oxl_result nerfstudio_frame(struct colmap_reader *r, const char *json, co
     size_t      length = oxl_json_text(oxl_json_member(frame, "file_path"), path, sizeof path - 4), row = r->out->camera_count;
     const char *name = path;
     oxl_result  rc   = nerfstudio_camera(r, json, frame, &camera);
-    if (rc == OXL_OK && length == 0) rc = json_survey_wrong(r, "file_path", "none", "the image's path");
+    if (rc == OXL_OK && length == 0) rc = json_survey_fail(r, "file_path", "none", "the image's path");
     if (rc == OXL_OK) rc = nerfstudio_pose(r, frame, q, t);
     if (rc != OXL_OK) return rc;
-    if (!strchr(survey_find_base_name(path), '.'))
-        memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
+    if (!strchr(path_base_name(path), '.')) memcpy(path + length, ".png", 5), length += 4; /* the convention of Blender's files */
     if (!strncmp(name, "./", 2)) name += 2;
     if (!r->out->images_beside) name += strlen("images/");
     if (row == 0 || !nerfstudio_same_camera(&r->out->camera[row - 1], &camera)) rc = json_survey_add_camera(r, &camera);

@@ -1,7 +1,8 @@
 /* opensfm.c - reconstruction.json of OpenSfM and OpenDroneMap: the reconstruction with most shots in it.
  *
- * Source: opensfm.org, "Dataset structure" and "Camera models" (mapillary/OpenSfM). The normalised image has its origin in the middle
- * and the longer side as its unit: px = size x + w/2, in COLMAP's pixels. Poses are world to camera, as an angle times an axis. Models:
+ * Source: opensfm.org, "Dataset structure" and "Camera models" (mapillary/OpenSfM). The normalised image has its origin in the
+ * middle and the longer side as its unit: px = size x + w/2, in COLMAP's pixels. Poses are world to camera, as an angle times an
+ * axis. Models:
  *
  *     perspective    focal k1 k2                         RADIAL
  *     simple_radial, radial   focal_x focal_y c_x c_y k1 k2        OPENCV
@@ -53,15 +54,15 @@ static oxl_result opensfm_camera(struct colmap_reader *r, const char *camera)
     for (size_t i = 0; i < OXL_COUNT(opensfm_models); i++) {
         if (strcmp(opensfm_models[i].name, name)) continue;
         if (!(w >= 1 && w <= INT_MAX && h >= 1 && h <= INT_MAX))
-            return json_survey_wrong(r, "width and height", "none", "1 px or more");
+            return json_survey_fail(r, "width and height", "none", "1 px or more");
         c.model  = camera_model_find(opensfm_models[i].colmap, strlen(opensfm_models[i].colmap));
         c.width  = (int)w;
         c.height = (int)h;
         opensfm_parameters(camera, &opensfm_models[i], &c);
         return json_survey_add_camera(r, &c);
     }
-    return json_survey_wrong(r, "projection_type", name[0] ? name : "none",
-                             "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
+    return json_survey_fail(r, "projection_type", name[0] ? name : "none",
+                            "perspective, simple_radial, radial, brown, fisheye or fisheye_opencv");
 }
 
 /* Its index among the keys of "cameras", which is its row; -1: none of that name. */
@@ -89,11 +90,11 @@ static oxl_result opensfm_shot(struct colmap_reader *r, const char *cameras, con
     const size_t length = oxl_json_text(key, name, sizeof name);
     double       v[3], t[3], q[4];
     int64_t      camera = opensfm_camera_row(cameras, oxl_json_member(shot, "camera"));
-    if (length == 0) return json_survey_wrong(r, "a shot's name", "none", "a file of the image folder");
-    if (camera < 0) return json_survey_wrong(r, "camera of a shot", "a name that is not among the cameras", "one of them");
+    if (length == 0) return json_survey_fail(r, "a shot's name", "none", "a file of the image folder");
+    if (camera < 0) return json_survey_fail(r, "camera of a shot", "a name that is not among the cameras", "one of them");
     if (!json_survey_numbers(oxl_json_member(shot, "rotation"), 3, v) ||
         !json_survey_numbers(oxl_json_member(shot, "translation"), 3, t) || !(fabs(v[0]) + fabs(v[1]) + fabs(v[2]) < 100))
-        return json_survey_wrong(r, "rotation and translation of a shot", "too little", "3 finite numbers each");
+        return json_survey_fail(r, "rotation and translation of a shot", "too little", "3 finite numbers each");
     opensfm_quaternion(v, q);
     return json_survey_add_image(r, name, name + length, camera, q, t);
 }
@@ -106,7 +107,7 @@ static oxl_result opensfm_points(struct colmap_reader *r, const char *points)
         double      position[3], rgb[3] = {0, 0, 0};
         r->line++;
         if (!json_survey_numbers(oxl_json_member(point, "coordinates"), 3, position))
-            return json_survey_wrong(r, "coordinates of a point", "too little", "3 finite numbers");
+            return json_survey_fail(r, "coordinates of a point", "too little", "3 finite numbers");
         if (!json_survey_numbers(oxl_json_member(point, "color"), 3, rgb)) memset(rgb, 0, sizeof rgb);
         rc  = json_survey_add_point(r, position, rgb);
         key = oxl_json_next(point);
@@ -139,14 +140,14 @@ OXL_INTERNAL oxl_result opensfm_read(struct colmap_reader *r, const char *json)
     cameras = oxl_json_member(best, "cameras");
     for (const char *key = oxl_json_first(cameras); key && rc == OXL_OK; key = oxl_json_next(oxl_json_value(key))) {
         r->line++;
-        if (!oxl_json_value(key)) return json_survey_wrong(r, "cameras", "no JSON object", "names and cameras");
+        if (!oxl_json_value(key)) return json_survey_fail(r, "cameras", "no JSON object", "names and cameras");
         rc = opensfm_camera(r, oxl_json_value(key));
     }
     r->line = 0;
     for (const char *key = oxl_json_first(oxl_json_member(best, "shots")); key && rc == OXL_OK;
          key             = oxl_json_next(oxl_json_value(key))) {
         r->line++;
-        if (!oxl_json_value(key)) return json_survey_wrong(r, "shots", "no JSON object", "names and shots");
+        if (!oxl_json_value(key)) return json_survey_fail(r, "shots", "no JSON object", "names and shots");
         rc = opensfm_shot(r, cameras, key, oxl_json_value(key));
     }
     r->line = 0;

@@ -1,8 +1,8 @@
 /* quality.c - images that differ from those taken beside them: blurred, too dark, too bright. Before any training.
  *
- * Sharpness and light depend on what an image shows, so each view is compared with the median of the 8 that stand nearest and look the same
- * way. The logarithm of that ratio is set against its spread over all views (median absolute deviation, 1.4826 of it is a standard
- * deviation [Rousseeuw & Croux 1993]), so a survey of uneven light flags none of its own kind.
+ * Sharpness and light depend on what an image shows, so each view is compared with the median of the 8 that stand nearest and
+ * look the same way. The logarithm of that ratio is set against its spread over all views (median absolute deviation, 1.4826 of
+ * it is a standard deviation [Rousseeuw & Croux 1993]), so a survey of uneven light flags none of its own kind.
  *
  * Invariant: no check changes what is trained. Every sum is one of integers.
  */
@@ -10,7 +10,7 @@
 #include "../core/vecmath.h"
 
 enum {
-    QUALITY_LEAST = 6, /* views; among fewer none is odd */
+    QUALITY_LEAST = 6, /* views; with fewer none is reported */
     QUALITY_NAMED = 5, /* images per message */
     QUALITY_WHITE = 254,
     QUALITY_BLACK = 4
@@ -124,7 +124,7 @@ static double quality_middle(const struct quality_check *q, const int *near, int
     return stats_pick(value, (size_t)neighbours, 0.5);
 }
 
-/* So far from the median of all ratios is odd; at least `least`. */
+/* Distance from the median of all ratios that counts as an outlier, at least `least`. */
 static double quality_limit(const struct quality_check *q, const double *ratio, double least, double *middle)
 {
     for (int i = 0; i < q->count; i++) q->work[i] = ratio[i];
@@ -133,7 +133,7 @@ static double quality_limit(const struct quality_check *q, const double *ratio, 
     return OXL_MAX(least, QUALITY_SPREADS * 1.4826 * stats_pick(q->work, (size_t)q->count, 0.5));
 }
 
-/* One message for the views of a kind, the worst first. by: (count) how odd; 0: not of this kind. */
+/* One message for the views of a kind, the worst first. by: (count) size of the deviation; 0: not of this kind. */
 static int quality_report(const struct quality_check *q, const oxl_scene *scene, double *by, const char *kind, const char *fix)
 {
     struct text names = {.ctx = q->ctx};

@@ -1,8 +1,8 @@
 /* robust_stats.c - robust statistics of a survey: bounds, radius of the cameras, depths.
  *
- * Sources: the radius is 3DGS's (Kerbl 2023, reference code), made robust. Depths are used for the near plane and the depth bands of UCD
- * (paper eq. 2), which is defined on SfM points in the views that observe them: on the pool survey the median depth by tracks is
- * 6.1, and 10.7 over all points in front of a camera.
+ * Sources: the radius is 3DGS's (Kerbl 2023, reference code), made robust. Depths are used for the near plane and the depth bands
+ * of UCD (paper eq. 2), which is defined on SfM points in the views that observe them: on the pool survey the median depth by
+ * tracks is 6.1, and 10.7 over all points in front of a camera.
  *
  * Invariant: large surveys are sampled at a fixed stride, so the statistics depend on the survey alone.
  */

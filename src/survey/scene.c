@@ -1,8 +1,8 @@
 /* scene.c - views, points and images of a survey.
  *
- * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM coordinates (4 200 000 m) lose
- * no precision:  x_local = x_world - origin,  t_local = t + R origin.
- * The test split and the extent are those of 3DGS (Kerbl 2023, reference code), made robust against an outlier camera.
+ * Coordinates are read in double and centred on a local origin before conversion to float, so that UTM coordinates (4 200 000 m)
+ * lose no precision:  x_local = x_world - origin,  t_local = t + R origin. The test split and the extent are those of 3DGS (Kerbl
+ * 2023, reference code), made robust against an outlier camera.
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
@@ -96,7 +96,7 @@ static const struct scene_key *scene_find_key(const struct scene_key *keys, size
     return bsearch(&wanted, keys, count, sizeof *keys, scene_compare_keys);
 }
 
-/* ---------------------------------------------------------------- images that are not there */
+/* ---------------------------------------------------------------- missing images */
 
 static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, const char *first, double share)
 {
@@ -161,7 +161,7 @@ struct scene_build { /* working data of scene construction */
 };
 
 /* Prefixes an error about a line of the survey's files with the folder. */
-static oxl_result scene_say_where(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
+static oxl_result scene_prefix_folder(oxl_context *ctx, const oxl_scene *scene, oxl_result rc)
 {
     char said[sizeof ctx->error];
     memcpy(said, ctx->error, sizeof said);
@@ -175,7 +175,7 @@ static oxl_result scene_ideal_camera(oxl_context *ctx, const oxl_scene *scene, s
     oxl_result                  rc;
     if (b->ideal[camera].width) return OXL_OK;
     rc = camera_undistorted(ctx, from, &b->ideal[camera]);
-    if (rc != OXL_OK) return scene_say_where(ctx, scene, rc);
+    if (rc != OXL_OK) return scene_prefix_folder(ctx, scene, rc);
     scene->on_disk[camera] = b->options->read_images && b->headers++ < SCENE_HEADERS ? scene_size_on_disk(ctx, path, from) : 1;
     b->ideal[camera]       = scene_reduce(&b->ideal[camera], b->options->max_side, scene->on_disk[camera]);
     return OXL_OK;
@@ -297,7 +297,7 @@ static void scene_split(oxl_scene *scene, int test_every)
 /* masks/NAME.png, NAME with or without its extension. *out = NULL: none. */
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out)
 {
-    const char *base = survey_find_base_name(name), *dot = strrchr(base, '.');
+    const char *base = path_base_name(name), *dot = strrchr(base, '.');
     const int   whole = (int)strlen(name), bare = dot ? (int)(dot - name) : whole;
     for (int i = 0; i < 2 && scene->masks; i++) {
         struct text t = {.ctx = ctx};
@@ -354,7 +354,7 @@ OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const doubl
 }
 
 /* GLOMAP and others write 0 0 0 for all points. Black Gaussians would stay black, since the clamp of colours at 0 has gradient 0. */
-static void scene_mend_colours(oxl_context *ctx, oxl_scene *scene)
+static void scene_default_colours(oxl_context *ctx, oxl_scene *scene)
 {
     int coloured = 0;
     for (size_t i = 0; i < scene->point_count && !coloured; i++)
@@ -383,7 +383,7 @@ static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
                 c->point_count - scene->point_count, c->point_count);
     if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "points3D.txt holds no points");
-    scene_mend_colours(ctx, scene);
+    scene_default_colours(ctx, scene);
     return OXL_OK;
 }
 
@@ -494,8 +494,8 @@ OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, co
     return scene->decoded || !folder ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a folder");
 }
 
-/* The full image of a view, from the file that an earlier request has left, or decoded and left there. A file that cannot be written is
- * not needed. */
+/* The full image of a view, from the file that an earlier request has left, or decoded and left there. A file that cannot be
+ * written is not needed. */
 static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int view, const char *path, const char *mask,
                                struct training_image *out)
 {

@@ -63,7 +63,7 @@ struct colmap {
     size_t                     image_count;
     struct colmap_observation *observation;
     size_t                     observation_count;
-    struct colmap_point       *point; /* in the file's order */
+    struct colmap_point       *point; /* by id */
     size_t                     point_count;
     struct colmap_track       *track;
     size_t                     track_count;
@@ -82,10 +82,12 @@ OXL_INTERNAL oxl_result colmap_read(oxl_context *ctx, const char *folder, int ke
 /* The same with another window size in bytes, for tests. */
 OXL_INTERNAL oxl_result colmap_read_in_windows(oxl_context *ctx, const char *folder, int keep_observations, size_t window,
                                                struct colmap *out);
-/* colmap_order.c: sorts cameras, images and points by id; observations and tracks are not moved. */
+/* colmap_order.c: sorts cameras and images by id; points, which the readers sort. Observations and tracks are not moved.
+ * OXL_ERR_INPUT without a message: two points have the id *repeated. */
 OXL_INTERNAL oxl_result colmap_order(oxl_context *ctx, struct colmap *c);
+OXL_INTERNAL oxl_result colmap_order_points(oxl_context *ctx, struct colmap *c, int64_t *repeated);
 OXL_INTERNAL void       colmap_free(oxl_context *ctx, struct colmap *c);
-/* json_survey.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
+/* survey_files.c: a survey of nerfstudio (transforms.json) or OpenSfM (any other name) in a folder. */
 OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out);
 
 /* ---------------------------------------------------------------- camera.c: camera models, undistortion */
@@ -177,10 +179,9 @@ OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, co
 /* ---------------------------------------------------------------- survey_files.c: where a survey's files are */
 
 /* Reads the sub-model with most images of `sparse`, or of SCENE/sparse, its folders, and SCENE. Observations are not kept. */
-OXL_INTERNAL oxl_result  survey_find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
+OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, const char *sparse, struct colmap *out);
 /* Path of a file, at most 3 folders deep, whose name equals `name` except for folder, extension and case; "": none. */
-OXL_INTERNAL void        survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
-OXL_INTERNAL const char *survey_find_base_name(const char *path); /* part after the last slash */
+OXL_INTERNAL void       survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size);
 
 /* ---------------------------------------------------------------- robust_stats.c: robust measures of a survey */
 
@@ -304,8 +305,9 @@ enum { QUALITY_NEIGHBOURS = 8 };
 #define QUALITY_BLUR 0.6 /* x the neighbours' sharpness, at most, and an image is blurred */
 /* Of `count` views, the indices of those that stand nearest to `of` and look the same way, the nearest first; returns how many. */
 OXL_INTERNAL int        quality_nearest(const oxl_scene *scene, const int *view, int count, int of, int out[QUALITY_NEIGHBOURS]);
-/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean: sharpness,
- * whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and a plain surface does not; or NULL. */
+/* Mean absolute second difference of the green channel along the axis where it is less (motion blurs one), over the mean:
+ * sharpness, whatever the exposure. fine: the same over that of differences over 2 px, which blur lowers and a plain surface does
+ * not; or NULL. */
 OXL_INTERNAL double     quality_sharpness(const struct training_image *image, double *fine);
 /* Decodes every image; logs and counts blurred and badly exposed ones. */
 OXL_INTERNAL oxl_result quality_check(oxl_context *ctx, oxl_scene *scene, oxl_survey *s);

@@ -4,7 +4,7 @@
  *
  * Invariant: the choice depends on names and contents alone, not on the order in which the system lists a folder.
  */
-#include "survey.h"
+#include "json_survey.h"
 
 /* ---------------------------------------------------------------- which sub-model */
 
@@ -77,6 +77,26 @@ static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, i
     return rc;
 }
 
+OXL_INTERNAL oxl_result json_survey_read(oxl_context *ctx, const char *folder, const char *name, struct colmap *out)
+{
+    struct colmap_reader r    = {.ctx = ctx, .out = out};
+    struct os_file_map   map  = {0};
+    char                *path = oxl_path_join(ctx, folder, name), *slash;
+    oxl_result           rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    *out                      = (struct colmap){.format = COLMAP_JSON, .images_file = path_base_name(name)};
+    if (rc == OXL_OK) rc = json_survey_open(&r, path, &map);
+    if (rc == OXL_OK)
+        rc = strcmp(out->images_file, "transforms.json") ? opensfm_read(&r, map.data) : nerfstudio_read(&r, map.data);
+    if (rc == OXL_OK && out->image_count == 0) rc = json_survey_fail(&r, "the images", "none", "one or more");
+    if (rc == OXL_OK && (slash = strrchr(path, '/')) != NULL) *slash = 0; /* the folder alone */
+    out->folder = path;
+    out->warnings += r.warned[WARN_QUATERNION];
+    os_release_file(ctx, &map);
+    oxl_free(ctx, r.path);
+    if (rc != OXL_OK) colmap_free(ctx, out);
+    return rc;
+}
+
 /* Without a COLMAP model: nerfstudio's or OpenSfM's file, in its folder or in an OpenDroneMap project. */
 static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, struct colmap *out, int *models)
 {
@@ -129,20 +149,14 @@ OXL_INTERNAL oxl_result survey_find_model(oxl_context *ctx, const char *path, co
     return rc;
 }
 
-/* ---------------------------------------------------------------- images that are not there */
+/* ---------------------------------------------------------------- missing images */
 
-struct survey_find_hunt {
+struct survey_find_search {
     oxl_context *ctx;
     const char  *folder, *wanted; /* wanted: base name */
     int          depth;
     char         found[256]; /* path; "": none yet */
 };
-
-OXL_INTERNAL const char *survey_find_base_name(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-    return slash ? slash + 1 : path;
-}
 
 /* 1: equal except for extension and case. */
 static int survey_find_is_like(const char *a, const char *b)
@@ -157,13 +171,13 @@ static int survey_find_is_like(const char *a, const char *b)
     return 1;
 }
 
-static void survey_find_visit_hunt(void *user, const char *name)
+static void survey_find_visit_entry(void *user, const char *name)
 {
-    struct survey_find_hunt *h    = user;
-    char                    *path = h->found[0] ? NULL : oxl_path_join(h->ctx, h->folder, name);
+    struct survey_find_search *h    = user;
+    char                      *path = h->found[0] ? NULL : oxl_path_join(h->ctx, h->folder, name);
     if (path && os_is_folder(path) && h->depth < 3) {
-        struct survey_find_hunt deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
-        os_list_folder(h->ctx, path, survey_find_visit_hunt, &deeper);
+        struct survey_find_search deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
+        os_list_folder(h->ctx, path, survey_find_visit_entry, &deeper);
         memcpy(h->found, deeper.found, sizeof h->found);
     } else if (path && survey_find_is_like(name, h->wanted)) {
         snprintf(h->found, sizeof h->found, "%s", path);
@@ -173,7 +187,7 @@ static void survey_find_visit_hunt(void *user, const char *name)
 
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size)
 {
-    struct survey_find_hunt hunt = {.ctx = ctx, .folder = folder, .wanted = survey_find_base_name(name)};
-    os_list_folder(ctx, folder, survey_find_visit_hunt, &hunt);
-    snprintf(out, size, "%s", hunt.found);
+    struct survey_find_search search = {.ctx = ctx, .folder = folder, .wanted = path_base_name(name)};
+    os_list_folder(ctx, folder, survey_find_visit_entry, &search);
+    snprintf(out, size, "%s", search.found);
 }

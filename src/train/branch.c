@@ -12,15 +12,14 @@ OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
     *b = (struct train_branch){0};
 }
 
-OXL_INTERNAL oxl_result branch_copy(const struct train *t, struct train_branch *out)
+OXL_INTERNAL oxl_result branch_copy(struct train *t, struct train_branch *out)
 {
-    oxl_result rc;
-    *out      = (struct train_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
-    out->view = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
+    oxl_result rc = step_download(t, 0);
+    *out          = (struct train_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
+    out->view     = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
     if (!out->view)
         return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for a trial\nfix: --sh-degree and --dog by name need none");
     memcpy(out->view, t->view, (size_t)t->views * sizeof *out->view);
-    rc = renderer_download(t->ctx, t->renderer);
     if (rc == OXL_OK) rc = density_copy(t->ctx, t->density, t->model->count, &out->density);
     if (rc == OXL_OK) rc = model_copy(t->ctx, t->model, &out->model);
     if (rc == OXL_OK) rc = model_copy(t->ctx, &t->first, &out->first);
@@ -33,7 +32,7 @@ OXL_INTERNAL oxl_result branch_copy(const struct train *t, struct train_branch *
 
 OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
 {
-    const oxl_result rc = renderer_download(t->ctx, t->renderer);
+    const oxl_result rc = step_download(t, 1);
     if (rc != OXL_OK) return rc;
     OXL_SWAP(oxl_model, *t->model, b->model);
     OXL_SWAP(oxl_model, t->first, b->first);

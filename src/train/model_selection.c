@@ -118,7 +118,7 @@ static void selection_drop_view(struct train *t, int slot)
 OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr)
 {
     struct renderer_loss one;
-    oxl_result           rc = OXL_OK;
+    oxl_result           rc = step_settle(t);
     *loss = *psnr = 0;
     for (int i = 0; i < t->held_views && rc == OXL_OK;) {
         rc = step_load_image(t, t->held[i]);
@@ -163,7 +163,7 @@ static oxl_result selection_try(struct train *t, double *psnr)
 static oxl_result selection_set_degree(struct train *t, int degree)
 {
     oxl_model *all[3] = {t->model, &t->first, &t->second};
-    oxl_result rc     = renderer_download(t->ctx, t->renderer);
+    oxl_result rc     = step_download(t, 1);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
     return rc == OXL_OK ? step_resize_gradient(t) : rc;
 }
@@ -254,7 +254,7 @@ static oxl_result selection_assign_lobes(struct train *t)
     uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
     size_t                   given     = 0;
     double                   threshold = 0;
-    oxl_result rc = active ? renderer_download(t->ctx, t->renderer) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    oxl_result               rc = active ? step_download(t, 1) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
     if (rc == OXL_OK) rc = selection_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->model->count; i++) {
@@ -278,11 +278,11 @@ static oxl_result selection_lobes(struct train *t)
     oxl_result rc        = OXL_OK;
     if (last == 0 || t->lobes == LOBES_DECIDED || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
     if (t->lobes == LOBES_IDLE) {
-        rc = renderer_download(t->ctx, t->renderer);
+        rc = step_download(t, 1);
         if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
         t->lobes = LOBES_WATCHED;
     }
-    if (rc == OXL_OK) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    if (rc == OXL_OK) rc = step_observe(t);
     if (rc != OXL_OK || t->step < last) return rc;
     t->lobes = LOBES_DECIDED;
     if (t->options->dog == OXL_DOG_AUTO && t->held_views > 0) t->trial_is_next = TRAIN_TRIES_LOBES;
@@ -321,6 +321,7 @@ static oxl_result selection_try_point(struct train *t, double *cost)
         t->step++;
         rc = selection_step(t);
         if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
+        if (rc == OXL_OK && t->step > end - span / 2) rc = step_settle(t);
         if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
     }
     memcpy(t->ucd.f, f, sizeof t->ucd.f);
@@ -351,13 +352,13 @@ static oxl_result selection_density(struct train *t)
     const oxl_train_options *o  = t->options;
     oxl_result               rc = OXL_OK;
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
-    rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    rc = step_observe(t);
     if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
         if (!t->trial_is_next && selection_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
         else rc = step_densify(t, t->ucd.f);
         t->ucd.densified++;
     }
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = step_download(t, 1);
     if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step))
         density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
     return rc;
@@ -367,7 +368,7 @@ static oxl_result selection_density(struct train *t)
 
 static oxl_result selection_turn_on(struct train *t, int lamp)
 {
-    const oxl_result rc = renderer_download(t->ctx, t->renderer);
+    const oxl_result rc = step_download(t, 1);
     if (lamp) t->lamp.on = 1;
     else if (rc == OXL_OK) water_start(&t->water, t->model);
     return rc;
@@ -573,7 +574,8 @@ static oxl_result selection_prune(struct train *t)
     double     held = NAN, psnr;
     oxl_result rc   = OXL_OK;
     if (!prune_checks(&t->prune, t->step)) return OXL_OK;
-    if (t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_validate(t, &held, &psnr);
+    rc = step_settle(t);
+    if (rc == OXL_OK && t->options->keep.kind == OXL_KEEP_AUTO && t->held_views > 0) rc = selection_validate(t, &held, &psnr);
     return rc == OXL_OK ? step_prune(t, held) : rc;
 }
 

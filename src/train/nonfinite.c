@@ -79,7 +79,7 @@ OXL_INTERNAL void nonfinite_of_rows(oxl_context *ctx, oxl_nonfinite *f, int step
     size_t found = 0, cleared;
     char   rows_text[64];
     if (skipped.rows == 0) return;
-    cleared = nonfinite_clear(NULL, model, first, second, &found);
+    cleared = model ? nonfinite_clear(NULL, model, first, second, &found) : skipped.cleared;
     nonfinite_name_rows(rows_text, skipped.first, skipped.rows);
     if (f->rows < NONFINITE_NAMED)
         oxl_log(ctx, OXL_LOG_WARNING, "step %d: in %s, %s met a number that is not finite: the step is skipped, %zu cleared",

@@ -32,39 +32,6 @@ static const int prune_drops[] = {8, 12, 14, 15, 16}; /* sixteenths removed afte
 
 /* ---------------------------------------------------------------- what to keep */
 
-/* Decimal units, as file sizes are printed; with an i, binary ones. 0: not a unit. */
-static double prune_unit(const char *s)
-{
-    static const char letters[] = "kmgt";
-    const char       *letter    = *s ? strchr(letters, *s | 0x20) : NULL;
-    double            unit      = 1;
-    int               binary;
-    if ((*s | 0x20) == 'b') return s[1] == 0;
-    if (!letter) return 0;
-    binary = s[1] == 'i';
-    for (const char *c = letters; c <= letter; c++) unit *= binary ? 1024 : 1000;
-    s += 1 + binary;
-    return *s == 0 || ((*s | 0x20) == 'b' && s[1] == 0) ? unit : 0;
-}
-
-oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out)
-{
-    const char *at = text, *end = text + strlen(text);
-    double      value;
-    *out = (oxl_keep){OXL_KEEP_ALL, 0};
-    if (strcmp(text, "auto") == 0) *out = (oxl_keep){OXL_KEEP_AUTO, 0};
-    if (strcmp(text, "auto") == 0 || strcmp(text, "all") == 0) return OXL_OK;
-    if (parse_double(&at, end, &value) && value > 0 && value <= 1e15) {
-        if (*at && prune_unit(at) > 0) *out = (oxl_keep){OXL_KEEP_BYTES, value * prune_unit(at)};
-        else if (!*at && value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
-        else if (!*at && value == 1) return OXL_OK;
-        else if (!*at) *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
-    }
-    if (out->kind != OXL_KEEP_ALL) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_USAGE, "cannot keep '%s'\nfix: a share as 0.5, a number as 400000, a size as 80MB, or auto",
-                    text);
-}
-
 OXL_INTERNAL double prune_row_bytes(int sh_degree, int lobes)
 {
     return 4.0 * (14 + 3 * (sh_degree + 1) * (sh_degree + 1)) + (lobes ? 16 : 0); /* as model_file.c writes them */

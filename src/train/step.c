@@ -182,25 +182,44 @@ OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct rend
     return step_compare(t, view, 0, t->options->ssim_weight, loss);
 }
 
+/* A loss that is not finite: the step is left out. */
+static oxl_result step_leave_out(struct train *t, int step, int view)
+{
+    oxl_result rc = renderer_download(t->ctx, t->renderer, 1);
+    if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
+    if (rc != OXL_OK) return rc;
+    nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, t->renderer, t->model, &t->first,
+                      &t->second);
+    return renderer_clear_visible(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
+}
+
+/* What is known of a step when it is done. */
+static void step_note(struct train *t, const struct train_deferred *of, const struct renderer_loss *loss,
+                      struct renderer_nonfinite skipped)
+{
+    const double psnr = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
+    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / of->step);
+    nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
+                      renderer_has_device(t->renderer) ? NULL : t->model, &t->first, &t->second);
+    t->last_loss = loss->total;
+    if (!of->is_trial) prune_observe(&t->prune, of->step, loss->l1);
+    t->loss += k * (loss->total - t->loss);
+    t->psnr += k * (psnr - t->psnr);
+}
+
 /* Forward, loss, backward, step. */
 static oxl_result step_on_view(struct train *t, int view)
 {
-    const char               *name = oxl_scene_view(t->scene, view)->name;
-    struct adam_params        adam;
-    struct renderer_loss      loss;
-    struct renderer_nonfinite skipped;
-    oxl_result                rc;
+    const struct train_deferred here = {.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
+    struct adam_params          adam;
+    struct renderer_loss        loss;
+    struct renderer_nonfinite   skipped;
+    oxl_result                  rc;
     t->last_loss        = NAN;
     t->render.alpha_min = schedule_alpha_min(t);
     rc                  = step_compare(t, view, 1, t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
-    if (!(loss.total <= DBL_MAX)) {
-        rc = renderer_download(t->ctx, t->renderer);
-        if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
-        if (rc != OXL_OK) return rc;
-        nonfinite_of_view(t->ctx, &t->nonfinite, t->step, name, t->renderer, t->model, &t->first, &t->second);
-        return renderer_clear_visible(t->ctx, t->renderer); /* later code must not read gradients of an earlier step */
-    }
+    if (!(loss.total <= DBL_MAX)) return step_leave_out(t, t->step, view);
     if (t->exposure.of.on)
         exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));
     rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
@@ -211,24 +230,119 @@ static oxl_result step_on_view(struct train *t, int view)
                   renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
-    if (rc == OXL_OK && skipped.rows > 0) rc = renderer_download(t->ctx, t->renderer);
-    if (rc != OXL_OK) return rc;
-    nonfinite_of_rows(t->ctx, &t->nonfinite, t->step, name, skipped, t->model, &t->first, &t->second);
-    {
-        const double psnr = -4.342944819032518 * vecmath_log(loss.mse > 1e-10 ? loss.mse : 1e-10);
-        const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / t->step);
-        t->last_loss      = loss.total;
-        if (!t->trial_is_next) prune_observe(&t->prune, t->step, loss.l1);
-        t->loss += k * (loss.total - t->loss);
-        t->psnr += k * (psnr - t->psnr);
+    if (rc == OXL_OK) step_note(t, &here, &loss, skipped);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- deferred steps: the device works while the host goes on */
+
+/* Nothing between the passes is the host's. */
+static int step_can_be_deferred(const struct train *t)
+{
+    return renderer_has_device(t->renderer) && !step_compares_on_host(t) && !t->water.on;
+}
+
+/* A deferred step that halted, or came behind one. */
+static oxl_result step_repeat(struct train *t, const struct train_deferred *which)
+{
+    const int  step = t->step, on_full_view = t->on_full_view, trial = t->trial_is_next;
+    oxl_result rc;
+    t->step          = which->step;
+    t->on_full_view  = which->on_full_view;
+    t->trial_is_next = which->is_trial ? OXL_MAX(trial, 1) : 0;
+    rc               = step_load_image(t, which->view);
+    if (rc == OXL_OK) rc = step_on_view(t, which->view);
+    if (rc == OXL_OK && which->observed) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
+    t->step          = step;
+    t->on_full_view  = on_full_view;
+    t->trial_is_next = trial;
+    return rc;
+}
+
+static oxl_result step_after_halt(struct train *t, enum renderer_halt halt)
+{
+    const struct train_deferred first = t->deferred[0], second = t->deferred[1];
+    const int                   steps = t->deferred_steps;
+    oxl_result                  rc;
+    renderer_defer(t->renderer, 0);
+    t->deferred_steps = 0;
+    rc                = halt == HALT_LOSS ? step_leave_out(t, first.step, first.view) : step_repeat(t, &first);
+    if (halt == HALT_LOSS) t->last_loss = NAN;
+    return rc == OXL_OK && steps > 1 ? step_repeat(t, &second) : rc;
+}
+
+/* Reads what deferred steps have left; wait: all of them, not all but the last. */
+static oxl_result step_read_reports(struct train *t, int wait)
+{
+    oxl_result rc = OXL_OK;
+    while (rc == OXL_OK && t->deferred_steps > 0) {
+        struct renderer_report report;
+        rc = renderer_report(t->ctx, t->renderer, wait, &report);
+        if (rc != OXL_OK || !report.there) return rc;
+        if (report.halt != HALT_NONE) return step_after_halt(t, report.halt);
+        step_note(t, &t->deferred[0], &report.loss, report.skipped);
+        t->deferred[0] = t->deferred[1];
+        t->deferred_steps--;
     }
-    return OXL_OK;
+    return rc;
+}
+
+OXL_INTERNAL oxl_result step_settle(struct train *t)
+{
+    const oxl_result rc = step_read_reports(t, 1);
+    renderer_defer(t->renderer, 0);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result step_download(struct train *t, int changes)
+{
+    const oxl_result rc = step_settle(t);
+    return rc == OXL_OK ? renderer_download(t->ctx, t->renderer, changes) : rc;
+}
+
+OXL_INTERNAL oxl_result step_observe(struct train *t)
+{
+    if (t->deferred_steps > 0) t->deferred[t->deferred_steps - 1].observed = 1;
+    return density_observe(t->ctx, t->density, t->renderer, t->model->count);
+}
+
+static oxl_result step_record(struct train *t, int view)
+{
+    struct adam_params        adam;
+    struct renderer_loss      loss;
+    struct renderer_nonfinite skipped;
+    oxl_result                rc;
+    t->render.alpha_min = schedule_alpha_min(t);
+    rc                  = step_compare(t, view, 1, t->options->ssim_weight, &loss);
+    if (rc == OXL_OK) rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
+    if (rc != OXL_OK) return rc;
+    adam = schedule_adam_params(t);
+    return renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
+}
+
+/* A step for which a device had not enough memory: it may have when the others have ended, or the CPU continues. */
+static oxl_result step_after_all(struct train *t, int view)
+{
+    oxl_result rc = step_settle(t);
+    if (rc == OXL_OK) rc = step_load_image(t, view);
+    return rc == OXL_OK ? step_on_view(t, view) : rc;
+}
+
+static oxl_result step_deferred(struct train *t, int view)
+{
+    const oxl_result rc = step_record(t, view);
+    if (rc != OXL_OK) return rc;
+    t->deferred[t->deferred_steps++] = (struct train_deferred){
+        .step = t->step, .view = view, .on_full_view = t->on_full_view, .is_trial = t->trial_is_next != 0};
+    return step_read_reports(t, 0);
 }
 
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
 {
-    int        view = -1;
-    oxl_result rc;
+    const int  deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
+    int        view     = -1;
+    oxl_result rc       = deferred ? OXL_OK : step_settle(t);
+    if (rc != OXL_OK) return rc;
     t->on_full_view = t->full_views > 0 && t->step % TRAIN_FULL_VIEW_EVERY == 0;
     if (t->on_full_view) {
         view =
@@ -237,8 +351,9 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
         if (rc == OXL_ERR_INPUT) t->on_full_view = 0; /* it cannot be read: a view of the order instead */
         else if (rc != OXL_OK) return rc;
     }
-    rc              = t->on_full_view ? OXL_OK : step_next_image(t, &view);
-    rc              = rc == OXL_OK ? step_on_view(t, view) : rc;
+    rc = t->on_full_view ? OXL_OK : step_next_image(t, &view);
+    if (rc == OXL_OK) rc = deferred ? step_deferred(t, view) : step_on_view(t, view);
+    if (rc == OXL_ERR_MEMORY && deferred && view >= 0) rc = step_after_all(t, view);
     t->on_full_view = 0;
     return rc;
 }
@@ -262,7 +377,7 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                                        .cap         = schedule_gaussian_cap(t->scene, o)};
     struct density_change    change = {0};
     uint8_t                 *carved = NULL;
-    oxl_result               rc     = renderer_download(t->ctx, t->renderer);
+    oxl_result               rc     = step_download(t, 1);
     if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, t->model, &carved);
     rules.carved = carved;
     if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
@@ -284,8 +399,9 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
     const size_t count = t->model->count;
     uint8_t     *keep  = oxl_alloc(t->ctx, count, sizeof *keep);
     oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
+    if (rc == OXL_OK) rc = step_settle(t);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
-    if (rc == OXL_OK) rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = step_download(t, 1);
     if (rc == OXL_OK) {
         model_keep_rows(t->model, keep);
         model_keep_rows(&t->first, keep);
@@ -318,7 +434,7 @@ OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
-    rc = renderer_download(t->ctx, t->renderer);
+    rc = step_download(t, 1);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);

@@ -216,7 +216,7 @@ static void train_archive(struct archive *a, void *user)
 
 static oxl_result train_save(struct train *t)
 {
-    const oxl_result rc = renderer_download(t->ctx, t->renderer);
+    const oxl_result rc = step_download(t, 0);
     t->saved_step       = t->step;
     t->saved_at         = os_seconds();
     if (rc != OXL_OK || !t->place) return rc;
@@ -283,7 +283,7 @@ static oxl_result train_loop(struct train *t)
         if (train_save_is_due(t)) rc = train_save(t);
     }
     if (rc == OXL_OK && t->step < o->iterations) return train_save(t);
-    if (rc == OXL_OK) rc = renderer_download(t->ctx, t->renderer);
+    if (rc == OXL_OK) rc = step_download(t, 1);
     if (rc == OXL_OK) selection_end(t);
     if (rc == OXL_OK && t->transients.points > 0) {
         char words[160];

@@ -15,6 +15,10 @@ enum train_trial {
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 
+struct train_deferred { /* a step that the device has not reported yet */
+    int step, view, on_full_view, is_trial, observed;
+};
+
 struct train {
     oxl_context               *ctx;
     oxl_scene                 *scene;
@@ -22,6 +26,8 @@ struct train {
     oxl_render_options         render;
     oxl_model                 *model, first, second, gradient; /* the parameters, Adam's moments, dL/d(parameter) */
     struct renderer           *renderer;
+    struct train_deferred      deferred[2];
+    int                        deferred_steps;
     struct density            *density;
     struct ucd                 ucd;
     struct prune               prune;
@@ -66,6 +72,11 @@ OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options 
 
 /* Forward, loss, backward, Adam on the next training view: the part of a step that a trial of SH degrees or lobes repeats. */
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
+/* Ends deferred steps, and downloads what a device holds: for reading, or for changing. Before the host uses a step's loss, renders, or reads
+ * or changes the model. */
+OXL_INTERNAL oxl_result step_settle(struct train *t);
+OXL_INTERNAL oxl_result step_download(struct train *t, int changes);
+OXL_INTERNAL oxl_result step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
 OXL_INTERNAL oxl_result step_prune(struct train *t, double held);
 OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t);
@@ -90,7 +101,7 @@ struct train_branch { /* the state that a step changes */
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
-OXL_INTERNAL oxl_result branch_copy(const struct train *t, struct train_branch *out);
+OXL_INTERNAL oxl_result branch_copy(struct train *t, struct train_branch *out);
 OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b);
 /* Copies `start` to t, and the former state of t to `other`. */
 OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *start, struct train_branch *other);

@@ -21,7 +21,6 @@
 
 #define UCD_GROWTH          0.02 /* cost of a doubling, in log loss: about what it gains in a trial (docs/ABLATION.md) */
 #define UCD_PRIOR_PRECISION 0.01 /* half of it: gain in log loss for a weight 1 away from its default */
-#define UCD_CAP             5.0  /* on both weights [D] */
 #define UCD_FADE_MIN        0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
 #define UCD_ERRORS          3.0  /* auto: standard errors from 0 */
 #define UCD_DEPTH_MAX       0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
@@ -31,35 +30,6 @@ enum {
     UCD_PAIRS  = 12,           /* at most, spread over the densifications: each costs a trial */
     UCD_STRIDE = 2 * UCD_SPANS /* densifications between pairs, at least: trials add at most a half */
 };
-
-/* ---------------------------------------------------------------- options */
-
-oxl_ucd oxl_ucd_default(void)
-{
-    return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
-}
-
-oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
-{
-    const char *at = text, *end = text + strlen(text);
-    double      mid = 0, back = 0;
-    *out = oxl_ucd_default();
-    if (strcmp(text, "auto") == 0) return OXL_OK;
-    if (strncmp(text, "auto,", 5) == 0) at += 5;
-    else out->mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
-    if (out->mode == OXL_UCD_OFF || strcmp(text, "on") == 0) return OXL_OK;
-    if (parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &back)) {
-        out->f_mid = (float)mid;
-        out->f_far = (float)back;
-        out->learn = strcmp(at, ",fixed") != 0;
-        if ((!*at || !out->learn) && mid >= 1 && back >= mid && back <= UCD_CAP) return OXL_OK;
-    }
-    return oxl_fail(
-        ctx, OXL_ERR_USAGE,
-        "'%s' is not a depth weight\nfix: on, off, auto, or where the search starts as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
-        "(1.5,2,fixed: no search)",
-        text, UCD_CAP);
-}
 
 /* ---------------------------------------------------------------- the bands, and the decision */
 

@@ -23,7 +23,7 @@ layout(std430, binding = 8) writeonly buffer Key { uint key[]; };           /* (
 layout(std430, binding = 9) writeonly buffer Value { uint value[]; };       /* (pairs) slot */
 layout(std430, binding = 10) writeonly buffer Staged { uvec2 staged[]; };   /* (slots) row, blocks */
 layout(std430, binding = 11) writeonly buffer RowSlots { uvec2 row_slots[]; }; /* (rows) first slot, how many */
-layout(push_constant) uniform Push { uint slot, pair_slot, lobes, n; } push; /* counts[slot] splats, counts[pair_slot] pairs */
+layout(push_constant) uniform Push { uint lobes, n; } push;
 
 struct Contour {
     vec2  c;
@@ -63,12 +63,17 @@ ivec2 block_row(Contour o, int block_row)
 void main()
 {
     uint i = work_item();
-    if (i >= counts[push.slot]) {
+    if (i >= counts[VISIBLE]) {
         if (VARIANT == 0u && i < push.n) pairs[i] = 0u;
         return;
     }
-    uint    row = order[i], slot = VARIANT == 1u ? pairs[i] : 0u, first_slot = slot, end_slot = 0xFFFFFFFFu;
-    if (VARIANT == 1u) end_slot = i + 1u < push.n ? pairs[i + 1u] : counts[push.pair_slot];
+    uint row = order[i];
+    if (VARIANT == 1u && counts[PAIRS] == 0u) { /* none, or no room */
+        row_slots[row] = uvec2(0u);
+        return;
+    }
+    uint    slot = VARIANT == 1u ? pairs[i] : 0u, first_slot = slot, end_slot = 0xFFFFFFFFu;
+    if (VARIANT == 1u) end_slot = i + 1u < push.n ? pairs[i + 1u] : counts[PAIRS];
     vec4    a = splat_a[row], b = splat_b[row];
     bool    lobed = row < push.lobes;
     Contour main_ = contour_of(a.xy, vec4(a.zw, b.xy), lobed ? lobe_b[row].zw : b.zw), other = main_;

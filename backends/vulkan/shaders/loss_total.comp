@@ -4,7 +4,8 @@
 
 layout(std430, binding = 0) readonly buffer Partial { float partial[]; }; /* (3,tiles,5) */
 layout(std430, binding = 1) writeonly buffer Totals { float totals[]; };  /* (5) */
-layout(push_constant) uniform Push { uint n; } push;                      /* 3 tiles */
+layout(std430, binding = 2) buffer Counts { uint counts[]; };
+layout(push_constant) uniform Push { uint n; float ssim_weight; uint halts; } push; /* n: 3 tiles; halts 1: if the loss is not finite */
 
 shared vec3  sums[256];
 shared uvec2 numbers[256]; /* whole: a float cannot count 45 million */
@@ -31,4 +32,7 @@ void main()
     for (uint k = 0u; k < 3u; k++) totals[k] = sums[0][k];
     totals[3] = float(numbers[0].x);
     totals[4] = float(numbers[0].y);
+    bool l1   = numbers[0].x == 0u || is_finite(sums[0].x);
+    bool ssim = push.ssim_weight <= 0.0 || numbers[0].y == 0u || is_finite(sums[0].y);
+    if (push.halts != 0u && counts[HALT] == 0u && !(l1 && ssim)) counts[HALT] = HALT_LOSS;
 }

@@ -6,12 +6,13 @@ layout(std430, binding = 0) readonly buffer Seen { uint seen[]; };
 layout(std430, binding = 1) readonly buffer Mean2d { float mean2d[]; };
 layout(std430, binding = 2) readonly buffer SplatC { vec4 splat_c[]; };
 layout(std430, binding = 3) buffer Sums { vec4 sums[]; }; /* (rows) of the gradient: near, mid, far; how many views saw it */
+layout(std430, binding = 4) readonly buffer Counts { uint counts[]; };
 layout(push_constant) uniform Push { uint n; float z_near, z_far; } push;
 
 void main()
 {
     uint row = work_item();
-    if (row >= push.n || seen[row] == 0u) return;
+    if (row >= push.n || seen[row] == 0u || counts[HALT] != 0u) return;
     float depth = splat_c[row].w;
     uint  band  = depth < push.z_near ? 0u : depth < push.z_far ? 1u : 2u;
     vec4  sum   = sums[row];

@@ -15,6 +15,7 @@ layout(std430, binding = 5) writeonly buffer Seen { uint seen[]; };      /* 1 or
 layout(std430, binding = 6) writeonly buffer LobeA { vec4 lobe_a[]; };   /* a k e peak */
 layout(std430, binding = 7) writeonly buffer LobeB { vec4 lobe_b[]; };   /* half_x half_y main_x main_y */
 layout(std430, binding = 8) writeonly buffer Rank { uint rank[]; };      /* as seen, to be summed in place */
+layout(std430, binding = 9) readonly buffer Counts { uint counts[]; };
 layout(push_constant) uniform Push { uint first, count, stride, degree, lobes, lobe_plane; } push;
 #include "geometry.glsl"
 
@@ -56,6 +57,10 @@ void main()
 {
     uint i = work_item(), row = push.first + i;
     if (i >= push.count) return;
+    if (counts[HALT] != 0u) {
+        rank[row] = 0u;
+        return;
+    }
     bool     in_front;
     Geometry g = geometry_place(i, in_front);
     geometry_covariance(g);

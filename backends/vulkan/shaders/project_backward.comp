@@ -2,7 +2,8 @@
  * slab. Built twice (shaders.sh): STEP 0 writes the gradient; STEP 1 keeps it in registers and steps the row (Kingma & Ba 2015), the
  * counterpart of src/render/adam.c: so a step neither writes nor reads a gradient of the whole model.
  *
- * A row of which a number or its gradient is not finite is not stepped, counted, and not seen from then on. A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
+ * A row of which a number or its gradient is not finite is not stepped, counted, and not seen from then on; one with such a number of its
+ * own is cleared as in src/train/nonfinite.c. A row's pairs are added in the order of their slots: the order of a sum is part of the result. Rows that were not seen are not written.
  */
 #version 450
 #include "common.glsl"
@@ -25,11 +26,11 @@ layout(std430, binding = 9) writeonly buffer Mean2d { float mean2d[]; }; /* (row
 #if STEP
 layout(std430, binding = 10) buffer First { float mean[]; }; /* planes as the parameters' */
 layout(std430, binding = 11) buffer Second { float square[]; };
-layout(std430, binding = 12) buffer Counts { uint counts[]; };         /* [slot] rows not stepped, [slot + 1] the first of them */
+layout(std430, binding = 12) buffer Counts { uint counts[]; };
 layout(std430, binding = 13) readonly buffer Rates { float rates[]; }; /* by plane, with the first moment's correction */
 layout(push_constant) uniform Push
 {
-    uint  first, count, stride, degree, lobes, lobe_plane, slot;
+    uint  first, count, stride, degree, lobes, lobe_plane;
     float beta1, beta2, inverse_correction;
 }
 push;
@@ -177,6 +178,30 @@ Sums lobe_sums_of(uvec2 slots)
     return Sums(a.x, a.y, a.z, a.w, b.x, b.y, vec3(0.0));
 }
 
+#if STEP
+bool row_holds_numbers(uint i, bool lobed)
+{
+    bool good = true;
+    for (uint k = 0u; k < push.lobe_plane; k++) good = good && is_finite(at(k, i));
+    for (uint k = 0u; lobed && k < 4u; k++) good = good && is_finite(at(push.lobe_plane + k, i));
+    return good;
+}
+
+void set_row(uint plane, uint i, float value)
+{
+    uint at       = plane * push.stride + i;
+    mean[at]      = 0.0;
+    square[at]    = 0.0;
+    parameter[at] = value;
+}
+
+void clear_row(uint i, bool lobed)
+{
+    for (uint k = 0u; k < push.lobe_plane + (lobed ? 4u : 0u); k++)
+        set_row(k, i, k == ROTATION ? 1.0 : k == OPACITY ? -30.0 : 0.0);
+}
+#endif
+
 struct LobeGradient {
     float opacity;
     vec3  log_scale;
@@ -199,6 +224,9 @@ void main()
 {
     uint i = work_item(), row = push.first + i;
     if (i >= push.count || seen[row] == 0u) return;
+#if STEP
+    if (counts[HALT] != 0u) return;
+#endif
     bool         in_front, lobed = row < push.lobes;
     Geometry     g = geometry_place(i, in_front);
     LobeGradient lobe = LobeGradient(0.0, vec3(0.0));
@@ -226,8 +254,11 @@ void main()
 #if STEP
     if (!row_is_finite(i, lobed, p, opacity, light, lobe)) {
         seen[row] = 0u;
-        atomicAdd(counts[push.slot], 1u);
-        atomicMin(counts[push.slot + 1u], row);
+        atomicAdd(counts[NONFINITE], 1u);
+        atomicMin(counts[FIRST_NONFINITE], row);
+        if (row_holds_numbers(i, lobed)) return;
+        atomicAdd(counts[CLEARED], 1u);
+        clear_row(i, lobed);
         return;
     }
 #endif

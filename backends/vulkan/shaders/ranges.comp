@@ -4,11 +4,12 @@
 
 layout(std430, binding = 0) readonly buffer Key { uint key[]; };
 layout(std430, binding = 1) writeonly buffer Start { uint start[]; };
-layout(push_constant) uniform Push { uint pairs, tiles; } push;
+layout(std430, binding = 2) readonly buffer Counts { uint counts[]; };
+layout(push_constant) uniform Push { uint tiles; } push;
 
 void main()
 {
-    uint tile = work_item(), low = 0u, high = push.pairs;
+    uint tile = work_item(), low = 0u, high = counts[PAIRS];
     if (tile > push.tiles) return;
     while (low < high) {
         uint middle = low + (high - low) / 2u;

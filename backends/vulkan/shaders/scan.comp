@@ -1,7 +1,8 @@
 /* scan.comp - exclusive prefix sums of whole numbers, in place (Blelloch 1990). A workgroup takes 2048 numbers, eight an invocation.
  *
  *     VARIANT 0  the sum of each workgroup's numbers
- *     VARIANT 1  one workgroup goes through all numbers, 2048 at a time; the total goes to counts[slot]
+ *     VARIANT 1  one workgroup goes through all numbers, 2048 at a time; the total goes to counts[slot], 0 if it is more than
+ *                `most`: that halts
  *     VARIANT 2  each workgroup's own prefixes, on top of the sums before it as VARIANT 1 has left them
  *     VARIANT 3  256 rows of n numbers, eight a workgroup, 32 invocations a row; the totals go to sums[row]
  */
@@ -11,7 +12,7 @@
 layout(std430, binding = 0) buffer Data { uint data[]; };
 layout(std430, binding = 1) buffer Counts { uint counts[]; };
 layout(std430, binding = 2) buffer Sums { uint sums[]; };
-layout(push_constant) uniform Push { uint n, slot; } push;
+layout(push_constant) uniform Push { uint n, slot, most; } push;
 
 shared uint total[256];
 
@@ -92,7 +93,10 @@ void main()
             carry = add(carry, total[255]);
             barrier();
         }
-        if (t == 0u) counts[push.slot] = carry;
+        if (t != 0u) return;
+        counts[push.slot] = carry <= push.most ? carry : 0u;
+        if (push.slot == PAIRS) counts[PAIRS_FOUND] = carry;
+        if (carry > push.most) counts[HALT] = HALT_PAIRS;
         return;
     }
     uint g = work_group();

@@ -1,10 +1,17 @@
-/* device.h - an open Vulkan device, its buffers and passes: what the files of this folder share.
+/* state.h - an open Vulkan device, its buffers and passes: what the files of this folder share. Each calls only those before it:
+ *
+ *     passes.c    errors, command buffers, passes
+ *     memory.c    buffers
+ *     device.c    loader, instance, choice of a device
+ *     resident.c  what a renderer keeps on the device
+ *     renderer.c  the functions of struct renderer_device
  *
  * Passes are recorded one after the other into one command buffer, each with a barrier behind it, and submitted when the host needs a
- * result. The first error while recording stays in vulkan.rc: further records do nothing, and vulkan_finish returns it.
+ * result, or at the end of a frame: two frames take turns, so that one is recorded while the device works on the other. The first error
+ * while recording stays in vulkan.rc: further records do nothing, and vulkan_finish returns it.
  */
-#ifndef OXL_VULKAN_DEVICE_H
-#define OXL_VULKAN_DEVICE_H
+#ifndef OXL_VULKAN_STATE_H
+#define OXL_VULKAN_STATE_H
 
 #include "vulkan.h"
 
@@ -16,17 +23,19 @@
 #define VULKAN_GROUP      256u           /* invocations a workgroup, as in shaders/common.glsl */
 #define VULKAN_BLOCK      2048u          /* numbers that a workgroup scans or sorts */
 #define VULKAN_SLAB_ROWS  (1u << 20)     /* rows of a slab, at most: 264 MB of all planes */
-#define VULKAN_STAGING    (16u << 20)    /* bytes of the buffer between host and device */
-#define VULKAN_SETS       1024           /* passes of a submission, at most */
+#define VULKAN_STAGING    (16u << 20)    /* bytes of the buffer between host and device, of a frame */
+#define VULKAN_SETS       1024           /* passes of a frame, at most */
 #define VULKAN_BINDINGS   15             /* of a pass, at most */
 #define VULKAN_SCAN_WHOLE (16u << 10)    /* numbers that one workgroup scans on its own: fewer passes, though longer ones */
 #define VULKAN_WAIT       60000000000ull /* ns: a device that takes longer for a submission is given up */
-#define VULKAN_PART       (1u << 19)     /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
+#define VULKAN_ROOM       2          /* deferred steps have room for a share of pairs more than the first one has, its inverse */
+#define VULKAN_PART       (1u << 19) /* (tile, splat) pairs that a device other than a discrete GPU draws in one submission */
 enum {
     VULKAN_VARIANTS    = 4,
     VULKAN_DIGIT       = 8, /* bits of a digit, of the sort */
     VULKAN_DIGITS      = 256,
-    VULKAN_COMMANDS    = 64,  /* submissions without a wait in between, at most */
+    VULKAN_FRAMES      = 2,   /* one is recorded while the other is worked on */
+    VULKAN_COMMANDS    = 64,  /* submissions of a frame, at most */
     VULKAN_PARTS       = 24,  /* of an image, at most */
     VULKAN_READS       = 128, /* pieces that the host waits for at a time */
     VULKAN_IMAGE_SHARE = 4    /* of the device's memory, its inverse: images are kept there up to so much */
@@ -99,12 +108,26 @@ struct vulkan_read { /* something that the host waits for */
     size_t at, size; /* in the staging buffer */
 };
 
+/* What is recorded and submitted together, and the memory that it needs until the device is done. */
+struct vulkan_frame {
+    VkCommandPool    command_pool;
+    VkCommandBuffer  command[VULKAN_COMMANDS];
+    VkDescriptorPool descriptor_pool;
+    VkFence          fence;
+    int              command_at; /* submissions so far without a fence */
+    int              under_way;  /* submitted with the fence, and not waited for */
+    int              sets;
+    size_t           staged;               /* bytes of its part of the staging buffer in use */
+    uint8_t          pass_at[VULKAN_SETS]; /* of the sets in use: which pass */
+};
+
 struct vulkan_renderer;
 
 struct vulkan {
     oxl_context            *ctx;
-    struct vulkan_renderer *renderers; /* a list of all that are there */
-    void                   *library;
+    struct vulkan_renderer *renderers;     /* a list of all that are there */
+    size_t (*make_room)(struct vulkan *v); /* releases what can be had again; how many buffers. NULL: nothing */
+    void *library;
     VULKAN_OF_LOADER(VULKAN_DECLARE)
     VULKAN_OF_INSTANCE(VULKAN_DECLARE)
     VULKAN_OF_DEVICE(VULKAN_DECLARE)
@@ -120,23 +143,21 @@ struct vulkan {
     VkDevice                         device;
     VkQueue                          queue;
     uint32_t                         family; /* of the queue */
-    VkCommandPool                    command_pool;
-    VkCommandBuffer                  commands, command[VULKAN_COMMANDS]; /* the one that is recorded; all of them */
-    int                              command_at;                         /* submissions that nobody waited for yet */
-    VkDescriptorPool                 descriptor_pool;
-    VkFence                          fence;
+    struct vulkan_frame              frame[VULKAN_FRAMES];
+    int                              at;       /* the frame that is recorded */
+    VkCommandBuffer                  commands; /* and its command buffer */
     struct vulkan_pipeline           pipeline[PASS_COUNT];
-    struct vulkan_buffer             staging, nothing;  /* nothing: for bindings that a pass does not use */
-    char                            *mapped;            /* staging, as the host sees it */
-    size_t                           staged;            /* bytes of it in use */
-    size_t                           sent;              /* bytes that vulkan_upload took there so far */
-    size_t                           waits, dispatches; /* of the host for the device; passes: so far */
+    struct vulkan_buffer             staging, nothing; /* nothing: for bindings that a pass does not use */
+    char                            *mapped;           /* staging, as the host sees it */
+    size_t                           sent, read_bytes; /* by vulkan_upload; by vulkan_queue_read: so far */
+    size_t                           waits;            /* of the host, with nothing left for the device to do: so far */
+    size_t                           frame_waits;      /* for the frame before, while the device has the next one */
+    size_t                           dispatches, barriers, submissions;
     struct vulkan_read               read[VULKAN_READS];
     int                              reads;
-    int                              recording, sets;
-    int                              lost;                 /* permanently: no call to the device is allowed, not even to wait */
-    VkQueryPool                      clock;                /* (2 VULKAN_SETS) see vulkan_measure */
-    uint8_t                          pass_at[VULKAN_SETS]; /* of the sets in use: which pass */
+    int                              recording, updates; /* updates: commands without a barrier behind them */
+    int                              lost;               /* permanently: no call to the device is allowed, not even to wait */
+    VkQueryPool                      clock;              /* (VULKAN_FRAMES, VULKAN_SETS, 2) see vulkan_measure */
     double                           pass_seconds[PASS_COUNT];
     int                              pass_runs[PASS_COUNT];
     oxl_result                       rc;
@@ -148,10 +169,33 @@ struct vulkan {
     uint32_t                         batch; /* splats that raster_backward.comp holds at a time: 4, 8 or 16 */
 };
 
-/* ---------------------------------------------------------------- device.c */
+/* ---------------------------------------------------------------- passes.c */
 
 OXL_INTERNAL const char *vulkan_word(VkResult result);
 OXL_INTERNAL int vulkan_ok(struct vulkan *v, VkResult result, const char *what); /* keeps the first failure; 1: none so far */
+
+OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be recorded */
+OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
+OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for all frames */
+/* Submits the frame and goes on with the other, as soon as the device is done with it. */
+OXL_INTERNAL oxl_result vulkan_next_frame(struct vulkan *v);
+OXL_INTERNAL void       vulkan_flush(struct vulkan *v); /* submits what was recorded, without waiting */
+OXL_INTERNAL void       vulkan_enter(struct vulkan *v); /* first in every interface function: clears an earlier error */
+OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
+OXL_INTERNAL size_t     vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
+
+OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
+/* From the beginning of a buffer to `offset` of another. */
+OXL_INTERNAL void vulkan_copy(struct vulkan *v, const struct vulkan_buffer *from, const struct vulkan_buffer *to, size_t offset,
+                              size_t size);
+/* vulkan_queue_read records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in between. */
+OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
+OXL_INTERNAL void vulkan_collect(struct vulkan *v);
+OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
+OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
+OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, uint32_t value);
+OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
+                             const struct vulkan_buffer *const *buffer);
 
 /* ---------------------------------------------------------------- memory.c */
 
@@ -161,30 +205,6 @@ OXL_INTERNAL void vulkan_release(struct vulkan *v, struct vulkan_buffer *b);
 OXL_INTERNAL void vulkan_reserve(struct vulkan *v, struct vulkan_buffer *b, size_t count, size_t element, const char *what);
 
 OXL_INTERNAL size_t vulkan_memory_left(const struct vulkan *v);
-
-/* ---------------------------------------------------------------- resident.c */
-
-OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v); /* of every renderer, but the one that is in use; how many */
-
-/* ---------------------------------------------------------------- passes.c */
-
-OXL_INTERNAL int        vulkan_record(struct vulkan *v); /* 1: commands may be recorded */
-OXL_INTERNAL void       vulkan_barrier(struct vulkan *v);
-OXL_INTERNAL oxl_result vulkan_finish(struct vulkan *v); /* submits what was recorded and waits for it */
-OXL_INTERNAL void       vulkan_flush(struct vulkan *v);  /* submits what was recorded, without waiting */
-OXL_INTERNAL void       vulkan_enter(struct vulkan *v);  /* first in every interface function: clears an earlier error */
-OXL_INTERNAL oxl_result vulkan_measure(struct vulkan *v);
-OXL_INTERNAL size_t     vulkan_shared(void); /* bytes of shared memory that the passes need at batches of 4 */
-
-OXL_INTERNAL void vulkan_upload(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
-/* vulkan_queue_read records a copy into `to`, which vulkan_collect fills: many small pieces, one wait. Nothing may be submitted in between. */
-OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
-OXL_INTERNAL void vulkan_collect(struct vulkan *v);
-OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
-OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
-OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, uint32_t value);
-OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
-                             const struct vulkan_buffer *const *buffer);
 
 #define VULKAN_BUFFERS(...) ((const struct vulkan_buffer *const[]){__VA_ARGS__})
 #define VULKAN_PUSH(...)    ((const uint32_t[]){__VA_ARGS__})

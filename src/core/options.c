@@ -1,13 +1,14 @@
-/* options.c - the options of a training job: one table with a row per option, and its parser, printer and range checks.
+/* options.c - the options of a training job: one table with a row per option, and its parser, printer and range checks. It lies
+ * in the lowest layer because the functions of all layers take their defaults from it.
  *
- * A new option is one row here, its field in oceanxl.h, and its use. Everything else is made from the table: defaults of each preset,
- * parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the manual page and
- * docs/OPTIONS.md.
+ * A new option is one row here, its field in oceanxl.h, and its use. Everything else is made from the table: defaults of each
+ * preset, parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the
+ * manual page and docs/OPTIONS.md.
  *
- * Invariants: row 0 is the preset. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does not
- * depend on the locale.
+ * Invariants: row 0 is the preset. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does
+ * not depend on the locale.
  */
-#include "job.h"
+#include "core.h"
 
 #include <errno.h>
 #include <stddef.h>
@@ -276,6 +277,33 @@ static int option_read_limit(const oxl_option *o, const char *text, float *out)
     return 1;
 }
 
+oxl_ucd oxl_ucd_default(void)
+{
+    return (oxl_ucd){.mode = OXL_UCD_AUTO, .f_mid = 1.5f, .f_far = 2.0f};
+}
+
+oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
+{
+    const char *at = text, *end = text + strlen(text);
+    double      mid = 0, back = 0;
+    *out = oxl_ucd_default();
+    if (strcmp(text, "auto") == 0) return OXL_OK;
+    if (strncmp(text, "auto,", 5) == 0) at += 5;
+    else out->mode = strcmp(text, "off") == 0 ? OXL_UCD_OFF : OXL_UCD_ON;
+    if (out->mode == OXL_UCD_OFF || strcmp(text, "on") == 0) return OXL_OK;
+    if (parse_double(&at, end, &mid) && *at++ == ',' && parse_double(&at, end, &back)) {
+        out->f_mid = (float)mid;
+        out->f_far = (float)back;
+        out->learn = strcmp(at, ",fixed") != 0;
+        if ((!*at || !out->learn) && mid >= 1 && back >= mid && back <= UCD_CAP) return OXL_OK;
+    }
+    return oxl_fail(
+        ctx, OXL_ERR_USAGE,
+        "'%s' is not a depth weight\nfix: on, off, auto, or where the search starts as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
+        "(1.5,2,fixed: no search)",
+        text, UCD_CAP);
+}
+
 static int option_read_ucd(const char *text, oxl_ucd *out)
 {
     oxl_ucd ucd;
@@ -283,6 +311,39 @@ static int option_read_ucd(const char *text, oxl_ucd *out)
     ucd.bands = out->bands; /* another option */
     *out      = ucd;
     return 1;
+}
+
+/* Decimal units, as file sizes are printed; with an i, binary ones. 0: not a unit. */
+static double option_unit(const char *s)
+{
+    static const char letters[] = "kmgt";
+    const char       *letter    = *s ? strchr(letters, *s | 0x20) : NULL;
+    double            unit      = 1;
+    int               binary;
+    if ((*s | 0x20) == 'b') return s[1] == 0;
+    if (!letter) return 0;
+    binary = s[1] == 'i';
+    for (const char *c = letters; c <= letter; c++) unit *= binary ? 1024 : 1000;
+    s += 1 + binary;
+    return *s == 0 || ((*s | 0x20) == 'b' && s[1] == 0) ? unit : 0;
+}
+
+oxl_result oxl_keep_parse(oxl_context *ctx, const char *text, oxl_keep *out)
+{
+    const char *at = text, *end = text + strlen(text);
+    double      value;
+    *out = (oxl_keep){OXL_KEEP_ALL, 0};
+    if (strcmp(text, "auto") == 0) *out = (oxl_keep){OXL_KEEP_AUTO, 0};
+    if (strcmp(text, "auto") == 0 || strcmp(text, "all") == 0) return OXL_OK;
+    if (parse_double(&at, end, &value) && value > 0 && value <= 1e15) {
+        if (*at && option_unit(at) > 0) *out = (oxl_keep){OXL_KEEP_BYTES, value * option_unit(at)};
+        else if (!*at && value < 1) *out = (oxl_keep){OXL_KEEP_FRACTION, value};
+        else if (!*at && value == 1) return OXL_OK;
+        else if (!*at) *out = (oxl_keep){OXL_KEEP_COUNT, floor(value)};
+    }
+    if (out->kind != OXL_KEEP_ALL) return OXL_OK;
+    return oxl_fail(ctx, OXL_ERR_USAGE, "cannot keep '%s'\nfix: a share as 0.5, a number as 400000, a size as 80MB, or auto",
+                    text);
 }
 
 static int option_read_keep(const char *text, oxl_keep *out)
