@@ -73,8 +73,8 @@
 /* training */
 #include "src/train/checkpoint.c"      /* training state in a file, for resuming */
 #include "src/train/density.c"         /* clone, split, prune, opacity reset */
-#include "src/train/spsa.c"            /* gradient-free search of the depth weights */
 #include "src/survey/contrast.c"       /* fall of image contrast with depth */
+#include "src/survey/photometry.c"     /* water from the colours of tracks */
 #include "src/train/ucd.c"             /* depth weights of density control */
 #include "src/train/prune.c"           /* pruning: schedule and scores */
 #include "src/train/transients.c"      /* masks pixels that disagree with all other images */

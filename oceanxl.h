@@ -351,20 +351,14 @@ typedef enum oxl_ucd_mode {
     OXL_UCD_ON,
     OXL_UCD_AUTO /* on if the images' contrast falls with depth */
 } oxl_ucd_mode;
-typedef enum oxl_ucd_bands {
-    OXL_UCD_THIRDS = 0, /* thirds of the largest depth, as in the paper */
-    OXL_UCD_QUANTILES,  /* terciles of the points' depths */
-    OXL_UCD_FADING      /* limits where contrast has fallen to 4/5 and to 1/2 */
-} oxl_ucd_bands;
 typedef struct oxl_ucd {
-    oxl_ucd_mode  mode;
-    oxl_ucd_bands bands;
-    float         f_mid, f_far; /* gradient weights of the mid and far depth band, initial values; 1 <= mid <= far <= 5 */
-    int           learn;        /* 1: searched during training; 0: fixed */
+    oxl_ucd_mode mode;
+    float        f_mid, f_far; /* gradient weights of the mid and far third of depth; 1 <= mid <= far <= 5 */
+    int          learn;        /* 1: corrected during training by SPSA; 0: fixed */
 } oxl_ucd;
 
 OXL_API oxl_ucd    oxl_ucd_default(void);
-/* "on", "off", "auto" (1.5 and 2, no search), "1.5,2" (on, initial weights of the search), "1.5,2,fixed", "auto,1.5,2". */
+/* "on", "off", "auto" (1.5 and 2, fixed), "1.5,2" (on, corrected from there), "1.5,2,fixed", "auto,1.5,2". */
 OXL_API oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out);
 
 typedef struct oxl_train_options {

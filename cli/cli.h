@@ -131,6 +131,8 @@ typedef struct synth_options {
     const char *path;            /* lawnmower | orbit | forward | rov (lawnmower) */
     double      exposure_jitter; /* stops by which images are brighter or darker, at most (0) */
     double      lamp;            /* light that moves with the camera: the power by which it falls off with range; -1: none (-1) */
+    double      backscatter;     /* of that lamp: what the water near the camera adds, of full white, at most (0) */
+    double      stereo;          /* metres between the two cameras of a rig; 0: one camera (0) */
     const char *scene;           /* reef | wreck | ridge; NULL: reef, of the path rov ridge (NULL) */
     long        points;          /* sparse points; 0: 400 a view (0) */
     double      noise;           /* sigma of the sensor's noise in 8-bit levels (1.5) */

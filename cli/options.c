@@ -88,6 +88,8 @@ static const oxl_option CLI_OPTIONS[] = {
 {"extent", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.extent), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "side of the area, or diameter of the orbit; otherwise as the overlap requires", NULL},
 {"exposure-jitter", "STOPS", OXL_OPTION_DOUBLE, FIELD(synth.exposure_jitter), 0, 4, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "images get brighter and darker along the path by at most so much", NULL},
 {"lamp", "POWER", OXL_OPTION_DOUBLE, FIELD(synth.lamp), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "a lamp that moves with the camera; its light falls off with this power of the range; otherwise none", NULL},
+{"backscatter", "SHARE", OXL_OPTION_DOUBLE, FIELD(synth.backscatter), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "with --lamp: light that water near the camera throws back, of full white, where it is brightest", NULL},
+{"stereo", "METRES", OXL_OPTION_DOUBLE, FIELD(synth.stereo), 0, 10, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "two cameras side by side, so far apart, take the images in pairs; 0: one camera", NULL},
 {"water", "TYPE", OXL_OPTION_TEXT, FIELD(synth.water), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "none, or a Jerlov type: I IA IB II III 1C 3C 5C 7C 9C", NULL},
 {"noise", "SIGMA", OXL_OPTION_DOUBLE, FIELD(synth.noise), 0, MOST, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of the sensor, in 8-bit levels", NULL},
 {"fish", "N", OXL_OPTION_INT, FIELD(synth.fish), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "per image; truth/still/ and truth/masks/ are without them", NULL},

@@ -88,7 +88,8 @@ static int study_progress(void *user, const oxl_progress *p)
     struct study_meter *s = user;
     const oxl_callback *c = s->callback;
     if (!s->begun) {
-        s->begun  = p->iteration <= 1 && p->block == 0 ? 1 : 2;
+        s->begun =
+            p->iteration <= 1 && p->block == (p->blocks > 1 ? p->blocks : 0) ? 1 : 2; /* blocks: the coarse model is first */
         s->cpu_at = study_cpu();
     }
     s->cpu = study_cpu() - s->cpu_at;

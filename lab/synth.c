@@ -4,7 +4,7 @@
  *     sparse/0/{cameras,images,points3D}.txt  the poses and a sparse cloud with tracks
  *     truth/clean, truth/depth                the same images without water and noise; camera z in metres
  *     truth/water.txt, truth/model.txt        the water's coefficients; description of the world and of these files
- *     truth/exposure.txt, truth/lamp.txt      with --exposure-jitter and --lamp: what was applied
+ *     truth/exposure.txt, truth/lamp.txt      with --exposure-jitter, --stereo and --lamp: what was applied
  *     truth/still, truth/masks                with --fish: the images without fish; masks of the fish, in black
  *
  * Water: I = J exp(-bD z) + Binf (1 - exp(-bB z)) for each channel (Akkaynak & Treibitz 2018), z the range along the ray.
@@ -86,6 +86,10 @@ static oxl_result synth_check(struct synth_run *s)
         return synth_fail(s, OXL_ERR_USAGE, "synth: exposure can jitter by 0 to 4 stops", "");
     if (!(o->lamp == -1 || (o->lamp >= 0 && o->lamp <= 2)))
         return synth_fail(s, OXL_ERR_USAGE, "synth: a lamp can fall off with a power of 0 to 2", "");
+    if (!(o->backscatter >= 0 && o->backscatter <= 1) || (o->backscatter > 0 && o->lamp < 0))
+        return synth_fail(s, OXL_ERR_USAGE, "synth: backscatter can be 0 to 1 of white, with a lamp\nfix: --lamp 1", "");
+    if (!(o->stereo >= 0 && o->stereo <= 10))
+        return synth_fail(s, OXL_ERR_USAGE, "synth: stereo cameras can be 0 to 10 metres apart", "");
     if (strcmp(o->path, "lawnmower") != 0 && strcmp(o->path, "orbit") != 0 && strcmp(o->path, "forward") != 0 &&
         strcmp(o->path, "rov") != 0)
         return synth_fail(s, OXL_ERR_USAGE, "synth: paths are lawnmower, orbit, forward and rov, not ", o->path);
@@ -243,8 +247,10 @@ static void synth_expose_row(struct synth_run *s, const struct synth_camera *c, 
     for (int x = 0; x < c->width; x++) {
         const size_t at    = (size_t)y * (size_t)c->width + (size_t)x;
         const double range = synth_range(s, c, x, y);
-        for (int k = 0; k < 3; k++)
-            synth_expose(s, view, at, k, synth_exposed(s->options, &gain, k, x, y, synth_seen(s, at, k, range)));
+        for (int k = 0; k < 3; k++) {
+            const double near = synth_lamp_backscatter(s->options, s->water.direct[k], x + 0.5, y + 0.5, range);
+            synth_expose(s, view, at, k, synth_exposed(s->options, &gain, k, x, y, synth_seen(s, at, k, range) + near));
+        }
     }
 }
 
@@ -281,7 +287,7 @@ static oxl_result synth_write_image(struct synth_run *s, const char *folder, int
 {
     char       name[32], path[1024];
     oxl_result rc;
-    synth_image_name(view, name);
+    synth_image_name(s->options, view, name);
     snprintf(path, sizeof path, "%s/%s/%s", s->options->out, folder, name);
     rc = oxl_image_write(s->ctx, path, image);
     return rc == OXL_OK ? rc : synth_fail(s, rc, "synth: ", oxl_error_text(s->ctx));
@@ -290,7 +296,7 @@ static oxl_result synth_write_image(struct synth_run *s, const char *folder, int
 static oxl_result synth_write_depth(struct synth_run *s, int view)
 {
     char name[32], path[1024];
-    synth_image_name(view, name);
+    synth_image_name(s->options, view, name);
     name[strlen(name) - 4] = 0; /* .png */
     snprintf(path, sizeof path, "%s/truth/depth/%s.pfm", s->options->out, name);
     if (output_write_pfm(path, s->depth, s->options->width, s->options->height)) return OXL_OK;
@@ -421,7 +427,7 @@ static oxl_result synth_write_truth(struct synth_run *s)
     written = written && synth_write_model(s, path);
     if (written) snprintf(path, sizeof path, "%s/truth/outliers.txt", s->options->out);
     written = written && synth_write_outliers(s, path);
-    if (written && s->options->exposure_jitter > 0) {
+    if (written && (s->options->exposure_jitter > 0 || s->options->stereo > 0)) {
         snprintf(path, sizeof path, "%s/truth/exposure.txt", s->options->out);
         written = synth_write_exposure(s->options, path);
     }

@@ -138,7 +138,7 @@ struct synth_path {
 int  synth_path_create(const synth_options *options, struct synth_path *out);
 void synth_path_settle(struct synth_path *path, const struct synth_world *world);
 void synth_path_free(struct synth_path *path);
-void synth_image_name(int view, char name[32]);
+void synth_image_name(const synth_options *options, int view, char name[32]);
 v3   synth_pixel_ray(const struct synth_camera *camera, double x, double y); /* unit, in the world */
 /* Pixel and camera z of a world point; 0 when it lies behind. */
 int  synth_project(const struct synth_camera *camera, v3 p, double *x, double *y, double *z);
@@ -167,9 +167,11 @@ struct synth_water { /* I = J exp(-direct z) + veil (1 - exp(-scatter z)), z: ra
 };
 double synth_through_water(const struct synth_water *water, int channel, double colour, double range);
 
-v3     synth_gain(const synth_options *options, int view);                   /* what an image is multiplied by */
-double synth_lamp_falloff(const synth_options *options, double range);       /* what J is multiplied by; range in metres */
-double synth_lamp_radial(const synth_options *options, double x, double y);  /* what a pixel is multiplied by */
+v3     synth_gain(const synth_options *options, int view);                  /* what an image is multiplied by */
+double synth_lamp_falloff(const synth_options *options, double range);      /* what J is multiplied by; range in metres */
+double synth_lamp_radial(const synth_options *options, double x, double y); /* what a pixel is multiplied by */
+/* What the water between camera and surface throws back of the lamp's light, before that gain; range in metres. */
+double synth_lamp_backscatter(const synth_options *options, double attenuation, double x, double y, double range);
 int    synth_write_exposure(const synth_options *options, const char *path); /* 1: all is written */
 int    synth_write_lamp(const synth_options *options, const char *path);
 

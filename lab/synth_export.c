@@ -130,7 +130,7 @@ static int export_write_images(const synth_options *o, const struct synth_path *
                 ", mean observations per image: ", (double)points->observation_count / path->count);
     for (int i = 0; i < path->count; i++) {
         char image[32];
-        synth_image_name(i, image);
+        synth_image_name(o, i, image);
         output_file_integer(&f, synth_id(views, (uint64_t)i));
         export_pose(&f, &path->camera[i], o->origin);
         output_file_text(&f, " ");

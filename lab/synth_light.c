@@ -2,6 +2,9 @@
  *
  *     exposure   an image is multiplied by one gain per channel before noise and rounding: 3/4 of the range is a slow drift along
  *                the path, 1/4 belongs to the image alone; white balance drifts by a fifth of that.
+ *     stereo     both cameras of a pair have its gain, the right one times STEREO_RIGHT.
+ *     backscatter light of the lamp, LAMP_AT beside the camera, that the water throws back before it reaches the surface: single
+ *                scattering, the integral of exp(-c (t + d)) h / d^2 along the ray; d: from lamp to there, h: from lamp to camera.
  *     lamp       the scene's own light J is multiplied by z^-p / z0^-p (z: range, z0: LAMP_RANGE metres), and the whole image by
  *                a radial gain 1 + a r^2 + b r^4 about a centre beside the image's (r in half diagonals).
  *
@@ -13,6 +16,12 @@
 #define LAMP_NEAREST     0.5 /* metres: nearer than that the lamp is as bright as there */
 #define EXPOSURE_DRIFT   0.75
 #define EXPOSURE_BALANCE 0.2
+
+#define STEREO_RIGHT     0.8
+#define BACKSCATTER_END  6.0 /* metres: nothing comes back from farther off */
+#define BACKSCATTER_FULL 2.5 /* about the integral towards the lamp in clear water */
+enum { BACKSCATTER_STEPS = 24 };
+static const v3 lamp_at = {-0.25, -0.45, 0.1}; /* metres, in the camera's frame: left, above, a little ahead */
 
 static const double lamp_centre[2] = {0.46, 0.56}, lamp_radial[2] = {-0.55, 0.12};
 
@@ -32,13 +41,15 @@ static double light_drift(uint64_t seed, int view, uint64_t what)
 
 v3 synth_gain(const synth_options *o, int view)
 {
-    double gain[3];
-    if (!(o->exposure_jitter > 0)) return v3_of(1, 1, 1);
+    const double right = o->stereo > 0 && view % 2 ? STEREO_RIGHT : 1;
+    double       gain[3];
+    if (o->stereo > 0) view /= 2;
+    if (!(o->exposure_jitter > 0)) return v3_of(right, right, right);
     for (uint64_t c = 0; c < 3; c++) {
         const double own  = 2 * synth_unit(synth_bits(o->seed, 410, (uint64_t)view)) - 1;
         const double all  = EXPOSURE_DRIFT * light_drift(o->seed, view, 0) + (1 - EXPOSURE_DRIFT) * own;
         const double tint = EXPOSURE_BALANCE * light_drift(o->seed, view, 1 + c);
-        gain[c]           = pow(2, o->exposure_jitter * (all + tint));
+        gain[c]           = right * pow(2, o->exposure_jitter * (all + tint));
     }
     return v3_of(gain[0], gain[1], gain[2]);
 }
@@ -55,6 +66,19 @@ double synth_lamp_radial(const synth_options *o, double x, double y)
     return o->lamp >= 0 ? 1 + r2 * (lamp_radial[0] + r2 * lamp_radial[1]) : 1;
 }
 
+double synth_lamp_backscatter(const synth_options *o, double attenuation, double x, double y, double range)
+{
+    const v3     ray = v3_unit(v3_of((x - 0.5 * o->width) / (0.8 * o->width), (y - 0.5 * o->height) / (0.8 * o->width), 1));
+    const double end = range > 0 ? synth_min(range, BACKSCATTER_END) : BACKSCATTER_END, step = end / BACKSCATTER_STEPS;
+    double       sum = 0;
+    if (!(o->backscatter > 0)) return 0;
+    for (int i = 0; i < BACKSCATTER_STEPS; i++) {
+        const double t = (i + 0.5) * step, d = v3_length(v3_sub(v3_scale(ray, t), lamp_at));
+        sum += step * exp(-attenuation * (t + d)) * v3_length(lamp_at) / (d * d);
+    }
+    return o->backscatter * synth_min(sum / BACKSCATTER_FULL, 1);
+}
+
 int synth_write_exposure(const synth_options *o, const char *path)
 {
     struct output t = {0};
@@ -62,7 +86,7 @@ int synth_write_exposure(const synth_options *o, const char *path)
     for (int i = 0; i < o->views; i++) {
         const v3 gain = synth_gain(o, i);
         char     name[32];
-        synth_image_name(i, name);
+        synth_image_name(o, i, name);
         output_add(&t, "%s %s %s %s\n", name, OUTPUT_FIXED(gain.x, 6), OUTPUT_FIXED(gain.y, 6), OUTPUT_FIXED(gain.z, 6));
     }
     return output_save(&t, path);
@@ -74,8 +98,9 @@ int synth_write_lamp(const synth_options *o, const char *path)
     output_add(&t,
                "# J of the water's formula is multiplied by (range / z)^power, the image by 1 + r2 r^2 + r4 r^4;\n"
                "# r: distance from the centre in half diagonals. Metres, px.\n"
-               "power %s\nrange %s\ncentre_x %s\ncentre_y %s\nr2 %s\nr4 %s\n",
+               "power %s\nrange %s\ncentre_x %s\ncentre_y %s\nr2 %s\nr4 %s\nbackscatter %s\n",
                OUTPUT_FIXED(o->lamp, 6), OUTPUT_FIXED(LAMP_RANGE, 6), OUTPUT_FIXED(lamp_centre[0] * o->width, 6),
-               OUTPUT_FIXED(lamp_centre[1] * o->height, 6), OUTPUT_FIXED(lamp_radial[0], 6), OUTPUT_FIXED(lamp_radial[1], 6));
+               OUTPUT_FIXED(lamp_centre[1] * o->height, 6), OUTPUT_FIXED(lamp_radial[0], 6), OUTPUT_FIXED(lamp_radial[1], 6),
+               OUTPUT_FIXED(o->backscatter, 6));
     return output_save(&t, path);
 }

@@ -145,10 +145,30 @@ static void path_measure(struct synth_path *path, double reach)
     path->half += MARGIN;
 }
 
+/* From each camera two: at half the distance to its left and right. */
+static void path_pair(double apart, struct synth_path *path)
+{
+    for (int i = path->count - 1; i >= 0; i--) {
+        const struct synth_camera c = path->camera[i / 2];
+        const v3 side               = v3_scale(v3_of(c.rotation[0], c.rotation[1], c.rotation[2]), (i % 2 ? 0.5 : -0.5) * apart);
+        path->camera[i]             = c;
+        path->camera[i].centre      = v3_add(c.centre, side);
+    }
+}
+
+static void path_fly(const synth_options *o, struct synth_path *path)
+{
+    if (strcmp(o->path, "orbit") == 0) path_orbit(o, path);
+    else if (strcmp(o->path, "rov") == 0) path_rov(o, path);
+    else if (strcmp(o->path, "forward") == 0) path_forward(o, path);
+    else path_lawnmower(o, path);
+}
+
 int synth_path_create(const synth_options *o, struct synth_path *path)
 {
-    *path        = (struct synth_path){.count = o->views};
-    path->camera = calloc((size_t)o->views, sizeof *path->camera);
+    synth_options rig = *o;
+    *path             = (struct synth_path){.count = o->views};
+    path->camera      = calloc((size_t)o->views, sizeof *path->camera);
     if (!path->camera) return 0;
     for (int i = 0; i < o->views; i++) { /* the principal point is off the middle, as calibration finds it */
         struct synth_camera *c = &path->camera[i];
@@ -158,10 +178,9 @@ int synth_path_create(const synth_options *o, struct synth_path *path)
         c->cx                  = 0.504 * o->width;
         c->cy                  = 0.497 * o->height;
     }
-    if (strcmp(o->path, "orbit") == 0) path_orbit(o, path);
-    else if (strcmp(o->path, "rov") == 0) path_rov(o, path);
-    else if (strcmp(o->path, "forward") == 0) path_forward(o, path);
-    else path_lawnmower(o, path);
+    if (o->stereo > 0) rig.views = (o->views + 1) / 2;
+    path_fly(&rig, path);
+    if (o->stereo > 0) path_pair(o->stereo, path);
     path_measure(path, strcmp(o->path, "rov") == 0 ? ROV_RANGE : SYNTH_FAR);
     return 1;
 }
@@ -205,7 +224,9 @@ int synth_project(const struct synth_camera *c, v3 p, double *px, double *py, do
     return 1;
 }
 
-void synth_image_name(int view, char name[32])
+/* A stereo pair is one number: IMG_00012L.png, IMG_00012R.png. */
+void synth_image_name(const synth_options *o, int view, char name[32])
 {
-    snprintf(name, 32, "IMG_%05d.png", view);
+    if (o->stereo > 0) snprintf(name, 32, "IMG_%05d%c.png", view / 2, "LR"[view % 2]);
+    else snprintf(name, 32, "IMG_%05d.png", view);
 }

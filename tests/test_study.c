@@ -428,6 +428,19 @@ TEST(study_remembers_peak_and_processor_time_over_the_parts_of_a_training)
     }
 }
 
+TEST(study_counts_processor_time_from_the_first_step_of_one_block_or_of_the_coarse_model)
+{
+    static const struct {
+        int iteration, block, blocks, begun;
+    } first[] = {{1, 0, 1, 1}, {1, 3, 3, 1}, {9, 0, 1, 2}, {9, 3, 3, 2}, {1, 0, 3, 2}, {400, 4, 3, 2}};
+    for (size_t i = 0; i < OXL_COUNT(first); i++) {
+        const oxl_callback none = {NULL, NULL};
+        const oxl_progress p    = {.iteration = first[i].iteration, .block = first[i].block, .blocks = first[i].blocks};
+        struct study_meter s    = {.callback = &none};
+        CHECK(study_progress(&s, &p) == 0 && s.begun == first[i].begun);
+    }
+}
+
 TEST(study_reads_numbers_as_metrics_json_has_them)
 {
     const char *json =

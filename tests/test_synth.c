@@ -336,7 +336,7 @@ static int synth_test_differences(const char *survey, int view, int *outside, in
     oxl_image image = {0}, still = {0}, mask = {0};
     char      name[32], path[600];
     int       differ = 0;
-    synth_image_name(view, name);
+    synth_image_name(&(synth_options){0}, view, name);
     snprintf(path, sizeof path, "%s/images/%s", survey, name);
     CHECK_OK(oxl_image_read(test_ctx, path, &image));
     snprintf(path, sizeof path, "%s/truth/still/%s", survey, name);
@@ -380,7 +380,7 @@ TEST(synth_fish_change_the_images_where_the_masks_are_black_and_nothing_else)
         int                outside, covered;
         const int          differ = synth_test_differences(fish.out, i, &outside, &covered);
         CHECK(outside == 0 && covered > 20 && covered < 96 * 64 / 2 && differ > covered * 8 / 10);
-        synth_image_name(i, name);
+        synth_image_name(&fish, i, name);
         snprintf(path[0], sizeof path[0], "still/images/%s", name);
         snprintf(path[1], sizeof path[1], "fish/truth/still/%s", name);
         CHECK_OK(os_read_file(test_ctx, test_path(path[0]), &a));

@@ -1,4 +1,4 @@
-/* test_train_selection.c - SH bands, second lobes and depth weights are kept only where trials show a gain; the evidence is recorded. */
+/* test_train_selection.c - SH bands and second lobes are kept only where trials show a gain; the evidence is recorded. */
 
 TEST(selection_validates_on_an_eighth_of_the_views_and_eight_at_most)
 {
@@ -19,9 +19,6 @@ TEST(selection_predicts_the_steps_of_its_trials)
     o.sh_degree = -1;
     CHECK(selection_trial_steps(&o, 50) == 150 && selection_trial_steps(&o, 7) == 0);
     o.dog = OXL_DOG_AUTO;
-    CHECK(selection_trial_steps(&o, 50) == 200);
-    o.ucd.mode = OXL_UCD_ON, o.ucd.learn = 1;
-    o.densify_every = INT_MAX;
     CHECK(selection_trial_steps(&o, 50) == 200);
 }
 
@@ -124,59 +121,19 @@ TEST(selection_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
     checkpoint_case_free(&c);
 }
 
-/* 21 densifications from step 60 to 120. */
-static oxl_train_options selection_test_weights_options(void)
-{
-    oxl_train_options o = train_options(240);
-    o.sh_degree         = 0;
-    o.densify_every     = 3;
-    o.densify_gradient  = 8e-3f; /* of some, not of all */
-    o.ucd.mode          = OXL_UCD_ON;
-    o.ucd.learn         = 1;
-    return o;
-}
-
-TEST(selection_learns_depth_weights_and_a_run_stopped_in_a_trial_ends_in_the_same_bytes)
+TEST(selection_corrects_depth_weights_within_the_run_and_a_stopped_run_ends_in_the_same_bytes)
 {
     static const int       stops[] = {60, 62, 64, 90, 119, 200};
-    struct checkpoint_case c       = checkpoint_of(train_scene(14), selection_test_weights_options());
+    struct checkpoint_case c       = checkpoint_of(train_scene(14), train_options(240));
+    c.options.sh_degree            = 0;
+    c.options.densify_every        = 3; /* 21 densifications from step 60 to 120 */
+    c.options.densify_gradient     = 8e-3f;
+    c.options.ucd.mode             = OXL_UCD_ON;
+    c.options.ucd.learn            = 1;
     selection_test_check_stops(&c, stops, OXL_COUNT(stops));
-    CHECK(strstr(c.decisions.data, ", learned\"") != NULL);
+    CHECK(strstr(c.decisions.data, ", corrected by 2 pairs of costs\"") != NULL);
     CHECK(!strstr(c.decisions.data, "f_mid 1.50") || !strstr(c.decisions.data, "f_far 2.00"));
+    c.options.lamp = c.options.medium = OXL_OFF;
+    CHECK(selection_trial_steps(&c.options, 14) == 0);
     checkpoint_case_free(&c);
-}
-
-struct selection_test_watch {
-    int    step, tried, back; /* the last step; steps of trials; times that one went back */
-    int    densified;         /* steps of trials at which the number of Gaussians changed */
-    size_t gaussians;
-};
-
-static int selection_test_watch(void *user, const oxl_progress *p)
-{
-    struct selection_test_watch *w = user;
-    w->tried += p->trial;
-    w->back += p->iteration <= w->step && p->trial;
-    w->densified += p->trial && p->iteration == w->step + 1 && p->iteration % 3 == 0 && p->gaussians != w->gaussians;
-    w->gaussians = p->gaussians;
-    w->step      = p->iteration;
-    return 0;
-}
-
-/* 3 pairs of twice 11 steps. */
-TEST(selection_tries_both_points_of_a_pair_from_the_same_step_over_four_densifications)
-{
-    struct selection_test_watch w     = {.step = 0};
-    oxl_train_options           o     = selection_test_weights_options();
-    oxl_scene                  *scene = train_scene(14);
-    oxl_model                   model;
-    o.lamp = o.medium = OXL_OFF;
-    CHECK_OK(oxl_train(test_ctx, scene, &o, &(oxl_callback){selection_test_watch, &w}, &model));
-    CHECK(w.tried == 3 * 22 && w.back == 3 && w.step == 240);
-    CHECK(selection_trial_steps(&o, 14) == 3 * 11);
-    o.ucd.mode = OXL_UCD_AUTO;
-    CHECK(selection_trial_steps(&o, 14) == 3 * 11 / 2);
-    CHECK(w.densified > 6); /* of 3 in each of 6 trials, besides the one that it began with */
-    oxl_model_free(test_ctx, &model);
-    oxl_scene_free(test_ctx, scene);
 }

@@ -62,14 +62,13 @@ TEST(contrast_decay_follows_the_water_and_not_the_texture_of_points)
     }
 }
 
-static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn, int densifications, oxl_ucd_bands bands)
+static struct ucd ucd_of(oxl_scene *scene, oxl_ucd_mode mode, int learn)
 {
     oxl_ucd    options = oxl_ucd_default();
     struct ucd u;
     options.mode  = mode;
     options.learn = learn;
-    options.bands = bands;
-    CHECK_OK(ucd_begin(test_ctx, &u, scene, &options, densifications));
+    CHECK_OK(ucd_begin(test_ctx, &u, scene, &options));
     return u;
 }
 
@@ -109,7 +108,7 @@ TEST(contrast_of_a_scene_without_tracks_is_not_measured)
     struct ucd        u;
     CHECK_OK(contrast_measure(test_ctx, c.scene, &contrast));
     CHECK(!contrast.measured);
-    u = ucd_of(c.scene, OXL_UCD_AUTO, 1, 100, OXL_UCD_THIRDS);
+    u = ucd_of(c.scene, OXL_UCD_AUTO, 1);
     CHECK(!u.on);
     CHECK_TEXT(u.reason, "off: ");
     prune_case_free(&c);
@@ -121,7 +120,7 @@ TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
 {
     for (int turbid = 0; turbid < 2; turbid++) {
         oxl_scene *scene = wall_scene(turbid ? 0.2 : 0);
-        struct ucd u     = ucd_of(scene, OXL_UCD_AUTO, 1, 100, OXL_UCD_THIRDS);
+        struct ucd u     = ucd_of(scene, OXL_UCD_AUTO, 1);
         char       text[400];
         ucd_describe(&u, text, sizeof text);
         CHECK(u.on == turbid);
@@ -131,30 +130,28 @@ TEST(ucd_auto_is_off_in_clear_water_and_on_where_contrast_falls_with_depth)
     }
 }
 
-TEST(ucd_bands_are_thirds_of_depth_or_thirds_of_the_points_or_where_contrast_fades)
+TEST(ucd_bands_are_thirds_of_the_largest_depth_without_outliers)
 {
     oxl_scene *scene = wall_scene(0.3);
-    struct ucd u     = ucd_of(scene, OXL_UCD_ON, 1, 0, OXL_UCD_THIRDS);
+    struct ucd u     = ucd_of(scene, OXL_UCD_ON, 1);
     CHECK(fabs(u.z_near - 6.75 / 3) < 0.1 && fabs(u.z_far - 4.5) < 0.2);
-    u = ucd_of(scene, OXL_UCD_ON, 1, 0, OXL_UCD_QUANTILES);
-    CHECK(u.z_near >= 4.5 && u.z_near < u.z_far && u.z_far <= 6);
-    u = ucd_of(scene, OXL_UCD_ON, 1, 0, OXL_UCD_FADING);
-    CHECK_CLOSE(u.z_near - scene_depth_quantile(scene, 0.02), log(1.25) / 0.3, 0.1);
-    CHECK_CLOSE(u.z_far - scene_depth_quantile(scene, 0.02), log(2) / 0.3, 0.2);
     oxl_scene_free(test_ctx, scene);
 }
 
-TEST(ucd_keeps_fixed_weights_by_option_and_in_short_runs_and_says_so)
+TEST(ucd_keeps_fixed_weights_and_says_so)
 {
     oxl_scene *scene = wall_scene(0.2);
-    for (int is_short = 0; is_short < 2; is_short++) {
-        struct ucd u =
-            is_short ? ucd_of(scene, OXL_UCD_ON, 1, 6, OXL_UCD_THIRDS) : ucd_of(scene, OXL_UCD_ON, 0, 60, OXL_UCD_THIRDS);
-        char text[400];
-        CHECK(!ucd_tries(&u) && u.f[0] == 1.5 && u.f[1] == 2);
-        ucd_describe(&u, text, sizeof text);
-        CHECK_TEXT(text, is_short ? "f_far 2.00, fixed: the run is too short" : "f_far 2.00, fixed");
+    struct ucd u     = ucd_of(scene, OXL_UCD_ON, 0);
+    double     f[2];
+    char       text[400];
+    for (int i = 0; i < 40; i++) {
+        ucd_observe(&u, 1.0 / (i + 1));
+        ucd_weights(&u, 100 + 10 * (size_t)i, f);
+        CHECK(f[0] == 1.5 && f[1] == 2);
     }
+    ucd_describe(&u, text, sizeof text);
+    CHECK_TEXT(text, "f_mid 1.50, from");
+    CHECK_TEXT(text, "f_far 2.00, fixed");
     oxl_scene_free(test_ctx, scene);
 }
 
@@ -180,58 +177,110 @@ TEST(ucd_options_are_words_or_two_weights_in_order)
 
 /* ---------------------------------------------------------------- the search */
 
-/* A run without images, whose log loss after a densification is least with (1.6, 2.4). */
-static struct ucd search_begin(double mid, double back, int densifications, uint64_t seed)
+/* A run without images, from (2, 3): within a span the log loss changes by `cost`, a function of the weights in use. */
+struct search {
+    struct ucd u;
+    double     log_loss, count, most_mid, least_mid;
+    double (*cost)(const double f[2]);
+};
+
+static struct search search_begin(double (*cost)(const double f[2]), uint64_t seed)
 {
-    struct ucd u = {.on = 1, .learns = 1, .f = {mid, back}};
-    ucd_begin_search(&u, densifications, seed);
-    return u;
+    struct search s = {.u = {.on = 1, .learns = 1, .f = {2, 3}, .prior = {2, 3}, .seed = seed}, .count = 1000, .least_mid = 9};
+    s.cost          = cost;
+    ucd_restart(&s.u);
+    return s;
 }
 
-static void search_run(struct ucd *u, int densifications, double noise, uint64_t draw)
+static void search_run(struct search *s, int densifications)
 {
     double f[2];
-    for (int n = 0; n < densifications; n++, u->densified++) {
-        if (!ucd_tries(u)) continue;
-        for (int i = 0; i < 2; i++) {
-            ucd_ask(u, f);
-            ucd_update(u, -4 + 2e-3 * spsa_bowl(f, noise, draw + 2 * (uint64_t)n + (uint64_t)i), 0);
-        }
+    for (int n = 0; n < densifications; n++) {
+        ucd_observe(&s->u, vecmath_exp(s->log_loss));
+        ucd_weights(&s->u, (size_t)s->count, f);
+        CHECK(f[0] >= 1 && f[1] >= f[0] && f[1] <= UCD_CAP);
+        s->least_mid = OXL_MIN(s->least_mid, f[0]);
+        s->most_mid  = OXL_MAX(s->most_mid, f[0]);
+        s->log_loss += s->cost(f) / UCD_SPAN;
     }
 }
 
-TEST(ucd_learns_the_same_weights_from_below_and_from_above_in_spite_of_noise)
+static double search_falling(const double f[2]) /* by 0.01 for each unit of f_mid, and much whatever they are */
+{
+    return -0.08 - 0.01 * f[0];
+}
+
+static double search_flat(const double f[2])
+{
+    (void)f;
+    return -0.08;
+}
+
+static double search_upwards(const double f[2])
+{
+    return -0.5 * f[0] - 0.5 * f[1];
+}
+
+static double search_downwards(const double f[2])
+{
+    return 0.5 * f[0] + 0.5 * f[1];
+}
+
+TEST(ucd_search_moves_by_slope_over_precision_and_stays_where_costs_are_flat)
 {
     for (uint64_t seed = 1; seed <= 4; seed++) {
-        struct ucd below = search_begin(1, 1, 66, seed), above = search_begin(3, 4, 66, seed);
-        search_run(&below, 66, 0.7, 1000 * seed); /* costs that differ by 0.002: as measured */
-        search_run(&above, 66, 0.7, 1000 * seed + 500);
-        CHECK(below.spsa.pair == 9 && above.spsa.pair == 9);
-        CHECK_CLOSE(above.f[0], below.f[0], 0.3);
-        CHECK_CLOSE(above.f[1], below.f[1], 0.3);
-        CHECK_CLOSE(below.f[0], 1.6, 0.3);
-        CHECK_CLOSE(below.f[1], 2.1, 0.4);
+        struct search s = search_begin(search_flat, seed);
+        search_run(&s, 2 + 17 * UCD_SPAN);
+        CHECK(s.u.pairs == 8);
+        CHECK_CLOSE(s.u.f[0], 2, 1e-9);
+        CHECK_CLOSE(s.u.f[1], 3, 1e-9);
+        CHECK_CLOSE(s.least_mid, 2 - UCD_SHIFT, 1e-9);
+        CHECK_CLOSE(s.most_mid, 2 + UCD_SHIFT, 1e-9);
+        s = search_begin(search_falling, seed);
+        search_run(&s, 2 + 17 * UCD_SPAN); /* f_far - f_mid: the effect of f_mid cancels over perpendicular pairs */
+        CHECK_CLOSE(s.u.f[0], 2 + 8 / 9.0 * 0.01 / UCD_PRECISION, 1e-9);
+        CHECK_CLOSE(s.u.f[1] - s.u.f[0], 1, 1e-9);
     }
 }
 
-TEST(ucd_spreads_its_pairs_over_the_densifications)
+TEST(ucd_search_keeps_the_order_and_the_cap_wherever_the_cost_pulls)
 {
-    struct ucd u = search_begin(1.5, 2, 200, 1);
-    search_run(&u, 200, 0, 0);
-    CHECK(u.spsa.pair == UCD_PAIRS);
-    u = search_begin(1.5, 2, 33, 1);
-    search_run(&u, 24, 0, 0);
-    CHECK(u.spsa.pair == 3 && ucd_tries(&u));
-    u.densified += 20; /* there was no time for it then */
-    CHECK(ucd_tries(&u));
+    for (int up = 0; up < 2; up++) {
+        struct search s = search_begin(up ? search_upwards : search_downwards, 1);
+        for (int i = 0; i < 2; i++) s.u.f[i] = s.u.prior[i] = up ? 5 : 1;
+        search_run(&s, 100);
+        CHECK(s.u.pairs == 11 && s.u.f[0] == (up ? 5 : 1) && (up ? s.u.f[1] == 5 : s.u.f[1] < 1.1));
+    }
 }
 
-TEST(ucd_cost_rises_with_the_number_of_gaussians)
+TEST(ucd_search_prices_growth_and_limits_each_pair)
 {
-    struct ucd u = search_begin(1.5, 2, 33, 1);
-    CHECK_CLOSE(ucd_update(&u, -3, 0), -3, 1e-12);
-    CHECK_CLOSE(ucd_update(&u, -3, 0.5), -3 + 0.5 * UCD_GROWTH, 1e-12);
-    CHECK(u.spsa.pair == 1 && memcmp(u.f, u.spsa.f, sizeof u.f) == 0 && u.f[0] != 1.5);
+    struct search s = search_begin(search_flat, 1);
+    search_run(&s, 1 + UCD_SPAN);
+    s.count *= 1.5;
+    search_run(&s, UCD_SPAN);
+    CHECK_CLOSE(s.u.cost[0], -0.08 + 0.5 * UCD_GROWTH, 1e-9);
+    s.log_loss += 100;
+    search_run(&s, UCD_SPAN);
+    CHECK(s.u.pairs == 1);
+    CHECK_CLOSE(fabs(s.u.f[0] - 2), UCD_OFFSET_MAX / 2, 1e-9);
+}
+
+TEST(ucd_search_drops_a_pair_that_a_reset_or_a_broken_loss_interrupts)
+{
+    struct search s = search_begin(search_falling, 2);
+    search_run(&s, 1 + 2 * UCD_SPAN); /* half a pair */
+    CHECK(s.u.costs == 1);
+    ucd_restart(&s.u);
+    s.log_loss = 5;
+    search_run(&s, 1 + UCD_SPAN);
+    CHECK(s.u.costs == 0 && s.u.pairs == 0);
+    for (int i = 0; i < 2 * UCD_SPAN; i++) {
+        double f[2];
+        ucd_observe(&s.u, (double)NAN);
+        ucd_weights(&s.u, 1000, f);
+    }
+    CHECK(s.u.costs == 0 && s.u.pairs == 0);
 }
 
 static void ucd_state(struct archive *a, void *user)
@@ -241,13 +290,15 @@ static void ucd_state(struct archive *a, void *user)
 
 TEST(ucd_continues_from_its_archive)
 {
-    struct ucd a = search_begin(1.5, 2, 66, 3), b = search_begin(1.5, 2, 66, 3);
-    int        found = 0;
-    search_run(&a, 20, 0.1, 0);
-    CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", ucd_state, &a));
-    CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", ucd_state, &b, &found));
-    search_run(&a, 20, 0.1, 50);
-    search_run(&b, 20, 0.1, 50);
-    CHECK(found && a.spsa.pair == b.spsa.pair && memcmp(a.spsa.f, b.spsa.f, sizeof a.f) == 0);
-    CHECK(memcmp(a.f, b.f, sizeof a.f) == 0 && a.f[0] != 1.5 && a.densified == b.densified);
+    for (int stop = 1; stop < 3 * UCD_SPAN; stop++) {
+        struct search a = search_begin(search_falling, 3), b = a;
+        int           found = 0;
+        search_run(&a, 20 + stop);
+        CHECK_OK(checkpoint_write(test_ctx, test_folder(), "key", ucd_state, &a.u));
+        CHECK_OK(checkpoint_read(test_ctx, test_folder(), "key", ucd_state, &b.u, &found));
+        b.log_loss = a.log_loss;
+        search_run(&a, 20);
+        search_run(&b, 20);
+        CHECK(found && a.u.pairs == b.u.pairs && memcmp(a.u.f, b.u.f, sizeof a.u.f) == 0 && a.u.f[0] != 2);
+    }
 }

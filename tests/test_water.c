@@ -215,45 +215,59 @@ TEST(exposure_auto_is_off_where_all_images_are_alike_and_then_changes_nothing)
     oxl_scene_free(test_ctx, scene);
 }
 
-/* Gains of +-size in 8 views. */
-static int exposure_test_decides(double size, double gain)
+/* Gains of the tracks of 8 views: a slow wave, and what jumps from view to view. */
+static int exposure_test_takes(double wave, double jump, int parts)
 {
-    struct exposure e = {.mode = OXL_AUTO, .of = water_imaging(8, (int[]){0, 1, 2, 3, 4, 5, 6, 7}, 8)};
-    char            why[320];
-    int             on;
-    for (int i = 0; i < 24; i++) e.of.log_gain[i] = (float)(i / 3 % 2 ? size : -size);
-    exposure_decide(&e, 25, 25 + gain, 3, why, sizeof why);
+    struct exposure   e = {.mode = OXL_AUTO, .of = water_imaging(8, NULL, 0)};
+    struct photometry p = {.points = 100, .observations = 900, .parts = parts};
+    float             gain[24];
+    uint8_t           known[8] = {1, 1, 1, 1, 1, 1, 1, 1};
+    char              why[400];
+    int               on;
+    for (int i = 0; i < 24; i++) gain[i] = (float)(wave * cos(0.8 * (i / 3)) + (i / 3 % 2 ? jump : -jump));
+    p.log_gain = gain, p.known = known;
+    exposure_take(&e, &p, why, sizeof why);
     on = e.of.on;
     imaging_free(test_ctx, &e.of);
     return on;
 }
 
-TEST(exposure_auto_is_on_where_gains_help_their_neighbours_or_differ_much_and_harm_none)
+TEST(exposure_auto_is_on_where_gains_of_tracks_differ_and_neighbours_foretell_them)
 {
-    CHECK(exposure_test_decides(0.06, 0.05) && !exposure_test_decides(0.06, 0.01) && !exposure_test_decides(0.04, 0.05));
-    CHECK(exposure_test_decides(0.08, -0.05) && !exposure_test_decides(0.08, -0.2));
+    CHECK(exposure_test_takes(0.1, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0.1, 0, PHOTOMETRY_LAMP));
+    CHECK(!exposure_test_takes(0.02, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0, 0.1, PHOTOMETRY_GAINS));
 }
 
-TEST(exposure_auto_is_off_in_short_runs_and_on_stays_on)
+/* Both cameras jump together, or only the right ones do. */
+TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do)
 {
-    oxl_train_options o = train_options(999), on = train_options(20);
-    o.exposure  = OXL_AUTO;
-    on.exposure = OXL_ON;
-    CHECK(exposure_mode(&o) == OXL_OFF && exposure_decides_at(&o) == 0 && exposure_mode(&on) == OXL_ON);
-    o.iterations = 1000;
-    CHECK(exposure_mode(&o) == OXL_AUTO && exposure_decides_at(&o) == 100);
-    o.survey_iterations = 500; /* a block of a short run */
-    CHECK(exposure_mode(&o) == OXL_OFF);
+    static const char *const names[] = {"01_left.png",  "01_right.png", "02_left.png",  "02_right.png", "03_left.png",
+                                        "03_right.png", "04_left.png",  "04_right.png", "05_left.png",  "05_right.png"};
+    oxl_scene               *scene   = exposure_scene_named(names, 10);
+    for (int together = 0; together < 2; together++) {
+        struct imaging m = water_imaging(10, NULL, 0);
+        float          gain[3];
+        for (int v = 0; v < 10; v++) {
+            m.known[v] = v != 4;
+            for (int c = 0; c < 3; c++) m.log_gain[3 * v + c] = v / 2 % 2 && (together || v % 2) ? 0.3f : 0;
+        }
+        CHECK_OK(imaging_set_cameras(test_ctx, scene, &m));
+        CHECK(m.partner[4] == 5 && m.partner[5] == 4);
+        imaging_foretell(&m, 4, gain);
+        CHECK_CLOSE(gain[0], 0, 0.02); /* the left neighbours' line is at 0.3, or at 0 */
+        imaging_free(test_ctx, &m);
+    }
+    oxl_scene_free(test_ctx, scene);
 }
 
-TEST(exposure_a_run_stopped_before_and_after_the_decision_ends_in_the_same_bytes)
+TEST(exposure_a_run_that_is_stopped_ends_in_the_same_bytes)
 {
     static const int       stops[] = {5, 99, 100, 101, 320};
     struct checkpoint_case c       = checkpoint_of(exposure_scene(14, 0.3f, 0.4), train_options(1000));
     oxl_model              model;
     struct imaging         whole;
     c.options.sh_degree = -1;
-    c.options.exposure  = OXL_AUTO;
+    c.options.exposure  = OXL_ON;
     CHECK_OK(oxl_train(test_ctx, c.scene, &c.options, NULL, &c.whole));
     CHECK_OK(imaging_create(test_ctx, 14, &whole));
     imaging_copy(scene_imaging(c.scene), &whole);
@@ -265,7 +279,6 @@ TEST(exposure_a_run_stopped_before_and_after_the_decision_ends_in_the_same_bytes
     CHECK_OK(checkpoint_run(&c, "key", -1, &model));
     CHECK(train_same(&model, &c.whole));
     CHECK(memcmp(whole.log_gain, scene_imaging(c.scene)->log_gain, 3 * 14 * sizeof *whole.log_gain) == 0);
-    CHECK_TEXT(c.decisions.data ? c.decisions.data : "", "\"exposure\": {\"chosen\": \"on\"");
     imaging_free(test_ctx, &whole);
     oxl_model_free(test_ctx, &model);
     checkpoint_case_free(&c);
@@ -319,7 +332,7 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
         oxl_image seen, clean;
         const v3  gain = synth_gain(&o, view);
         double    most = 0;
-        synth_image_name(view, name);
+        synth_image_name(&o, view, name);
         snprintf(path, sizeof path, "lamp/images/%s", name);
         CHECK_OK(oxl_image_read(test_ctx, test_path(path), &seen));
         snprintf(path, sizeof path, "lamp/truth/clean/%s", name);
@@ -339,9 +352,61 @@ TEST(synth_exposure_and_lamp_are_what_truth_says)
     CHECK(synth_lamp_falloff(&o, 3) == 1 && synth_lamp_falloff(&o, 6) == 0.5);
 }
 
+/* ---------------------------------------------------------------- photometry of tracks */
+
+static void photometry_test_measure(const char *survey, struct photometry *p)
+{
+    oxl_scene *scene;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
+    CHECK_OK(photometry_measure(test_ctx, scene, PHOTOMETRY_ALL, p));
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* Water, exposure and lamp of a synthetic survey; then all images times 0.5, and tinted. */
+TEST(photometry_of_tracks_finds_water_and_gains_and_scales_with_the_images)
+{
+    static const double factor[3] = {0.4, 0.5, 0.6};
+    synth_options       o         = synth_test_options("tracks");
+    struct colmap       survey    = {0};
+    struct photometry   p, scaled;
+    o.views = 14, o.width = 160, o.height = 104, o.water = "7C", o.path = "forward", o.exposure_jitter = 0.4, o.threads = 0;
+    o.noise = 0.5;
+    synth_test_make(&o, &survey);
+    colmap_free(test_ctx, &survey);
+    photometry_test_measure("tracks", &p);
+    CHECK(p.parts & PHOTOMETRY_WATER && p.parts & PHOTOMETRY_GAINS);
+    for (int c = 0; c < 3; c++) {
+        static const double direct[3] = {.478, .494, .693}, veil[3] = {.18, .43, .27};
+        CHECK_CLOSE(p.direct[c], direct[c], 0.15 * direct[c]);
+        CHECK_CLOSE(p.scatter[c], 1.2 * direct[c], 0.18 * direct[c]);
+        CHECK_CLOSE(p.veil[c], veil[c], 0.15 * veil[c]);
+    }
+    for (int v = 0; v < o.views; v++) {
+        char      name[32], path[64];
+        oxl_image image;
+        synth_image_name(&o, v, name);
+        snprintf(path, sizeof path, "tracks/images/%s", name);
+        CHECK_OK(oxl_image_read(test_ctx, test_path(path), &image));
+        for (int i = 0; i < 3 * o.width * o.height; i++) image.rgb[i] *= (float)factor[i / (o.width * o.height)];
+        CHECK_OK(oxl_image_write(test_ctx, test_path(path), &image));
+        oxl_image_free(test_ctx, &image);
+    }
+    photometry_test_measure("tracks", &scaled);
+    CHECK(scaled.parts == p.parts);
+    for (int c = 0; c < 3; c++) {
+        CHECK_CLOSE(scaled.direct[c], p.direct[c], 0.03 * p.direct[c]);
+        CHECK_CLOSE(scaled.scatter[c], p.scatter[c], 0.05 * p.scatter[c]);
+        CHECK_CLOSE(scaled.veil[c], factor[c] * p.veil[c], 0.05 * factor[c] * p.veil[c]);
+        for (int v = 0; v < o.views - 2; v++) /* the last ones see no more tracks */
+            CHECK_CLOSE(scaled.log_gain[3 * v + c], p.log_gain[3 * v + c], 0.03);
+    }
+    photometry_free(test_ctx, &p);
+    photometry_free(test_ctx, &scaled);
+}
+
 /* ---------------------------------------------------------------- the medium */
 
-static const struct medium water_murky = {1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3};
+static const struct medium water_murky = {1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3, 0};
 
 /* S = the sum of drgb x the image, rendered through the water. */
 static double medium_score(struct renderer *r, const oxl_camera *camera, const oxl_model *model, const struct medium *medium,
@@ -419,14 +484,15 @@ TEST(medium_gradients_of_all_parameters_and_of_the_centres_agree_with_finite_dif
     oxl_scene_free(test_ctx, scene);
 }
 
-/* From one range only the baked colours are those through the water. */
+/* From one range only the baked colours are those through the water; backwards, they are what they were. */
 TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
 {
-    oxl_scene        *scene  = train_scene(1);
-    const oxl_camera *camera = &oxl_scene_view(scene, 0)->camera;
-    const size_t      n      = 3 * (size_t)camera->width * (size_t)camera->height;
-    float            *drgb   = oxl_alloc(test_ctx, n, sizeof *drgb);
-    struct medium     m      = water_murky;
+    oxl_scene        *scene   = train_scene(1);
+    const oxl_camera *camera  = &oxl_scene_view(scene, 0)->camera;
+    const size_t      n       = 3 * (size_t)camera->width * (size_t)camera->height;
+    float            *drgb    = oxl_alloc(test_ctx, n, sizeof *drgb);
+    struct medium     m       = water_murky;
+    struct imaging    imaging = {0};
     struct renderer  *r;
     oxl_model         model;
     double            through, clear;
@@ -437,9 +503,11 @@ TEST(medium_baked_into_the_colours_shows_the_same_image_from_the_views_ranges)
     through = medium_score(r, camera, &model, &m, drgb);
     clear   = medium_score(r, camera, &model, NULL, drgb);
     CHECK(fabs(clear - through) > 0.1 * clear);
-    scene_imaging(scene)->medium = m;
-    medium_bake(scene, &model);
+    imaging.medium = m;
+    medium_bake(scene, &imaging, 0, &model);
     CHECK_CLOSE(medium_score(r, camera, &model, NULL, drgb), through, 1e-3 * through);
+    medium_bake(scene, &imaging, 1, &model);
+    CHECK_CLOSE(medium_score(r, camera, &model, NULL, drgb), clear, 1e-3 * clear);
     oxl_free(test_ctx, drgb);
     oxl_model_free(test_ctx, &model);
     renderer_free(test_ctx, r);

@@ -510,10 +510,11 @@ const lobe = chapters.lobe = {
       const half = Array.from({length: 240}, (_, i) => [i / 4, FIELD[from + i]]);
       line(p.g, [...half.slice(1).reverse().map(([x, v]) => [m.x(-x), m.y(v)]), ...half.map(([x, v]) => [m.x(x), m.y(v)])], colour, width, dash);
     }
-    label(p.g, 'one Gaussian', m.x(34), m.y(0.52), ink.soft, 'left', true);
-    label(p.g, 'with second lobe', m.x(34), m.y(0.4), ink.accent, 'left', true);
-    line(p.g, [[m.x(33), m.y(0.52)], [m.x(28), m.y(0.52)]], ink.soft, 1.8, [6, 4]);
-    line(p.g, [[m.x(33), m.y(0.4)], [m.x(28), m.y(0.4)]], ink.accent, 2.2);
+    const x = Math.min(m.x(34), p.w - 4 - p.g.measureText('with second lobe').width);
+    label(p.g, 'one Gaussian', x, m.y(0.88), ink.soft, 'left', true);
+    label(p.g, 'with second lobe', x, m.y(0.76), ink.accent, 'left', true);
+    line(p.g, [[x - 4, m.y(0.88)], [x - 22, m.y(0.88)]], ink.soft, 1.8, [6, 4]);
+    line(p.g, [[x - 4, m.y(0.76)], [x - 22, m.y(0.76)]], ink.accent, 2.2);
   },
   start() {},
 };

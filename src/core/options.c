@@ -58,16 +58,15 @@ static const oxl_option OPTIONS[] = {
 {"block-points", "N", OXL_OPTION_INT, OPTION_AT(partition.block_points), 1, INT_MAX, PRESETS("250000", "250000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Blocks", "a block with more sparse points than this is split; --ram lowers it", NULL},
 {"blocks", "N", OXL_OPTION_INT, OPTION_AT(partition.blocks), 0, 100000, EACH("0"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "split into about so many blocks, as for so many machines; 0: by --block-points", NULL},
 {"partition", "auto|2d|3d|none", OXL_OPTION_CHOICE, OPTION_AT(partition.kind), 0, 3, EACH("auto"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "2d: never split along the third principal axis; auto: 2d for a flat survey; none: one block", NULL},
-{"split", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "balanced: equal numbers of points on both sides; midpoint: the baseline", NULL},
-{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "denser where water takes contrast: gradient weights of the middle and far depth band. on: 1.5 and 2; MID,FAR: searched from there during the run; MID,FAR,fixed: no search; auto: on if contrast fades with depth", NULL},
-{"ucd-bands", "thirds|quantiles|fading", OXL_OPTION_CHOICE, OPTION_AT(train.ucd.bands), 0, 2, EACH("thirds"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "limits of the depth bands: thirds of the largest depth, thirds of the points, or contrast of 4/5 and 1/2", NULL},
-{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss", NULL},
+{"split", "balanced|midpoint", OXL_OPTION_CHOICE, OPTION_AT(partition.cut), 0, 1, EACH("balanced"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Blocks", "balanced: as many points on both sides, so fewer blocks on uneven surveys, at equal quality; midpoint: the baseline", NULL},
+{"ucd", "off|on|auto|MID,FAR", OXL_OPTION_UCD, OPTION_AT(train.ucd), 0, 0, PRESETS("auto", "auto", "1.5,2"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the paper's weights of gradients in the middle and far depth band: more Gaussians there; at equal count no gain was measured. on: 1.5 and 2; MID,FAR: corrected by SPSA during the run; MID,FAR,fixed; auto: on if contrast fades with depth", NULL},
+{"keep", "FRACTION|COUNT|SIZE|auto|all", OXL_OPTION_KEEP, OPTION_AT(train.keep), 0, 0, PRESETS("all", "all", "0.5"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "Gaussians left after pruning, all blocks together, as 0.5, 400000 or 80MB; auto: as few as keep the validation loss. Half costs 0 to 0.7 dB, more in short runs", NULL},
 {"exposure", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.exposure), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "brightness and white balance that differ from image to image; auto: on, if validation views gain", NULL},
 {"lamp", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.lamp), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "a light that moves with the camera: a smooth gain over the image, falloff with distance (CPU, one block); auto: on, if validation views gain", NULL},
 {"medium", "off|on|auto", OXL_OPTION_CHOICE, OPTION_AT(train.medium), 0, 2, EACH("auto"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "the water's attenuation and backscatter, nine parameters (CPU, one block); auto: on, if validation views gain", NULL},
 {"carve", "off|on", OXL_OPTION_CHOICE, OPTION_AT(train.carve), 0, 1, PRESETS("on", "off", "off"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "remove Gaussians between a camera and the points that it saw", NULL},
 {"mask-transients", NULL, OXL_OPTION_FLAG, OPTION_AT(train.mask_transients), 0, 1, EACH("false"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "do not learn what only one image of a place shows: fish, divers", "robust"},
-{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "difference-of-Gaussians lobes; auto: selective, if validation views gain", NULL},
+{"dog", "off|selective|all|auto", OXL_OPTION_CHOICE, OPTION_AT(train.dog), 0, 3, PRESETS("off", "off", "selective"), OXL_TIER_BASIC, TRAINING | RESULT, "Scene content", "difference-of-Gaussians lobes: at equal bytes 0 to 0.2 dB after pruning, for 10 to 20 % more time; auto: selective, if validation views gain", NULL},
 {"dog-threshold", "T|SHARE%", OXL_OPTION_LIMIT, OPTION_AT(train.dog_threshold), 1e-9, 1e15, EACH("0.0002"), OXL_TIER_ADVANCED, TRAINING | RESULT, "Scene content", "selective: a lobe above this mean gradient, in half images; or the share that stays without, as 90%", NULL},
 {"dog-from", "SHARE", OXL_OPTION_FLOAT, OPTION_AT(train.dog_from), 0, 1, EACH("0.55"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "share of the run after which lobes are added", NULL},
 {"dog-opacity-factor", "X", OXL_OPTION_FLOAT, OPTION_AT(train.dog_opacity_factor), 1e-6, 0.999999, EACH("0.1"), OXL_TIER_EXPERT, TRAINING | RESULT, "Scene content", "opacity of a new lobe, relative to its Gaussian", NULL},
@@ -297,19 +296,17 @@ oxl_result oxl_ucd_parse(oxl_context *ctx, const char *text, oxl_ucd *out)
         out->learn = strcmp(at, ",fixed") != 0;
         if ((!*at || !out->learn) && mid >= 1 && back >= mid && back <= UCD_CAP) return OXL_OK;
     }
-    return oxl_fail(
-        ctx, OXL_ERR_USAGE,
-        "'%s' is not a depth weight\nfix: on, off, auto, or where the search starts as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
-        "(1.5,2,fixed: no search)",
-        text, UCD_CAP);
+    return oxl_fail(ctx, OXL_ERR_USAGE,
+                    "'%s' is not a depth weight\nfix: on, off, auto, or two weights as 1.5,2 with 1 <= F_MID <= F_FAR <= %g "
+                    "(1.5,2,fixed: not corrected during the run)",
+                    text, UCD_CAP);
 }
 
 static int option_read_ucd(const char *text, oxl_ucd *out)
 {
     oxl_ucd ucd;
     if (oxl_ucd_parse(NULL, text, &ucd) != OXL_OK) return 0;
-    ucd.bands = out->bands; /* another option */
-    *out      = ucd;
+    *out = ucd;
     return 1;
 }
 

@@ -288,7 +288,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     *done     = 0;
     b->before = b->task->train.iterations;
     model_drop_lobes(model);
-    if (hides) medium_bake(scene, model);
+    if (hides) medium_bake(scene, scene_imaging(scene), 0, model);
     imaging_keep_gains(scene_imaging(scene));
     o.lamp = o.medium = OXL_OFF;
     o.rate_sh *= hides ? BLOCK_REFINE_SH : 1;

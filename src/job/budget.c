@@ -28,9 +28,6 @@ static void budget_leave_out_trials(oxl_job_options *o)
 {
     if (o->train.sh_degree < 0) o->train.sh_degree = 3;
     if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
-    if (o->train.lamp == OXL_AUTO) o->train.lamp = OXL_OFF;
-    if (o->train.medium == OXL_AUTO) o->train.medium = OXL_OFF;
-    o->train.ucd.learn = 0;
 }
 
 OXL_INTERNAL int budget_holds(const struct cost_load *load, const oxl_job_options *o, double gaussians)

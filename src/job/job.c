@@ -559,7 +559,7 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
     const int  made = !job->unfinished && (job->model.lobes > 0 || job_hides_colours(job));
     oxl_result rc   = made ? job_join(job, 1, out) : model_copy(job->ctx, &job->model, out);
     model_drop_lobes(out);
-    if (rc == OXL_OK && !made && job_hides_colours(job)) medium_bake(job->scene, out);
+    if (rc == OXL_OK && !made && job_hides_colours(job)) medium_bake(job->scene, scene_imaging(job->scene), 0, out);
     return rc;
 }
 

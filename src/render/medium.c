@@ -13,12 +13,15 @@
 #include "kernels.h"
 #include "../core/vecmath.h"
 
+#define MEDIUM_LEAST 0.02 /* of J: what is seen through more water than this lets through says nothing about it */
+#define MEDIUM_DARK  0.02 /* J at the start, at least */
+
 /* Of J: attenuation and, with a lamp, falloff. *log_near: ln (reference / r), 0 where the falloff does not change with r. */
 static void medium_through(const struct medium *m, float range, float through[3], float *log_near)
 {
     const float near = m->lit ? OXL_MAX(range, LAMP_RANGE_LEAST * m->reference) : 1;
     *log_near        = m->lit ? (float)(real_log2(0, m->reference / near) * 0.693147181f) : 0;
-    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * *log_near - m->direct[c] * range);
+    for (int c = 0; c < 3; c++) through[c] = real_exp(0, m->falloff * *log_near - m->direct[c] * (range - m->shift));
 }
 
 SIMD_BODY void medium_pack_forward(const int fused, const struct medium_job *job, size_t pack)
@@ -39,7 +42,7 @@ SIMD_BODY void medium_pack_forward(const int fused, const struct medium_job *job
     for (int c = 0; c < (m->on ? 3 : 1); c++)
 #pragma omp simd
         for (int l = 0; l < PACK; l++)
-            out->through[c][l] = real_exp(fused, m->falloff * out->log_near[l] - m->direct[c] * out->range[l]);
+            out->through[c][l] = real_exp(fused, m->falloff * out->log_near[l] - m->direct[c] * (out->range[l] - m->shift));
     for (int c = 0; c < 3 && m->on; c++)
 #pragma omp simd
         for (int l = 0; l < PACK; l++) out->rest[c][l] = real_exp(fused, -m->scatter[c] * out->range[l]);
@@ -76,7 +79,7 @@ static float medium_row(const struct medium *m, const struct medium_pack *p, uns
         const float direct = g[c] * p->clear[c][l] * p->through[c][l];
         lit += direct;
         if (!m->on) continue;
-        sum[c] += -(double)range * direct;
+        sum[c] += -((double)range - (double)m->shift) * direct;
         sum[3 + c] += (double)g[c] * m->veil[c] * range * p->rest[c][l];
         sum[6 + c] += (double)g[c] * (1 - p->rest[c][l]);
         dr += g[c] * m->veil[c] * m->scatter[c] * p->rest[c][l] - m->direct[c] * direct;
@@ -121,17 +124,16 @@ OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const st
 /* What a viewer without imaging.txt is to show: the colours through the water and by the lamp, as the training views see the centre;
  * the mean of both terms over these views, by the centre's size in the image, 1 / r^2; over all views, without the lamp's polynomial,
  * where none sees it. */
-OXL_INTERNAL void medium_bake(oxl_scene *scene, oxl_model *model)
+OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model)
 {
     enum { VIEWS = 64 };
-    const struct imaging *imaging = scene_imaging(scene);
-    const struct medium  *m       = &imaging->medium;
-    const oxl_camera     *camera[VIEWS];
-    const struct lamp    *lamp[VIEWS];
-    double                eye[VIEWS][3];
-    int                   views = 0;
-    const int             all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
-    const int             bands = (model->sh_degree + 1) * (model->sh_degree + 1);
+    const struct medium *m = &imaging->medium;
+    const oxl_camera    *camera[VIEWS];
+    const struct lamp   *lamp[VIEWS];
+    double               eye[VIEWS][3];
+    int                  views = 0;
+    const int            all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
+    const int            bands = (model->sh_degree + 1) * (model->sh_degree + 1);
     for (int v = 0; v < all; v += stride, views++) {
         camera[views] = &oxl_scene_view(scene, v)->camera;
         lamp[views]   = imaging_lamp(imaging, scene, v);
@@ -165,9 +167,13 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, oxl_model *model)
         }
         for (int c = 0; c < 3 && views > 0; c++) {
             const double *s = sum[sum[1][6] > 0], factor = s[c] / s[6], more = s[3 + c] / s[6];
+            const double  by = backwards ? 1 / OXL_MAX(factor, MEDIUM_LEAST) : factor, add = backwards ? -more * by : more;
+            double        colour;
             for (int k = 0; k < bands; k++)
-                model->plane[OXL_SH + 3 * k + c][i] = (float)(factor * model->plane[OXL_SH + 3 * k + c][i]);
-            model->plane[OXL_SH + c][i] += (float)(((factor - 1) * 0.5 + more) / MODEL_SH0);
+                model->plane[OXL_SH + 3 * k + c][i] = (float)(by * model->plane[OXL_SH + 3 * k + c][i]);
+            colour = 0.5 * by + add + MODEL_SH0 * model->plane[OXL_SH + c][i];
+            if (backwards) colour = OXL_MAX(colour, MEDIUM_DARK); /* noise is amplified; a colour below 0 has no gradient */
+            model->plane[OXL_SH + c][i] = (float)((colour - 0.5) / MODEL_SH0);
         }
     }
 }

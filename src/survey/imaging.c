@@ -2,7 +2,8 @@
  *
  * Cameras adapt exposure and white balance. A view that was not trained has a gain interpolated between the training views of the same
  * camera before and after it in file order, which is the order of time in most surveys: linear in the logarithm. The two cameras of a
- * stereo pair, interleaved by name, have gains of their own.
+ * stereo pair, interleaved by name, have gains of their own; how far the other camera's gain at that moment is off its own neighbours'
+ * line is added, times a factor from 0 to 1 that the known views of both cameras give: 1 if the cameras adapt together.
  *
  *     # comment
  *     gain 1.0231 0.9877 1.0102 dive1/IMG 0001.JPG      red green blue, then the name to the end of the line
@@ -20,7 +21,9 @@ OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imagi
     out->log_gain = oxl_calloc(ctx, 3 * (size_t)views + 1, sizeof *out->log_gain);
     out->known    = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->known);
     out->camera   = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->camera);
-    if (out->log_gain && out->known && out->camera) return OXL_OK;
+    out->partner  = oxl_calloc(ctx, (size_t)views + 1, sizeof *out->partner);
+    for (int i = 0; out->partner && i < views; i++) out->partner[i] = -1;
+    if (out->log_gain && out->known && out->camera && out->partner) return OXL_OK;
     imaging_free(ctx, out);
     return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the exposure of %d views", views);
 }
@@ -31,6 +34,7 @@ OXL_INTERNAL void imaging_copy(const struct imaging *from, struct imaging *to)
     memcpy(to->log_gain, from->log_gain, 3 * (size_t)from->views * sizeof *to->log_gain);
     memcpy(to->known, from->known, (size_t)from->views * sizeof *to->known);
     memcpy(to->camera, from->camera, (size_t)from->views * sizeof *to->camera);
+    memcpy(to->partner, from->partner, (size_t)from->views * sizeof *to->partner);
     to->on     = from->on;
     to->medium = from->medium;
 }
@@ -62,10 +66,55 @@ OXL_INTERNAL uint64_t imaging_camera(const oxl_scene *scene, int view)
     return hash;
 }
 
+/* The longest number in the name, without leading zeros, the last of equally long ones; 0: none. */
+static uint64_t imaging_moment(const char *name)
+{
+    const char *base = path_base_name(name), *best = NULL;
+    int         most = 0, length;
+    uint64_t    hash = UINT64_C(14695981039346656037);
+    for (const char *c = base; *c; c += OXL_MAX(length, 1)) {
+        for (length = 0; c[length] >= '0' && c[length] <= '9';) length++;
+        if (length >= OXL_MAX(most, 1)) best = c, most = length;
+    }
+    if (!best) return 0;
+    while (most > 1 && *best == '0') best++, most--;
+    for (int i = 0; i < most; i++) hash = imaging_hash(hash, (unsigned char)best[i]);
+    return hash;
+}
+
 static int imaging_compare_keys(const void *a, const void *b)
 {
     const uint64_t *x = a, *y = b;
     return (*x > *y) - (*x < *y);
+}
+
+struct imaging_moment {
+    uint64_t of;
+    int      view;
+};
+
+static int imaging_compare_moments(const void *a, const void *b)
+{
+    const struct imaging_moment *x = a, *y = b;
+    const int                    order = imaging_compare_keys(&x->of, &y->of);
+    return order ? order : (x->view > y->view) - (x->view < y->view);
+}
+
+/* Two images of one moment are a pair, if their cameras differ. */
+static oxl_result imaging_set_partners(oxl_context *ctx, const oxl_scene *scene, struct imaging *m)
+{
+    struct imaging_moment *sorted = oxl_alloc(ctx, (size_t)m->views + 1, sizeof *sorted);
+    if (!sorted) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the pairs of %d views", m->views);
+    for (int i = 0; i < m->views; i++) sorted[i] = (struct imaging_moment){imaging_moment(oxl_scene_view(scene, i)->name), i};
+    qsort(sorted, (size_t)m->views, sizeof *sorted, imaging_compare_moments);
+    for (int first = 0, end; first < m->views; first = end) {
+        for (end = first + 1; end < m->views && sorted[end].of == sorted[first].of;) end++;
+        if (end - first != 2 || !sorted[first].of || m->camera[sorted[first].view] == m->camera[sorted[first + 1].view]) continue;
+        m->partner[sorted[first].view]     = sorted[first + 1].view;
+        m->partner[sorted[first + 1].view] = sorted[first].view;
+    }
+    oxl_free(ctx, sorted);
+    return OXL_OK;
 }
 
 /* Where most cameras have fewer than IMAGING_CAMERA_VIEWS views, as where COLMAP gave each image its own, or names are random, the keys
@@ -80,7 +129,7 @@ OXL_INTERNAL oxl_result imaging_set_cameras(oxl_context *ctx, const oxl_scene *s
     for (int i = 0; i < m->views; i++) cameras += i == 0 || sorted[i] != sorted[i - 1];
     if (cameras * IMAGING_CAMERA_VIEWS > m->views) memset(m->camera, 0, (size_t)m->views * sizeof *m->camera);
     oxl_free(ctx, sorted);
-    return OXL_OK;
+    return imaging_set_partners(ctx, scene, m);
 }
 
 /* ---------------------------------------------------------------- gains */
@@ -104,10 +153,49 @@ OXL_INTERNAL void imaging_between(const struct imaging *m, int view, float out[3
     }
 }
 
+static int imaging_partner(const struct imaging *m, int view)
+{
+    const int partner = m->partner[view];
+    return partner >= 0 && m->known[partner] ? partner : -1;
+}
+
+/* How far a known view's log gains are off its neighbours' line. */
+static void imaging_deviation(const struct imaging *m, int view, double out[3])
+{
+    float between[3];
+    imaging_between(m, view, between);
+    for (int c = 0; c < 3; c++) out[c] = (double)m->log_gain[3 * view + c] - (double)between[c];
+}
+
+/* Least squares of a known view's deviation by its partner's, 0 to 1. */
+static double imaging_share(const struct imaging *m)
+{
+    double xx = 0, xy = 0;
+    for (int i = 0; i < m->views; i++) {
+        const int j = m->known[i] ? imaging_partner(m, i) : -1;
+        double    own[3], other[3];
+        if (j < 0) continue;
+        imaging_deviation(m, i, own), imaging_deviation(m, j, other);
+        for (int c = 0; c < 3; c++) xx += other[c] * other[c], xy += own[c] * other[c];
+    }
+    return xx > 0 ? OXL_CLAMP(xy / xx, 0, 1) : 0;
+}
+
+OXL_INTERNAL void imaging_foretell(const struct imaging *m, int view, float out[3])
+{
+    const int    partner = imaging_partner(m, view);
+    const double share   = partner >= 0 ? imaging_share(m) : 0;
+    double       other[3];
+    imaging_between(m, view, out);
+    if (partner < 0) return;
+    imaging_deviation(m, partner, other);
+    for (int c = 0; c < 3; c++) out[c] += (float)(share * other[c]);
+}
+
 OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float out[3])
 {
     if (m->known[view]) memcpy(out, m->log_gain + 3 * view, 3 * sizeof *out);
-    else imaging_between(m, view, out);
+    else imaging_foretell(m, view, out);
     for (int c = 0; c < 3; c++) out[c] = (float)vecmath_exp(out[c]);
 }
 
@@ -161,12 +249,19 @@ static float lamp_place(int i, int count)
     return (float)(2 * i + 1) / (float)count - 1;
 }
 
+OXL_INTERNAL void lamp_terms_at(float x, float y, float term[LAMP_TERMS])
+{
+    float px[LAMP_DEGREE + 1], py[LAMP_DEGREE + 1];
+    lamp_evaluate(x, px), lamp_evaluate(y, py);
+    for (int t = 0; t < LAMP_TERMS; t++) term[t] = py[lamp_terms[t][0]] * px[lamp_terms[t][1]];
+}
+
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y)
 {
-    float  px[LAMP_DEGREE + 1], py[LAMP_DEGREE + 1];
+    float  term[LAMP_TERMS];
     double sum = 0;
-    lamp_evaluate(x, px), lamp_evaluate(y, py);
-    for (int t = 0; t < LAMP_TERMS; t++) sum += shape[t] * py[lamp_terms[t][0]] * px[lamp_terms[t][1]];
+    lamp_terms_at(x, y, term);
+    for (int t = 0; t < LAMP_TERMS; t++) sum += shape[t] * term[t];
     return sum;
 }
 

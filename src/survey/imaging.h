@@ -15,6 +15,7 @@ struct medium {
     int   lit;                            /* 0: no falloff */
     float direct[3], scatter[3], veil[3]; /* per unit of the scene, per unit, 0..1; 0 in clear water */
     float falloff, reference;             /* 0..2, units of the scene */
+    float shift;                          /* in training: J is as seen through this range; 0 elsewhere */
 };
 enum { LAMP_DEGREE = 4, LAMP_TERMS = 14, LAMP_MOST = 8 };
 /* A light that moves with the camera: the log gain over the image, a polynomial of degree 4 without its constant. Its terms are products of
@@ -31,7 +32,8 @@ struct imaging {
     int           views;    /* of the scene */
     float        *log_gain; /* (views,3) */
     uint8_t      *known;    /* (views) 1: trained; others are interpolated */
-    uint64_t     *camera;   /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called */
+    uint64_t     *camera;   /* (views) equal: images of one camera; 0 unless imaging_set_cameras was called, as below */
+    int          *partner;  /* (views) the image of another camera at the same moment; -1: none or several */
 };
 OXL_INTERNAL oxl_result imaging_create(oxl_context *ctx, int views, struct imaging *out); /* off, none known */
 /* The camera of a view, by COLMAP's CAMERA_ID, folder and name without its digits: equal for views of one camera. */
@@ -43,17 +45,20 @@ static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
     oxl_free(ctx, m->log_gain);
     oxl_free(ctx, m->known);
     oxl_free(ctx, m->camera);
+    oxl_free(ctx, m->partner);
     *m = (struct imaging){0};
 }
 OXL_INTERNAL void   imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void   imaging_clear(struct imaging *m);
 OXL_INTERNAL void   imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
+OXL_INTERNAL void   imaging_foretell(const struct imaging *m, int view, float log_gain[3]);
 OXL_INTERNAL void   imaging_gain(const struct imaging *m, int view, float gain[3]);
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
 OXL_INTERNAL void   imaging_apply(const struct imaging *m, int view,
                                   oxl_image *image); /* the gain, to what is rendered at mean exposure */
 /* The polynomial at a place, -1..1 across the image. */
 OXL_INTERNAL double lamp_log_gain(const float shape[LAMP_TERMS], float x, float y);
+OXL_INTERNAL void   lamp_terms_at(float x, float y, float term[LAMP_TERMS]);
 /* gain (H,W): exp of the polynomial. */
 OXL_INTERNAL void   lamp_gain(const float shape[LAMP_TERMS], int width, int height, float *gain);
 /* sum (14): of by (H,W) x each term. */
@@ -71,5 +76,23 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
 /* Adds a block's gains to the mean over blocks; count (views): how many there were. */
 OXL_INTERNAL void       imaging_join(struct imaging *all, int *count, const struct imaging *block);
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
+
+/* ---------------------------------------------------------------- photometry.c: exposure, lamp and water from the colours of tracks */
+
+enum { PHOTOMETRY_WATER = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };
+struct photometry {
+    size_t   points, observations;           /* 0: too few tracks */
+    int      parts;                          /* of those asked for, the ones that the residuals are evidence for */
+    double   direct[3], scatter[3], veil[3]; /* as of struct medium */
+    double   error[9];                       /* standard errors of their logarithms */
+    float    shape[LAMP_TERMS];              /* of a lamp */
+    float   *log_gain;                       /* (views,3) of zero mean */
+    uint8_t *known;                          /* (views) 1: log_gain is fitted */
+    double   drift;                          /* correlation of the images' gains with the mean range of their points */
+    double   residual, without[3];           /* of white, robust: with all parts; without water, lamp, gains (0: not asked for) */
+};
+/* parts: those that may be. Free the result with photometry_free. */
+OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out);
+OXL_INTERNAL void       photometry_free(oxl_context *ctx, struct photometry *p);
 
 #endif

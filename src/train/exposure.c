@@ -6,35 +6,22 @@
  * set to exactly zero (the projection of LichtFeld Studio PR 1892): else scene and gains drift together, and held-out views, which stand at
  * mean exposure, lose dB with it (measured before: 2 to 6).
  *
- * auto: until a tenth of the run gains are only watched: the least squares factor between each training image and the rendered one,
- * as of its last visit. Then the validation views are compared with the rendered images twice, as they are and with the gain
- * that their neighbours foretell. Exposure is on, from the watched gains, where that gains EXPOSURE_MIN_GAIN and they differ by
- * EXPOSURE_DIFFER; or where they differ by EXPOSURE_LARGE and the neighbours' gains lose no more than EXPOSURE_MOST_LOSS: a moving lamp
- * and haze hide from them what the training gains by consistent images. Otherwise the run continues unchanged.
+ * They begin with those of the tracks (survey/photometry.c), and stay so for EXPOSURE_HOLD of the run, while Gaussians are rough.
+ *
+ * auto: on where the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's neighbours foretell its gain better than none.
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define EXPOSURE_RATE     0.03 /* of the first step, in log units; docs/WATER.md has what others cost */
-#define EXPOSURE_LAST     0.02 /* of that at the end of the run */
-#define EXPOSURE_BETA1    0.8  /* a mean over 5 visits: a short run has 30 */
-#define EXPOSURE_BETA2    0.95
-#define EXPOSURE_SMOOTH   0.1  /* of the prior: gradient for a log unit off the neighbours' line */
-#define EXPOSURE_SHORTEST 1000 /* iterations: in 500, `auto` cost 0.2 to 1 dB (docs/log/TRADEOFF.md) */
-#define EXPOSURE_WATCH    0.1  /* of the run */
-#define EXPOSURE_MIN_GAIN 0.03 /* dB on validation views that gains must bring, */
-#define EXPOSURE_DIFFER   0.05 /* and by how much they must differ, rms of the log: smaller ones gained nothing (docs/WATER.md) */
-#define EXPOSURE_LARGE \
-    0.07 /* or, differing by so much: without changes of exposure they differ by 2.7 to 4.8 % (docs/WATER.md), */
-#define EXPOSURE_MOST_LOSS 0.1 /* dB that they may lose on these views */
-
-OXL_INTERNAL oxl_switch exposure_mode(const oxl_train_options *o)
-{
-    const int length = o->survey_iterations > 0 ? o->survey_iterations : o->iterations;
-    return o->exposure == OXL_AUTO && length < EXPOSURE_SHORTEST ? OXL_OFF : o->exposure;
-}
+#define EXPOSURE_RATE   0.03 /* of the first step, in log units; docs/WATER.md has what others cost */
+#define EXPOSURE_LAST   0.02 /* of that at the end of the run */
+#define EXPOSURE_BETA1  0.8  /* a mean over 5 visits: a short run has 30 */
+#define EXPOSURE_BETA2  0.95
+#define EXPOSURE_SMOOTH 0.1  /* of the prior: gradient for a log unit off the neighbours' line */
+#define EXPOSURE_HOLD   0.1  /* of the run: the tracks' gains are kept */
+#define EXPOSURE_DIFFER 0.04 /* rms of the log */
 
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on)
 {
@@ -91,29 +78,6 @@ OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *f
     return rc;
 }
 
-OXL_INTERNAL int exposure_watches(const struct exposure *e)
-{
-    return e->mode == OXL_AUTO && !e->decided;
-}
-
-OXL_INTERNAL int exposure_decides_at(const oxl_train_options *o)
-{
-    return exposure_mode(o) == OXL_AUTO ? OXL_MAX(1, (int)(EXPOSURE_WATCH * o->iterations)) : 0;
-}
-
-/* What the rendered image has to be multiplied by to come nearest to the target. */
-OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *rendered, const float *target, const float *weight,
-                                 size_t n)
-{
-    double gain[3];
-    exposure_fit(rendered, target, weight, n, gain);
-    for (int c = 0; c < 3; c++)
-        if (!(fabs(gain[c]) <= DBL_MAX)) return; /* a pixel that is not finite */
-    for (int c = 0; c < 3; c++)
-        e->of.log_gain[3 * view + c] = (float)vecmath_log(OXL_CLAMP(gain[c], EXPOSURE_LEAST, 1 / EXPOSURE_LEAST));
-    e->of.known[view] = 1;
-}
-
 /* A step of the view's gains along dL/da, and the projection. progress: share of the run. */
 OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3])
 {
@@ -137,35 +101,49 @@ OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, c
     imaging_centre(&e->of, e->mean);
 }
 
-/* plain, gained: mean PSNR of the validation views without and with gains interpolated from their neighbours; views: their number. */
-OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size)
+/* The root of the mean square of the known gains, in log units, and of what their neighbours leave of them. */
+static void exposure_spread(const struct imaging *m, double *differ, double *left)
 {
-    double square = 0, rms;
-    int    known  = 0;
-    imaging_centre(&e->of, e->mean);
-    for (int i = 0; i < e->of.views; i++)
-        for (int c = 0; c < 3 && e->of.known[i]; c++, known++)
-            square += (double)e->of.log_gain[3 * i + c] * e->of.log_gain[3 * i + c];
-    e->decided = 1;
-    rms        = sqrt(known ? square / known : 0);
-    e->of.on   = views > 0 && ((gained >= plain + EXPOSURE_MIN_GAIN && rms >= EXPOSURE_DIFFER) ||
-                             (gained >= plain - EXPOSURE_MOST_LOSS && rms >= EXPOSURE_LARGE));
-    if (!e->of.on) imaging_clear(&e->of);
-    if (views > 0)
+    double square = 0, rest = 0;
+    int    known = 0;
+    for (int i = 0; i < m->views; i++) {
+        float foretold[3];
+        if (!m->known[i]) continue;
+        imaging_foretell(m, i, foretold);
+        for (int c = 0; c < 3; c++, known++) {
+            const double a = m->log_gain[3 * i + c], e = a - (double)foretold[c];
+            square += a * a, rest += e * e;
+        }
+    }
+    *differ = sqrt(known ? square / known : 0);
+    *left   = sqrt(known ? rest / known : 0);
+}
+
+OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size)
+{
+    double    differ, left;
+    const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
+    snprintf(why, size, p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
+    if (fits) {
+        memcpy(e->of.log_gain, p->log_gain, 3 * (size_t)e->of.views * sizeof *e->of.log_gain);
+        memcpy(e->of.known, p->known, (size_t)e->of.views * sizeof *e->of.known);
+        imaging_centre(&e->of, e->mean);
+        exposure_spread(&e->of, &differ, &left);
+        e->hold = EXPOSURE_HOLD;
         snprintf(
             why, size,
-            "%d validation views: %.2f dB with the gains of their neighbours, %.2f without; gains of %d training views differ by %.1f %% "
-            "(rms); worth it from +%.2g dB and %.2g %%, or %.2g dB and %.2g %%",
-            views, gained, plain, known / 3, 100 * rms, EXPOSURE_MIN_GAIN, 100 * EXPOSURE_DIFFER, -EXPOSURE_MOST_LOSS,
-            100 * EXPOSURE_LARGE);
-    else snprintf(why, size, "too few training views for validation");
+            "%zu points in %zu observations: gains of images differ by %.1f %% (rms), neighbours foretell them to %.1f %%; on from "
+            "%.2g %%, and where they foretell more than they miss",
+            p->points, p->observations, 100 * differ, 100 * left, 100 * EXPOSURE_DIFFER);
+    }
+    if (e->mode == OXL_AUTO) e->of.on = fits && differ >= EXPOSURE_DIFFER && left < differ;
+    if (!e->of.on) imaging_clear(&e->of);
 }
 
 OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
 {
     const size_t views = (size_t)e->of.views;
     if (e->mode == OXL_OFF) return;
-    archive_int(a, &e->decided);
     archive_int(a, &e->of.on);
     archive_doubles(a, e->mean, 3);
     archive_floats(a, e->of.log_gain, 3 * views);
@@ -180,5 +158,5 @@ OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e)
     }
     for (size_t i = 0; i < 3 * views && a->rc == OXL_OK; i++)
         archive_expect(a, fabs(e->of.log_gain[i]) <= 10 && fabs(e->first[i]) <= FLT_MAX && e->second[i] >= 0);
-    archive_expect(a, (e->of.on == 0 || e->of.on == 1) && (e->decided == 0 || e->decided == 1));
+    archive_expect(a, (e->of.on == 0 || e->of.on == 1));
 }

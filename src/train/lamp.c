@@ -4,7 +4,8 @@
  * (imaging_camera, survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.c), p from 0 to 2, one for all cameras, r0 the median
  * range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin.
  *
- * Adam (Kingma & Ba 2015) from LAMP_FROM of the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes
+ * s begins with that of the tracks (survey/photometry.c), which also say whether it is needed; Adam (Kingma & Ba 2015) from LAMP_FROM of
+ * the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes
  * neither the brightness of the scene nor that of the mean gain.
  *
  * Invariant: off changes no byte of the result. The state is archived.
@@ -12,7 +13,7 @@
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define LAMP_FROM  0.11 /* of the run: exposure is decided before */
+#define LAMP_FROM  0.11 /* of the run: Gaussians are rough before */
 #define LAMP_RATE  0.01 /* of the first step, in log units, */
 #define LAMP_LAST  0.05 /* and of that at the end of the run */
 #define LAMP_VIEWS 8    /* training views of a camera that has a lamp of its own */
@@ -37,7 +38,6 @@ OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct 
     l->group[0].view = -1;
     for (int i = 0; i < oxl_scene_view_count(scene) && l->groups < LAMP_MOST; i++)
         if (lamp_own_view(scene, i) == i) l->group[l->groups++].view = i;
-    l->decided = goes_on != NULL;
     if (!goes_on || goes_on->lamps == 0) return;
     l->on     = 1;
     l->groups = goes_on->lamps;
@@ -46,9 +46,14 @@ OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct 
     l->reference = goes_on->medium.reference > 0 ? (double)goes_on->medium.reference : l->reference;
 }
 
-OXL_INTERNAL int lamp_starts_at(const oxl_train_options *o)
+OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size)
 {
-    return o->lamp != OXL_OFF ? OXL_MAX(1, (int)(LAMP_FROM * o->iterations)) : 0;
+    const int fits = (p->parts & PHOTOMETRY_LAMP) != 0;
+    l->on          = fits || mode == OXL_ON;
+    for (int g = 0; g < l->groups && fits; g++) memcpy(l->group[g].shape, p->shape, sizeof p->shape);
+    snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without a gain over the image",
+             p->points, p->observations, 100 * p->residual, 100 * p->without[1]);
+    if (!p->points) snprintf(why, size, "too few tracks to compare colours");
 }
 
 /* What image formation has of it. */
@@ -76,6 +81,7 @@ OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double pr
 {
     const double rate = LAMP_RATE * vecmath_exp(progress * vecmath_log(LAMP_LAST));
     const int    g    = (int)(of - l->group);
+    if (progress < LAMP_FROM) return;
     l->steps++, l->visits[g]++;
     for (int k = 0; k < LAMP_TERMS; k++) {
         double at = l->group[g].shape[k];
@@ -90,9 +96,8 @@ OXL_INTERNAL void lamp_archive(struct archive *a, struct lamp_fit *l, int used)
 {
     if (!used) return;
     archive_int(a, &l->on);
-    archive_int(a, &l->decided);
     archive_int(a, &l->steps);
-    archive_expect(a, (l->on == 0 || l->on == 1) && (l->decided == 0 || l->decided == 1) && l->steps >= 0);
+    archive_expect(a, (l->on == 0 || l->on == 1) && l->steps >= 0);
     for (int g = 0; g < l->groups && a->rc == OXL_OK; g++) {
         archive_int(a, &l->visits[g]);
         archive_floats(a, l->group[g].shape, LAMP_TERMS);

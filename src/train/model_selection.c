@@ -5,24 +5,20 @@
  * without some SH bands is no evidence: the others have adapted to them. By that test a scene without view dependence seemed to need
  * degree 3.) Each decision is noted with its evidence (run.json).
  *
- * The weights by depth (ucd.c) are tried in the same way, but often, for the span of some densifications, and compared on training
- * images.
- *
  * Invariant: a decision is a function of the state after the step that it follows; a run stopped in a trial repeats the trial.
  */
 #include "train_state.h"
 #include "../core/vecmath.h"
 
-#define SELECTION_SH_MIN_GAIN      0.1  /* dB: minimum gain of all bands over fewer */
-#define SELECTION_LOBES_MIN_GAIN   0.05 /* dB: minimum gain of second lobes */
-#define SELECTION_IMAGING_MIN_GAIN 0.05 /* dB: minimum gain of a lamp, and of a medium */
-#define SELECTION_NOISE            6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
-#define SELECTION_WATCH            (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
-#define SELECTION_TRIAL            (1.0 / 40) /* of the run: length of a trial */
+#define SELECTION_SH_MIN_GAIN    0.1  /* dB: minimum gain of all bands over fewer */
+#define SELECTION_LOBES_MIN_GAIN 0.05 /* dB: minimum gain of second lobes */
+#define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
+#define SELECTION_DRIFT          0.8  /* correlation of exposure with range from which a warning is due */
+#define SELECTION_WATCH          (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
+#define SELECTION_TRIAL          (1.0 / 40) /* of the run: length of a trial */
 enum {
-    SELECTION_VIEWS_LEAST = 8,  /* with fewer training views none is used for validation */
-    SELECTION_VIEWS_MOST  = 8,  /* limit of validation views */
-    SELECTION_RECOVERY    = 500 /* steps after an opacity reset in which losses depend on the reset */
+    SELECTION_VIEWS_LEAST = 8, /* with fewer training views none is used for validation */
+    SELECTION_VIEWS_MOST  = 8  /* limit of validation views */
 };
 
 /* Choice and evidence: one member of the object. */
@@ -60,10 +56,7 @@ static int selection_last(const struct train *t)
 {
     const int lobes = t->options->dog == OXL_DOG_AUTO ? selection_lobes_at(t->options) : 0;
     const int keep  = t->options->keep.kind == OXL_KEEP_AUTO ? t->prune.end : 0;
-    const int lamp  = t->options->lamp == OXL_AUTO ? lamp_starts_at(t->options) : 0;
-    const int water = t->options->medium == OXL_AUTO ? water_starts_at(t->options) : 0;
-    return OXL_MAX(OXL_MAX(OXL_MAX(lamp, water), OXL_MAX(keep, exposure_decides_at(t->options))),
-                   OXL_MAX(lobes, selection_sh_degree_at(t->options)));
+    return OXL_MAX(keep, OXL_MAX(lobes, selection_sh_degree_at(t->options)));
 }
 
 OXL_INTERNAL int selection_holds(int index, int views)
@@ -101,8 +94,6 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
 static void selection_release_views(struct train *t)
 {
     if (t->step < selection_last(t) || t->trial_is_next) return;
-    if (t->options->lamp == OXL_AUTO && !t->lamp.decided) return;
-    if (t->options->medium == OXL_AUTO && !t->water.decided) return;
     while (t->held_views > 0) t->view[t->views++] = t->held[--t->held_views];
 }
 
@@ -208,26 +199,6 @@ static void selection_sh_degree(struct train *t)
     selection_release_views(t);
 }
 
-/* ---------------------------------------------------------------- gains of images (exposure.c) */
-
-/* The estimated gains are applied for the second trial; then the decision is made. */
-static oxl_result selection_exposure(struct train *t)
-{
-    double     loss, plain = NAN, gained = NAN;
-    char       why[320];
-    oxl_result rc = OXL_OK;
-    if (t->step < exposure_decides_at(t->options) || !exposure_watches(&t->exposure)) return OXL_OK;
-    imaging_centre(&t->exposure.of, t->exposure.mean);
-    if (t->held_views > 0) rc = selection_validate(t, &loss, &plain);
-    t->exposure.of.on = 1;
-    if (rc == OXL_OK && t->held_views > 0) rc = selection_validate(t, &loss, &gained);
-    if (rc != OXL_OK) return rc;
-    exposure_decide(&t->exposure, plain, gained, t->held_views, why, sizeof why);
-    selection_note(t, "exposure", t->exposure.of.on ? "on" : "off", why);
-    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: exposure %s: %s", t->step, t->exposure.of.on ? "on" : "off", why);
-    return OXL_OK;
-}
-
 /* ---------------------------------------------------------------- which Gaussians get a second lobe */
 
 /* A threshold at or below 0 is a quantile: -0.9 lets the upper tenth have lobes. */
@@ -289,164 +260,89 @@ static oxl_result selection_lobes(struct train *t)
     return t->options->dog == OXL_DOG_AUTO ? OXL_OK : selection_assign_lobes(t);
 }
 
-/* ---------------------------------------------------------------- weights by depth (ucd.c) */
-
-/* No other decision may fall into the trial, and no opacity reset may be recent: the losses would measure the recovery from it. */
-static int selection_weights_can_be_tried_at(const oxl_train_options *o, int begin)
-{
-    const int end = begin + UCD_SPANS * o->densify_every, bands = selection_sh_degree_at(o), lobes = selection_lobes_at(o);
-    if (end > (int)(o->densify_until * o->iterations)) return 0;
-    for (int step = begin; step < end; step++)
-        if (step == bands || step == lobes) return 0;
-    for (int step = OXL_MAX(1, begin - SELECTION_RECOVERY); step < end; step++)
-        if (schedule_resets_opacity_at(o, step)) return 0;
-    return 1;
-}
-
-static int selection_tries_weights(const struct train *t)
-{
-    return ucd_tries(&t->ucd) && selection_weights_can_be_tried_at(t->options, t->step);
-}
-
-/* Densifications with the point asked for, and all steps up to the one after. */
-static oxl_result selection_try_point(struct train *t, double *cost)
-{
-    const int    span = t->options->densify_every, end = t->step + UCD_SPANS * span - 1;
-    const double before = (double)t->model->count, f[2] = {t->ucd.f[0], t->ucd.f[1]};
-    double       sum = 0;
-    oxl_result   rc;
-    ucd_ask(&t->ucd, t->ucd.f);
-    rc = step_densify(t, t->ucd.f);
-    while (rc == OXL_OK && t->step < end) {
-        t->step++;
-        rc = selection_step(t);
-        if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
-        if (rc == OXL_OK && t->step > end - span / 2) rc = step_settle(t);
-        if (t->step > end - span / 2) sum += vecmath_log(t->last_loss);
-    }
-    memcpy(t->ucd.f, f, sizeof t->ucd.f);
-    if (rc == OXL_OK) *cost = ucd_update(&t->ucd, sum / (span / 2), (double)t->model->count / before - 1);
-    return rc;
-}
-
-/* Both points of a pair: t is the better branch in the end. */
-static oxl_result selection_try_weights(struct train *t, struct train_branch *start, struct train_branch *other)
-{
-    const struct ucd before  = t->ucd;
-    double           cost[2] = {0, 0};
-    oxl_result       rc;
-    spsa_skip(&t->ucd.spsa); /* an interrupted pair began from another state */
-    rc = selection_try_point(t, &cost[0]);
-    if (rc == OXL_OK) rc = branch_restart(t, start, other);
-    t->ucd.densified = before.densified;
-    if (rc == OXL_OK) rc = selection_try_point(t, &cost[1]);
-    if (rc != OXL_OK) t->ucd = before;
-    if (rc != OXL_OK) return rc;
-    oxl_log(t->ctx, OXL_LOG_DEBUG, "step %d: weights by depth %.3f, %.3f; the costs were %.5f and %.5f", t->step, t->ucd.f[0],
-            t->ucd.f[1], cost[0], cost[1]);
-    return cost[0] < cost[1] ? branch_swap(t, other) : OXL_OK;
-}
+/* ---------------------------------------------------------------- density control */
 
 static oxl_result selection_density(struct train *t)
 {
     const oxl_train_options *o  = t->options;
     oxl_result               rc = OXL_OK;
+    double                   f[2];
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
+    ucd_observe(&t->ucd, t->last_loss);
     rc = step_observe(t);
     if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
-        if (!t->trial_is_next && selection_tries_weights(t)) t->trial_is_next = TRAIN_TRIES_WEIGHTS;
-        else rc = step_densify(t, t->ucd.f);
-        t->ucd.densified++;
+        ucd_weights(&t->ucd, t->model->count, f);
+        rc = step_densify(t, f);
     }
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step)) rc = step_download(t, 1);
-    if (rc == OXL_OK && schedule_resets_opacity_at(o, t->step))
-        density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
-    return rc;
-}
-
-/* ---------------------------------------------------------------- lamp and water (lamp.c, water.c) */
-
-static oxl_result selection_turn_on(struct train *t, int lamp)
-{
-    const oxl_result rc = step_download(t, 1);
-    if (lamp) t->lamp.on = 1;
-    else if (rc == OXL_OK) water_start(&t->water, t->model);
-    return rc;
-}
-
-/* The steps of a trial, with density control, and the mean PSNR of the validation views after it. */
-static oxl_result selection_try_with_density(struct train *t, double *psnr)
-{
-    const int  end = OXL_MIN(t->step + selection_steps(t, SELECTION_TRIAL), t->options->iterations);
-    oxl_result rc  = OXL_OK;
-    double     loss;
-    while (rc == OXL_OK && t->step < end) {
-        t->step++;
-        rc = step_raise_sh_degree(t);
-        if (rc == OXL_OK) rc = step_on_next_view(t);
-        if (rc == OXL_OK) rc = selection_density(t);
-        if (rc == OXL_OK && step_report(t, 1)) rc = OXL_ERR_INTERRUPTED;
-    }
-    return rc == OXL_OK ? selection_validate(t, &loss, psnr) : rc;
-}
-
-static void selection_note_imaging(struct train *t, int lamp, int on, const char *why)
-{
-    selection_note(t, lamp ? "lamp" : "medium", on ? "on" : "off", why);
-    oxl_log(t->ctx, OXL_LOG_INFO, "step %d: %s %s: %s", t->step, lamp ? "lamp" : "medium", on ? "on" : "off", why);
-}
-
-/* Without the part first, then with it: t is the better one in the end. */
-static oxl_result selection_try_imaging(struct train *t, struct train_branch *start, struct train_branch *other)
-{
-    const int  lamp = t->trial_is_next == TRAIN_TRIES_LAMP;
-    double     psnr[2];
-    char       why[256];
-    int        on;
-    oxl_result rc = selection_try_with_density(t, &psnr[0]);
-    if (rc == OXL_OK) rc = branch_restart(t, start, other);
-    if (rc == OXL_OK) rc = selection_turn_on(t, lamp);
-    if (rc == OXL_OK) rc = selection_try_with_density(t, &psnr[1]);
+    if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
+    rc = step_download(t, 1);
     if (rc != OXL_OK) return rc;
-    on = psnr[1] >= psnr[0] + SELECTION_IMAGING_MIN_GAIN;
-    if (!on) rc = branch_swap(t, other);
-    if (lamp) t->lamp.decided = 1;
-    else t->water.decided = 1;
-    snprintf(why, sizeof why, "%d validation views, after %d steps: %.2f dB with it, %.2f without; kept from +%.2g dB",
-             t->held_views, selection_steps(t, SELECTION_TRIAL), psnr[1], psnr[0], SELECTION_IMAGING_MIN_GAIN);
-    selection_note_imaging(t, lamp, on, why);
-    return rc;
+    density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
+    ucd_restart(&t->ucd);
+    return OXL_OK;
 }
 
-/* Starts what is asked for by name, and the trials of the rest; a trial before this one may have gone past the step. */
-static oxl_result selection_imaging_part(struct train *t, int lamp, oxl_switch mode, int from, int *decided)
+/* ---------------------------------------------------------------- exposure, lamp and water */
+
+static void selection_note_imaging(struct train *t, const char *what, oxl_switch mode, int on, const char *why)
 {
-    double     span;
-    char       narrow[96];
-    oxl_result rc = OXL_OK;
-    if (mode == OXL_OFF || *decided || t->step < from || t->trial_is_next) return OXL_OK;
-    span = water_span(t->scene);
-    if (mode == OXL_AUTO && t->held_views > 0 && !renderer_has_device(t->renderer) && (lamp || span >= WATER_SPAN_LEAST)) {
-        t->trial_is_next = lamp ? TRAIN_TRIES_LAMP : TRAIN_TRIES_WATER;
-        return OXL_OK;
-    }
-    *decided = 1;
-    snprintf(narrow, sizeof narrow, "the points' depths span a factor of %.1f: less than %d does not identify water", span,
-             WATER_SPAN_LEAST);
-    if (mode == OXL_ON) rc = selection_turn_on(t, lamp);
-    else
-        selection_note_imaging(t, lamp, 0,
-                               t->held_views == 0                 ? "too few training views for validation"
-                               : renderer_has_device(t->renderer) ? "a device renders: it is fitted on the CPU alone"
-                                                                  : narrow);
-    return rc;
+    if (mode != OXL_AUTO) return;
+    selection_note(t, what, on ? "on" : "off", why);
+    oxl_log(t->ctx, OXL_LOG_INFO, "%s %s: %s", what, on ? "on" : "off", why);
 }
 
+/* Lamp and water are rendered on the CPU. */
+static int selection_parts(const struct train *t)
+{
+    const oxl_train_options *o   = t->options;
+    const int                cpu = !renderer_has_device(t->renderer);
+    return (o->exposure != OXL_OFF ? PHOTOMETRY_GAINS : 0) | (o->lamp == OXL_ON || (o->lamp && cpu) ? PHOTOMETRY_LAMP : 0) |
+           (o->medium == OXL_ON || (o->medium && cpu) ? PHOTOMETRY_WATER : 0);
+}
+
+OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
+{
+    const oxl_train_options *o      = t->options;
+    const int                parts  = selection_parts(t);
+    const char              *device = "a device renders: it is fitted on the CPU alone";
+    struct photometry        p;
+    char                     why[400];
+    oxl_result               rc = photometry_measure(t->ctx, t->scene, parts, &p);
+    if (rc != OXL_OK) return rc;
+    if (o->exposure != OXL_OFF) {
+        exposure_take(&t->exposure, &p, why, sizeof why);
+        selection_note_imaging(t, "exposure", o->exposure, t->exposure.of.on, why);
+    }
+    if (parts & PHOTOMETRY_LAMP) lamp_take(&t->lamp, o->lamp, &p, why, sizeof why);
+    selection_note_imaging(t, "lamp", o->lamp, t->lamp.on, parts & PHOTOMETRY_LAMP ? why : device);
+    if (parts & PHOTOMETRY_WATER) water_take(&t->water, water_span(t->scene), &p, why, sizeof why);
+    selection_note_imaging(t, "medium", o->medium, t->water.on, parts & PHOTOMETRY_WATER ? why : device);
+    if (t->water.on && fabs(p.drift) > SELECTION_DRIFT)
+        oxl_log(
+            t->ctx, OXL_LOG_WARNING,
+            "the images' exposure goes with the distance of what they show (correlation %.2f): exposure and attenuation are not told "
+            "apart, and scene_clear.ply is not measured colour",
+            p.drift);
+    photometry_free(t->ctx, &p);
+    if (t->water.on || t->lamp.on) {
+        struct imaging m = step_imaging(t);
+        medium_bake(t->scene, &m, 1, t->model);
+    }
+    return OXL_OK;
+}
+
+/* Water that is asked for by name, and not known from tracks. */
 static oxl_result selection_imaging(struct train *t)
 {
-    const oxl_train_options *o  = t->options;
-    oxl_result               rc = selection_imaging_part(t, 1, o->lamp, lamp_starts_at(o), &t->lamp.decided);
-    return rc == OXL_OK ? selection_imaging_part(t, 0, o->medium, water_starts_at(o), &t->water.decided) : rc;
+    struct imaging m;
+    oxl_result     rc;
+    if (t->water.on || water_starts_at(t->options) == 0 || t->step < water_starts_at(t->options)) return OXL_OK;
+    rc = step_download(t, 1);
+    if (rc != OXL_OK) return rc;
+    water_start(&t->water, t->scene);
+    m = (struct imaging){.medium = water_medium(&t->water)};
+    medium_bake(t->scene, &m, 1, t->model);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- trials */
@@ -484,9 +380,7 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
     double              psnr[4] = {0, 0, 0, 0};
     const int           most    = t->model->sh_degree;
     oxl_result          rc      = branch_copy(t, &start);
-    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_WEIGHTS) rc = selection_try_weights(t, &start, &other);
-    else if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
-    else if (rc == OXL_OK && t->trial_is_next >= TRAIN_TRIES_LAMP) rc = selection_try_imaging(t, &start, &other);
+    if (rc == OXL_OK && t->trial_is_next == TRAIN_TRIES_LOBES) rc = selection_try_lobes(t, &start, &other, psnr);
     else if (rc == OXL_OK) rc = selection_try_sh_degree(t, &start, &other, psnr);
     if (rc == OXL_OK) {
         if (t->trial_is_next == TRAIN_TRIES_SH_DEGREE) selection_note_sh_degree(t, most, psnr);
@@ -503,31 +397,12 @@ OXL_INTERNAL oxl_result selection_trial(struct train *t)
 
 /* ---------------------------------------------------------------- the cost of trials */
 
-static int selection_pairs_of_weights(const oxl_train_options *o)
-{
-    struct ucd u    = {.learns = o->ucd.mode != OXL_UCD_OFF && o->ucd.learn};
-    int        step = 1;
-    if (u.learns) ucd_begin_search(&u, schedule_densifications(o), 0);
-    while (u.learns && step <= o->densify_until * o->iterations) {
-        const int densifies = schedule_densifies_at(o, step);
-        const int tries     = densifies && ucd_tries(&u) && selection_weights_can_be_tried_at(o, step);
-        u.densified += tries ? UCD_SPANS : densifies;
-        u.spsa.pair += tries;
-        step += tries ? UCD_SPANS * o->densify_every : 1;
-    }
-    return u.spsa.pair;
-}
-
-/* Steps beyond the run's own: three of the four alternatives of a trial of bands, one of two of lobes, one of each pair of depth
- * weights; half of the latter while auto is undecided. */
+/* Steps beyond the run's own: three of the four alternatives of a trial of bands, one of two of others. */
 OXL_INTERNAL int selection_trial_steps(const oxl_train_options *o, int views)
 {
-    const int each  = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
-    const int pairs = selection_pairs_of_weights(o); /* none where a span would not fit into the run, be it longer than an int */
-    const int weights = pairs > 0 ? pairs * (UCD_SPANS * o->densify_every - 1) / (o->ucd.mode == OXL_UCD_AUTO ? 2 : 1) : 0;
-    if (views < SELECTION_VIEWS_LEAST) return weights;
-    return weights +
-           each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO) + (o->lamp == OXL_AUTO) + (o->medium == OXL_AUTO));
+    const int each = OXL_MAX(1, (int)(SELECTION_TRIAL * o->iterations));
+    if (views < SELECTION_VIEWS_LEAST) return 0;
+    return each * ((o->sh_degree < 0 ? 3 : 0) + (o->dog == OXL_DOG_AUTO));
 }
 
 /* ---------------------------------------------------------------- at the end, and in between */
@@ -559,7 +434,7 @@ OXL_INTERNAL void selection_archive(struct archive *a, struct train *t)
     archive_int(a, &t->lobes);
     archive_expect(a, t->lobes >= LOBES_IDLE && t->lobes <= LOBES_DECIDED);
     archive_int(a, &t->held_views);
-    archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_WATER);
+    archive_expect(a, t->sh_degree >= 0 && t->sh_degree <= 3 && t->trial_is_next >= 0 && t->trial_is_next <= TRAIN_TRIES_LOBES);
     archive_expect(a, t->held_views >= 0 && t->held_views <= schedule_training_views(t->scene));
     if (a->rc == OXL_OK) archive_ints(a, t->held, (size_t)t->held_views);
     for (int i = 0; i < t->held_views && a->rc == OXL_OK; i++)
@@ -586,7 +461,6 @@ OXL_INTERNAL oxl_result selection_step(struct train *t)
     if (rc == OXL_OK) rc = selection_density(t);
     if (rc == OXL_OK) rc = selection_lobes(t); /* it reads the step's statistics, a row each: before rows go */
     if (rc == OXL_OK) rc = selection_prune(t);
-    if (rc == OXL_OK) rc = selection_exposure(t);
     if (rc == OXL_OK) rc = selection_imaging(t);
     if (rc == OXL_OK) selection_sh_degree(t);
     return rc;

@@ -66,7 +66,7 @@ static oxl_result step_load_image_on_host(struct train *t, int view)
 /* 1: the target is on the host, for transients and gains. */
 static int step_compares_on_host(const struct train *t)
 {
-    return t->transients.points > 0 || t->lamp.on || t->exposure.of.on || exposure_watches(&t->exposure);
+    return t->transients.points > 0 || t->lamp.on || t->exposure.of.on;
 }
 
 OXL_INTERNAL oxl_result step_load_image(struct train *t, int view)
@@ -128,8 +128,7 @@ static void step_set_gain(struct train *t, int view)
     renderer_set_gain(t->renderer, t->exposure.of.on ? gain : NULL);
 }
 
-/* Water and lamp as they are now. */
-static struct imaging step_imaging(const struct train *t)
+OXL_INTERNAL struct imaging step_imaging(const struct train *t)
 {
     struct imaging m = {.medium = water_medium(&t->water)};
     lamp_leave(&t->lamp, &m);
@@ -147,17 +146,6 @@ static const struct lamp *step_lamp(const struct train *t, int view)
     return group;
 }
 
-/* Gains before the decision: the least-squares gains of this image. */
-static oxl_result step_watch_exposure(struct train *t, int view, const oxl_camera *camera)
-{
-    const float     *rendered = NULL;
-    const oxl_result rc       = renderer_image(t->ctx, t->renderer, &rendered);
-    if (rc == OXL_OK)
-        exposure_watch(&t->exposure, view, rendered, t->target, t->masked ? t->weight : NULL,
-                       (size_t)camera->width * (size_t)camera->height);
-    return rc;
-}
-
 /* The model rendered from a view, against its image as step_load_image has left it. */
 static oxl_result step_compare(struct train *t, int view, int learns, float ssim_weight, struct renderer_loss *loss)
 {
@@ -169,7 +157,6 @@ static oxl_result step_compare(struct train *t, int view, int learns, float ssim
     rc = renderer_forward(t->ctx, t->renderer, t->model, &camera, &t->render);
     step_set_gain(t, view);
     if (rc == OXL_OK && learns && t->transients.points > 0) rc = step_mask_transients(t, &camera);
-    if (rc == OXL_OK && learns && exposure_watches(&t->exposure)) rc = step_watch_exposure(t, view, &camera);
     if (rc != OXL_OK) return rc;
     if (step_compares_on_host(t))
         return renderer_loss(t->ctx, t->renderer, t->target, t->masked ? t->weight : NULL, ssim_weight, loss);
@@ -210,7 +197,8 @@ static void step_note(struct train *t, const struct train_deferred *of, const st
 /* Forward, loss, backward, step. */
 static oxl_result step_on_view(struct train *t, int view)
 {
-    const struct train_deferred here = {.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
+    const double                progress = (double)t->step / t->options->iterations;
+    const struct train_deferred here     = {.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
     struct adam_params          adam;
     struct renderer_loss        loss;
     struct renderer_nonfinite   skipped;
@@ -220,14 +208,14 @@ static oxl_result step_on_view(struct train *t, int view)
     rc                  = step_compare(t, view, 1, t->options->ssim_weight, &loss);
     if (rc != OXL_OK) return rc;
     if (!(loss.total <= DBL_MAX)) return step_leave_out(t, t->step, view);
-    if (t->exposure.of.on)
-        exposure_step(&t->exposure, view, (double)t->step / t->options->iterations, renderer_gain_gradient(t->renderer));
+    if (t->exposure.of.on && (progress >= t->exposure.hold || !t->exposure.of.known[view]))
+        exposure_step(&t->exposure, view, progress, renderer_gain_gradient(t->renderer));
     rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
-    if (t->water.on) water_step(&t->water, (double)t->step / t->options->iterations, renderer_medium_gradient(t->renderer));
+    if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
     if (t->lamp.on)
-        lamp_step(&t->lamp, step_lamp(t, view), (double)t->step / t->options->iterations, renderer_lamp_gradient(t->renderer),
-                  renderer_medium_gradient(t->renderer)[9]);
+        lamp_step(&t->lamp, step_lamp(t, view), progress, renderer_lamp_gradient(t->renderer),
+                  t->water.fixed ? 0 : renderer_medium_gradient(t->renderer)[9]);
     adam = schedule_adam_params(t);
     rc   = renderer_step(t->ctx, t->renderer, t->model, &t->gradient, &t->first, &t->second, &adam, &skipped);
     if (rc == OXL_OK) step_note(t, &here, &loss, skipped);

@@ -98,7 +98,7 @@ static oxl_result train_begin_control(struct train *t)
     const oxl_train_options *o     = t->options;
     const int                until = (int)(o->densify_until * o->iterations), views = schedule_training_views(t->scene);
     char                     words[320];
-    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd, schedule_densifications(o));
+    oxl_result               rc = ucd_begin(t->ctx, &t->ucd, t->scene, &o->ucd);
     if (rc != OXL_OK) return rc;
     ucd_describe(&t->ucd, words, sizeof words);
     if (o->ucd.mode != OXL_UCD_OFF) oxl_log(t->ctx, OXL_LOG_INFO, "%s", words);
@@ -109,8 +109,9 @@ static oxl_result train_begin_control(struct train *t)
 
 static oxl_result train_begin(struct train *t)
 {
-    oxl_context *ctx = t->ctx;
-    oxl_result   rc  = train_first_model(t);
+    oxl_context *ctx     = t->ctx;
+    const int    goes_on = t->place && t->place->start;
+    oxl_result   rc      = train_first_model(t);
     if (rc != OXL_OK) return rc;
     memcpy(t->model->origin, oxl_scene_origin(t->scene), sizeof t->model->origin);
     t->render            = oxl_render_options_default();
@@ -130,11 +131,12 @@ static oxl_result train_begin(struct train *t)
     memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
     rc = train_begin_control(t);
     if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
-    if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, exposure_mode(t->options), t->place && t->place->start);
+    if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, goes_on);
     if (rc == OXL_OK && t->options->medium != OXL_OFF)
-        rc = water_begin(ctx, &t->water, t->scene, t->place && t->place->start ? &scene_imaging(t->scene)->medium : NULL);
-    if (rc == OXL_OK && t->options->lamp != OXL_OFF)
-        lamp_begin(&t->lamp, t->scene, t->place && t->place->start ? scene_imaging(t->scene) : NULL);
+        water_begin(&t->water, t->scene, goes_on ? &scene_imaging(t->scene)->medium : NULL);
+    if (rc == OXL_OK && t->options->lamp != OXL_OFF) lamp_begin(&t->lamp, t->scene, goes_on ? scene_imaging(t->scene) : NULL);
+    if (rc == OXL_OK && !goes_on) rc = selection_begin_imaging(t);
+    if (rc == OXL_OK && goes_on) water_scale(&t->water, 0, t->model);
     if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
     return rc == OXL_OK ? selection_begin(t) : rc;
 }
@@ -321,8 +323,9 @@ static void train_leave_gains(struct train *t)
 {
     struct imaging *to = scene_imaging(t->scene);
     imaging_free(t->ctx, to);
-    *to        = t->exposure.of;
-    to->medium = water_medium(&t->water);
+    *to              = t->exposure.of;
+    to->medium       = water_medium(&t->water);
+    to->medium.shift = 0;
     lamp_leave(&t->lamp, to);
     t->exposure.of = (struct imaging){0};
 }
@@ -360,6 +363,7 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (place && place->trained) *place->trained = rc == OXL_OK && t.step == options->iterations;
     if (rc == OXL_ERR_INTERRUPTED) oxl_fail(ctx, rc, "interrupted at iteration %d of %d", t.step, options->iterations);
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || !begun)) oxl_model_free(ctx, out);
+    if (begun) water_scale(&t.water, 1, out);
     train_return_decisions(&t);
     train_leave_gains(&t);
     if (rc == OXL_OK && t.step == options->iterations) train_describe_imaging(&t);

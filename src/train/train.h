@@ -85,53 +85,30 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
                                         void *user, int *found);
 OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, int others); /* others: also NAME.other */
 
-/* ---------------------------------------------------------------- spsa.c: the search for the depth weights */
-
-struct spsa {
-    double   f[2];                           /* f_mid, f_far: the estimate */
-    double   prior_mean[2], prior_precision; /* mean and precision of the prior */
-    double   offset_sum[2]; /* how far from prior_mean each pair alone would put f_mid and f_far - f_mid: their sums */
-    double   point[2][2];   /* the two points of the pair in progress */
-    double   cost[2];       /* of the two points */
-    double   cap;           /* the most that f may be */
-    uint64_t seed, signs;
-    int      pair, known; /* pairs finished; known costs of the current pair */
-    int      first;       /* index of the point that is evaluated first */
-};
-/* prior_precision: half of it is the prior's cost at a distance of 1 from prior_mean. */
-OXL_INTERNAL void spsa_begin(struct spsa *s, const double start[2], const double prior_mean[2], double prior_precision,
-                             double cap, uint64_t seed);
-/* The point to evaluate now, until spsa_update or a skip. */
-OXL_INTERNAL void spsa_ask(const struct spsa *s, double f[2]);
-OXL_INTERNAL int  spsa_update(struct spsa *s, double cost); /* its cost, less is better; 1: that was a pair, the estimate moved */
-OXL_INTERNAL void spsa_skip(struct spsa *s);                /* the pair starts again */
-OXL_INTERNAL void spsa_archive(struct archive *a, struct spsa *s);
-
 /* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
 
-enum {
-    UCD_SPANS          = 4, /* densifications that a trial of weights spans: the gain of the first shows after the third alone */
-    UCD_DENSIFICATIONS = 20 /* fewer teach too little: three pairs */
-};
-
 struct ucd {
-    int             on, learns, too_short; /* 1: the run is too short for the search */
-    double          z_near, z_far;         /* where the bands meet, camera z */
-    double          f[2];                  /* f_mid, f_far: learned so far; of the run, when they are not learned */
-    struct spsa     spsa;
-    int             densified, stride; /* densifications that were; every so many of them is one to learn from */
+    int             on, learns;
+    double          z_near, z_far; /* where the bands meet, camera z */
+    double          f[2];          /* f_mid, f_far: the estimate, or fixed */
+    double          prior[2];      /* of the estimate */
+    double          offset[2];     /* sums over the pairs: how far each alone would move f_mid and f_far - f_mid from the prior */
+    double          cost[2];       /* of the two points of the pair in progress */
+    double          loss, count;   /* at the start of the span: mean log loss, Gaussians */
+    double          loss_sum;      /* of log losses since the last densification: so many */
+    int             losses, pairs; /* pairs: finished */
+    int             costs;         /* known in the pair in progress; -1: the span in progress is not one of a pair */
+    int             spans;         /* densifications in the span in progress */
+    uint64_t        seed;
     struct contrast contrast;
     char            reason[256];
 };
-/* What is `on` and between which depths; densifications: how many there will be. Logs nothing; ucd_describe gives the text. */
-OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications);
-/* Of weights that are learned, if so many densifications are enough; ucd_begin does it, too. */
-OXL_INTERNAL void       ucd_begin_search(struct ucd *u, int densifications, uint64_t seed);
+/* What is `on` and between which depths. Logs nothing; ucd_describe gives the text. */
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options);
 OXL_INTERNAL void       ucd_describe(const struct ucd *u, char *out, size_t size);
-OXL_INTERNAL int        ucd_tries(const struct ucd *u);            /* 1: the next densification is a trial */
-OXL_INTERNAL void       ucd_ask(const struct ucd *u, double f[2]); /* the point to try; after two updates the next pair begins */
-/* Of the point asked for: the mean log loss at the end of its trial, and dN/N over it. Returns its cost; what is not finite drops the pair. */
-OXL_INTERNAL double     ucd_update(struct ucd *u, double log_loss, double growth);
+OXL_INTERNAL void       ucd_observe(struct ucd *u, double loss);               /* of each step */
+OXL_INTERNAL void       ucd_weights(struct ucd *u, size_t count, double f[2]); /* of this densification: f_mid, f_far */
+OXL_INTERNAL void       ucd_restart(struct ucd *u); /* the pair in progress is void: opacities were reset */
 OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 
 /* ---------------------------------------------------------------- prune.c: fewer Gaussians, those that matter most */
@@ -201,30 +178,34 @@ OXL_INTERNAL void       transients_archive(struct archive *a, struct transients 
 /* ---------------------------------------------------------------- water.c: the nine parameters of the medium */
 
 struct water {
-    int    on, decided, steps;
+    int    on, fixed, steps;            /* fixed: as the tracks say */
     double range;                       /* the survey's median, that attenuation counts by */
     double raw[9], first[9], second[9]; /* before softplus: bD, bB, Binf by channel; Adam's moments */
 };
-OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on);
+OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *goes_on);
+/* The tracks' water, if there is evidence for it and the depths span enough; why: the evidence. Also lamp_take, exposure_take. */
+OXL_INTERNAL void water_take(struct water *w, double span, const struct photometry *p, char *why, size_t size);
 #define WATER_SPAN_LEAST 2 /* less does not identify the water: auto is off (docs/WATER.md) */
 OXL_INTERNAL double        water_span(oxl_scene *scene);
-OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL int           water_starts_at(const oxl_train_options *options); /* without tracks, after this step; 0: never */
 OXL_INTERNAL struct medium water_medium(const struct water *w);
-OXL_INTERNAL void          water_start(struct water *w, oxl_model *model);
+OXL_INTERNAL void          water_start(struct water *w, oxl_scene *scene);
+/* J from what it is in training to that without water, or back. */
+OXL_INTERNAL void          water_scale(const struct water *w, int to_clear, oxl_model *model);
 OXL_INTERNAL void          water_step(struct water *w, double progress, const double gradient[9]);
 OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int used);
 
 /* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
 
 struct lamp_fit {
-    int         on, decided, steps, groups;
+    int         on, steps, groups;
     int         visits[LAMP_MOST];                                           /* steps of a camera */
     struct lamp group[LAMP_MOST];                                            /* the first: cameras that have none of their own */
     double      first[LAMP_MOST][LAMP_TERMS], second[LAMP_MOST][LAMP_TERMS]; /* Adam's moments */
     double      falloff, falloff_first, falloff_second, reference;
 };
 OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct imaging *goes_on);
-OXL_INTERNAL int  lamp_starts_at(const oxl_train_options *options); /* after this step; 0: never */
+OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size);
 OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m);
 /* of: the lamp of the view's camera. */
 OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double progress, const double shape[LAMP_TERMS],
@@ -254,7 +235,7 @@ OXL_INTERNAL oxl_result free_space_carve(oxl_context *ctx, const struct free_spa
 
 struct exposure {
     oxl_switch     mode;
-    int            decided;        /* auto: it is decided */
+    double         hold;           /* share of the run up to which known gains stay */
     struct imaging of;             /* the gains; on: they are applied */
     float         *first, *second; /* (views,3) Adam's moments */
     int           *visits;         /* (views) steps of a view's gains */
@@ -263,14 +244,9 @@ struct exposure {
 OXL_INTERNAL oxl_result exposure_begin(oxl_context *ctx, struct exposure *e, oxl_scene *scene, oxl_switch mode, int goes_on);
 OXL_INTERNAL void       exposure_free(oxl_context *ctx, struct exposure *e);
 OXL_INTERNAL oxl_result exposure_copy(oxl_context *ctx, const struct exposure *from, struct exposure *to);
-OXL_INTERNAL oxl_switch exposure_mode(const oxl_train_options *options); /* off for `auto` in a short run */
-OXL_INTERNAL int        exposure_watches(const struct exposure *e);
-OXL_INTERNAL int        exposure_decides_at(const oxl_train_options *options); /* after this step; 0: never */
-OXL_INTERNAL void exposure_watch(struct exposure *e, int view, const float *rendered, const float *target, const float *weight,
-                                 size_t n);
-OXL_INTERNAL void exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
-OXL_INTERNAL void exposure_decide(struct exposure *e, double plain, double gained, int views, char *why, size_t size);
-OXL_INTERNAL void exposure_archive(struct archive *a, struct exposure *e);
+OXL_INTERNAL void       exposure_step(struct exposure *e, int view, double progress, const double dlog_gain[3]);
+OXL_INTERNAL void       exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size);
+OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
 

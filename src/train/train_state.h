@@ -4,14 +4,7 @@
 
 #include "train.h"
 
-enum train_trial {
-    TRAIN_TRIES_NOTHING,
-    TRAIN_TRIES_SH_DEGREE,
-    TRAIN_TRIES_LOBES,
-    TRAIN_TRIES_WEIGHTS,
-    TRAIN_TRIES_LAMP,
-    TRAIN_TRIES_WATER
-};
+enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES };
 
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 
@@ -98,6 +91,7 @@ struct train_branch { /* the state that a step changes */
     struct exposure exposure;
     struct water    water;
     struct lamp_fit lamp;
+    struct ucd      ucd;
 };
 
 OXL_INTERNAL void       branch_free(struct train *t, struct train_branch *b);
@@ -109,11 +103,14 @@ OXL_INTERNAL oxl_result branch_restart(struct train *t, struct train_branch *sta
 /* ---------------------------------------------------------------- model_selection.c: model only what the scene requires */
 
 /* 1: the index-th training view is a validation view: an eighth of them, at most 8, evenly spaced. */
-OXL_INTERNAL int        selection_holds(int index, int views);
-OXL_INTERNAL oxl_result selection_begin(struct train *t); /* splits training and validation views */
-OXL_INTERNAL oxl_result selection_step(struct train *t);  /* one whole step, with the decisions that are due after it */
+OXL_INTERNAL int            selection_holds(int index, int views);
+OXL_INTERNAL oxl_result     selection_begin(struct train *t); /* splits training and validation views */
+/* Exposure, lamp and water from the tracks, before the first step. */
+OXL_INTERNAL oxl_result     selection_begin_imaging(struct train *t);
+OXL_INTERNAL struct imaging step_imaging(const struct train *t); /* water and lamp as they are now */
+OXL_INTERNAL oxl_result     selection_step(struct train *t);     /* one whole step, with the decisions that are due after it */
 /* Mean loss and PSNR over the validation views; NaN if none can be read. */
-OXL_INTERNAL oxl_result selection_validate(struct train *t, double *loss, double *psnr);
+OXL_INTERNAL oxl_result     selection_validate(struct train *t, double *loss, double *psnr);
 OXL_INTERNAL oxl_result
 selection_trial(struct train *t); /* before a step, when trial_is_next; OXL_ERR_INTERRUPTED: not made, to be made */
 OXL_INTERNAL void selection_end(struct train *t); /* after the last step: the decisions of others */

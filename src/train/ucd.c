@@ -1,53 +1,39 @@
 /* ucd.c - Underwater-Compensated Densification: weights by depth for the statistics of density control (paper sec. 3.2, eq. 2).
  *
  * Water reduces contrast with distance, and with it the gradients that trigger densification. So a gradient seen from between z_near and
- * z_far counts f_mid times, from beyond z_far f_far times: in density control alone, never in the optimizer. Both are fixed, or learned
- * during the run by SPSA (spsa.c; --preset paper; docs/ABLATION.md: no gain was measured). Either point of a pair is tried from the same
- * state and on the same images (model_selection.c): training goes on with it for UCD_SPANS densifications and up to the next one, and the
- * cost of the point is
- *     mean log loss over the last half of a span  +  UCD_GROWTH x dN / N,
- * dN the number of added Gaussians. Without the second term more would always be better. Training continues from the point of lower
- * cost. A split raises the loss at first: measured after one span, growth costs, and all weights fall to 1 (docs/ABLATION.md).
+ * z_far counts f_mid times, from beyond z_far f_far times: in density control alone, never in the optimizer.
  *
- * Two consecutive trials, as in Spall, differ in images, learning rate and the time since the last opacity reset as well: from two
- * starts the weights stayed far apart. Where the costs are flat, the prior moves the weights to those of a run without a search.
+ * Both are fixed, or corrected during the run by SPSA (Spall 1998, "Implementation of the simultaneous perturbation algorithm for
+ * stochastic optimization", IEEE Trans. AES 34(3)): no step is spent on it. For UCD_SPAN densifications both weights are moved by random
+ * signs, for the next UCD_SPAN against them; the difference of the two costs over the distance of the two points estimates the slope. The
+ * cost of a point is
+ *     change of the mean log loss  +  UCD_GROWTH x dN / N,
+ * dN the number of added Gaussians: without it more would always be better. Costs are nearly flat and noisy (docs/log/ABLATION.md), so a
+ * prior with precision P holds the weights where they begin: the estimate is the mean of the prior's and of (prior - slope / P) of
+ * each pair, each at most UCD_OFFSET_MAX away. Every second pair is perpendicular to the one before it (Bhatnagar 2003). The
+ * search moves in f_mid and f_far - f_mid, so that neither is stuck where f_far = f_mid.
  *
- * Model only what a scene requires: `auto` turns this on where contrast falls with depth (contrast.c), and logs what was measured.
+ * Model only what a scene requires: `auto` turns the weights on where contrast falls with depth (contrast.c), and logs what was measured.
  *
- * Invariant: the state is a function of the scene, the options, the seed and the costs.
+ * Invariants: cap >= f_far >= f_mid >= 1, for the estimate and each point. The state is a function of the scene, the options, the seed and
+ * the losses.
  */
 #include "train.h"
 #include "../core/vecmath.h"
 
-#define UCD_GROWTH          0.02 /* cost of a doubling, in log loss: about what it gains in a trial (docs/ABLATION.md) */
-#define UCD_PRIOR_PRECISION 0.01 /* half of it: gain in log loss for a weight 1 away from its default */
-#define UCD_FADE_MIN        0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
-#define UCD_ERRORS          3.0  /* auto: standard errors from 0 */
-#define UCD_DEPTH_MAX       0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
-#define UCD_FRONT           0.10 /* quantiles of depth that auto compares */
-#define UCD_BACK            0.90
-enum {
-    UCD_PAIRS  = 12,           /* at most, spread over the densifications: each costs a trial */
-    UCD_STRIDE = 2 * UCD_SPANS /* densifications between pairs, at least: trials add at most a half */
-};
+#define UCD_FADE_MIN   0.22 /* auto: log of 1.25; contrast falls by a fifth or more from near to far */
+#define UCD_ERRORS     3.0  /* auto: standard errors from 0 */
+#define UCD_DEPTH_MAX  0.98 /* quantile of the points' depths that is z_max; the paper does not say [D] */
+#define UCD_FRONT      0.10 /* quantiles of depth that auto compares */
+#define UCD_BACK       0.90
+#define UCD_GROWTH     0.02 /* cost of a doubling, in log loss: about what it gains in four densifications (docs/log/ABLATION.md) */
+#define UCD_PRECISION  0.2                         /* of the prior: half of it in log loss for a weight 1 away */
+#define UCD_OFFSET_MAX 1.0                         /* limit of a single pair's distance from the prior */
+#define UCD_SHIFT      0.5                         /* of a point from the estimate: differences over less are lost in noise */
+#define UCD_STREAM     (UINT64_C(0x5350534) << 32) /* random numbers apart from those of steps and epochs */
+enum { UCD_SPAN = 4 /* densifications for a cost: the gain of the first shows after the third alone */ };
 
 /* ---------------------------------------------------------------- the bands, and the decision */
-
-static void ucd_set_bands(struct ucd *u, const oxl_scene *scene, enum oxl_ucd_bands bands)
-{
-    const double z_max = scene_depth_quantile(scene, UCD_DEPTH_MAX);
-    u->z_near          = z_max / 3;
-    u->z_far           = 2 * z_max / 3;
-    if (bands == OXL_UCD_QUANTILES) {
-        u->z_near = scene_depth_quantile(scene, 1.0 / 3);
-        u->z_far  = scene_depth_quantile(scene, 2.0 / 3);
-    }
-    if (bands == OXL_UCD_FADING && u->contrast.beta > 0) { /* where contrast is 4/5 and 1/2 of what it is in front */
-        const double front = scene_depth_quantile(scene, 1 - UCD_DEPTH_MAX);
-        u->z_near          = front + 0.22314355131420976 / u->contrast.beta;
-        u->z_far           = front + 0.6931471805599453 / u->contrast.beta;
-    }
-}
 
 /* Whether contrast falls enough, and the measurement as text. */
 static void ucd_decide(struct ucd *u, const oxl_scene *scene)
@@ -63,68 +49,115 @@ static void ucd_decide(struct ucd *u, const oxl_scene *scene)
                  u->on ? "on" : "off", front, back, 100 * (1 - vecmath_exp(-fade)), fade, error, c->points, UCD_FADE_MIN);
 }
 
-OXL_INTERNAL void ucd_begin_search(struct ucd *u, int densifications, uint64_t seed)
+OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options)
 {
-    const oxl_ucd prior = oxl_ucd_default();
-    u->stride           = OXL_MAX(UCD_STRIDE, (densifications + UCD_PAIRS / 2) / UCD_PAIRS);
-    spsa_begin(&u->spsa, u->f, (double[]){prior.f_mid, prior.f_far}, UCD_PRIOR_PRECISION, UCD_CAP, seed);
-    memcpy(u->f, u->spsa.f, sizeof u->f);
-    u->too_short = u->learns && densifications < UCD_DENSIFICATIONS;
-    u->learns    = u->learns && !u->too_short;
-}
-
-OXL_INTERNAL oxl_result ucd_begin(oxl_context *ctx, struct ucd *u, oxl_scene *scene, const oxl_ucd *options, int densifications)
-{
-    oxl_result rc = OXL_OK;
-    *u            = (struct ucd){.on = options->mode == OXL_UCD_ON, .learns = options->learn};
-    u->f[0]       = options->f_mid;
-    u->f[1]       = options->f_far;
+    const double z_max = scene_depth_quantile(scene, UCD_DEPTH_MAX);
+    oxl_result   rc    = OXL_OK;
+    *u                 = (struct ucd){.on     = options->mode == OXL_UCD_ON,
+                                      .z_near = z_max / 3,
+                                      .z_far  = 2 * z_max / 3,
+                                      .f      = {options->f_mid, options->f_far},
+                                      .prior  = {options->f_mid, options->f_far},
+                                      .seed   = ctx->options.seed};
     snprintf(u->reason, sizeof u->reason, "%s: as set", u->on ? "on" : "off");
-    if (options->mode == OXL_UCD_AUTO || (u->on && options->bands == OXL_UCD_FADING))
-        rc = contrast_measure(ctx, scene, &u->contrast);
+    if (options->mode == OXL_UCD_AUTO) rc = contrast_measure(ctx, scene, &u->contrast);
     if (rc == OXL_OK && options->mode == OXL_UCD_AUTO) ucd_decide(u, scene);
-    u->learns = u->learns && u->on;
-    if (rc != OXL_OK || !u->on) return rc;
-    ucd_set_bands(u, scene, options->bands);
-    ucd_begin_search(u, densifications, ctx->options.seed);
-    return OXL_OK;
+    u->learns = u->on && options->learn;
+    ucd_restart(u);
+    return rc;
 }
 
 OXL_INTERNAL void ucd_describe(const struct ucd *u, char *out, size_t size)
 {
     const int used = snprintf(out, size, "depth weights %s", u->reason);
     if (!u->on || used < 0 || (size_t)used >= size) return;
-    snprintf(out + used, size - (size_t)used, "; from depth %.3g f_mid %.2f, from %.3g f_far %.2f, %s", u->z_near, u->f[0],
-             u->z_far, u->f[1],
-             u->learns      ? "learned"
-             : u->too_short ? "fixed: the run is too short to learn them"
-                            : "fixed");
+    snprintf(out + used, size - (size_t)used,
+             u->learns ? "; from depth %.3g f_mid %.2f, from %.3g f_far %.2f, corrected by %d pairs of costs"
+                       : "; from depth %.3g f_mid %.2f, from %.3g f_far %.2f, fixed",
+             u->z_near, u->f[0], u->z_far, u->f[1], u->pairs);
 }
 
 /* ---------------------------------------------------------------- the search */
 
-OXL_INTERNAL int ucd_tries(const struct ucd *u)
+/* f moved by so much in f_mid and in f_far - f_mid, within the bounds. */
+static void ucd_move(const double f[2], double by_mid, double by_beyond, double out[2])
 {
-    return u->learns && u->densified >= u->spsa.pair * u->stride;
+    const double beyond = OXL_MAX(0, f[1] - f[0] + by_beyond);
+    out[0]              = OXL_CLAMP(f[0] + by_mid, 1.0, UCD_CAP);
+    out[1]              = OXL_MIN(out[0] + beyond, UCD_CAP);
 }
 
-OXL_INTERNAL void ucd_ask(const struct ucd *u, double f[2])
+/* The first or second point of the pair in progress; the signs are random, so a drift of the loss has no bias. */
+static void ucd_point(const struct ucd *u, int second, double out[2])
 {
-    spsa_ask(&u->spsa, f);
+    const uint64_t signs = (random_bits(u->seed, UCD_STREAM, (uint64_t)u->pairs / 2) >> 62) ^ (uint64_t)(u->pairs % 2);
+    const double   shift = second ? -UCD_SHIFT : UCD_SHIFT;
+    ucd_move(u->f, signs & 2 ? shift : -shift, signs & 1 ? shift : -shift, out);
 }
 
-OXL_INTERNAL double ucd_update(struct ucd *u, double log_loss, double growth)
+OXL_INTERNAL void ucd_restart(struct ucd *u)
 {
-    const double cost = log_loss + UCD_GROWTH * growth;
-    if (spsa_update(&u->spsa, cost)) memcpy(u->f, u->spsa.f, sizeof u->f);
-    return cost;
+    u->costs = -1;
+    u->spans = 0;
+}
+
+OXL_INTERNAL void ucd_observe(struct ucd *u, double loss)
+{
+    if (!(loss > 0 && loss <= DBL_MAX)) return;
+    u->loss_sum += vecmath_log(loss);
+    u->losses++;
+}
+
+static void ucd_step(struct ucd *u)
+{
+    double p[2], q[2];
+    ucd_point(u, 0, p);
+    ucd_point(u, 1, q);
+    for (int i = 0; i < 2; i++) {
+        const double distance = i == 0 ? p[0] - q[0] : p[1] - p[0] - (q[1] - q[0]); /* as projected, not as meant */
+        const double slope    = fabs(distance) >= UCD_SHIFT ? (u->cost[0] - u->cost[1]) / distance : 0;
+        u->offset[i] += OXL_CLAMP(-slope / UCD_PRECISION, -UCD_OFFSET_MAX, UCD_OFFSET_MAX);
+    }
+    u->pairs++;
+    ucd_move(u->prior, u->offset[0] / (u->pairs + 1), u->offset[1] / (u->pairs + 1), u->f);
+}
+
+/* Closes the span that ends here: its cost. */
+static void ucd_close_span(struct ucd *u, double loss, double count)
+{
+    if (u->costs >= 0) u->cost[u->costs] = loss - u->loss + UCD_GROWTH * (count / u->count - 1);
+    u->costs = u->costs >= 0 && !(fabs(u->cost[u->costs]) <= DBL_MAX) ? 0 : u->costs + 1;
+    if (u->costs == 2) ucd_step(u);
+    u->costs %= 2;
+    u->loss  = loss;
+    u->count = count;
+}
+
+OXL_INTERNAL void ucd_weights(struct ucd *u, size_t count, double f[2])
+{
+    if (u->learns && ++u->spans > UCD_SPAN) {
+        ucd_close_span(u, u->losses > 0 ? u->loss_sum / u->losses : NAN, (double)count);
+        u->spans = 1;
+    }
+    u->loss_sum = 0;
+    u->losses   = 0;
+    memcpy(f, u->f, sizeof u->f);
+    if (u->learns && u->costs >= 0) ucd_point(u, u->costs, f);
 }
 
 OXL_INTERNAL void ucd_archive(struct archive *a, struct ucd *u)
 {
     if (!u->learns) return; /* otherwise the state follows from scene and options */
-    spsa_archive(a, &u->spsa);
     archive_doubles(a, u->f, 2);
-    archive_int(a, &u->densified);
-    archive_expect(a, u->densified >= 0);
+    archive_doubles(a, u->offset, 2);
+    archive_doubles(a, u->cost, 2);
+    archive_doubles(a, &u->loss, 1);
+    archive_doubles(a, &u->count, 1);
+    archive_doubles(a, &u->loss_sum, 1);
+    archive_int(a, &u->losses);
+    archive_int(a, &u->pairs);
+    archive_int(a, &u->costs);
+    archive_int(a, &u->spans);
+    archive_expect(a,
+                   u->losses >= 0 && u->pairs >= 0 && u->costs >= -1 && u->costs <= 1 && u->spans >= 0 && u->spans <= UCD_SPAN);
 }

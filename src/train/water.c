@@ -1,9 +1,15 @@
 /* water.c - the nine parameters of the medium, optimised with the scene (render/medium.c has the model).
  *
- * Each is softplus of a free number (SeaSplat, WaterSplatting); attenuation and backscatter count per median range of the survey's
- * points, so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate WATER_RATE. They start at WATER_FROM of the
- * run from the survey's fit of contrast against depth (survey/contrast.c), and from the mean colour of its points for the veil. What is rendered at the median range stays what it was:
- * the Gaussians' colours are taken through the water once, backwards.
+ * They are those that the colours of tracks give (survey/photometry.c), from the first step on, and are not trained: with the Gaussians'
+ * colours free, the images alone do not hold attenuation (docs/WATER.md). The first Gaussians' colours are taken through the water once,
+ * backwards.
+ *
+ * While trained, J counts as it looks through the median range: else Adam's steps of colour, which are absolute, would be small ones of
+ * what is seen in turbid water.
+ *
+ * Without enough tracks `on` trains them: each is softplus of a free number (SeaSplat, WaterSplatting); attenuation and backscatter count
+ * per median range of the survey's points, so that steps do not depend on COLMAP's scale. Adam (Kingma & Ba 2015), rate WATER_RATE, from
+ * WATER_FROM of the run on.
  *
  * What it omits: the lamp's own backscatter, which is strongest near the camera; forward scatter, which blurs.
  *
@@ -14,8 +20,7 @@
 
 #define WATER_RATE  0.01 /* 2.5e-3 to 1e-2 in the published ones */
 #define WATER_FROM  0.3  /* of the run */
-#define WATER_LEAST 0.1  /* attenuation over the median range at the start, at least */
-#define WATER_MOST  1.0  /* and at most: colours are divided by exp of minus it */
+#define WATER_START 0.3  /* attenuation over the median range then */
 
 static double water_softplus(double x)
 {
@@ -36,6 +41,7 @@ OXL_INTERNAL struct medium water_medium(const struct water *w)
 {
     struct medium m = {.on = w->on};
     if (!w->on) return m;
+    m.shift = (float)w->range;
     for (int c = 0; c < 3; c++) {
         m.direct[c]  = (float)(water_softplus(w->raw[c]) / w->range);
         m.scatter[c] = (float)(water_softplus(w->raw[3 + c]) / w->range);
@@ -51,58 +57,82 @@ OXL_INTERNAL double water_span(oxl_scene *scene)
     return near > 0 ? far_ / near : 1;
 }
 
+static void water_set(struct water *w, const float direct[3], const float scatter[3], const float veil[3])
+{
+    for (int c = 0; c < 3; c++) {
+        w->raw[c]     = water_inverse_softplus(OXL_MAX(direct[c] * w->range, 1e-6));
+        w->raw[3 + c] = water_inverse_softplus(OXL_MAX(scatter[c] * w->range, 1e-6));
+        w->raw[6 + c] = water_inverse_softplus(OXL_MAX((double)veil[c], 1e-6));
+    }
+}
+
+OXL_INTERNAL void water_begin(struct water *w, oxl_scene *scene, const struct medium *goes_on)
+{
+    *w = (struct water){.range = scene_depth_quantile(scene, 0.5), .fixed = goes_on && goes_on->on};
+    if (!(w->range > 0)) w->range = 1;
+    if (!goes_on || !goes_on->on) return;
+    w->on = 1;
+    water_set(w, goes_on->direct, goes_on->scatter, goes_on->veil);
+}
+
+OXL_INTERNAL void water_take(struct water *w, double span, const struct photometry *p, char *why, size_t size)
+{
+    float value[3][3];
+    w->on = w->fixed = (p->parts & PHOTOMETRY_WATER) && span >= WATER_SPAN_LEAST;
+    for (int c = 0; c < 3; c++)
+        value[0][c] = (float)p->direct[c], value[1][c] = (float)p->scatter[c], value[2][c] = (float)p->veil[c];
+    if (w->on) water_set(w, value[0], value[1], value[2]);
+    snprintf(
+        why, size,
+        "%zu points in %zu observations: residuals %.2f %% of white, %.2f without water; red green blue, standard error: bD %.3g %.3g "
+        "%.3g (%.0f %.0f %.0f %%), bB %.3g %.3g %.3g (%.0f %.0f %.0f %%), Binf %.3g %.3g %.3g",
+        p->points, p->observations, 100 * p->residual, 100 * p->without[0], p->direct[0], p->direct[1], p->direct[2],
+        100 * p->error[0], 100 * p->error[1], 100 * p->error[2], p->scatter[0], p->scatter[1], p->scatter[2], 100 * p->error[3],
+        100 * p->error[4], 100 * p->error[5], p->veil[0], p->veil[1], p->veil[2]);
+    if (span < WATER_SPAN_LEAST)
+        snprintf(why, size, "the points' depths span a factor of %.1f: less than %d does not identify water", span,
+                 WATER_SPAN_LEAST);
+    else if (!p->points) snprintf(why, size, "too few tracks to compare colours");
+    else if (!w->on)
+        snprintf(why, size, "%zu points in %zu observations: residuals %.2f %% of white, %.2f without water", p->points,
+                 p->observations, 100 * p->residual, 100 * p->without[0]);
+}
+
 OXL_INTERNAL int water_starts_at(const oxl_train_options *o)
 {
-    return o->medium != OXL_OFF ? OXL_MAX(1, (int)(WATER_FROM * o->iterations)) : 0;
+    return o->medium == OXL_ON ? OXL_MAX(1, (int)(WATER_FROM * o->iterations)) : 0;
 }
 
-OXL_INTERNAL oxl_result water_begin(oxl_context *ctx, struct water *w, oxl_scene *scene, const struct medium *goes_on)
+/* Of any water: what the survey's points look like, at their median range. */
+OXL_INTERNAL void water_start(struct water *w, oxl_scene *scene)
 {
-    struct contrast  fades;
     const oxl_point *point = oxl_scene_points(scene);
     const size_t     count = oxl_scene_point_count(scene);
-    oxl_result       rc    = contrast_measure(ctx, scene, &fades);
-    *w                     = (struct water){.range = scene_depth_quantile(scene, 0.5)};
-    if (rc != OXL_OK) return rc;
-    if (!(w->range > 0)) w->range = 1;
+    const float      start = (float)(WATER_START / w->range), some[3] = {start, start, start};
+    float            veil[3];
     for (int c = 0; c < 3; c++) {
-        const double beta = fades.measured ? fades.beta * w->range : 0;
-        double       mean = 0;
+        double mean = 0;
         for (size_t i = 0; i < count; i++) mean += point[i].rgb[c] / 255.0;
-        w->raw[c] = w->raw[3 + c] = water_inverse_softplus(OXL_CLAMP(beta, WATER_LEAST, WATER_MOST));
-        w->raw[6 + c]             = water_inverse_softplus(OXL_CLAMP(count > 0 ? mean / (double)count : 0.3, 0.05, 0.9));
+        veil[c] = (float)OXL_CLAMP(count > 0 ? mean / (double)count : 0.3, 0.05, 0.9);
     }
-    if (!goes_on) return OXL_OK;
-    w->decided = 1;
-    w->on      = goes_on->on;
-    for (int c = 0; c < 3 && w->on; c++) {
-        w->raw[c]     = water_inverse_softplus(goes_on->direct[c] * w->range);
-        w->raw[3 + c] = water_inverse_softplus(goes_on->scatter[c] * w->range);
-        w->raw[6 + c] = water_inverse_softplus(goes_on->veil[c]);
-    }
-    return OXL_OK;
+    w->on = 1;
+    water_set(w, some, some, veil);
 }
 
-/* From now on; the colours at the median range are to look as they do. */
-OXL_INTERNAL void water_start(struct water *w, oxl_model *model)
+OXL_INTERNAL void water_scale(const struct water *w, int to_clear, oxl_model *model)
 {
-    struct medium m;
-    w->on = 1;
-    m     = water_medium(w);
-    for (int c = 0; c < 3; c++) {
-        const double through = vecmath_exp(-m.direct[c] * w->range),
-                     veil    = m.veil[c] * (1 - vecmath_exp(-m.scatter[c] * w->range));
-        double factor[3]     = {1, 1, 1};
-        factor[c]            = 1 / through;
-        model_scale_colour(model, factor);
-        for (size_t i = 0; i < model->count; i++) model->plane[OXL_SH + c][i] -= (float)(veil / through / MODEL_SH0);
-    }
+    const struct medium m = water_medium(w);
+    double              factor[3];
+    if (!w->on) return;
+    for (int c = 0; c < 3; c++) factor[c] = vecmath_exp((to_clear ? 1 : -1) * (double)m.direct[c] * (double)m.shift);
+    model_scale_colour(model, factor);
 }
 
 OXL_INTERNAL void water_step(struct water *w, double progress, const double gradient[9])
 {
     const double rate = WATER_RATE * vecmath_exp(OXL_MAX(0, progress - 0.5) * 2 * vecmath_log(0.1));
     double       c1, c2;
+    if (w->fixed) return;
     w->steps++;
     c1 = 1 - vecmath_exp(w->steps * vecmath_log(0.9)), c2 = 1 - vecmath_exp(w->steps * vecmath_log(0.999));
     for (int k = 0; k < 9; k++) {
@@ -118,12 +148,12 @@ OXL_INTERNAL void water_archive(struct archive *a, struct water *w, int used)
 {
     if (!used) return;
     archive_int(a, &w->on);
-    archive_int(a, &w->decided);
+    archive_int(a, &w->fixed);
     archive_int(a, &w->steps);
     archive_doubles(a, w->raw, 9);
     archive_doubles(a, w->first, 9);
     archive_doubles(a, w->second, 9);
     for (int k = 0; k < 9 && a->rc == OXL_OK; k++)
         archive_expect(a, fabs(w->raw[k]) <= 1e6 && fabs(w->first[k]) <= DBL_MAX && w->second[k] >= 0);
-    archive_expect(a, (w->on == 0 || w->on == 1) && (w->decided == 0 || w->decided == 1) && w->steps >= 0);
+    archive_expect(a, (w->on == 0 || w->on == 1) && (w->fixed == 0 || w->fixed == 1) && w->steps >= 0);
 }

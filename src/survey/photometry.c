@@ -1,0 +1,543 @@
+/* photometry.c - exposure, lamp and water from the colours that tracks have in several images, before any training.
+ *
+ * A point seen from several ranges r identifies attenuation and backscatter without a model of the scene:
+ *     I = exp(a + s(x, y)) (J exp(-bD r) + Binf (1 - exp(-bB r)))          (Akkaynak & Treibitz 2018)
+ * for each channel, with J its own colour, a the log gain of the image and channel, and s the polynomial of a lamp or of vignetting. J
+ * is eliminated (variable projection, Golub & Pereyra 1973); bD, bB and Binf, by their logarithms, s and a are found by damped
+ * Gauss-Newton steps on squared residuals with Huber's weights. On a straight path a drift of gains, and on flat ground s, do what
+ * attenuation does: priors of zero mean on a and s decide then. A lamp's falloff with range counts as attenuation.
+ *
+ * Each part is left out once: how much larger the residuals are then is the evidence for it.
+ *
+ * Invariant: a function of the scene. Sums follow the file order of points and the name order of views.
+ */
+#include "survey.h"
+#include "../core/vecmath.h"
+
+enum {
+    PHOTOMETRY_VIEWS  = 64,             /* limit of images */
+    PHOTOMETRY_SAMPLE = 8000,           /* limit of observations */
+    PHOTOMETRY_TRACK  = 32,             /* observations of a point, at most; */
+    PHOTOMETRY_FEWEST = 3,              /* and at least */
+    PHOTOMETRY_ENOUGH = 500,            /* observations */
+    PHOTOMETRY_STEPS  = 12,             /* of Gauss-Newton, at most */
+    PHOTOMETRY_COMMON = 9 + LAMP_TERMS, /* parameters without the gains */
+    PHOTOMETRY_MOST   = PHOTOMETRY_COMMON + 3 * PHOTOMETRY_VIEWS
+};
+#define PHOTOMETRY_DARK   0.02 /* of white: darker and brighter patches are left out */
+#define PHOTOMETRY_BRIGHT 0.98
+#define PHOTOMETRY_START \
+    0.2 /* log of the attenuation over the median range that the fit begins with: from -0.7 it went astray in 7C */
+#define PHOTOMETRY_VEIL   -1.2 /* log of Binf that it begins with */
+#define PHOTOMETRY_CENTRE 1e3  /* weight of a channel's sum of log gains, squared: their mean is 0 */
+#define PHOTOMETRY_HUBER  1.5  /* times sigma */
+#define PHOTOMETRY_RADIUS 1.0  /* px: half the side of a patch in the point's farthest view; */
+#define PHOTOMETRY_WIDE   5.0  /* nearer ones up to this */
+/* Standard deviations of the priors: logs of attenuation over the median range, of bB / bD, of Binf; lamp and gains. */
+static const double photometry_prior[5] = {1.5, 0.5, 1.5, 0.3, 0.2};
+/* By how much larger residuals must be without water, lamp, gains: with water they are 2 to 4 times as large, in surveys without it 1.01
+ * times (docs/log/WATER.md). */
+static const double photometry_evidence[3] = {0.1, 0.01, 0.02};
+
+struct photometry_sample { /* a point in an image */
+    size_t point;
+    int    view, valid; /* view: index in `chosen` */
+    float  x, y, size;  /* px; half the patch's side */
+    double range, z;    /* range: in medians; z: over the focal length */
+    float  value[3], weight[3];
+    float  term[LAMP_TERMS];
+};
+struct photometry_work {
+    int                      *view, *chosen; /* as in contrast.c */
+    int                       views;
+    struct photometry_sample *sample;
+    size_t                    samples;
+    double                   *normal;  /* (PHOTOMETRY_MOST^2) lower triangle */
+    double                   *scratch; /* (3 PHOTOMETRY_SAMPLE) */
+    double                    right[PHOTOMETRY_MOST], at[PHOTOMETRY_MOST], sigma;
+    int                       parameters, free; /* parts */
+};
+
+/* ---------------------------------------------------------------- which points in which images */
+
+static void photometry_choose_views(const oxl_scene *scene, const struct colmap *c, struct photometry_work *w)
+{
+    const int views = oxl_scene_view_count(scene);
+    int       train = 0, seen = 0;
+    for (int i = 0; i < views; i++) train += !oxl_scene_view(scene, i)->is_test;
+    for (size_t i = 0; i < c->image_count; i++) w->view[i] = -1;
+    for (int i = 0; i < views; i++) {
+        if (oxl_scene_view(scene, i)->is_test) continue;
+        if (train > PHOTOMETRY_VIEWS &&
+            (int64_t)seen * PHOTOMETRY_VIEWS / train == (int64_t)(seen + 1) * PHOTOMETRY_VIEWS / train) {
+            seen++;
+            continue;
+        }
+        seen++;
+        w->view[scene_source_image(scene, i) - c->image] = w->views;
+        w->chosen[w->views++]                            = i;
+    }
+}
+
+static void photometry_project(const oxl_scene *scene, const struct photometry_work *w, double median,
+                               struct photometry_sample *s)
+{
+    const oxl_camera *c      = &oxl_scene_view(scene, w->chosen[s->view])->camera;
+    const double     *origin = oxl_scene_origin(scene), *p = scene_colmap(scene)->point[s->point].position;
+    double            x[3];
+    for (int i = 0; i < 3; i++) {
+        x[i] = c->translation[i];
+        for (int k = 0; k < 3; k++) x[i] += c->rotation[3 * i + k] * (p[k] - origin[k]);
+    }
+    s->valid = x[2] > 0 && fabs(x[0]) <= 10 * x[2] && fabs(x[1]) <= 10 * x[2];
+    if (!s->valid) return;
+    s->z     = x[2] / c->fx;
+    s->range = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) / median;
+    s->x     = (float)(c->fx * x[0] / x[2] + c->cx);
+    s->y     = (float)(c->fy * x[1] / x[2] + c->cy);
+    lamp_terms_at(2 * s->x / (float)c->width - 1, 2 * s->y / (float)c->height - 1, s->term);
+}
+
+/* Points with all their chosen views; every k-th point if there are too many. */
+static void photometry_choose_samples(const oxl_scene *scene, double median, struct photometry_work *w)
+{
+    const struct colmap *c      = scene_colmap(scene);
+    const double        *origin = oxl_scene_origin(scene);
+    size_t               all    = 0, step;
+    for (size_t i = 0; i < c->track_count; i++) all += w->view[c->track[i].image_row] >= 0;
+    step = all / PHOTOMETRY_SAMPLE + 1;
+    for (size_t i = 0; i < c->point_count; i += step) {
+        const size_t first    = w->samples;
+        double       farthest = 0;
+        if (!scene_takes_point(&c->point[i], origin)) continue;
+        for (uint32_t k = 0; k < c->point[i].track_count && w->samples < PHOTOMETRY_SAMPLE; k++) {
+            struct photometry_sample *s    = &w->sample[w->samples];
+            const int                 view = w->view[c->track[c->point[i].first_track + k].image_row];
+            if (view < 0 || w->samples - first == PHOTOMETRY_TRACK) continue;
+            *s = (struct photometry_sample){.point = i, .view = view};
+            photometry_project(scene, w, median, s);
+            if (s->valid) w->samples++, farthest = OXL_MAX(farthest, s->z);
+        }
+        if (w->samples - first < PHOTOMETRY_FEWEST) w->samples = first;
+        for (size_t k = first; k < w->samples; k++)
+            w->sample[k].size = (float)OXL_MIN(PHOTOMETRY_RADIUS * farthest / w->sample[k].z, PHOTOMETRY_WIDE);
+    }
+}
+
+/* Mean colour of the patch. */
+static void photometry_look(const struct training_image *p, struct photometry_sample *s)
+{
+    const size_t plane = (size_t)p->width * (size_t)p->height;
+    const int    x0 = (int)(s->x - s->size), x1 = (int)(s->x + s->size), y0 = (int)(s->y - s->size), y1 = (int)(s->y + s->size);
+    double       sum[3] = {0, 0, 0};
+    const double n      = (double)(x1 - x0 + 1) * (y1 - y0 + 1) * 255;
+    s->valid            = s->x >= s->size && s->y >= s->size && x1 < p->width && y1 < p->height;
+    for (int y = y0; y <= y1 && s->valid; y++)
+        for (int x = x0; x <= x1; x++) {
+            const size_t i = (size_t)y * (size_t)p->width + (size_t)x;
+            if (p->mask && p->mask[i] < 128) s->valid = 0;
+            for (int c = 0; c < 3; c++) sum[c] += p->rgb[i + (size_t)c * plane];
+        }
+    for (int c = 0; c < 3 && s->valid; c++) {
+        s->value[c]  = (float)(sum[c] / n);
+        s->weight[c] = s->value[c] >= PHOTOMETRY_DARK && s->value[c] <= PHOTOMETRY_BRIGHT;
+    }
+}
+
+static oxl_result photometry_look_at_all(oxl_context *ctx, oxl_scene *scene, struct photometry_work *w)
+{
+    for (int v = 0; v < w->views; v++) {
+        const struct training_image *image;
+        const oxl_result             rc = context_stopped(ctx);
+        if (rc != OXL_OK) return rc;
+        image_cache_ahead(ctx, scene_image_cache(scene), w->chosen + v, w->views - v);
+        image = image_cache_get(ctx, scene_image_cache(scene), w->chosen[v]);
+        if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed;
+        for (size_t i = 0; i < w->samples; i++) {
+            if (w->sample[i].view != v) continue;
+            if (image) photometry_look(image, &w->sample[i]);
+            else w->sample[i].valid = 0;
+        }
+    }
+    return OXL_OK;
+}
+
+/* Unusable samples go, and points that have too few left. */
+static void photometry_compact(struct photometry_work *w)
+{
+    size_t kept = 0;
+    for (size_t first = 0, end; first < w->samples; first = end) {
+        const size_t start = kept;
+        for (end = first; end < w->samples && w->sample[end].point == w->sample[first].point; end++)
+            if (w->sample[end].valid) w->sample[kept++] = w->sample[end];
+        if (kept - start < PHOTOMETRY_FEWEST) kept = start;
+    }
+    w->samples = kept;
+}
+
+/* ---------------------------------------------------------------- the model of a point in one channel */
+
+struct photometry_point {
+    int    count;
+    double a[PHOTOMETRY_TRACK], b[PHOTOMETRY_TRACK]; /* I = a J + b */
+    double through[PHOTOMETRY_TRACK], veil[PHOTOMETRY_TRACK],
+        near[PHOTOMETRY_TRACK]; /* dI/d(log bD) / J, dI/d(log Binf), dI/d(log bB) */
+    double rest[PHOTOMETRY_TRACK], weight[PHOTOMETRY_TRACK];
+    double j, aa;
+};
+
+static void photometry_evaluate(const struct photometry_work *w, const double *at, const struct photometry_sample *s, int c,
+                                struct photometry_point *p)
+{
+    const int    water  = w->free & PHOTOMETRY_WATER;
+    const double direct = water ? vecmath_exp(at[c]) : 0, scatter = water ? vecmath_exp(at[3 + c]) : 0;
+    const double far_off = water ? vecmath_exp(at[6 + c]) : 0;
+    double       ab      = 0;
+    p->aa                = 0;
+    for (int k = 0; k < p->count; k++) {
+        double gain = at[PHOTOMETRY_COMMON + 3 * s[k].view + c], left;
+        for (int t = 0; t < LAMP_TERMS; t++) gain += at[9 + t] * (double)s[k].term[t];
+        gain          = vecmath_exp(OXL_CLAMP(gain, -5, 5));
+        left          = vecmath_exp(-scatter * s[k].range);
+        p->a[k]       = gain * vecmath_exp(-direct * s[k].range);
+        p->b[k]       = gain * far_off * (1 - left);
+        p->through[k] = -p->a[k] * direct * s[k].range;
+        p->near[k]    = gain * far_off * scatter * s[k].range * left;
+        p->weight[k]  = s[k].weight[c];
+        p->aa += p->weight[k] * p->a[k] * p->a[k];
+        ab += p->weight[k] * p->a[k] * (s[k].value[c] - p->b[k]);
+    }
+    p->j = p->aa > 0 ? ab / p->aa : 0;
+    for (int k = 0; k < p->count; k++) p->rest[k] = s[k].value[c] - p->a[k] * p->j - p->b[k];
+}
+
+static int photometry_track(const struct photometry_work *w, size_t first)
+{
+    size_t end = first;
+    while (end < w->samples && w->sample[end].point == w->sample[first].point) end++;
+    return (int)(end - first);
+}
+
+/* Huber's cost in units of sigma^2; also sets weights for the next step where `reweigh`. */
+static double photometry_cost(struct photometry_work *w, const double *at, int reweigh)
+{
+    struct photometry_point p;
+    double                  sum = 0;
+    for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
+        p.count = photometry_track(w, first);
+        for (int c = 0; c < 3; c++) {
+            photometry_evaluate(w, at, &w->sample[first], c, &p);
+            for (int k = 0; k < p.count; k++) {
+                struct photometry_sample *s = &w->sample[first + (size_t)k];
+                const double              e = fabs(p.rest[k]) / w->sigma;
+                if (s->weight[c] <= 0) continue;
+                sum += e <= PHOTOMETRY_HUBER ? e * e : PHOTOMETRY_HUBER * (2 * e - PHOTOMETRY_HUBER);
+                if (reweigh) s->weight[c] = (float)(e <= PHOTOMETRY_HUBER ? 1 : PHOTOMETRY_HUBER / e);
+            }
+        }
+    }
+    return sum;
+}
+
+/* 1.48 times the median of the absolute residuals. */
+static double photometry_sigma(struct photometry_work *w, const double *at, double *scratch)
+{
+    struct photometry_point p;
+    size_t                  n = 0;
+    for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
+        p.count = photometry_track(w, first);
+        for (int c = 0; c < 3; c++) {
+            photometry_evaluate(w, at, &w->sample[first], c, &p);
+            for (int k = 0; k < p.count; k++)
+                if (p.weight[k] > 0) scratch[n++] = fabs(p.rest[k]);
+        }
+    }
+    return OXL_MAX(n ? 1.48 * stats_pick(scratch, n, 0.5) : 1, 1e-4);
+}
+
+/* ---------------------------------------------------------------- normal equations */
+
+static void photometry_add(struct photometry_work *w, int row, int column, double value)
+{
+    if (row < column) OXL_SWAP(int, row, column);
+    w->normal[(size_t)row * PHOTOMETRY_MOST + (size_t)column] += value;
+}
+
+static void photometry_add_point(struct photometry_work *w, const struct photometry_sample *s, int c,
+                                 const struct photometry_point *p)
+{
+    enum { OWN = 3 + LAMP_TERMS };
+    int    index[OWN];
+    double u[OWN] = {0}, block[OWN][OWN] = {{0}}, gains[PHOTOMETRY_TRACK];
+    for (int i = 0; i < OWN; i++) index[i] = i < 3 ? 3 * i + c : 6 + i;
+    if (!(p->aa > 0)) return;
+    for (int k = 0; k < p->count; k++) {
+        const double seen = p->a[k] * p->j + p->b[k], weight = p->weight[k];
+        const int    own = PHOTOMETRY_COMMON + 3 * s[k].view + c;
+        double       d[OWN];
+        d[0] = p->through[k] * p->j, d[1] = p->near[k], d[2] = p->b[k];
+        for (int t = 0; t < LAMP_TERMS; t++) d[3 + t] = seen * (double)s[k].term[t];
+        gains[k] = weight * p->a[k] * seen;
+        for (int i = 0; i < OWN; i++) {
+            u[i] += weight * p->a[k] * d[i];
+            for (int j = 0; j <= i; j++) block[i][j] += weight * d[i] * d[j];
+            photometry_add(w, own, index[i], weight * d[i] * seen);
+            w->right[index[i]] += weight * d[i] * p->rest[k];
+        }
+        photometry_add(w, own, own, weight * seen * seen);
+        w->right[own] += weight * seen * p->rest[k];
+    }
+    for (int i = 0; i < OWN; i++) { /* what J takes */
+        for (int j = 0; j <= i; j++) photometry_add(w, index[i], index[j], block[i][j] - u[i] * u[j] / p->aa);
+        for (int k = 0; k < p->count; k++)
+            photometry_add(w, PHOTOMETRY_COMMON + 3 * s[k].view + c, index[i], -u[i] * gains[k] / p->aa);
+    }
+    for (int k = 0; k < p->count; k++)
+        for (int l = 0; l <= k; l++)
+            photometry_add(w, PHOTOMETRY_COMMON + 3 * s[k].view + c, PHOTOMETRY_COMMON + 3 * s[l].view + c,
+                           -gains[k] * gains[l] / p->aa);
+}
+
+static int photometry_is_free(const struct photometry_work *w, int index)
+{
+    return w->free & (index < 9 ? PHOTOMETRY_WATER : index < PHOTOMETRY_COMMON ? PHOTOMETRY_LAMP : PHOTOMETRY_GAINS);
+}
+
+static double photometry_of_prior(int index)
+{
+    return photometry_prior[index < 9 ? index / 3 : index < PHOTOMETRY_COMMON ? 3 : 4];
+}
+
+/* Mean of the prior; that of bB is bD. */
+static double photometry_before(const double *at, int index)
+{
+    return index < 3 ? -0.7 : index < 6 ? at[index - 3] : index < 9 ? -1.2 : 0; /* 0.5 over the median range; 0.3 of white */
+}
+
+static double photometry_prior_cost(const struct photometry_work *w, const double *at)
+{
+    double sum = 0;
+    for (int i = 0; i < w->parameters; i++) {
+        const double e = (at[i] - photometry_before(at, i)) / photometry_of_prior(i);
+        if (photometry_is_free(w, i)) sum += e * e;
+    }
+    return sum;
+}
+
+static void photometry_normal(struct photometry_work *w)
+{
+    struct photometry_point p;
+    memset(w->normal, 0, sizeof *w->normal * PHOTOMETRY_MOST * (size_t)w->parameters);
+    memset(w->right, 0, sizeof w->right);
+    for (size_t first = 0; first < w->samples; first += (size_t)p.count) {
+        p.count = photometry_track(w, first);
+        for (int c = 0; c < 3; c++) {
+            photometry_evaluate(w, w->at, &w->sample[first], c, &p);
+            photometry_add_point(w, &w->sample[first], c, &p);
+        }
+    }
+    for (int i = 0; i < w->parameters; i++) {
+        const double of = w->sigma * w->sigma / (photometry_of_prior(i) * photometry_of_prior(i));
+        const double e  = photometry_before(w->at, i) - w->at[i];
+        photometry_add(w, i, i, of);
+        w->right[i] += of * e;
+        if (i < 3 || i >= 6) continue;
+        photometry_add(w, i - 3, i - 3, of);
+        photometry_add(w, i, i - 3, -of);
+        w->right[i - 3] -= of * e;
+    }
+    for (int v = 0; v < w->views; v++) /* the gains' mean is 0 */
+        for (int k = 0; k <= v; k++)
+            for (int c = 0; c < 3; c++)
+                photometry_add(w, PHOTOMETRY_COMMON + 3 * v + c, PHOTOMETRY_COMMON + 3 * k + c, PHOTOMETRY_CENTRE);
+    for (int i = 0; i < w->parameters; i++) { /* fixed */
+        if (photometry_is_free(w, i)) continue;
+        for (int k = 0; k < w->parameters; k++)
+            w->normal[(size_t)OXL_MAX(i, k) * PHOTOMETRY_MOST + (size_t)OXL_MIN(i, k)] = i == k;
+        w->right[i] = 0;
+    }
+}
+
+/* In place: the lower factor. 0: not positive definite. */
+static int photometry_factor(double *m, int n)
+{
+    for (int i = 0; i < n; i++) {
+        double *row = m + (size_t)i * PHOTOMETRY_MOST;
+        for (int j = 0; j <= i; j++) {
+            const double *other = m + (size_t)j * PHOTOMETRY_MOST;
+            double        sum   = row[j];
+            for (int k = 0; k < j; k++) sum -= row[k] * other[k];
+            if (i == j && !(sum > 0)) return 0;
+            row[j] = i == j ? sqrt(sum) : sum / other[j];
+        }
+    }
+    return 1;
+}
+
+static void photometry_solve(const double *m, int n, double *x)
+{
+    for (int i = 0; i < n; i++) {
+        for (int k = 0; k < i; k++) x[i] -= m[(size_t)i * PHOTOMETRY_MOST + (size_t)k] * x[k];
+        x[i] /= m[(size_t)i * PHOTOMETRY_MOST + (size_t)i];
+    }
+    for (int i = n; i-- > 0;) {
+        for (int k = i + 1; k < n; k++) x[i] -= m[(size_t)k * PHOTOMETRY_MOST + (size_t)i] * x[k];
+        x[i] /= m[(size_t)i * PHOTOMETRY_MOST + (size_t)i];
+    }
+}
+
+/* Damped steps from w->at; the cost in the end. */
+static double photometry_descend(struct photometry_work *w, double *scratch)
+{
+    double damping = 1e-3, cost;
+    w->sigma       = photometry_sigma(w, w->at, scratch);
+    cost           = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
+    for (int step = 0; step < PHOTOMETRY_STEPS; step++) {
+        double to[PHOTOMETRY_MOST], x[PHOTOMETRY_MOST], better;
+        photometry_normal(w);
+        for (int i = 0; i < w->parameters; i++) w->normal[(size_t)i * (PHOTOMETRY_MOST + 1)] *= 1 + damping;
+        memcpy(x, w->right, sizeof x);
+        if (!photometry_factor(w->normal, w->parameters)) break;
+        photometry_solve(w->normal, w->parameters, x);
+        for (int i = 0; i < w->parameters; i++) to[i] = w->at[i] + OXL_CLAMP(x[i], -1, 1);
+        better = photometry_cost(w, to, 0) + photometry_prior_cost(w, to);
+        if (!(better < cost)) {
+            damping *= 10;
+            if (damping > 1e4) break;
+            continue;
+        }
+        damping = OXL_MAX(damping * 0.2, 1e-6);
+        memcpy(w->at, to, sizeof w->at);
+        if (cost - better < 1e-4 * better) break;
+        w->sigma = photometry_sigma(w, w->at, scratch);
+        cost     = photometry_cost(w, w->at, 1) + photometry_prior_cost(w, w->at);
+    }
+    return cost;
+}
+
+/* Standard errors of the nine logs; residuals of a point may be alike, so each point counts as one observation. */
+static void photometry_errors(struct photometry_work *w, struct photometry *out)
+{
+    const double alike = sqrt((double)w->samples / (double)OXL_MAX(out->points, 1));
+    photometry_normal(w);
+    if (!photometry_factor(w->normal, w->parameters)) return;
+    for (int i = 0; i < 9; i++) {
+        double x[PHOTOMETRY_MOST] = {0};
+        x[i]                      = 1;
+        photometry_solve(w->normal, w->parameters, x);
+        out->error[i] = alike * w->sigma * sqrt(OXL_MAX(x[i], 0));
+    }
+}
+
+/* From where w->at is; the robust size of the residuals. */
+static double photometry_fit(struct photometry_work *w, int parts, double *scratch)
+{
+    w->free = parts;
+    for (int i = 9; i < w->parameters; i++)
+        if (!photometry_is_free(w, i)) w->at[i] = 0;
+    photometry_descend(w, scratch);
+    return w->sigma;
+}
+
+/* All parts, then each left out, then those that the residuals are evidence for. */
+static void photometry_choose_parts(struct photometry_work *w, int asked, double *scratch, struct photometry *out)
+{
+    double all[PHOTOMETRY_MOST];
+    w->parameters = PHOTOMETRY_COMMON + 3 * w->views;
+    memset(w->at, 0, sizeof w->at);
+    for (int i = 0; i < 9; i++) w->at[i] = i < 6 ? PHOTOMETRY_START : PHOTOMETRY_VEIL;
+    out->parts    = asked;
+    out->residual = photometry_fit(w, asked, scratch);
+    memcpy(all, w->at, sizeof all);
+    for (int k = 0; k < 3; k++) {
+        if (!(asked >> k & 1)) continue;
+        memcpy(w->at, all, sizeof all);
+        out->without[k] = photometry_fit(w, asked & ~(1 << k), scratch);
+        if (out->without[k] < (1 + photometry_evidence[k]) * out->residual) out->parts &= ~(1 << k);
+    }
+    memcpy(w->at, all, sizeof all);
+    photometry_fit(w, out->parts, scratch);
+}
+
+/* Pearson's, over the images; 0: gains are not fitted, or nothing varies. */
+static double photometry_drift(const struct photometry_work *w, const struct photometry *p)
+{
+    double x[PHOTOMETRY_VIEWS] = {0}, y[PHOTOMETRY_VIEWS], mean[2] = {0, 0}, xx = 0, xy = 0, yy = 0;
+    int    count[PHOTOMETRY_VIEWS] = {0}, views = 0;
+    for (size_t i = 0; i < w->samples; i++) x[w->sample[i].view] += w->sample[i].range, count[w->sample[i].view]++;
+    for (int v = 0; v < w->views; v++) {
+        const float *gain = p->log_gain + 3 * w->chosen[v];
+        if (count[v] == 0) continue;
+        x[v] /= count[v], y[v] = (double)gain[0] + (double)gain[1] + (double)gain[2];
+        mean[0] += x[v], mean[1] += y[v], views++;
+    }
+    for (int v = 0; v < w->views; v++) {
+        const double dx = x[v] - mean[0] / OXL_MAX(views, 1), dy = count[v] ? y[v] - mean[1] / OXL_MAX(views, 1) : 0;
+        if (count[v]) xx += dx * dx, xy += dx * dy, yy += dy * dy;
+    }
+    return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
+}
+
+static void photometry_report(struct photometry_work *w, double median, int asked, double *scratch, struct photometry *out)
+{
+    out->observations = w->samples;
+    for (size_t i = 0; i < w->samples; i++) out->points += i == 0 || w->sample[i].point != w->sample[i - 1].point;
+    photometry_choose_parts(w, asked, scratch, out);
+    if (out->parts & PHOTOMETRY_WATER) photometry_errors(w, out);
+    for (int c = 0; c < 3 && (out->parts & PHOTOMETRY_WATER); c++) {
+        out->direct[c]  = vecmath_exp(w->at[c]) / median;
+        out->scatter[c] = vecmath_exp(w->at[3 + c]) / median;
+        out->veil[c]    = vecmath_exp(w->at[6 + c]);
+    }
+    for (int t = 0; t < LAMP_TERMS; t++) out->shape[t] = (float)w->at[9 + t];
+    for (int v = 0; v < w->views; v++) {
+        out->known[w->chosen[v]] = 1;
+        for (int c = 0; c < 3; c++) out->log_gain[3 * w->chosen[v] + c] = (float)w->at[PHOTOMETRY_COMMON + 3 * v + c];
+    }
+    out->drift = photometry_drift(w, out);
+}
+
+static oxl_result photometry_begin(oxl_context *ctx, const oxl_scene *scene, struct photometry_work *w, struct photometry *out)
+{
+    const size_t views = (size_t)oxl_scene_view_count(scene);
+    w->view            = oxl_alloc(ctx, scene_colmap(scene)->image_count + 1, sizeof *w->view);
+    w->chosen          = oxl_alloc(ctx, PHOTOMETRY_VIEWS + 1, sizeof *w->chosen);
+    w->sample          = oxl_alloc(ctx, PHOTOMETRY_SAMPLE + 1, sizeof *w->sample);
+    w->normal          = oxl_alloc(ctx, (size_t)PHOTOMETRY_MOST * PHOTOMETRY_MOST, sizeof *w->normal);
+    w->scratch         = oxl_alloc(ctx, 3 * PHOTOMETRY_SAMPLE + 1, sizeof *w->scratch);
+    out->log_gain      = oxl_calloc(ctx, 3 * views + 1, sizeof *out->log_gain);
+    out->known         = oxl_calloc(ctx, views + 1, sizeof *out->known);
+    return w->view && w->chosen && w->sample && w->normal && w->scratch && out->log_gain && out->known
+               ? OXL_OK
+               : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compare the colours of tracks");
+}
+
+OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, int parts, struct photometry *out)
+{
+    const struct colmap   *c      = scene_colmap(scene);
+    const double           median = scene_depth_quantile(scene, 0.5);
+    struct photometry_work w      = {0};
+    oxl_result             rc;
+    *out = (struct photometry){0};
+    if (!parts || !c || c->track_count == 0 || !(median > 0)) return OXL_OK;
+    rc = photometry_begin(ctx, scene, &w, out);
+    if (rc == OXL_OK) photometry_choose_views(scene, c, &w);
+    if (rc == OXL_OK) photometry_choose_samples(scene, median, &w);
+    if (rc == OXL_OK) rc = photometry_look_at_all(ctx, scene, &w);
+    if (rc == OXL_OK) photometry_compact(&w);
+    if (rc == OXL_OK && w.samples >= PHOTOMETRY_ENOUGH) photometry_report(&w, median, parts, w.scratch, out);
+    oxl_free(ctx, w.view);
+    oxl_free(ctx, w.chosen);
+    oxl_free(ctx, w.sample);
+    oxl_free(ctx, w.normal);
+    oxl_free(ctx, w.scratch);
+    if (rc != OXL_OK) photometry_free(ctx, out);
+    return rc;
+}
+
+OXL_INTERNAL void photometry_free(oxl_context *ctx, struct photometry *p)
+{
+    oxl_free(ctx, p->log_gain);
+    oxl_free(ctx, p->known);
+    *p = (struct photometry){0};
+}
