@@ -133,7 +133,7 @@ $(FUZZ_RUNS): fuzz-%: $(BUILD)/fuzz/fuzz
 	@OXL_FUZZ=$* $< -max_total_time=$(SECONDS) -max_len=4096 -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
 	  -artifact_prefix=$(BUILD)/fuzz/crash-$*- $(BUILD)/fuzz/$* fuzz/corpus/$* > $(BUILD)/fuzz/$*.log 2>&1 || \
 	  { tail -n 25 $(BUILD)/fuzz/$*.log; exit 1; }
-	@echo "fuzz $*"; grep -h -e 'cov: ' -e number_of_executed $(BUILD)/fuzz/$*.log | tail -n 2
+	@echo "fuzz $*"; grep -ah -e 'cov: ' -e number_of_executed $(BUILD)/fuzz/$*.log | tail -n 2
 FUZZ_SANITIZE := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=undefined,float-cast-overflow
 $(BUILD)/fuzz/fuzz: fuzz/fuzz.c fuzz/targets.c $(SOURCES)
 	@mkdir -p $(@D)

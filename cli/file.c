@@ -79,7 +79,8 @@ int output_file_close(struct output_file *f)
 {
     file_flush(f);
     if (f->file && fclose(f->file) != 0) f->failed = 1;
-    if (f->file && !f->failed && rename(f->temporary, f->path) != 0) f->failed = 1;
+    if (f->file && !f->failed && rename(f->temporary, f->path) != 0) /* Windows replaces no file */
+        f->failed = remove(f->path) != 0 || rename(f->temporary, f->path) != 0;
     if (f->file && f->failed) remove(f->temporary);
     f->file = NULL;
     return !f->failed;

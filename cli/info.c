@@ -25,32 +25,18 @@ static struct spread info_spread(const float *plane, size_t count, float *sorted
     return (struct spread){sorted[n / 20], sorted[n / 2], sorted[n - 1 - n / 20]};
 }
 
-static size_t info_broken(const oxl_model *m)
-{
-    size_t broken = 0;
-    for (size_t i = 0; i < m->count; i++) {
-        int fine = 1;
-        for (int p = 0; p < oxl_model_planes(m); p++) fine &= isfinite(m->plane[p][i]) != 0;
-        for (int p = OXL_LOG_SCALE; p < OXL_LOG_SCALE + 3; p++) fine &= isfinite(expf(m->plane[p][i])) != 0;
-        for (int p = OXL_LOBE; i < m->lobes && p < OXL_PLANES; p++) fine &= isfinite(m->plane[p][i]) != 0;
-        broken += !fine;
-    }
-    return broken;
-}
-
 static void info_write(FILE *to, const oxl_model *m, float *sorted, int json)
 {
     static const char *const names[]  = {"x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"};
     static const int         planes[] = {OXL_MEAN,          OXL_MEAN + 1,      OXL_MEAN + 2, OXL_LOG_SCALE,
                                          OXL_LOG_SCALE + 1, OXL_LOG_SCALE + 2, OXL_OPACITY};
-    const size_t             broken   = info_broken(m);
     fprintf(
         to,
         json
             ? "{\n  \"gaussians\": %zu,\n  \"lobes\": %zu,\n  \"sh_degree\": %d,\n  \"not_finite\": %zu,\n  \"origin\": [%.17g, %.17g, %.17g],\n  \"scale\": %.17g"
             : "Gaussians   %zu\nlobes       %zu (Gaussians with a second one)\nSH degree   %d\nnot finite  %zu\norigin      %.10g %.10g %.10g (world = local + origin)\nscale       %.10g (units of this file in a unit of the survey)\n"
               "            5th, 50th, 95th percentile\n",
-        m->count, m->lobes, m->sh_degree, broken, m->origin[0], m->origin[1], m->origin[2], m->scale > 0 ? m->scale : 1.0);
+        m->count, m->lobes, m->sh_degree, m->not_finite, m->origin[0], m->origin[1], m->origin[2], m->scale > 0 ? m->scale : 1.0);
     for (int i = 0; i < 7; i++) {
         struct spread s = info_spread(m->plane[planes[i]], m->count, sorted);
         if (i >= 3 && i < 6) s = (struct spread){expf(s.low), expf(s.middle), expf(s.high)};
@@ -70,7 +56,7 @@ static FILE *info_open_imaging(const char *model, const char *mode)
     return fopen(path, mode);
 }
 
-/* scene.ply has learned what lamp and water show: of imaging.txt only the gains are its own. */
+/* Where there are a lamp or water, scene.ply has learned what they and the gains show; else the gains are its own. */
 static int info_is_for_viewers(const char *model)
 {
     const char *base = strrchr(model, '/');
@@ -105,10 +91,11 @@ int info_copy_imaging(const char *from, const char *to)
 {
     FILE *in = info_open_imaging(from, "rb"), *there = in ? info_open_imaging(to, "rb") : NULL, *out = NULL;
     char  line[4096];
-    int   failed;
-    if (in && !there) out = info_open_imaging(to, "wb");
-    while (out && fgets(line, sizeof line, in))
-        if (line[0] == '#' || info_is_gain(line) || !info_is_for_viewers(from)) fputs(line, out);
+    int   failed, own = 1; /* scene.ply with lamp or water needs nothing */
+    while (in && info_is_for_viewers(from) && fgets(line, sizeof line, in)) own &= line[0] == '#' || info_is_gain(line);
+    if (in) rewind(in);
+    if (in && own && !there) out = info_open_imaging(to, "wb");
+    while (out && fgets(line, sizeof line, in)) fputs(line, out);
     failed = out && (ferror(in) || ferror(out));
     if (in) fclose(in);
     if (there) fclose(there);

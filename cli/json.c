@@ -13,11 +13,11 @@ char *json_string(const char *value)
 
 void json_print(FILE *to, const char *text)
 {
+    char character[8];
     fputc('"', to);
-    for (; *text; text++) {
-        if (*text == '"' || *text == '\\') fprintf(to, "\\%c", *text);
-        else if ((unsigned char)*text < 0x20) fprintf(to, "\\u%04x", (unsigned)*text);
-        else fputc(*text, to);
+    while (*text) {
+        text += oxl_json_escape(text, character);
+        fputs(character, to);
     }
     fputc('"', to);
 }

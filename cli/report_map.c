@@ -142,7 +142,7 @@ static void map_figure(struct report *r, const oxl_scene *scene)
 }
 
 /* The survey as the run read it, without its images. */
-static oxl_scene *map_load(struct report *r)
+static oxl_scene *map_load(oxl_context *ctx, const struct report *r)
 {
     static const char *const names[3]   = {"images_folder", "sparse_folder", "masks_folder"};
     char                    *path[3]    = {NULL, NULL, NULL};
@@ -157,7 +157,7 @@ static oxl_scene *map_load(struct report *r)
     options.allow_cut   = 1;
     if (test_every >= 0) options.test_every = (int)test_every;
     if (max_side >= 1) options.max_side = (int)max_side;
-    if (oxl_scene_load(r->ctx, r->scene, &options, &scene) != OXL_OK) scene = NULL;
+    if (oxl_scene_load(ctx, r->scene, &options, &scene) != OXL_OK) scene = NULL;
     for (int i = 0; i < 3; i++) free(path[i]);
     return scene;
 }
@@ -176,9 +176,11 @@ static void map_partition(struct report *r)
 
 void map_section(struct report *r)
 {
-    oxl_scene *scene = r->scene ? map_load(r) : NULL;
+    oxl_context *silent = NULL; /* the run has said what there is to say of the survey */
+    oxl_scene   *scene  = r->scene && oxl_context_create(NULL, &silent) == OXL_OK ? map_load(silent, r) : NULL;
     if (scene && oxl_scene_point_count(scene) > 0) map_figure(r, scene);
     else output_add(&r->page, "<p class=\"pale\">No map: the survey's text files are not found.</p>\n");
-    oxl_scene_free(r->ctx, scene);
+    oxl_scene_free(silent, scene);
+    oxl_context_free(silent);
     map_partition(r);
 }

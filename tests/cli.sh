@@ -65,6 +65,17 @@ stopped_early() { # COMMAND...: the signal comes while the points of long/ are r
     kill -TERM $!
     wait $!
 }
+behind_the_cameras() { # a second copy of the points, which no camera shows, makes blocks of its own
+    mkdir -p behind && cp -r survey/. behind
+    awk '/^#/ { next } { print; $1 += 100000; $4 += 50; print }' survey/sparse/0/points3D.txt >behind/sparse/0/points3D.txt
+    "$program" train behind -o behind/out --block-points 600 --iterations 40 && test -s behind/out/scene.ply
+}
+displaced() { # two cameras of thirty are moved
+    "$program" synth -o displaced --views 30 --size 128x96 --points 3000 --seed 3 --quiet
+    awk 'NF == 10 && /IMG_000(05|13)/ { $6 += 0.25; $7 -= 0.15 } { print }' displaced/sparse/0/images.txt >moved.txt &&
+        mv moved.txt displaced/sparse/0/images.txt
+    "$program" train displaced -o displaced/out --iterations 500 --sh-degree 1 --quiet 2>flags.txt && cat flags.txt && test "$(grep -c 'look at its' flags.txt)" = 2
+}
 single_image() {
     mkdir -p single/sparse/0 && cp survey/sparse/0/cameras.txt single/sparse/0 && ln -sfn ../survey/images single/images
     { sed -n '/^[0-9]/{p;n;p;q;}' survey/sparse/0/images.txt; } >single/sparse/0/images.txt
@@ -182,7 +193,13 @@ promise the_state_is_there_again 0 "" files 1 gone/blocks/000 checkpoint.oxl
 promise a_mask_of_another_shape_is_reported_by_train 0 "the mask is stretched" on_stderr sh -c \
     "mkdir -p masked && cp -r survey/. masked && '$program' synth -o square --views 2 --size 50x50 --points 50 --quiet && mkdir masked/masks && cp square/images/IMG_00000.png masked/masks/\$(ls survey/images | head -n 1).png && '$program' train masked -o masked/out --iterations 20"
 promise the_report_repeats_it 0 "the mask is stretched" grep stretched masked/out/report.html
+promise a_block_that_no_view_shows_keeps_its_gaussians 0 "windows of 0 views" behind_the_cameras
+promise displaced_poses_are_flagged_and_no_others 0 "IMG_00013.png fits" displaced
 promise a_single_image_is_warned_of_once 0 "a single training view" on_stderr single_image
+promise warnings_of_reading_the_survey_come_once 0 "" sh -c "cp survey/sparse/0/points3D.txt single/sparse/0 && '$program' train single -o single/more --iterations 10 2>once.txt; test \$(grep -c 'more like it' once.txt) = 1"
+promise fewer_gaussians_than_blocks_are_trained 0 "few2/scene.ply" "$program" train survey -o few2 --max-gaussians 1 --iterations 40 --block-points 300
+promise json_is_utf8_whatever_the_survey_is_called 0 "" sh -c "n=\$(printf 'a\377b'); ln -s survey \$n && '$program' train \$n -o utf8 --iterations 5 --quiet && { ! command -v python3 || python3 -m json.tool utf8/run.json; } && ! grep 'No map' utf8/report.html"
+promise a_glb_that_is_read_is_told_with_what_helps 3 "are written, not read" sh -c "'$program' convert out/scene.ply scene.glb && '$program' info scene.glb"
 promise cameras_at_one_place_are_warned_of 0 "all cameras are at the same place" one_place
 promise small_memory_limits_are_printed_in_megabytes 4 "--ram allows 1 MB" on_stderr "$program" train survey -o tiny --ram 1M
 promise lines_of_a_kind_are_few 0 "" sh -c "mkdir odd && cp -r survey/. odd && sed -i '/^[0-9]/s/\$/ 999999 0/' odd/sparse/0/points3D.txt && '$program' check odd 2>odd.txt; test \$(wc -l <odd.txt) -le 8 && grep 'more like it' odd.txt"
@@ -192,6 +209,9 @@ promise a_preset_given_again_keeps_the_options_of_the_run 2 "  --cooldown: 0.2 t
 promise ctrl_c_left_the_model 0 "Gaussians" "$program" info stopped/scene.ply
 promise info_counts_gaussians 0 '"gaussians": ' on_stdout "$program" info out/scene.ply --json
 promise eval_prints_the_mean 0 "mean of 2" on_stdout "$program" eval out/scene.ply survey
+promise eval_within_ram_prints_the_same 0 "mean of 2" bash -c "'$program' eval out/scene.ply survey >all.txt && '$program' eval out/scene.ply survey --ram 40K >limited.txt; test \$? = 1 && '$program' eval out/scene.ply survey --ram 24M | cmp - all.txt && cat all.txt"
+promise ram_is_a_limit_of_memory_also_for_eval 1 "a larger --ram" on_stderr "$program" eval out/scene.ply survey --ram 40K
+promise check_says_how_many_blocks_and_why 0 "blocks       1: in one the run takes up to" on_stdout "$program" check survey
 promise eval_prints_json 0 '  "psnr": ' on_stdout "$program" eval out/scene.ply survey --json
 promise a_model_is_placed_by_its_origin 0 "" sh -c \
     "LC_ALL=C sed '1,/^end_header/s/^comment origin.*/comment origin 1e6 0 0/' out/scene.ply >moved.ply; for m in out/scene moved; do '$program' eval \$m.ply survey >\$(basename \$m).txt || exit 1; done; ! cmp -s scene.txt moved.txt"

@@ -1,6 +1,7 @@
 #!/bin/sh
 # clients.sh PROGRAM - other people's readers open every model file that we write, and `render` draws what they write.
-# Needs node and npm, which fetches @playcanvas/splat-transform 3.7.0 and gsplat 1.2.9 (CLIENTS=folder keeps them for the next time).
+# Needs python3, chromium, node and npm, which fetches @playcanvas/splat-transform 3.7.0 with PlayCanvas, gsplat 1.2.9 and gltf-validator
+# (CLIENTS=folder keeps them for the next time); SPZ_TO_PLY=program: of nianticlabs/spz, if it is built.
 set -eu
 program=$(realpath "${1:-build/oceanxl}")
 here=$(realpath "$(dirname "$0")")
@@ -9,8 +10,8 @@ trap 'rm -rf "$folder"' EXIT
 clients=${CLIENTS:-$folder/clients}
 mkdir -p "$clients"
 clients=$(realpath "$clients")
-[ -d "$clients/node_modules/gsplat" ] ||
-    (cd "$clients" && npm init -y >/dev/null && npm install --silent --ignore-scripts @playcanvas/splat-transform@3.7.0 gsplat@1.2.9 >/dev/null)
+[ -d "$clients/node_modules/gltf-validator" ] ||
+    (cd "$clients" && npm init -y >/dev/null && npm install --silent --ignore-scripts @playcanvas/splat-transform@3.7.0 gsplat@1.2.9 gltf-validator@2.0.0-dev.3.10 >/dev/null)
 transform=$clients/node_modules/.bin/splat-transform
 cp "$here/clients.mjs" "$clients/"
 cd "$folder"
@@ -47,3 +48,34 @@ for file in back unpacked; do
     awk -v name=$file 'NR == FNR { ours = $1; next } { seen = 1; d = ours - $1; if (d < 0) d = -d; limit = name == "back" ? 0.001 : 0.5
         print (d <= limit ? "ok  " : "FAIL"), "render of", name ".ply, as splat-transform wrote it:", $1, "dB, wanted", ours; bad = d > limit } END { exit bad || !seen }' ours.txt theirs.txt
 done
+
+# SPZ has y up, and its readers leave that; half a turn about x takes it back.
+"$program" convert out/scene_standard.ply scene.spz >/dev/null
+"$transform" -q scene.spz -r 180,0,0 from_spz.ply
+if [ -n "${SPZ_TO_PLY:-}" ]; then "$SPZ_TO_PLY" scene.spz reference.ply >/dev/null && "$transform" -q reference.ply -r 180,0,0 from_reference.ply; fi
+for file in from_*.ply; do
+    LC_ALL=C sed "1,/^format/s/^\(format.*\)/\1\n$origin/" "$file" >placed.ply
+    printf '%s %s\n' "$(psnr scene.spz)" "$(psnr placed.ply)" | awk -v name="$file" '{ d = $1 - $2; bad = !(NF == 2 && d * d < 1e-4)
+        print (bad ? "FAIL" : "ok  "), "scene.spz read by another library,", name ":", $2, "dB, wanted", $1; exit bad }'
+done
+
+# GLB has y up by half a turn about x, theirs by one about z.
+"$program" convert out/scene_standard.ply scene.glb >/dev/null
+"$transform" -q out/scene_standard.ply -r 0,180,0 theirs.glb
+python3 "$here/clients_glb.py" scene.glb theirs.glb
+cat >"$clients/validate.mjs" <<'EOF'
+import {readFileSync} from 'node:fs';
+import {validateBytes} from 'gltf-validator';
+const codes = (await validateBytes(new Uint8Array(readFileSync(process.argv[2])))).issues.messages.map(m => m.code);
+const unknown = ['UNSUPPORTED_EXTENSION', 'MESH_PRIMITIVE_INVALID_ATTRIBUTE'], other = codes.filter(c => !unknown.includes(c));
+console.log(other.length ? 'FAIL' : 'ok  ', 'gltf-validator reports nothing of scene.glb but the extension, which it does not know', ...other);
+process.exitCode = other.length ? 1 : 0;
+EOF
+node "$clients/validate.mjs" scene.glb
+
+# Streamed levels of detail of a model of several blocks, drawn by PlayCanvas. Its Gaussians fall to zero at two standard deviations, so
+# its images differ from ours; a wrong frame, order or colour costs more than 2 dB.
+"$program" train survey -o blocks --iterations 300 --block-points 600 --sh-degree 3 --exposure off --lamp off --medium off --threads 1 --quiet >/dev/null
+"$transform" -q -g cpu blocks/scene.ply -d 25% level1.ply
+"$transform" -q -g cpu blocks/scene.ply -l 0 level1.ply -l 1 lod/lod-meta.json
+OCEANXL=$program python3 "$here/clients_viewer.py" "$clients/node_modules/playcanvas/build" . blocks/scene.ply=blocks/scene.ply:2 lod/lod-meta.json=blocks/scene.ply:2

@@ -49,7 +49,18 @@ emulated 'aarch64 Linux' aarch64-linux-gnu-gcc 'qemu-aarch64'
 emulated '32-bit ARM Linux' arm-linux-gnueabihf-gcc 'qemu-arm'
 emulated 's390x Linux, big endian' s390x-linux-gnu-gcc 'qemu-s390x'
 emulated 'x86-64 Linux with musl' musl-gcc env
-compiles 'Windows, mingw-w64' x86_64-w64-mingw32-gcc -std=c99 -O1 -Wall -Wextra -Wno-unknown-pragmas -Ibuild/portable/include -DOXL_NO_SIMD -c oceanxl.c -o build/portable/mingw.o
+windows() { # the program, linked, and run where wine is
+    local name='Windows, mingw-w64' build=build/portable/mingw run
+    has x86_64-w64-mingw32-gcc && has wine || { verdict "$name" skip 'no x86_64-w64-mingw32-gcc or wine'; return; }
+    make -j1 CC=x86_64-w64-mingw32-gcc OPENMP=0 STB=$stb BUILD=$build WERROR= CFLAGS='-O1 -static -DOXL_NO_SIMD' $build/oceanxl >$build.log 2>&1 ||
+        { verdict "$name" 1 "does not build, $build.log"; return; }
+    rm -rf $build/survey $build/out
+    run="env WINEDEBUG=-all wine $build/oceanxl.exe"
+    $run synth -o $build/survey --views 10 --size 96x64 --points 800 --quiet >>$build.log 2>&1 &&
+        $run train $build/survey -o $build/out --iterations 20 --quiet >>$build.log 2>&1 && $run eval $build/out $build/survey >>$build.log 2>&1
+    verdict "$name" $? 'linked; synth, train and eval under wine'
+}
+windows
 compiles 'tcc' tcc -std=c99 -Ibuild/portable/include -c oceanxl.c -o build/portable/tcc.o
 echo "$passed passed, $failed failed, $skipped skipped"
 [ $failed = 0 ]

@@ -210,6 +210,25 @@ TEST(nerfstudio_names_start_from_its_folder_unless_all_begin_with_images)
     colmap_free(test_ctx, &c);
 }
 
+TEST(json_strings_give_back_names_of_any_bytes_and_are_utf8)
+{
+    static const char *const names[][2] = {{"a\xff\xfe z", "\"a\\udcff\\udcfe z\""},
+                                           {"\xc3\xa9\xe2\x82\xac\xf0\x9f\x90\x9f", "\"\xc3\xa9\xe2\x82\xac\xf0\x9f\x90\x9f\""},
+                                           {"\xc3", "\"\\udcc3\""},
+                                           {"\xed\xa0\x80", "\"\\udced\\udca0\\udc80\""},
+                                           {"\x01\"\\", "\"\\u0001\\\"\\\\\""}};
+    char                     out[64];
+    for (size_t i = 0; i < OXL_COUNT(names); i++) {
+        struct text t = {.ctx = test_ctx};
+        text_add_json_string(&t, names[i][0]);
+        CHECK(strcmp(t.data, names[i][1]) == 0);
+        CHECK(oxl_json_text(t.data, out, sizeof out) == strlen(names[i][0]) && strcmp(out, names[i][0]) == 0);
+        text_free(&t);
+    }
+    CHECK(oxl_json_text("\"\\ud83d\\udc1f\"", out, sizeof out) == 4 &&
+          strcmp(out, "\xf0\x9f\x90\x9f") == 0); /* as json.dump writes it */
+}
+
 TEST(json_cursor_reads_what_is_there_and_nothing_else)
 {
     static const char text[] = "{\"a\": [1, -2.5e-1, {\"b\": true}], \"s\\\"\": \"x\\u00e9\\n\", \"n\": 0.1}";

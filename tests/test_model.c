@@ -597,12 +597,14 @@ TEST(model_read_drops_rows_that_are_not_finite_and_says_how_many)
     model_test_listen();
     CHECK_OK(oxl_model_read(
         test_ctx,
-        test_write("m.ply", "ply\nformat ascii 1.0\nelement vertex 4\n" MODEL_TEST_REQUIRED "property float opacity\nend_header\n"
-                            "nan 0 0 0 0 0 0 0 0 1 0 0 0 0\n1 0 0 0 0 0 0 0 0 1 0 0 0 0\n2 0 0 0 0 0 0 0 0 1 0 0 0 inf\n"
-                            "3 0 0 0 0 0 0 0 0 1 0 0 0 0\n"),
+        test_write(
+            "m.ply",
+            "ply\nformat ascii 1.0\nelement vertex 5\n" MODEL_TEST_REQUIRED "property float opacity\nend_header\n"
+            "4 0 0 0 0 0 0 1e38 0 1 0 0 0 0\nnan 0 0 0 0 0 0 0 0 1 0 0 0 0\n1 0 0 0 0 0 0 0 0 1 0 0 0 0\n2 0 0 0 0 0 0 0 0 1 0 0 0 inf\n"
+            "3 0 0 0 0 0 0 0 0 1 0 0 0 0\n"),
         &m));
-    CHECK(m.count == 2 && m.plane[0][0] == 1 && m.plane[0][1] == 3);
-    CHECK_TEXT(model_test_warning, "dropped 2 of 4 Gaussians");
+    CHECK(m.count == 2 && m.not_finite == 3 && m.plane[0][0] == 1 && m.plane[0][1] == 3);
+    CHECK_TEXT(model_test_warning, "dropped 3 of 5 Gaussians");
     for (size_t i = 2; i < m.capacity; i++) CHECK(m.plane[0][i] == 0 && m.plane[OXL_ROTATION][i] == 1);
     oxl_model_free(test_ctx, &m);
 }

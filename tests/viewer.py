@@ -150,4 +150,5 @@ def main():
         raise SystemExit(f'viewer: {worst:.2f} dB, wanted {LIMIT}')
 
 
-main()
+if __name__ == '__main__':
+    main()

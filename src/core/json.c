@@ -108,12 +108,20 @@ int oxl_json_is_true(const char *object, const char *name)
 
 /* ---------------------------------------------------------------- strings */
 
-/* Writes a 16-bit character as UTF-8; returns its length, at most half of the escape's. */
+/* A byte that is not of UTF-8 is written as the surrogate DC00 + byte, which text cannot hold alone (Python's surrogateescape):
+ * names of files come back as they were. */
+enum { JSON_LOW = 0xDC00, JSON_HIGH = 0xD800, JSON_SURROGATES = 0x400 };
+
+/* Writes a character as UTF-8; returns its length, at most half of the escapes'. */
 static size_t json_put(char *out, unsigned long code)
 {
-    if (code < 0x80) {
-        out[0] = (char)code;
+    if (code < 0x80 || (code >= JSON_LOW + 0x80 && code <= JSON_LOW + 0xFF)) {
+        out[0] = (char)(code & 0xFF);
         return 1;
+    }
+    if (code >= 0x10000) {
+        for (int i = 3; i >= 0; i--, code >>= 6) out[i] = (char)(i ? 0x80 | (code & 63) : 0xF0 | code);
+        return 4;
     }
     if (code < 0x800) {
         out[0] = (char)(0xC0 | code >> 6), out[1] = (char)(0x80 | (code & 63));
@@ -123,20 +131,53 @@ static size_t json_put(char *out, unsigned long code)
     return 3;
 }
 
+/* uXXXX at `at`; 0: something else. */
+static unsigned long json_code(const char *at)
+{
+    char digits[5] = {0};
+    if (*at != 'u' || strspn(at + 1, "0123456789abcdefABCDEF") < 4) return 0;
+    memcpy(digits, at + 1, 4);
+    return strtoul(digits, NULL, 16);
+}
+
 static size_t json_unescape(const char **cursor, char *out)
 {
     static const char from[] = "\"\\/bfnrt", to[] = "\"\\/\b\f\n\r\t";
-    const char       *at        = *cursor, *known;
-    char              digits[5] = {0};
-    if (*at == 'u' && strspn(at + 1, "0123456789abcdefABCDEF") >= 4) {
-        memcpy(digits, at + 1, 4);
+    const char       *at   = *cursor, *known;
+    unsigned long     code = json_code(at), second;
+    if (code) {
         *cursor = at + 5;
-        return json_put(out, strtoul(digits, NULL, 16));
+        second  = code - JSON_HIGH < JSON_SURROGATES && at[5] == '\\' ? json_code(at + 6) : 0;
+        if (second - JSON_LOW < JSON_SURROGATES) { /* two of them are one character */
+            *cursor = at + 11;
+            code    = 0x10000 + ((code - JSON_HIGH) << 10) + (second - JSON_LOW);
+        }
+        return json_put(out, code);
     }
     known   = strchr(from, *at);
     out[0]  = known ? to[known - from] : *at;
     *cursor = at + 1;
     return 1;
+}
+
+/* Bytes of the UTF-8 character at s; 0: s begins none. */
+static size_t json_character(const unsigned char *s)
+{
+    const size_t size = s[0] < 0x80 ? 1 : s[0] < 0xC2 ? 0 : s[0] < 0xE0 ? 2 : s[0] < 0xF0 ? 3 : s[0] < 0xF5 ? 4 : 0;
+    for (size_t i = 1; i < size; i++)
+        if ((s[i] & 0xC0) != 0x80) return 0;
+    if ((s[0] == 0xE0 && s[1] < 0xA0) || (s[0] == 0xED && s[1] > 0x9F)) return 0;
+    return (s[0] == 0xF0 && s[1] < 0x90) || (s[0] == 0xF4 && s[1] > 0x8F) ? 0 : size;
+}
+
+size_t oxl_json_escape(const char *s, char out[8])
+{
+    const unsigned char c    = (unsigned char)*s;
+    const size_t        size = json_character((const unsigned char *)s);
+    if (c == '"' || c == '\\') snprintf(out, 8, "\\%c", c);
+    else if (c < 0x20 || size == 0) snprintf(out, 8, "\\u%04x", size ? (unsigned)c : JSON_LOW + (unsigned)c);
+    else snprintf(out, 8, "%.*s", (int)size, s);
+    return OXL_MAX(size, 1);
 }
 
 size_t oxl_json_room(const char *value)

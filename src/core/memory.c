@@ -1,5 +1,6 @@
 /* memory.c - errors, the log, memory, growing text, paths, random numbers: what every other file needs. */
 #include "core.h"
+#include "json.h"
 
 /* ---------------------------------------------------------------- errors and the log */
 
@@ -113,12 +114,11 @@ OXL_INTERNAL void text_add(struct text *t, const char *format, ...)
 
 OXL_INTERNAL void text_add_json_string(struct text *t, const char *s)
 {
+    char character[8];
     text_add(t, "\"");
-    for (; *s; s++) {
-        const unsigned char c = (unsigned char)*s;
-        if (c == '"' || c == '\\') text_add(t, "\\%c", c);
-        else if (c < 0x20) text_add(t, "\\u%04x", c);
-        else text_add(t, "%c", c);
+    while (*s) {
+        s += oxl_json_escape(s, character);
+        text_add(t, "%s", character);
     }
     text_add(t, "\"");
 }

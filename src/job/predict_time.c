@@ -90,7 +90,7 @@ static oxl_result predict_time_model(struct time_probe *r, oxl_model *model, int
         took[steps] = os_seconds() - begun;
         spent += took[steps++];
     }
-    if (rc == OXL_OK) rc = renderer_download(r->ctx, r->renderer, 1);
+    if (rc == OXL_OK) rc = renderer_download(r->ctx, r->renderer, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) *seconds = stats_pick(took, (size_t)steps, 0.5);
     predict_time_end_model(r);
     return rc;

@@ -19,7 +19,7 @@ enum {
 #define TRAINING_DECIBEL 2.5 /* that a view lacks at least, to be flagged... */
 #define TRAINING_SPREADS 4.5 /* ...and of spreads: one of 10^5 views of a normal distribution */
 #define TRAINING_SHIFTED \
-    0.15 /* share of the error that a shift explains: 0.32 and 0.52 of displaced views, 0.05 at most of a sound survey */
+    0.07 /* share of the error that a shift explains: 0.09 to 0.52 of displaced views, 0.05 at most of a sound survey */
 
 struct training_row {
     int         at;              /* in the metrics */

@@ -45,8 +45,10 @@ static uint32_t spz_crc(const unsigned char *p, size_t size)
 
 static oxl_result spz_fail(oxl_context *ctx, const char *path, const char *seen, const char *wanted)
 {
-    return oxl_fail(ctx, OXL_ERR_INPUT, "%s: seen %s, wanted %s\nfix: copy the file again, or write it as SPZ version 3", path,
-                    seen, wanted);
+    return oxl_fail(
+        ctx, OXL_ERR_INPUT,
+        "%s: seen %s, wanted %s\nfix: copy the file again, or write it as SPZ version 3 (splat-transform: --spz-version 3)", path,
+        seen, wanted);
 }
 
 /* Offset of the deflate data; 0: truncated header. *comment: offset of the comment; 0: none. */

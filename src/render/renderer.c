@@ -201,7 +201,7 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO || r->deferred) return rc;
     snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
     rc = render_download_target(ctx, r);
-    if (rc == OXL_OK) rc = r->backend->download(r->device, 1);
+    if (rc == OXL_OK) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
     r->backend->free(r->device);
     r->device = NULL;
@@ -429,6 +429,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
+    if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "a model that stays in its file can only be rendered");
     if (r->context && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered with context Gaussians");
     if (r->device && render_has_medium(r))
@@ -733,10 +734,26 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, int changes)
+OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what)
 {
     (void)ctx;
-    return r->device ? r->backend->download(r->device, changes) : OXL_OK;
+    return r->device ? r->backend->download(r->device, what) : OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved)
+{
+    oxl_result rc = OXL_OK;
+    (void)ctx;
+    *moved = 0;
+    if (r->device) rc = r->backend->move_rows(r->device, move, moved);
+    if (rc == OXL_OK && r->device && !*moved) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model, int reset_opacity)
+{
+    (void)ctx;
+    return r->device ? r->backend->send_shape(r->device, model, reset_opacity) : OXL_OK;
 }
 
 OXL_INTERNAL int renderer_defer(struct renderer *r, int on)
@@ -843,6 +860,13 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
     *out = (oxl_image){0};
     if (camera->width < 1 || camera->height < 1) {
         return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+    }
+    if (model->pages) {
+        oxl_model shown;
+        rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
+        if (rc == OXL_OK) rc = renderer_draw(ctx, r, &shown, camera, options, out, depth);
+        oxl_model_free(ctx, &shown);
+        return rc;
     }
     rc = renderer_forward(ctx, r, model, camera, options);
     if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);

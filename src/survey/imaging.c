@@ -458,6 +458,7 @@ OXL_INTERNAL int imaging_hides_colours(const struct imaging *m)
 
 OXL_INTERNAL void imaging_keep_gains(struct imaging *m)
 {
+    if (imaging_hides_colours(m)) m->on = 0;
     m->medium = (struct medium){0};
     m->lamps  = 0;
 }
