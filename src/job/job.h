@@ -82,6 +82,9 @@ struct metrics_sum {
 /* The i-th pixel of both, three channels, by the image's weight. */
 OXL_INTERNAL void       metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum);
 /* Adds the members "psnr", "cc_psnr", "ssim", "ms_ssim", "count" and "views" (name and the four each) of a JSON object, without its braces. */
+/* Of each view PSNR, cc_psnr and SSIM alone. */
+OXL_INTERNAL oxl_result metrics_of_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                                         oxl_metrics *out);
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
 /* ---------------------------------------------------------------- seam.c: do the borders between blocks show? */

@@ -210,7 +210,7 @@ static oxl_result step_on_view(struct train *t, int view)
     if (!(loss.total <= DBL_MAX)) return step_leave_out(t, t->step, view);
     if (t->exposure.of.on && (progress >= t->exposure.hold || !t->exposure.of.known[view]))
         exposure_step(&t->exposure, view, progress, renderer_gain_gradient(t->renderer));
-    rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
+    rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
     if (t->lamp.on)
