@@ -129,7 +129,7 @@ static void views_figure(struct report *r, const oxl_image *image, const char *w
 static void views_show(struct report *r, const char *folder, const struct views_row *row)
 {
     struct output *t        = &r->page;
-    oxl_image      rendered = {0}, image = {0}, error = {0};
+    oxl_image      rendered = {0}, image = {0}, error = {0}, clear = {0};
     output_add(t, "<h3>");
     page_text(t, row->name);
     output_add(t, " <span class=\"pale\">%s dB, SSIM %s</span></h3>\n", OUTPUT_FIXED(row->psnr, 2), OUTPUT_FIXED(row->ssim, 3));
@@ -141,12 +141,15 @@ static void views_show(struct report *r, const char *folder, const struct views_
         output_add(t, "<div class=\"three\">\n");
         views_figure(r, &image, "Image", row->name);
         views_figure(r, &rendered, "Rendered", row->name);
+        if (views_image(r, folder, row->name, ".clear.png", &clear) && views_reduce(r, &clear) == OXL_OK)
+            views_figure(r, &clear, "Without water and lamp", row->name);
         views_figure(r, &error, "Error", row->name);
         output_add(t, "</div>\n");
     } else t->failed = 1;
     oxl_image_free(r->ctx, &rendered);
     oxl_image_free(r->ctx, &image);
     oxl_image_free(r->ctx, &error);
+    oxl_image_free(r->ctx, &clear);
 }
 
 static void views_legend(struct output *t)

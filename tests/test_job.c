@@ -95,7 +95,7 @@ TEST(job_writes_model_metrics_log_renders_and_last_run_json)
     CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n12,"));
     CHECK(job_test_has(test_path("out/run.json"), "\"finished\": true"));
     CHECK(os_is_file(test_path("out/renders/0.png.png")));
-    CHECK(os_is_file(test_path("out/renders/0.png.image.png")));
+    CHECK(os_is_file(test_path("out/renders/0.png.image.png")) && !os_is_file(test_path("out/renders/0.png.clear.png")));
     CHECK(!os_is_file(test_path("out/renders/1.png.png")));
 }
 
@@ -792,6 +792,8 @@ TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_
     CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
     os_release_file(test_ctx, &json);
+    CHECK(os_is_file(test_path("out/renders/0.png.clear.png")));
+    CHECK(!job_test_same(test_path("out/renders/0.png.clear.png"), test_path("out/renders/0.png.png")));
 }
 
 TEST(job_says_in_run_json_what_was_decided_and_why)

@@ -98,7 +98,7 @@ static oxl_result render_file_write_depth(oxl_context *ctx, const char *folder, 
 
 enum {
     RENDER_FILES_AT_ONCE = 16,
-    RENDER_FILES_BYTES   = 40 /* a pixel, until it is on disk: two images, depth, a PNG on its way */
+    RENDER_FILES_BYTES   = 52 /* a pixel, until it is on disk: three images, depth, a PNG on its way */
 };
 
 /* What is written of a view. */
@@ -106,6 +106,7 @@ struct render_file {
     const char *name;
     int         width, height;
     oxl_image   rendered, image; /* image: empty if not requested or not readable */
+    oxl_image   clear;           /* beside an image, where lamp or water is fitted: without them; else empty */
     float      *depth;           /* (H,W) or NULL */
     oxl_context own;             /* of the thread that writes it */
 };
@@ -114,6 +115,7 @@ static void render_file_free(oxl_context *ctx, struct render_file *p)
 {
     oxl_image_free(ctx, &p->rendered);
     oxl_image_free(ctx, &p->image);
+    oxl_image_free(ctx, &p->clear);
     oxl_free(ctx, p->depth);
 }
 
@@ -155,6 +157,10 @@ static oxl_result render_file_render(oxl_context *ctx, const struct render_files
     for (size_t i = 0; rc == OXL_OK && out->depth && what->unit > 0 && i < (size_t)out->width * (size_t)out->height; i++)
         out->depth[i] *= (float)what->unit;
     if (rc == OXL_OK && what->images) rc = render_file_take_image(ctx, scene, view, out);
+    if (rc == OXL_OK && out->image.rgb && !what->clear && imaging_hides_colours(scene_imaging(scene))) {
+        renderer_set_medium(f->renderer, NULL);
+        rc = renderer_draw(ctx, f->renderer, f->model, &of->camera, &options, &out->clear, NULL);
+    }
     if (rc != OXL_OK) render_file_free(ctx, out);
     return rc;
 }
@@ -164,6 +170,7 @@ static oxl_result render_file_write(struct render_file *p, const char *folder)
     oxl_result rc = render_file_write_image(&p->own, folder, p->name, ".png", &p->rendered);
     if (rc == OXL_OK && p->depth) rc = render_file_write_depth(&p->own, folder, p->name, p->depth, p->width, p->height);
     if (rc == OXL_OK && p->image.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".image.png", &p->image);
+    if (rc == OXL_OK && p->clear.rgb) rc = render_file_write_image(&p->own, folder, p->name, ".clear.png", &p->clear);
     return rc;
 }
 
@@ -203,7 +210,7 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
 /* Removes what the last call wrote into the folder, as FOLDER/.renders lists it, and lists what this one will. */
 static oxl_result render_files_replace(oxl_context *ctx, const oxl_scene *scene, const char *folder, const int *view, int asked)
 {
-    static const char *const suffix[] = {".png", ".image.png", ".depth.png", ".depth.pfm", ".depth16.png"};
+    static const char *const suffix[] = {".png", ".image.png", ".clear.png", ".depth.png", ".depth.pfm", ".depth16.png"};
     struct os_file_map       map      = {0};
     struct text              list     = {.ctx = ctx};
     char                    *path     = oxl_path_join(ctx, folder, ".renders"), *name;

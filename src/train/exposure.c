@@ -121,7 +121,7 @@ static void exposure_spread(const struct imaging *m, double *differ, double *lef
 
 OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, char *why, size_t size)
 {
-    double    differ, left;
+    double    differ = 0, left = 0;
     const int fits = (p->parts & PHOTOMETRY_GAINS) != 0;
     snprintf(why, size, p->points ? "the tracks' colours need no gains" : "too few tracks to compare colours");
     if (fits) {
