@@ -30,7 +30,11 @@ window.load = (url, streamed) => new Promise((done, fail) => {
 // The engine leaves out splats whose centre is outside of the image and cuts large ones: the middle of an image of three times the sides.
 window.draw = async c => {
     app.setCanvasResolution(pc.RESOLUTION_FIXED, 9 * c.width, 9 * c.height);
-    eye.camera.fov = 2 * Math.atan(9 * c.height / 2 / c.fy) * 180 / Math.PI;
+    eye.camera.calculateProjection = m => {
+        m.setPerspective(2 * Math.atan(9 * c.height / 2 / c.fy) * 180 / Math.PI, c.width * c.fy / c.height / c.fx, 0.01, 1000);
+        m.data[8] = (c.width - 2 * c.cx) / 9 / c.width;  // the principal point
+        m.data[9] = (2 * c.cy - c.height) / 9 / c.height;
+    };
     eye.setPosition(...c.position);
     eye.setRotation(...c.rotation);
     await frames(60);
@@ -55,7 +59,7 @@ def pose(camera, origin):
          [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
     t = camera['translation']
     place = [-sum(r[k][i] * t[k] for k in range(3)) - origin[i] for i in range(3)]
-    return dict(width=camera['width'], height=camera['height'], fy=camera['fy'], position=place,
+    return dict({k: camera[k] for k in ('width', 'height', 'fx', 'fy', 'cx', 'cy')}, position=place,
                 rotation=[w, -z, y, x])  # x y z w of conj(q) (0 1 0 0)
 
 
