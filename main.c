@@ -20,6 +20,8 @@
 #define LIVE_SECONDS  0.2  /* between two states of the live line */
 #define PLAIN_SECONDS 10.0 /* between two lines in a pipe, unless a twentieth of the run comes first */
 
+enum { ALLOCATION_HEAD = 16 };
+
 struct console {
     int    json;        /* standard error is JSON lines */
     int    quiet, live; /* live: standard error is a terminal, one line is rewritten */
@@ -28,6 +30,7 @@ struct console {
     int    iteration;   /* at the last line */
     double seconds;
     double rate;        /* iterations a second, smoothed */
+    size_t used, limit; /* bytes of the library's memory; limit 0: none */
     char   error[1200]; /* of a tool, which may quote the library; the library's own is in the context */
 };
 
@@ -94,6 +97,23 @@ static void on_log(void *user, oxl_log_level level, const char *text)
     console_clear(c);
     fprintf(stderr, "oxl: %s", level == OXL_LOG_WARNING ? "warning: " : "");
     print_indented(text);
+}
+
+/* The library's memory, counted and limited by --ram: the size of each allocation stands before it. */
+static void *reallocate(void *user, void *old, size_t size)
+{
+    struct console *c      = user;
+    size_t         *had    = old ? (size_t *)((char *)old - ALLOCATION_HEAD) : NULL, *now;
+    const size_t    before = had ? *had : 0;
+    if (size > 0 && c->limit > 0 && size > before && c->used + (size - before) > c->limit) return NULL;
+    if (size > 0 && (size > SIZE_MAX - ALLOCATION_HEAD || !(now = realloc(had, size + ALLOCATION_HEAD)))) return NULL;
+    c->used = c->used - before + size;
+    if (size == 0) {
+        free(had);
+        return NULL;
+    }
+    *now = size;
+    return (char *)now + ALLOCATION_HEAD;
 }
 
 static void print_duration(double seconds)
@@ -322,11 +342,17 @@ static const char *model_file(const struct arguments *a, char *path, size_t size
 /* The model in the survey's own frame and unit. */
 static oxl_result load(oxl_context *ctx, const struct arguments *a, struct console *console, oxl_model *model, oxl_scene **scene)
 {
-    char        path[4096], warning[1024] = "";
-    const char *file = model_file(a, path, sizeof path);
-    oxl_result  rc   = oxl_model_read(ctx, file, model);
+    char              path[4096], warning[1024] = "";
+    const char       *file    = model_file(a, path, sizeof path);
+    oxl_scene_options options = a->job.scene;
+    oxl_result        rc      = oxl_model_open(ctx, file, a->job.ram / 4, model);
+    if (rc == OXL_OK && model->pages && model->scale > 0) {
+        oxl_model_free(ctx, model);
+        rc = oxl_model_read(ctx, file, model);
+    }
+    if (a->job.ram && options.image_cache_bytes > a->job.ram / 4) options.image_cache_bytes = a->job.ram / 4;
     if (rc == OXL_OK && model->scale > 0) oxl_model_rescale(model, 1 / model->scale); /* convert --scale wrote it in metres */
-    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &a->job.scene, scene);
+    if (rc == OXL_OK) rc = oxl_scene_load(ctx, a->path[1], &options, scene);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(ctx, *scene, file);
     if (rc == OXL_OK) oxl_model_move_origin(model, oxl_scene_origin(*scene)); /* a block's or another program's has its own */
     if (rc == OXL_OK) rc = overlap_check(ctx, model, *scene, a->path[0], warning, sizeof warning);
@@ -575,9 +601,11 @@ int main(int argc, char **argv)
     console.json  = a.progress_json;
     console.live  = !console.json && oxl_is_terminal(2);
     if (a.note[0]) on_log(&console, OXL_LOG_WARNING, a.note);
-    options.log     = on_log;
-    options.stopped = is_stopped;
-    options.user    = &console;
+    options.log        = on_log;
+    options.stopped    = is_stopped;
+    options.user       = &console;
+    options.reallocate = reallocate;
+    console.limit      = a.job.ram;
     if (a.threads > 0) options.threads = a.threads;
     if (a.job.seed) options.seed = a.job.seed;
     if (a.command != COMMAND_TRAIN && a.command != COMMAND_ABLATE && a.command != COMMAND_TRADEOFF) a.job.scene.allow_cut = 1;
@@ -591,7 +619,7 @@ int main(int argc, char **argv)
         char        said[1400];
         snprintf(said, sizeof said, "%s%s", text[0] ? text : "no memory",
                  rc == OXL_ERR_MEMORY && !strstr(text, "fix: ")
-                     ? "\nfix: smaller --max-side, --max-gaussians or --image-cache, or --ram"
+                     ? "\nfix: smaller --max-side, --max-gaussians or --image-cache, or a larger --ram"
                      : "");
         on_log(&console, OXL_LOG_ERROR, said);
     }

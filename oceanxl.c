@@ -32,6 +32,7 @@
 #include "src/survey/image_cache.c"   /* decoded images in memory */
 #include "src/survey/image_file.c"    /* decoded images in files */
 #include "src/survey/scene.c"         /* views, points and images of a survey */
+#include "src/survey/scene_file.c"    /* a survey in one file that is mapped */
 #include "src/survey/imaging.c"       /* imaging.txt: exposure gains and medium of a model */
 #include "src/survey/depth_bands.c"   /* depth band of each pixel, from the points */
 
@@ -45,11 +46,12 @@
 #include "src/blocks/partition_export.c"     /* blocks as COLMAP text exports */
 
 /* the model */
-#include "src/model/model.c"      /* planes of Gaussians: create, grow, initialise from points */
-#include "src/blocks/merge.c"     /* merge the models of blocks */
-#include "src/model/spz.c"        /* models as SPZ */
-#include "src/model/gltf.c"       /* models as binary glTF */
-#include "src/model/model_file.c" /* models as PLY and .splat */
+#include "src/model/model.c"       /* planes of Gaussians: create, grow, initialise from points */
+#include "src/blocks/merge.c"      /* merge the models of blocks */
+#include "src/model/spz.c"         /* models as SPZ */
+#include "src/model/gltf.c"        /* models as binary glTF */
+#include "src/model/model_file.c"  /* models as PLY and .splat */
+#include "src/model/model_pages.c" /* a model that stays in its file */
 
 /* forward and backward pass of one image */
 #include "src/render/kernels.h"  /* types of the kernels */
@@ -106,5 +108,6 @@
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/job_state.h"         /* shared by the files of a job */
 #include "src/job/block_plan.c"        /* windows, steps and budget of each block */
+#include "src/job/groups.c"            /* the merged model in groups of views, if memory does not hold it */
 #include "src/job/rounds.c"            /* several blocks trained as one model */
 #include "src/job/job.c"               /* the whole job: survey folder in, output folder out */

@@ -229,6 +229,7 @@ typedef struct oxl_model {
     float *plane[OXL_PLANES]; /* (count) each, (lobes) from OXL_LOBE on; 64-byte aligned */
     void  *memory;            /* the allocation that holds the planes */
     size_t not_finite;        /* rows of the file that oxl_model_read left out */
+    struct oxl_model_pages *pages; /* of oxl_model_open: the rows are in a file, planes are NULL; or NULL */
 } oxl_model;
 
 /* All values are 0, except rotations: the identity. */
@@ -255,6 +256,9 @@ OXL_API oxl_result oxl_model_from_points(oxl_context *ctx, const oxl_point *poin
  * .splat, .spz and .glb have no lobes. Origin and scale: comments of a .ply ("origin X Y Z", "scale S"), the comment of an .spz's gzip
  * header, the node of a .glb; a .splat has neither. */
 OXL_API oxl_result oxl_model_read(oxl_context *ctx, const char *path, oxl_model *out);
+/* The same, but where the rows of a PLY file take more than `most` bytes (0: half of the memory that is free) they stay there, and each view reads those that it may show: the
+ * pixels are the same. Such a model can be rendered, evaluated and moved; the file must not change. */
+OXL_API oxl_result oxl_model_open(oxl_context *ctx, const char *path, size_t most, oxl_model *out);
 OXL_API oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model);
 
 /* ---------------------------------------------------------------- rendering */
@@ -423,9 +427,9 @@ typedef struct oxl_progress {
     double           seconds;      /* since the start */
     double           seconds_left; /* predicted */
     size_t           memory;       /* peak so far, bytes; only in a job, else 0 */
-    const oxl_model *model;        /* current state; on a device, the last download; valid during the call */
-    oxl_nonfinite    nonfinite;    /* so far */
-    int              trial;        /* 1: a step of a model selection trial, which may be discarded */
+    const oxl_model *model;     /* current state; on a device, the last download, rows as they are now; valid during the call */
+    oxl_nonfinite    nonfinite; /* so far */
+    int              trial;     /* 1: a step of a model selection trial, which may be discarded */
 } oxl_progress;
 
 /* Called after every iteration. A nonzero result stops the run; it returns OXL_ERR_INTERRUPTED and a usable model. */

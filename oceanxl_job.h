@@ -28,8 +28,8 @@ typedef enum oxl_cut {
 } oxl_cut;
 
 typedef struct oxl_partition_options {
-    int                block_points; /* a block of more points is split */
-    int                blocks;       /* about so many, instead; 0: by block_points */
+    int                block_points; /* a block of more points is split; 0: as memory requires */
+    int                blocks;       /* about so many, instead; 0: by block_points or memory */
     oxl_partition_kind kind;
     oxl_cut            cut;
 } oxl_partition_options;

@@ -47,6 +47,7 @@ static const char *const DEVICE_PASSES[PASS_COUNT] = {[PASS_PROJECT]            
                                                       [PASS_OBSERVE]            = "observe",
                                                       [PASS_SCORE]              = "score",
                                                       [PASS_UNPACK]             = "unpack",
+                                                      [PASS_MOVE]               = "move",
                                                       [PASS_PEAK]               = "peak"};
 
 struct device_most {    /* what the passes are held against */

@@ -56,7 +56,7 @@ static FILE *info_open_imaging(const char *model, const char *mode)
     return fopen(path, mode);
 }
 
-/* scene.ply has learned what lamp and water show: of imaging.txt only the gains are its own. */
+/* Where there are a lamp or water, scene.ply has learned what they and the gains show; else the gains are its own. */
 static int info_is_for_viewers(const char *model)
 {
     const char *base = strrchr(model, '/');
@@ -91,10 +91,11 @@ int info_copy_imaging(const char *from, const char *to)
 {
     FILE *in = info_open_imaging(from, "rb"), *there = in ? info_open_imaging(to, "rb") : NULL, *out = NULL;
     char  line[4096];
-    int   failed;
-    if (in && !there) out = info_open_imaging(to, "wb");
-    while (out && fgets(line, sizeof line, in))
-        if (line[0] == '#' || info_is_gain(line) || !info_is_for_viewers(from)) fputs(line, out);
+    int   failed, own = 1; /* scene.ply with lamp or water needs nothing */
+    while (in && info_is_for_viewers(from) && fgets(line, sizeof line, in)) own &= line[0] == '#' || info_is_gain(line);
+    if (in) rewind(in);
+    if (in && own && !there) out = info_open_imaging(to, "wb");
+    while (out && fgets(line, sizeof line, in)) fputs(line, out);
     failed = out && (ferror(in) || ferror(out));
     if (in) fclose(in);
     if (there) fclose(there);

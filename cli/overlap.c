@@ -90,7 +90,7 @@ oxl_result overlap_check(oxl_context *ctx, const oxl_model *model, const oxl_sce
 {
     const size_t       points = oxl_scene_point_count(scene);
     const oxl_point   *point  = oxl_scene_points(scene);
-    const int          boxes  = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS;
+    const int          boxes  = points >= OVERLAP_POINTS && model->count >= OVERLAP_POINTS && !model->pages;
     float             *value  = malloc(((points > model->count ? points : model->count) + 1) * sizeof *value);
     struct overlap_box its = {{0}, {0}}, own = {{0}, {0}};
     double             ratio = 1, inside = 1, empty = 0;

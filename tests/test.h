@@ -69,4 +69,12 @@ const char *test_write(const char *name, const char *text);
 /* Path of the folder of surveys beside the project, or NULL when it is not there: then SKIP. */
 const char *test_shared(const char *name);
 
+/* What a step of density control does. */
+static inline oxl_result test_density(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+                                      const struct density_rules *rules, struct density_change *out)
+{
+    const oxl_result rc = density_decide(ctx, d, model, rules, out);
+    return rc == OXL_OK ? density_apply(ctx, d, model, first, second, out, 0) : rc;
+}
+
 #endif

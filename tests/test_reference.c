@@ -612,7 +612,7 @@ TEST(reference_density_control_removes_keeps_clones_and_splits_the_same_rows)
         CHECK_OK(density_create(test_ctx, &d));
         CHECK_OK(density_clear(test_ctx, d, REFERENCE_ROWS));
         for (int i = 0; i < REFERENCE_ROWS; i++) d->gradient[i] = (float)(3 * gradient[i]), d->views[i] = 3;
-        CHECK_OK(density_control(test_ctx, d, &is, &first, &second, &rules, &change));
+        CHECK_OK(test_density(test_ctx, d, &is, &first, &second, &rules, &change));
         CHECK(change.removed == 20 && change.split == (was_reset ? 24 : 20));
         reference_check_children(&was, &is, &first, gradient, extent, was_reset);
         density_free(test_ctx, d);
@@ -637,7 +637,7 @@ TEST(reference_children_of_opaque_gaussians_have_a_finite_logit)
     CHECK_OK(density_create(test_ctx, &d));
     CHECK_OK(density_clear(test_ctx, d, 1));
     d->gradient[0] = 1, d->views[0] = 1;
-    CHECK_OK(density_control(test_ctx, d, &m, &first, &second, &rules, &change));
+    CHECK_OK(test_density(test_ctx, d, &m, &first, &second, &rules, &change));
     CHECK(m.count == 2);
     for (size_t i = 0; i < m.count; i++) CHECK_CLOSE(m.plane[OXL_OPACITY][i], log((1 - 1e-6) / 1e-6), 1e-4);
     density_free(test_ctx, d);

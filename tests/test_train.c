@@ -37,7 +37,7 @@ static void density_case_free(struct density_case *c)
 static struct density_change density_run(struct density_case *c, struct density_rules rules)
 {
     struct density_change change;
-    CHECK_OK(density_control(test_ctx, c->density, &c->model, &c->first, &c->second, &rules, &change));
+    CHECK_OK(test_density(test_ctx, c->density, &c->model, &c->first, &c->second, &rules, &change));
     return change;
 }
 
@@ -133,7 +133,7 @@ TEST(density_with_lobes_removes_rows_in_their_order_and_refuses_to_grow)
     CHECK(c.model.plane[OXL_MEAN][0] == 1 && c.model.plane[OXL_MEAN][1] == 3);
     CHECK(c.model.plane[OXL_LOBE][0] == 11 && c.first.plane[OXL_LOBE][0] == 11);
     c.density->gradient[1] = 1, c.density->views[1] = 1;
-    CHECK(density_control(test_ctx, c.density, &c.model, &c.first, &c.second, &rules, &d) == OXL_ERR_USAGE);
+    CHECK(test_density(test_ctx, c.density, &c.model, &c.first, &c.second, &rules, &d) == OXL_ERR_USAGE);
     CHECK(c.model.count == 2);
     density_case_free(&c);
 }

@@ -648,7 +648,7 @@ static void vulkan_run_steps(oxl_context *ctx, struct renderer *r, const oxl_cam
         CHECK(skipped.rows == skipped_wanted);
         CHECK_OK(renderer_observe(ctx, r, &run->sums));
     }
-    CHECK_OK(renderer_download(ctx, r, 1));
+    CHECK_OK(renderer_download(ctx, r, DOWNLOAD_TO_CHANGE));
 }
 
 static void vulkan_compare_models(const oxl_model *a, const oxl_model *b, double bound)
@@ -792,7 +792,7 @@ static void vulkan_check_deferral(oxl_context *device)
     CHECK(report.there && report.loss.total == loss[6].total);
     CHECK_OK(renderer_report(device, d[1].r, 1, &report));
     CHECK(!report.there);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(device, d[k].r, 1));
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_CHANGE));
     vulkan_check_same_run(&d[0], &d[1]);
     for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
 }
@@ -810,7 +810,7 @@ static void vulkan_check_halt(oxl_context *device)
         for (int k = 0; k < 2; k++) {
             vulkan_deferral_begin(device, &d[k]);
             for (int step = 1; step <= 2; step++) vulkan_step_of(device, &d[k], step, &none);
-            CHECK_OK(renderer_download(device, d[k].r, 1));
+            CHECK_OK(renderer_download(device, d[k].r, DOWNLOAD_TO_CHANGE));
             for (int i = 0; i < 3; i++) d[k].run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
             if (halt == HALT_LOSS) d[k].run.model.plane[OXL_SH][40] = INFINITY;
         }
@@ -829,10 +829,10 @@ static void vulkan_check_halt(oxl_context *device)
         renderer_defer(d[1].r, 0);
         CHECK_OK(renderer_download_rows(device, d[1].r));
         CHECK(renderer_row_visible(d[1].r, 40) && renderer_row_finite(d[1].r, 40) == (halt == HALT_PAIRS));
-        CHECK_OK(renderer_download(device, d[1].r, 0));
+        CHECK_OK(renderer_download(device, d[1].r, DOWNLOAD_TO_READ));
         vulkan_check_same_run(&d[0], &d[1]);
         vulkan_step_of(device, &d[1], 3, &none); /* the next one does */
-        CHECK_OK(renderer_download(device, d[1].r, 0));
+        CHECK_OK(renderer_download(device, d[1].r, DOWNLOAD_TO_READ));
         if (halt == HALT_PAIRS)
             CHECK(memcmp(d[0].run.model.plane[OXL_MEAN], d[1].run.model.plane[OXL_MEAN], 300 * sizeof(float)) != 0);
         for (int k = 0; k < 2; k++) vulkan_deferral_end(device, &d[k]);
@@ -873,7 +873,7 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
     vulkan_idle_waits              = 0;
     device->vulkan->DeviceWaitIdle = vulkan_play_idle;
-    CHECK(renderer_download(device, r, 1) == OXL_ERR_FAILED);
+    CHECK(renderer_download(device, r, DOWNLOAD_TO_CHANGE) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
@@ -1036,6 +1036,68 @@ static void vulkan_check_fallback(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
+/* Steps, density control and an opacity reset, steps; the rows downloaded and uploaded (0), moved on the device (1),
+ * or to be moved where there is no room (2). */
+static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_t lobes, int moves)
+{
+    const struct density_rules rules = {.gradient = lobes ? 1e30 : 1e-4, .extent = 1, .f_mid = 1, .f_far = 1};
+    struct density_change      change;
+    struct density            *density;
+    struct renderer_loss       loss;
+    uint32_t                   from[1200];
+    struct renderer_move       move  = {.from = from};
+    int                        moved = 0;
+    vulkan_deferral_begin(device, d);
+    if (!lobes) model_drop_lobes(&d->run.model), model_drop_lobes(&d->run.first), model_drop_lobes(&d->run.second);
+    for (size_t i = 0; i < 300; i += 7) d->run.model.plane[OXL_OPACITY][i] = -9; /* to be removed */
+    CHECK_OK(density_create(test_ctx, &density));
+    CHECK_OK(density_clear(test_ctx, density, 300));
+    for (int step = 1; step <= 2; step++) vulkan_step_of(device, d, step, &loss);
+    for (int i = 0; i < 300; i++) density->gradient[i] = (float)(i % 3), density->views[i] = 1;
+    CHECK_OK(renderer_download(device, d->r, moves ? DOWNLOAD_SHAPE : DOWNLOAD_TO_CHANGE));
+    CHECK_OK(density_decide(test_ctx, density, &d->run.model, &rules, &change));
+    move.lobes = density_sources(density, &d->run.model, from);
+    move.count = 300 - change.removed + change.split;
+    CHECK(change.removed > 40 && (change.split > 100) == !lobes && move.lobes == (lobes ? 85 : 0));
+    if (moves == 2) vulkan_play_full(device->vulkan, 3);
+    if (moves) CHECK_OK(renderer_move_rows(device, d->r, &move, &moved));
+    if (moves == 2) device->vulkan->AllocateMemory = vulkan_real_allocate;
+    CHECK(moved == (moves == 1));
+    CHECK_OK(density_apply(test_ctx, density, &d->run.model, &d->run.first, &d->run.second, &change, moved));
+    if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 0));
+    if (moved) CHECK_OK(renderer_download(device, d->r, DOWNLOAD_SHAPE));
+    density_reset_opacity(&d->run.model, &d->run.first, &d->run.second, 0);
+    if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 1));
+    d->run.sums.count = 0; /* nothing more is observed */
+    for (int step = 3; step <= 4; step++) vulkan_step_of(device, d, step, &loss);
+    CHECK_OK(renderer_download(device, d->r, DOWNLOAD_TO_READ));
+    density_free(test_ctx, density);
+}
+
+static void vulkan_check_same_model(const oxl_model *a, const oxl_model *b)
+{
+    CHECK(a->count == b->count && a->lobes == b->lobes);
+    for (int k = 0; k < OXL_PLANES && a->count == b->count; k++) {
+        const size_t rows = k >= OXL_LOBE ? a->lobes : k < oxl_model_planes(a) ? a->count : 0;
+        if (rows > 0) CHECK(memcmp(a->plane[k], b->plane[k], rows * sizeof(float)) == 0);
+    }
+}
+
+static void vulkan_check_moves(oxl_context *device)
+{
+    static struct vulkan_deferral d[3];
+    device->vulkan->slab_rows = 256; /* several slabs */
+    for (size_t lobes = 0; lobes <= 100; lobes += 100) {
+        for (int moves = 0; moves < 3; moves++) vulkan_densify(device, &d[moves], lobes, moves);
+        for (int k = 1; k < 3; k++) {
+            vulkan_check_same_model(&d[0].run.model, &d[k].run.model);
+            vulkan_check_same_model(&d[0].run.first, &d[k].run.first);
+            vulkan_check_same_model(&d[0].run.second, &d[k].run.second);
+        }
+        for (int k = 0; k < 3; k++) vulkan_deferral_end(device, &d[k]);
+    }
+}
+
 static VKAPI_ATTR void VKAPI_CALL vulkan_play_barrier(VkCommandBuffer commands, VkPipelineStageFlags from,
                                                       VkPipelineStageFlags to, VkDependencyFlags flags, uint32_t memories,
                                                       const VkMemoryBarrier *memory, uint32_t buffers,
@@ -1179,7 +1241,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
     vulkan_repaint(&other);
     vulkan_forward_both(&t, &m);
     vulkan_compare_images(&t);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k], 1));
+    for (int k = 0; k < 2; k++) CHECK_OK(renderer_download(t.ctx[k], t.r[k], DOWNLOAD_TO_CHANGE));
     vulkan_repaint(&m);
     vulkan_repaint(&m);
     vulkan_forward_both(&t, &m);
@@ -1496,6 +1558,11 @@ TEST(vulkan_steps_behind_one_that_cannot_be_done_change_nothing)
 TEST(vulkan_training_repeats_steps_that_found_no_room)
 {
     ON_DEVICE(vulkan_check_repeated);
+}
+
+TEST(vulkan_density_control_moves_rows_as_the_host_does)
+{
+    ON_DEVICE(vulkan_check_moves);
 }
 
 TEST(vulkan_masks_transients_as_the_cpu_does)

@@ -232,7 +232,7 @@ static int exposure_test_takes(double wave, double jump, int parts)
     return on;
 }
 
-TEST(exposure_auto_is_on_where_gains_of_tracks_differ_and_neighbours_foretell_them)
+TEST(exposure_auto_is_on_where_gains_of_tracks_differ_and_neighbours_predict_them)
 {
     CHECK(exposure_test_takes(0.1, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0.1, 0, PHOTOMETRY_LAMP));
     CHECK(!exposure_test_takes(0.02, 0, PHOTOMETRY_GAINS) && !exposure_test_takes(0, 0.1, PHOTOMETRY_GAINS));
@@ -253,7 +253,7 @@ TEST(exposure_of_a_stereo_pair_follows_the_other_camera_as_far_as_known_views_do
         }
         CHECK_OK(imaging_set_cameras(test_ctx, scene, &m));
         CHECK(m.partner[4] == 5 && m.partner[5] == 4);
-        imaging_foretell(&m, 4, gain);
+        imaging_predict(&m, 4, gain);
         CHECK_CLOSE(gain[0], 0, 0.02); /* the left neighbours' line is at 0.3, or at 0 */
         imaging_free(test_ctx, &m);
     }

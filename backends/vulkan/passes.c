@@ -37,6 +37,7 @@ static const struct {
     VULKAN_PASS(OBSERVE),
     VULKAN_PASS(SCORE),
     VULKAN_PASS(UNPACK),
+    VULKAN_PASS(MOVE),
     VULKAN_PASS(PEAK),
 };
 
@@ -330,10 +331,10 @@ OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to
     v->updates = 1;
 }
 
-OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, uint32_t value)
+OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, size_t size, uint32_t value)
 {
     if (!vulkan_ready(v)) return;
-    v->CmdFillBuffer(v->commands, to->handle, 0, VK_WHOLE_SIZE, value);
+    v->CmdFillBuffer(v->commands, to->handle, offset, size, value);
     vulkan_barrier(v);
 }
 

@@ -1,6 +1,6 @@
 /* renderer.c - the renderer on a Vulkan device: the functions of struct renderer_device, each as a few passes of the shaders in shaders/.
  *
- * A step (compare src/render/renderer.c; the arrows are where the host waits):
+ * A step (compare src/render/renderer.c; the arrows are where the host waits, but in deferred steps, which report later):
  *     project, sort by depth, count the pairs  ->  emit the pairs, sort by tile, rasterize, loss  ->  backward, Adam, statistics  ->
  *
  * Invariants: no atomics on floats, and every sum has a written order, so a device repeats its own results. It does not give the
@@ -209,7 +209,7 @@ static oxl_result vulkan_forward(void *device, const oxl_model *model, const oxl
 {
     struct vulkan_renderer *r = device;
     if (r->stepped && (r->model != model || r->plane != model->plane[0])) {
-        const oxl_result rc = vulkan_download_model(device, 1); /* another model is rendered in between */
+        const oxl_result rc = vulkan_download_model(device, DOWNLOAD_TO_CHANGE); /* another model is rendered in between */
         if (rc != OXL_OK) return rc;
     }
     vulkan_enter(r->v);
@@ -473,7 +473,7 @@ static oxl_result vulkan_clear_visible(void *device)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
-    vulkan_fill(r->v, &r->seen, 0);
+    vulkan_fill(r->v, &r->seen, 0, VK_WHOLE_SIZE, 0);
     return r->v->rc;
 }
 
@@ -534,6 +534,8 @@ OXL_INTERNAL const struct renderer_device *vulkan_functions(void)
                                                      .report        = vulkan_report,
                                                      .observe       = vulkan_observe,
                                                      .download      = vulkan_download_model,
+                                                     .move_rows     = vulkan_move_rows,
+                                                     .send_shape    = vulkan_send_shape,
                                                      .clear_visible = vulkan_clear_visible,
                                                      .rows          = vulkan_rows};
     return &interface;

@@ -7,6 +7,17 @@
  */
 #include "resident.h"
 
+static void vulkan_release_slabs(struct vulkan *v, struct vulkan_slab *slab, size_t slabs)
+{
+    for (size_t i = 0; i < slabs; i++) {
+        vulkan_release(v, &slab[i].parameter);
+        vulkan_release(v, &slab[i].gradient);
+        vulkan_release(v, &slab[i].first);
+        vulkan_release(v, &slab[i].second);
+    }
+    oxl_free(v->ctx, slab);
+}
+
 OXL_INTERNAL void vulkan_renderer_free(void *device)
 {
     struct vulkan_renderer *r = device;
@@ -19,15 +30,9 @@ OXL_INTERNAL void vulkan_renderer_free(void *device)
     vulkan_finish(v);
     for (size_t at = offsetof(struct vulkan_renderer, splat_a); at < sizeof *r; at += sizeof(struct vulkan_buffer))
         vulkan_release(v, (struct vulkan_buffer *)((char *)r + at));
-    for (size_t i = 0; i < r->slab_capacity; i++) {
-        vulkan_release(v, &r->slab[i].parameter);
-        vulkan_release(v, &r->slab[i].gradient);
-        vulkan_release(v, &r->slab[i].first);
-        vulkan_release(v, &r->slab[i].second);
-    }
+    vulkan_release_slabs(v, r->slab, r->slab_capacity);
     for (size_t i = 0; i < r->image_capacity; i++) vulkan_release(v, &r->image[i].bytes);
     oxl_free(v->ctx, r->image);
-    oxl_free(v->ctx, r->slab);
     oxl_free(v->ctx, r);
 }
 
@@ -52,7 +57,7 @@ OXL_INTERNAL oxl_result vulkan_renderer_create(oxl_context *ctx, void **out)
     vulkan_create(v, &r->reports, VULKAN_REPORTS * sizeof *r->report, 1);
     if (v->rc == OXL_OK) vulkan_ok(v, v->MapMemory(v->device, r->reports.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "reports");
     r->report = mapped;
-    vulkan_fill(v, &r->counts, 0);
+    vulkan_fill(v, &r->counts, 0, VK_WHOLE_SIZE, 0);
     if (v->rc == OXL_OK) *out = r;
     else vulkan_renderer_free(r);
     return v->rc;
@@ -76,11 +81,11 @@ OXL_INTERNAL float *vulkan_host_plane(const oxl_model *m, const struct vulkan_re
     return plane < r->lobe_plane ? m->plane[plane] : m->plane[OXL_LOBE + plane - r->lobe_plane];
 }
 
-/* Every plane of a model or of its moments, slab by slab. */
-static void vulkan_copy_model(struct vulkan_renderer *r, oxl_model *m, int up)
+/* The first planes of a model or of its moments, slab by slab. */
+static void vulkan_copy_model(struct vulkan_renderer *r, oxl_model *m, uint32_t planes, int up)
 {
     for (size_t s = 0; s < r->slabs; s++)
-        for (uint32_t k = 0; k < r->planes; k++) {
+        for (uint32_t k = 0; k < planes; k++) {
             const size_t rows   = vulkan_slab_rows(r, s, k < r->lobe_plane ? r->count : r->lobes);
             const size_t offset = (size_t)k * r->stride * sizeof(float);
             float       *host   = vulkan_host_plane(m, r, k);
@@ -138,8 +143,10 @@ static void vulkan_reserve_rows(struct vulkan_renderer *r)
 OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *m)
 {
     if (r->model_here && r->model == m && r->plane == m->plane[0] && r->count == m->count && r->lobes == m->lobes &&
-        r->sh_degree == m->sh_degree)
+        r->sh_degree == m->sh_degree) {
+        vulkan_reserve_rows(r); /* rows may have been moved: vulkan_move_rows */
         return;
+    }
     r->model = (oxl_model *)m; /* written in vulkan_download_model alone, when vulkan_step was given it as its own to write */
     r->first = r->second = NULL;
     r->plane             = m->plane[0];
@@ -148,7 +155,7 @@ OXL_INTERNAL void vulkan_take_model(struct vulkan_renderer *r, const oxl_model *
     r->room                                      = 0;
     vulkan_reserve_slabs(r);
     vulkan_reserve_rows(r);
-    if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, 1);
+    if (r->v->rc == OXL_OK) vulkan_copy_model(r, r->model, r->planes, 1);
     r->model_here = r->v->rc == OXL_OK;
 }
 
@@ -166,8 +173,8 @@ OXL_INTERNAL void vulkan_take_moments(struct vulkan_renderer *r, oxl_model *firs
     r->first  = first;
     r->second = second;
     vulkan_reserve_moments(r);
-    vulkan_copy_model(r, first, 1);
-    vulkan_copy_model(r, second, 1);
+    vulkan_copy_model(r, first, r->planes, 1);
+    vulkan_copy_model(r, second, r->planes, 1);
     r->moments_here = r->v->rc == OXL_OK;
 }
 
@@ -191,18 +198,87 @@ OXL_INTERNAL void vulkan_copy_sums(struct vulkan_renderer *r, int up)
     oxl_free(r->v->ctx, sum);
 }
 
-OXL_INTERNAL oxl_result vulkan_download_model(void *device, int changes)
+OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_download what)
 {
     struct vulkan_renderer *r = device;
     vulkan_enter(r->v);
-    if (r->stepped) {
-        vulkan_copy_model(r, r->model, 0);
-        vulkan_copy_model(r, r->first, 0);
-        vulkan_copy_model(r, r->second, 0);
+    if (r->stepped && what == DOWNLOAD_SHAPE) vulkan_copy_model(r, r->model, OXL_SH, 0);
+    else if (r->stepped) {
+        vulkan_copy_model(r, r->model, r->planes, 0);
+        vulkan_copy_model(r, r->first, r->planes, 0);
+        vulkan_copy_model(r, r->second, r->planes, 0);
+        r->stepped = 0;
     }
     if (r->observed) vulkan_copy_sums(r, 0);
-    r->stepped = r->observed = 0;
-    if (changes) r->model_here = r->moments_here = r->sums_here = 0;
+    r->observed = 0;
+    if (what != DOWNLOAD_TO_READ) r->sums_here = 0;
+    if (what == DOWNLOAD_TO_CHANGE) r->model_here = r->moments_here = 0;
+    return r->v->rc;
+}
+
+/* ---------------------------------------------------------------- rows to other places */
+
+/* From all slabs of `old` to those of r that have their rows. */
+static void vulkan_move_slabs(struct vulkan_renderer *r, const struct vulkan_renderer *old, const uint32_t *from)
+{
+    for (size_t s = 0; s < r->slabs; s++)
+        for (size_t o = 0; o < old->slabs; o++) {
+            const size_t first = s * r->stride, rows = vulkan_slab_rows(r, s, r->count);
+            const size_t old_first = o * old->stride, old_rows = vulkan_slab_rows(old, o, old->count);
+            if (rows == 0 || (from[first] & ~RENDERER_FRESH) >= old_first + old_rows ||
+                (from[first + rows - 1] & ~RENDERER_FRESH) < old_first)
+                continue;
+            VULKAN_RUN(r->v, MOVE, 0, vulkan_groups(rows),
+                       VULKAN_PUSH((uint32_t)first, (uint32_t)rows, r->stride, (uint32_t)old_first, (uint32_t)old_rows,
+                                   old->stride, r->lobe_plane, (uint32_t)r->lobes, OXL_SH),
+                       VULKAN_BUFFERS(&r->moves, &old->slab[o].parameter, &old->slab[o].first, &old->slab[o].second,
+                                      &r->slab[s].parameter, &r->slab[s].first, &r->slab[s].second));
+        }
+}
+
+/* Old and new slabs are there at once; without room for both nothing has changed. */
+OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_move *move, int *moved)
+{
+    struct vulkan_renderer *r   = device;
+    struct vulkan          *v   = r->v;
+    struct vulkan_renderer  old = *r;
+    *moved                      = 0;
+    vulkan_enter(v);
+    if (!r->model_here || !r->moments_here || move->count == 0) return OXL_OK;
+    r->count = move->count, r->lobes = move->lobes;
+    r->slab          = NULL;
+    r->slab_capacity = 0;
+    vulkan_reserve_slabs(r);
+    vulkan_reserve_moments(r);
+    vulkan_reserve(v, &r->moves, r->count, sizeof *move->from, "Gaussians");
+    if (v->rc == OXL_OK) vulkan_upload(v, &r->moves, 0, move->from, r->count * sizeof *move->from);
+    if (v->rc == OXL_OK) vulkan_move_slabs(r, &old, move->from);
+    vulkan_finish(v);
+    *moved = v->rc == OXL_OK;
+    if (*moved) vulkan_release_slabs(v, old.slab, old.slab_capacity);
+    else {
+        vulkan_release_slabs(v, r->slab, r->slab_capacity);
+        r->slab = old.slab, r->slab_capacity = old.slab_capacity, r->slabs = old.slabs;
+        r->count = old.count, r->lobes = old.lobes, r->stride = old.stride, r->planes = old.planes;
+        return v->rc == OXL_ERR_MEMORY ? OXL_OK : v->rc;
+    }
+    r->room    = 0;
+    r->stepped = 1; /* the host has not got all of it */
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity)
+{
+    struct vulkan_renderer *r       = device;
+    const size_t            opacity = OXL_OPACITY * (size_t)r->stride * sizeof(float), size = r->stride * sizeof(float);
+    vulkan_enter(r->v);
+    if (!r->model_here || r->model != model) return OXL_OK; /* all of it is uploaded when it is needed */
+    r->plane = model->plane[0];
+    vulkan_copy_model(r, model, OXL_SH, 1);
+    for (size_t s = 0; s < r->slabs && reset_opacity && r->moments_here; s++) {
+        vulkan_fill(r->v, &r->slab[s].first, opacity, size, 0);
+        vulkan_fill(r->v, &r->slab[s].second, opacity, size, 0);
+    }
     return r->v->rc;
 }
 

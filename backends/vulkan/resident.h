@@ -73,7 +73,7 @@ struct vulkan_renderer {
     int                  sort_end; /* which of the pairs' key and value buffers holds the sorted ones */
     /* from here on nothing but buffers: vulkan_renderer_free goes through them. By row */
     struct vulkan_buffer splat_a, splat_b, splat_c, lobe_a, lobe_b, seen, rank, row_key[2], row_value[2], row_pairs, row_slots,
-        mean2d, statistics, score;
+        mean2d, statistics, score, moves;
     /* by pair */
     struct vulkan_buffer pair_key[2], pair_value[2], staged, sums_a, sums_b, sums_c, sums_d, sums_e;
     /* by tile or pixel */
@@ -92,7 +92,9 @@ OXL_INTERNAL void   vulkan_reserve_moments(struct vulkan_renderer *r);
 OXL_INTERNAL void   vulkan_take_moments(struct vulkan_renderer *r, oxl_model *first, oxl_model *second);
 OXL_INTERNAL void   vulkan_copy_sums(struct vulkan_renderer *r, int up);
 OXL_INTERNAL size_t vulkan_drop_images(struct vulkan *v); /* of every renderer, but the one that is in use; how many */
-OXL_INTERNAL oxl_result vulkan_download_model(void *device, int changes);
+OXL_INTERNAL oxl_result vulkan_download_model(void *device, enum renderer_download what);
+OXL_INTERNAL oxl_result vulkan_move_rows(void *device, const struct renderer_move *move, int *moved);
+OXL_INTERNAL oxl_result vulkan_send_shape(void *device, oxl_model *model, int reset_opacity);
 OXL_INTERNAL int        vulkan_has_image(const void *device, int view);
 OXL_INTERNAL size_t     vulkan_target(void *device, float *rgb, float *weight, int *masked);
 OXL_INTERNAL oxl_result vulkan_take_image(void *device, int view, const struct training_image *image, int halved);

@@ -87,6 +87,7 @@ enum vulkan_pass {
     PASS_OBSERVE,
     PASS_SCORE,
     PASS_UNPACK,
+    PASS_MOVE,
     PASS_PEAK, /* of the benchmark alone */
     PASS_COUNT
 };
@@ -193,7 +194,7 @@ OXL_INTERNAL void vulkan_queue_read(struct vulkan *v, const struct vulkan_buffer
 OXL_INTERNAL void vulkan_collect(struct vulkan *v);
 OXL_INTERNAL void vulkan_download(struct vulkan *v, const struct vulkan_buffer *from, size_t offset, void *to, size_t size);
 OXL_INTERNAL void vulkan_update(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, const void *from, size_t size);
-OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, uint32_t value);
+OXL_INTERNAL void vulkan_fill(struct vulkan *v, const struct vulkan_buffer *to, size_t offset, size_t size, uint32_t value);
 OXL_INTERNAL void vulkan_run(struct vulkan *v, enum vulkan_pass pass, uint32_t variant, size_t groups, const void *push,
                              const struct vulkan_buffer *const *buffer);
 

@@ -816,7 +816,7 @@ static const char *partition_reason_for_one(const struct partition_build *b)
 static oxl_result partition_make_one(struct partition_build *b, const char *reason)
 {
     oxl_result rc;
-    oxl_log(b->ctx, b->level, "%zu points stay one block: %s (--block-points %d)", b->kept, reason, b->options.block_points);
+    oxl_log(b->ctx, b->level, "%zu points stay one block: %s", b->kept, reason);
     rc = partition_set_boxes(b);
     if (rc == OXL_OK) rc = partition_find_members(b);
     if (rc == OXL_OK) rc = partition_count_points(b);
@@ -894,8 +894,6 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "a scene from arrays has no tracks, which a partition is made of\n"
                         "fix: load the scene from a COLMAP text export");
-    if (o->block_points < 1)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "blocks of %d points, wanted 1 or more\nfix: --block-points 40000", o->block_points);
     if (o->kind != OXL_PARTITION_NONE && views > 0 && points / (size_t)o->block_points > views)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "blocks of %d points: %zu points make at least %zu blocks, more than the %zu training views\n"
@@ -904,11 +902,12 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
     return OXL_OK;
 }
 
-/* A number of blocks as the most points of one. */
+/* A number of blocks, or no limit, as the most points of one. */
 static oxl_partition_options partition_resolve(const oxl_scene *scene, const oxl_partition_options *options)
 {
     oxl_partition_options o = options ? *options : oxl_partition_options_default();
     if (o.blocks > 0) o.block_points = (int)OXL_MAX(1, (scene_stats_of(scene)->points + (size_t)o.blocks - 1) / (size_t)o.blocks);
+    if (o.block_points < 1) o.block_points = INT_MAX;
     return o;
 }
 
@@ -960,16 +959,21 @@ done:
     return rc;
 }
 
+OXL_INTERNAL void partition_drop_plan(oxl_context *ctx, struct partition *p)
+{
+    if (!p->plan) return;
+    if (p->plan->owns_visibility) partition_visibility_free(ctx, p->plan->visibility);
+    oxl_free(ctx, p->plan->owner);
+    oxl_free(ctx, p->plan->first_member);
+    oxl_free(ctx, p->plan->member);
+    oxl_free(ctx, p->plan->role);
+    oxl_free(ctx, p->plan);
+    p->plan = NULL;
+}
+
 OXL_INTERNAL void partition_free(oxl_context *ctx, struct partition *p)
 {
-    if (p->plan) {
-        if (p->plan->owns_visibility) partition_visibility_free(ctx, p->plan->visibility);
-        oxl_free(ctx, p->plan->owner);
-        oxl_free(ctx, p->plan->first_member);
-        oxl_free(ctx, p->plan->member);
-        oxl_free(ctx, p->plan->role);
-        oxl_free(ctx, p->plan);
-    }
+    partition_drop_plan(ctx, p);
     oxl_free(ctx, p->block);
     *p = (struct partition){0};
 }

@@ -1,7 +1,7 @@
 /* partition_file.c - partition.txt: the frame, then a line a block.
  *
  *     # comments
- *     FRAME DIMENSIONS R[9] ORIGIN[3] EXTENT[3]
+ *     FRAME DIMENSIONS R[9] ORIGIN[3] EXTENT[3] MEMORY
  *     BLOCK_ID LOW[3] HIGH[3] EXPANDED_LOW[3] EXPANDED_HIGH[3] POINTS BASE_VIEWS BORDER_VIEWS START_POINTS FINITE_LOW[3] FINITE_HIGH[3]
  *
  * Invariant: what is written reads back to the same bits (%.17g, inf); nothing in the file follows the locale.
@@ -44,13 +44,15 @@ OXL_INTERNAL oxl_result partition_write(oxl_context *ctx, const char *path, cons
     fprintf(writer.file,
             "# The survey in blocks, cut along its principal axes (OceanXL, Balanced Scene Partitioning).\n"
             "# A place in the frame is R (world - origin); a block holds low <= place < high, and every place has one block.\n"
-            "# FRAME DIMENSIONS R[9] row by row, ORIGIN[3] in the world, EXTENT[3] along the principal axes\n"
+            "# FRAME DIMENSIONS R[9] row by row, ORIGIN[3] in the world, EXTENT[3] along the principal axes, "
+            "MEMORY in bytes that blocks fit, 0: any\n"
             "# BLOCK_ID LOW[3] HIGH[3] EXPANDED_LOW[3] EXPANDED_HIGH[3] POINTS BASE_VIEWS BORDER_VIEWS START_POINTS "
             "FINITE_LOW[3] FINITE_HIGH[3]\n");
     fprintf(writer.file, "# Number of blocks: %d\nFRAME %d", p->block_count, p->dimensions);
     file_put(writer.file, p->rotation, 9);
     file_put(writer.file, p->origin, 3);
     file_put(writer.file, p->extent, 3);
+    file_put(writer.file, &p->memory, 1);
     putc('\n', writer.file);
     for (int i = 0; i < p->block_count; i++) file_put_block(writer.file, i, &p->block[i]);
     return os_writer_close(ctx, &writer, OXL_OK);
@@ -116,6 +118,7 @@ static oxl_result file_read_frame(struct file_reader *r, struct partition *p)
     if (rc == OXL_OK) rc = file_get(r, p->rotation, 9);
     if (rc == OXL_OK) rc = file_get(r, p->origin, 3);
     if (rc == OXL_OK) rc = file_get(r, p->extent, 3);
+    if (rc == OXL_OK && r->cursor < r->end) rc = file_get(r, &p->memory, 1);
     return rc;
 }
 

@@ -164,6 +164,9 @@ OXL_INTERNAL oxl_result os_read_file(oxl_context *ctx, const char *path, struct 
 /* A file that does not begin with `start` is read only as far as its first bytes. */
 OXL_INTERNAL oxl_result os_read_file_like(oxl_context *ctx, const char *path, const char *start, struct os_file_map *out);
 OXL_INTERNAL void       os_release_file(oxl_context *ctx, struct os_file_map *map);
+/* Pages are read when they are used, and may be dropped again; no zero byte after it. Where that cannot be, it is read. */
+OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out);
+OXL_INTERNAL void       os_unmap_file(oxl_context *ctx, struct os_file_map *map);
 
 /* A file read in pieces. `path` is borrowed. */
 struct os_reader {
@@ -290,6 +293,8 @@ struct ply_target {
     double *as_double;
 };
 OXL_INTERNAL oxl_result ply_open(oxl_context *ctx, const char *path, struct ply *out); /* reads and checks the header */
+OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most,
+                                        struct ply *out); /* no data; not checked */
 /* target: (properties of the element). */
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target);
 OXL_INTERNAL void       ply_close(oxl_context *ctx, struct ply *ply);

@@ -19,6 +19,7 @@ enum os_kind { OS_NOTHING, OS_FILE, OS_FOLDER };
 #endif
 #include <dirent.h>
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
@@ -53,6 +54,22 @@ OXL_INTERNAL int64_t os_modified(const char *path)
 OXL_INTERNAL FILE *os_open(const char *path, const char *mode)
 {
     return fopen(path, mode);
+}
+
+static const char *os_map(const char *path, size_t *size)
+{
+    struct stat s;
+    const int   file = open(path, O_RDONLY);
+    void       *data = MAP_FAILED;
+    if (file >= 0 && fstat(file, &s) == 0 && s.st_size > 0)
+        data = mmap(NULL, *size = (size_t)s.st_size, PROT_READ, MAP_PRIVATE, file, 0);
+    if (file >= 0) close(file);
+    return data == MAP_FAILED ? NULL : data;
+}
+
+static int os_unmap(const char *data, size_t size)
+{
+    return munmap((void *)(uintptr_t)data, size) == 0;
 }
 
 OXL_INTERNAL int os_remove(const char *path)
@@ -152,52 +169,88 @@ OXL_INTERNAL size_t os_peak_rss(void)
 #endif
 }
 
-/* Of "QUOTA PERIOD" in microseconds, QUOTA "max" when there is none; a folder without the file has none. */
-static int os_quota_of(const char *path, const char *period_path)
+/* The number after `name` in a file of a folder, or its first one with name ""; -1: none, or "max". */
+static double os_number_in(const char *folder, const char *file, const char *name)
 {
-    FILE *file  = fopen(path, "r");
-    long  quota = 0, period = 0;
-    int   read = file ? fscanf(file, "%ld %ld", &quota, &period) : 0;
-    if (file) fclose(file);
-    if (read == 1 && (file = fopen(period_path, "r")) != NULL) {
-        read += fscanf(file, "%ld", &period);
-        fclose(file);
-    }
-    return read == 2 && quota > 0 && period > 0 ? (int)OXL_CLAMP((quota + period - 1) / period, 1, INT_MAX) : 0;
+    char   path[3200], line[300];
+    double value = -1;
+    FILE  *opened;
+    snprintf(path, sizeof path, "%s/%s", folder, file);
+    opened = fopen(path, "r");
+    while (opened && value < 0 && fgets(line, sizeof line, opened))
+        if (strncmp(line, name, strlen(name)) != 0 || sscanf(line + strlen(name), "%lf", &value) != 1) value = -1;
+    if (opened) fclose(opened);
+    return value;
 }
 
-/* The group of the process and those above it, of version 2; in a container, and of version 1, the root's files are the container's. */
-OXL_INTERNAL int os_processor_quota(void)
+/* The least of `limit` over the control group of the process and those above it, of version 2; 0: none has a limit. In a container, and
+ * of version 1, the root's files are the container's. */
+static double os_least_limit(double (*limit)(const char *folder), double of_version_1)
 {
-    FILE *file  = fopen("/proc/self/cgroup", "r");
-    int   least = os_quota_of("/sys/fs/cgroup/cpu/cpu.cfs_quota_us", "/sys/fs/cgroup/cpu/cpu.cfs_period_us");
-    char  line[3000], path[3100];
+    FILE  *file  = fopen("/proc/self/cgroup", "r");
+    double least = of_version_1;
+    char   line[3000], path[3100];
     while (file && fgets(line, sizeof line, file)) {
         if (strncmp(line, "0::/", 4) != 0) continue;
         line[strcspn(line, "\n")] = 0;
         for (char *end = line + strlen(line); end >= line + 3; end--) {
-            int quota;
+            double one;
             if (*end != '/' && *end != 0) continue;
             *end = 0;
-            snprintf(path, sizeof path, "/sys/fs/cgroup%s/cpu.max", line + 3);
-            quota = os_quota_of(path, "");
-            if (quota > 0 && (least == 0 || quota < least)) least = quota;
+            snprintf(path, sizeof path, "/sys/fs/cgroup%s", line + 3);
+            one = limit(path);
+            if (one > 0 && (least <= 0 || one < least)) least = one;
         }
     }
     if (file) fclose(file);
-    return least;
+    return OXL_MAX(least, 0);
+}
+
+static double os_processors_of(double quota, double period)
+{
+    return quota > 0 && period > 0 ? ceil(quota / period) : 0;
+}
+
+/* "QUOTA PERIOD" in microseconds, QUOTA "max" when there is none. */
+static double os_processors_in(const char *folder)
+{
+    char   path[3200];
+    double quota = 0, period = 0;
+    FILE  *file;
+    snprintf(path, sizeof path, "%s/cpu.max", folder);
+    file = fopen(path, "r");
+    if (file && fscanf(file, "%lf %lf", &quota, &period) != 2) quota = 0;
+    if (file) fclose(file);
+    return os_processors_of(quota, period);
+}
+
+OXL_INTERNAL int os_processor_quota(void)
+{
+    static const char root[] = "/sys/fs/cgroup/cpu";
+    const double      quota = os_number_in(root, "cpu.cfs_quota_us", ""), period = os_number_in(root, "cpu.cfs_period_us", "");
+    return (int)OXL_MIN(os_least_limit(os_processors_in, os_processors_of(quota, period)), INT_MAX);
+}
+
+/* The limit, less what is used and is not a cache of files that can be dropped. */
+static double os_memory_of(double limit, double used, double cache)
+{
+    return limit > 0 && used >= 0 ? OXL_MAX(limit - used + OXL_MAX(cache, 0), 1) : 0;
+}
+
+static double os_memory_in(const char *folder)
+{
+    return os_memory_of(os_number_in(folder, "memory.max", ""), os_number_in(folder, "memory.current", ""),
+                        os_number_in(folder, "memory.stat", "inactive_file "));
 }
 
 OXL_INTERNAL size_t os_memory_free(void)
 {
-    FILE         *file = fopen("/proc/meminfo", "r"); /* Linux; elsewhere unknown */
-    char          line[256];
-    unsigned long kilobytes = 0;
-    if (!file) return 0;
-    while (fgets(line, sizeof line, file))
-        if (sscanf(line, "MemAvailable: %lu", &kilobytes) == 1) break;
-    fclose(file);
-    return (size_t)kilobytes * 1024;
+    static const char root[] = "/sys/fs/cgroup/memory";                                  /* of version 1 */
+    const double      free   = 1024 * os_number_in("/proc", "meminfo", "MemAvailable:"); /* Linux; elsewhere unknown */
+    const double      limit  = os_least_limit(os_memory_in, os_memory_of(os_number_in(root, "memory.limit_in_bytes", ""),
+                                                                         os_number_in(root, "memory.usage_in_bytes", ""),
+                                                                         os_number_in(root, "memory.stat", "inactive_file ")));
+    return free > 0 ? (size_t)(limit > 0 ? OXL_MIN(free, limit) : free) : 0;
 }
 
 OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void (*visit)(void *user, const char *name),
@@ -437,6 +490,18 @@ OXL_INTERNAL size_t os_peak_rss(void)
 
 OXL_INTERNAL int os_processor_quota(void)
 {
+    return 0;
+}
+
+static const char *os_map(const char *path, size_t *size)
+{
+    (void)path, (void)size;
+    return NULL; /* it is read */
+}
+
+static int os_unmap(const char *data, size_t size)
+{
+    (void)data, (void)size;
     return 0;
 }
 
@@ -681,6 +746,18 @@ done:
 OXL_INTERNAL void os_release_file(oxl_context *ctx, struct os_file_map *map)
 {
     oxl_free(ctx, (void *)map->data);
+    *map = (struct os_file_map){0};
+}
+
+OXL_INTERNAL oxl_result os_map_file(oxl_context *ctx, const char *path, struct os_file_map *out)
+{
+    *out = (struct os_file_map){0};
+    return (out->data = os_map(path, &out->size)) != NULL ? OXL_OK : os_read_file(ctx, path, out);
+}
+
+OXL_INTERNAL void os_unmap_file(oxl_context *ctx, struct os_file_map *map)
+{
+    if (map->data && !os_unmap(map->data, map->size)) oxl_free(ctx, (void *)map->data);
     *map = (struct os_file_map){0};
 }
 

@@ -402,6 +402,20 @@ done:
     return rc;
 }
 
+OXL_INTERNAL oxl_result ply_open_header(oxl_context *ctx, const char *path, size_t most, struct ply *out)
+{
+    struct os_reader file = {0};
+    char            *data = oxl_calloc(ctx, most + 1, 1);
+    oxl_result       rc   = data ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to open %s", path);
+    *out                  = (struct ply){.path = oxl_strdup(ctx, path), .file = {.data = data}};
+    if (rc == OXL_OK) rc = os_reader_open(ctx, path, &file);
+    if (rc == OXL_OK) rc = os_reader_read(ctx, &file, data, most, &out->file.size);
+    os_reader_close(&file);
+    if (rc == OXL_OK) rc = ply_read_header(ctx, out);
+    if (rc != OXL_OK) ply_close(ctx, out);
+    return rc;
+}
+
 OXL_INTERNAL oxl_result ply_read(oxl_context *ctx, const struct ply *ply, int element, const struct ply_target *target)
 {
     struct ply_rows w = {.ctx = ctx, .ply = ply, .cursor = ply->file.data + ply->data, .end = ply->file.data + ply->file.size};

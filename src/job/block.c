@@ -148,6 +148,15 @@ static oxl_result block_write_record(struct block *b, const struct block_record 
     return rc;
 }
 
+OXL_INTERNAL oxl_result block_write_finished(oxl_context *ctx, oxl_scene *scene, const char *folder, const char *key,
+                                             const struct block_record *record)
+{
+    const struct block_task task = {.folder = folder, .key = key};
+    struct block            b    = {.ctx = ctx, .task = &task};
+    const oxl_result        rc   = block_write_imaging(&b, scene);
+    return rc == OXL_OK ? block_write_record(&b, record) : rc;
+}
+
 /* ---------------------------------------------------------------- while it runs */
 
 static double block_rounded(double value, double parts)
@@ -214,7 +223,6 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
                                          .start     = task->start,
                                          .context   = task->context,
                                          .window    = task->window,
-                                         .full_view = task->full_view,
                                          .first     = task->first,
                                          .until     = task->until,
                                          .from      = task->from,
@@ -288,7 +296,6 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                  .start     = model,
                                  .context   = b->task->context,
                                  .window    = b->task->window,
-                                 .full_view = b->task->full_view,
                                  .nonfinite = &b->nonfinite};
     const int           hides = imaging_hides_colours(scene_imaging(scene));
     oxl_model           plain = {0};

@@ -9,12 +9,13 @@
 
 #define PLAN_PIXEL_COST 0.35  /* docs/log/SCALE.md */
 #define PLAN_LEAST      0.002 /* of an image's pixels: views that are worth less to a block are left out */
+#define PLAN_VIEW_SHARE 0.8   /* of the Gaussians that memory holds, in one view: views differ in how they grow */
 #define PLAN_TILE       16    /* px: windows begin and end at multiples of it, or at the image's borders */
 
 OXL_INTERNAL void block_plan_free(oxl_context *ctx, struct block_plan *plan)
 {
     oxl_free(ctx, plan->window);
-    oxl_free(ctx, plan->full_view);
+    oxl_free(ctx, plan->shows);
     oxl_free(ctx, plan->neighbour);
     *plan = (struct block_plan){0};
 }
@@ -43,7 +44,7 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     text_add(&t, " -1\nviews %d\n", plan->views);
     for (int i = 0; i < plan->views; i++)
         text_add(&t, "%d %d %d %d %d\n", plan->window[i].x, plan->window[i].y, plan->window[i].width, plan->window[i].height,
-                 plan->full_view[i]);
+                 plan->shows[i]);
     text_add(&t, "%s\n", job->key.data);
     if (rc == OXL_OK && t.failed) rc = job_no_memory(job);
     if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t.data, t.size);
@@ -59,7 +60,7 @@ static const char *plan_read_windows(const char *s, struct block_plan *out)
     for (int i = 0; i < out->views; i++, s += used) {
         struct image_window *w = &out->window[i];
         if (sscanf(s, "%d %d %d %d %d\n%n", &w->x, &w->y, &w->width, &w->height, &shows, &used) != 5) return NULL;
-        out->full_view[i] = shows == 1;
+        out->shows[i] = shows == 1;
     }
     return s;
 }
@@ -85,9 +86,9 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
         return OXL_ERR_INPUT;
     s = plan_read_neighbours(s + used, blocks, out);
     if (!s || sscanf(s, " views %d\n%n", &out->views, &used) != 1 || out->views < 0 || out->views > 1 << 24) return OXL_ERR_INPUT;
-    out->window    = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
-    out->full_view = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
-    if (!out->window || !out->full_view) return job_no_memory(job);
+    out->window = oxl_calloc(job->ctx, (size_t)out->views + 1, sizeof *out->window);
+    out->shows  = oxl_calloc(job->ctx, (size_t)out->views + 1, 1);
+    if (!out->window || !out->shows) return job_no_memory(job);
     return plan_read_windows(s + used, out) ? OXL_OK : OXL_ERR_INPUT;
 }
 
@@ -181,24 +182,10 @@ struct plan_sum {        /* over the views of a block */
     int    views; /* with a window */
 };
 
-/* By the centre and three of the longest standard deviations. */
-OXL_INTERNAL int block_plan_shows(const oxl_camera *c, double near_plane, const oxl_model *model, size_t row)
-{
-    const float *scale[] = {model->plane[OXL_LOG_SCALE], model->plane[OXL_LOG_SCALE + 1], model->plane[OXL_LOG_SCALE + 2]};
-    const double radius  = 3 * vecmath_exp(OXL_MAX(OXL_MAX(scale[0][row], scale[1][row]), scale[2][row]));
-    double       p[3];
-    for (int a = 0; a < 3; a++)
-        p[a] = c->rotation[3 * a] * model->plane[OXL_MEAN][row] + c->rotation[3 * a + 1] * model->plane[OXL_MEAN + 1][row] +
-               c->rotation[3 * a + 2] * model->plane[OXL_MEAN + 2][row] + c->translation[a];
-    return p[2] + radius > near_plane && c->fx * (p[0] - radius) < (c->width - c->cx) * p[2] &&
-           c->fx * (p[0] + radius) > -c->cx * p[2] && c->fy * (p[1] - radius) < (c->height - c->cy) * p[2] &&
-           c->fy * (p[1] + radius) > -c->cy * p[2];
-}
-
 static int plan_may_show(const oxl_camera *camera, double near_plane, const oxl_model *own)
 {
     for (size_t i = 0; i < own->count; i++)
-        if (block_plan_shows(camera, near_plane, own, i)) return 1;
+        if (model_row_shows(camera, near_plane, own, i)) return 1;
     return 0;
 }
 
@@ -217,7 +204,7 @@ static oxl_result plan_views(struct job *job, oxl_model *own, oxl_model *others,
     for (int i = 0; i < plan->views && rc == OXL_OK; i++) {
         const oxl_view *view  = oxl_scene_view(job->scene, i);
         oxl_image       image = {0};
-        if (view->is_test || !(plan->full_view[i] = (uint8_t)plan_may_show(&view->camera, o.near_plane, own))) continue;
+        if (view->is_test || !(plan->shows[i] = (uint8_t)plan_may_show(&view->camera, o.near_plane, own))) continue;
         rc = context_stopped(job->ctx);
         if (rc == OXL_OK) rc = renderer_draw(job->ctx, r, own, &view->camera, &o, &image, NULL);
         if (rc == OXL_OK)
@@ -246,9 +233,9 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
     oxl_result rc;
     plan->views     = oxl_scene_view_count(job->scene);
     plan->window    = oxl_calloc(job->ctx, (size_t)plan->views + 1, sizeof *plan->window);
-    plan->full_view = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
+    plan->shows     = oxl_calloc(job->ctx, (size_t)plan->views + 1, 1);
     plan->neighbour = oxl_calloc(job->ctx, (size_t)job->partition.block_count + 1, 1);
-    rc              = plan->window && plan->full_view && plan->neighbour ? OXL_OK : job_no_memory(job);
+    rc              = plan->window && plan->shows && plan->neighbour ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, coarse, &own, &others);
     if (rc == OXL_OK) rc = plan_views(job, &own, &others, plan, sum);
     if (rc == OXL_OK && sum->views == 0) plan_some_view(job->scene, plan->window);
@@ -260,36 +247,49 @@ static oxl_result plan_of_block(struct job *job, int block, const oxl_model *coa
 
 /* ---------------------------------------------------------------- steps and budgets */
 
-/* Pixels that a block renders in an epoch. full: share of the steps on full views, at half the sides. */
-static double plan_epoch_pixels(const struct plan_sum *sum, double pixels, double full)
+/* Of the coarse model, the largest share that a view may show. */
+static double plan_largest_share(const struct job *job, const oxl_model *coarse)
 {
-    return (1 - full) * sum->area + full * sum->views * pixels / 4;
+    const double near = scene_near_plane(job->scene);
+    size_t       most = 1;
+    for (int v = 0; v < oxl_scene_view_count(job->scene); v++) {
+        const oxl_view *view = oxl_scene_view(job->scene, v);
+        size_t          seen = 0;
+        for (size_t i = 0; i < coarse->count && !view->is_test; i++)
+            seen += (size_t)model_row_shows(&view->camera, near, coarse, i);
+        most = OXL_MAX(most, seen);
+    }
+    return (double)most / (double)OXL_MAX(coarse->count, (size_t)1);
 }
 
-/* All blocks train for the same number of epochs, such that all pixels are those of the run's steps between coarse and merged model. Without
- * a merged model, one step in TRAIN_FULL_VIEW_EVERY is on a full view. */
-static void plan_divide(const struct job *job, struct block_plan *plan, const struct plan_sum *sum)
+/* The most Gaussians of the merged model: of those, memory must hold what a view shows. */
+static double plan_cap(const struct job *job, const oxl_model *coarse)
 {
-    const struct cost_load load   = cost_load_of_scene(job->scene);
-    const int              blocks = job->partition.block_count;
-    const double           pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene)); /* of a view */
-    const double           cap    = (double)schedule_gaussian_cap(job->scene, &job->options.train);
-    const int              merged = budget_holds(&load, &job->options, cap);
-    const double           part   = 1 - JOB_COARSE - (merged ? rounds_merged_share(job) : 0);
-    const double           full   = merged ? 0 : 1.0 / TRAIN_FULL_VIEW_EVERY;
-    double                 epoch = 0, share = 0, rows = 0, epochs;
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    const double           cap  = (double)schedule_gaussian_cap(job->scene, &job->options.train);
+    if (budget_holds(&load, &job->options, cap)) return cap;
+    return OXL_MIN(cap, PLAN_VIEW_SHARE * budget_most(&load, &job->options) / plan_largest_share(job, coarse));
+}
+
+/* All blocks train for the same number of epochs, such that all pixels are those of the run's steps between coarse and merged model. */
+static void plan_divide(const struct job *job, double cap, struct block_plan *plan, const struct plan_sum *sum)
+{
+    const int    blocks = job->partition.block_count;
+    const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene)); /* of a view */
+    const double part   = 1 - JOB_COARSE - rounds_merged_share(job);
+    double       area = 0, share = 0, rows = 0, epochs;
     for (int k = 0; k < blocks; k++) {
-        epoch += plan_epoch_pixels(&sum[k], pixels, full);
+        area += sum[k].area;
         share += sum[k].pixels;
         rows += (double)sum[k].rows;
     }
-    epochs = epoch > 0 ? part * job->options.train.iterations * pixels / epoch : 0;
+    epochs = area > 0 ? part * job->options.train.iterations * pixels / area : 0;
     for (int k = 0; k < blocks; k++) {
         plan[k].iterations = (int)OXL_CLAMP(epochs * sum[k].views / part + 0.5, 1, INT_MAX);
         plan[k].first      = (int)(JOB_COARSE * plan[k].iterations);
-        plan[k].last       = merged ? (int)ceil((JOB_COARSE + part) * plan[k].iterations) : plan[k].iterations;
+        plan[k].last       = (int)ceil((JOB_COARSE + part) * plan[k].iterations);
         plan[k].share      = share > 0 ? sum[k].pixels / share : 1.0 / blocks;
-        plan[k].work       = epoch > 0 ? part * plan_epoch_pixels(&sum[k], pixels, full) / epoch : 0;
+        plan[k].work       = area > 0 ? part * sum[k].area / area : 0;
         plan[k].gaussians  = OXL_MAX(1, (double)sum[k].rows + floor(OXL_MAX(0, cap - rows) * plan[k].share));
     }
 }
@@ -316,7 +316,7 @@ OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse
     oxl_result         rc     = plan && sum ? OXL_OK : job_no_memory(job);
     for (int k = 0; k < blocks && rc == OXL_OK; k++) rc = plan_of_block(job, k, coarse, &plan[k], &sum[k]);
     if (rc == OXL_OK) {
-        plan_divide(job, plan, sum);
+        plan_divide(job, plan_cap(job, coarse), plan, sum);
         plan_find_neighbours(job, plan);
     }
     for (int k = 0; k < blocks && rc == OXL_OK; k++) {

@@ -2,8 +2,9 @@
  *
  * Reduced are first the cache of images, then trials (which copy the model: nothing is decided by `auto`, weights by depth
  * stay as they are), then the number of Gaussians that is expected, then the size of the blocks.
- * Invariant: without --ram nothing here changes anything; with it, the outcome depends on the survey and the options alone, not on
- * what this machine has or had free.
+ * Without --ram, a run that exceeds the memory available here is planned as with --ram of that much; partition.txt keeps the number.
+ *
+ * Invariant: what follows from partition.txt depends on the survey and the options alone, not on what this machine has or had free.
  */
 #include "job.h"
 
@@ -11,6 +12,11 @@
 #define BUDGET_CACHE  0.25 /* of the budget at most goes to images */
 #define BUDGET_GROWTH 1.25 /* a block must have room for so many times the Gaussians that it starts with */
 #define BUDGET_POINTS 1000 /* smaller blocks are not tried */
+
+OXL_INTERNAL size_t budget_cache(const oxl_job_options *o)
+{
+    return o->ram ? OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram)) : o->scene.image_cache_bytes;
+}
 
 /* Of `most`, as many Gaussians as fit, by bisection; 0: not one does. */
 static double budget_gaussians(const oxl_job_options *o, const struct cost_load *load, double most)
@@ -30,6 +36,14 @@ static void budget_leave_out_trials(oxl_job_options *o)
     if (o->train.dog == OXL_DOG_AUTO) o->train.dog = OXL_DOG_OFF;
 }
 
+OXL_INTERNAL double budget_most(const struct cost_load *load, const oxl_job_options *o)
+{
+    oxl_job_options bare         = *o;
+    bare.scene.image_cache_bytes = budget_cache(o);
+    budget_leave_out_trials(&bare);
+    return budget_gaussians(&bare, load, 1e9);
+}
+
 OXL_INTERNAL int budget_holds(const struct cost_load *load, const oxl_job_options *o, double gaussians)
 {
     oxl_job_options bare = *o;
@@ -41,7 +55,7 @@ OXL_INTERNAL int budget_thin(const oxl_context *ctx, const struct cost_load *loa
 {
     double gaussians;
     if (o->ram == 0) return 1;
-    o->scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    o->scene.image_cache_bytes = budget_cache(o);
     if (cost_estimate(ctx, o, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(o);
     gaussians = budget_gaussians(o, load, (double)schedule_gaussian_cap_of(load->points, load->schedule_pixels, &o->train));
     o->train.max_gaussians = (int)gaussians;
@@ -56,7 +70,7 @@ OXL_INTERNAL int budget_fit(const oxl_context *ctx, const struct cost_load *load
     const double needed = OXL_MIN(BUDGET_GROWTH * (double)load->points, most);
     double       gaussians;
     if (o->ram == 0) return 1;
-    fitted.scene.image_cache_bytes = OXL_MIN(o->scene.image_cache_bytes, (size_t)(BUDGET_CACHE * (double)o->ram));
+    fitted.scene.image_cache_bytes = budget_cache(o);
     if (cost_estimate(ctx, &fitted, load).memory > BUDGET_MARGIN * (double)o->ram) budget_leave_out_trials(&fitted);
     gaussians = budget_gaussians(&fitted, load, most);
     if (gaussians < needed || gaussians < 1) return 0;
@@ -101,18 +115,32 @@ static int budget_fits_all(const oxl_context *ctx, const struct partition *p, co
     return 1;
 }
 
-OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
-                                         struct partition *out)
+/* 1: the number of blocks is left to memory, and it is known. */
+static int budget_is_open(const oxl_job_options *o)
 {
-    oxl_partition_options tried = o->partition;
+    return o->ram == 0 && o->partition.kind != OXL_PARTITION_NONE && o->partition.blocks == 0 && o->partition.block_points == 0 &&
+           os_memory_free() > 0;
+}
+
+OXL_INTERNAL size_t budget_limit(const oxl_scene *scene, const oxl_job_options *o)
+{
+    const struct cost_load load = cost_load_of_scene(scene);
+    const double           most = (double)schedule_gaussian_cap(scene, &o->train), free = (double)os_memory_free();
+    if (!budget_is_open(o) || cost_memory(o, &load, most) <= BUDGET_MARGIN * free) return o->ram;
+    return (size_t)free;
+}
+
+/* Blocks of half the points, until each fits. */
+static oxl_result budget_halve(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, struct partition *out)
+{
+    oxl_partition_options tried  = o->partition;
+    const size_t          points = scene_stats_of(scene)->points;
     struct cost_load      worst;
-    oxl_result            rc = partition_make(ctx, scene, &tried, out);
-    if (o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram && rc == OXL_OK)
-        rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
-                      (double)os_peak_rss() / 1e6, (double)o->ram / 1e6, ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
-    while (rc == OXL_OK && o->ram && !budget_fits_all(ctx, out, o, &worst)) {
+    oxl_result            rc = OXL_OK;
+    if (tried.blocks == 0 && tried.block_points == 0) tried.block_points = (int)OXL_CLAMP(points, 1, INT_MAX);
+    while (rc == OXL_OK && !budget_fits_all(ctx, out, o, &worst)) {
         if (tried.blocks > 0) { /* more than were asked for */
-            tried.block_points = (int)(scene_stats_of(scene)->points / (size_t)tried.blocks);
+            tried.block_points = (int)(points / (size_t)tried.blocks);
             tried.blocks       = 0;
         }
         if (tried.kind == OXL_PARTITION_NONE || tried.block_points / 2 < BUDGET_POINTS) rc = budget_refuse(ctx, &worst, o);
@@ -120,7 +148,27 @@ OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scen
         tried.block_points /= 2;
         if (rc == OXL_OK) rc = partition_make(ctx, scene, &tried, out);
         if (rc == OXL_OK)
-            oxl_log(ctx, OXL_LOG_INFO, "--ram %.0f MB: blocks of at most %d points", (double)o->ram / 1e6, tried.block_points);
+            oxl_log(ctx, OXL_LOG_INFO, "memory of %.0f MB: blocks of at most %d points", (double)o->ram / 1e6,
+                    tried.block_points);
     }
+    return rc;
+}
+
+OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
+                                         struct partition *out)
+{
+    oxl_job_options limited = *o;
+    oxl_result      rc      = partition_make(ctx, scene, &o->partition, out);
+    limited.ram             = budget_limit(scene, o);
+    if (rc == OXL_OK && o->ram && (double)os_peak_rss() > BUDGET_MARGIN * (double)o->ram)
+        rc = oxl_fail(ctx, OXL_ERR_BUDGET, "reading the survey alone takes %.0f MB, --ram allows %.0f MB\nfix: --ram %.0fM",
+                      (double)os_peak_rss() / 1e6, (double)o->ram / 1e6, ceil((double)os_peak_rss() / BUDGET_MARGIN / 1048576));
+    if (rc == OXL_OK && limited.ram) rc = budget_halve(ctx, scene, &limited, out);
+    if (rc == OXL_ERR_BUDGET && o->ram == 0) { /* not asked for: it may swap */
+        oxl_log(ctx, OXL_LOG_WARNING, "%.0f MB of memory are free, too little for blocks of any size", (double)limited.ram / 1e6);
+        rc          = partition_make(ctx, scene, &o->partition, out);
+        limited.ram = 0;
+    }
+    out->memory = (double)limited.ram;
     return rc;
 }

@@ -15,7 +15,7 @@
 #define COST_PIXEL_COST      1.0e-7 /* s: SSIM forward and backward, image to float */
 #define COST_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
 #define COST_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
-#define COST_PROGRAM_BYTES   4e7
+#define COST_PROGRAM_BYTES   2.5e7
 #define COST_CONTEXT         1.25 /* of a run in several blocks: Gaussians of others are rendered with each block's (docs/SCALE.md) */
 #define COST_WITHIN          3.0 /* factor of uncertainty of times computed from counts */
 
@@ -38,8 +38,10 @@ OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 
 OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block)
 {
-    const struct partition_plan *plan = p->plan;
-    struct cost_load             load = {.points = p->block[block].start_points};
+    const struct partition_plan  *plan = p->plan;
+    const struct partition_block *b    = &p->block[block];
+    const double                  size = (double)OXL_MAX(b->points, (size_t)1);
+    struct cost_load              load = {.points = b->points, .context = OXL_MAX(0, (double)b->start_points / size - 1)};
     for (size_t v = 0; v < plan->visibility->views; v++) {
         const oxl_camera *c = &oxl_scene_view(plan->scene, (int)v)->camera;
         if (plan->role[(size_t)block * plan->visibility->views + v] == PARTITION_OUT) continue;
@@ -49,7 +51,7 @@ OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int 
         load.largest_file = OXL_MAX(load.largest_file, scene_file_pixels(plan->scene, (int)v));
         load.observations += plan->visibility->first[v + 1] - plan->visibility->first[v];
     }
-    load.schedule_pixels = load.pixels;
+    load.schedule_pixels = schedule_pixels(plan->scene) * size / (double)OXL_MAX(scene_stats_of(plan->scene)->points, (size_t)1);
     return load;
 }
 
@@ -61,7 +63,7 @@ OXL_INTERNAL double cost_memory(const oxl_job_options *o, const struct cost_load
     const int    sets   = schedule_may_try(&o->train) ? 10 : 4;
     /* planes of 4 bytes: parameters, gradient, two moments; all but the gradient two more times during a trial */
     return COST_PROGRAM_BYTES + cache + load->largest * COST_PIXEL_BYTES + gaussians * (sets * 4 * planes + COST_SPLAT_BYTES) +
-           (double)load->observations * sizeof(struct colmap_track);
+           gaussians * load->context * (4 * planes + COST_SPLAT_BYTES) + (double)load->observations * sizeof(struct colmap_track);
 }
 
 OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_options *o, const struct cost_load *load)
@@ -78,22 +80,21 @@ OXL_INTERNAL struct cost cost_estimate(const oxl_context *ctx, const oxl_job_opt
     return cost;
 }
 
-/* Number of blocks by halving. */
-static double cost_blocks(const oxl_job_options *o, size_t points)
+/* 1: into several blocks, as set. */
+static int cost_is_cut(const oxl_job_options *o, size_t points)
 {
-    double blocks = OXL_MAX(1, o->partition.blocks);
-    while (o->partition.kind != OXL_PARTITION_NONE && (double)points > blocks * o->partition.block_points) blocks *= 2;
-    return blocks;
+    const size_t most = (size_t)o->partition.block_points;
+    return o->partition.kind != OXL_PARTITION_NONE && (o->partition.blocks > 1 || (most > 0 && points > most));
 }
 
 OXL_INTERNAL double cost_seconds(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, const struct cost *cost,
                                  double range[2])
 {
-    const double blocks   = cost_blocks(o, oxl_scene_point_count(scene));
     const double limit    = o->train.max_seconds > 0 ? o->train.max_seconds : HUGE_VAL;
-    const double all      = blocks > 1 ? COST_CONTEXT : 1;
+    const double all      = cost_is_cut(o, oxl_scene_point_count(scene)) ? COST_CONTEXT : 1;
     double       timed[2] = {cost->seconds / COST_WITHIN, cost->seconds * COST_WITHIN};
-    double       seconds  = predict_time(ctx, scene, &o->train, cost->gaussians, timed);
+    const int    fits     = o->ram == 0 || cost->memory <= (double)o->ram; /* the steps that are timed take as much */
+    double       seconds  = fits ? predict_time(ctx, scene, &o->train, cost->gaussians, timed) : 0;
     if (!(seconds > 0)) seconds = cost->seconds;
     for (int i = 0; range && i < 2; i++) range[i] = OXL_MIN(timed[i] * all, limit);
     return OXL_MIN(seconds * all, limit);

@@ -7,6 +7,7 @@
 #include "job_state.h"
 #include "../core/vecmath.h"
 
+#define JOB_WHOLE    4   /* a merged model of more than --ram over this stays in its file */
 #define JOB_EXPOSURE 0.5 /* dB: cc_psnr is told when it is so much above PSNR */
 
 /* ---------------------------------------------------------------- files of OUT */
@@ -73,12 +74,11 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
 {
     const struct partition *p     = &job->partition;
     const double            ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
-    text_add(t,
-             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"evidence\": \"%zu points in blocks of at most %d; l3/l2 = ",
+    text_add(t, "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = ",
              p->block_count == 1  ? "none"
              : p->dimensions == 2 ? "2d"
                                   : "3d",
-             p->block_count, job->survey.points, job->options.partition.block_points);
+             p->block_count, p->memory, job->survey.points);
     text_add_number(t, floor(ratio * 1e3 + 0.5) / 1e3);
     text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
@@ -247,6 +247,7 @@ static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
     job_remove(job, "run.json");
     job_remove(job, "metrics.json");
     job_remove(job, "partition.txt");
+    job_remove(job, "blocks/survey.oxl");
     return OXL_OK;
 }
 
@@ -290,7 +291,12 @@ static void job_log_survey(struct job *job)
 
 OXL_INTERNAL oxl_result job_load(struct job *job)
 {
-    oxl_result rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    char      *path = oxl_path_join(job->ctx, job->out, "blocks/survey.oxl");
+    oxl_result rc   = path ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK && job->partition.block_count > 1) rc = scene_file_map(job->ctx, path, job->key.data, &job->scene);
+    oxl_free(job->ctx, path);
+    if (rc == OXL_OK && !job->scene) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    if (rc == OXL_OK) scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
     return rc == OXL_OK ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
 }
 
@@ -348,24 +354,59 @@ static oxl_result job_open(struct job *job)
 
 /* ---------------------------------------------------------------- blocks */
 
-/* The blocks, as partition.txt has them when it is this run's, else made and written. One block: nothing is written. */
+/* Of several blocks: what was read of the survey goes to a file, which is mapped instead. A full disk must not stop the run. */
+static oxl_result job_map_survey(struct job *job)
+{
+    char      *path   = oxl_path_join(job->ctx, job->out, "blocks/survey.oxl");
+    oxl_scene *mapped = NULL;
+    oxl_result rc     = path ? scene_file_map(job->ctx, path, job->key.data, &mapped) : job_no_memory(job);
+    if (rc == OXL_OK && !mapped && scene_file_write(job->ctx, path, job->scene, job->key.data) == OXL_OK)
+        rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
+    oxl_free(job->ctx, path);
+    if (!mapped) return rc;
+    partition_drop_plan(job->ctx, &job->partition);
+    oxl_scene_free(job->ctx, job->scene);
+    job->scene = mapped;
+    scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
+    return rc;
+}
+
+/* By the first of several processes, as they may find different memory; the others wait. One block that fits in any case: no file. */
+static oxl_result job_make_partition(struct job *job, const char *path)
+{
+    char      *blocks = oxl_path_join(job->ctx, job->out, "blocks");
+    oxl_lock  *lock   = NULL;
+    oxl_result rc     = blocks ? OXL_OK : job_no_memory(job);
+    while (rc == OXL_OK && job->options.block >= 0 && !lock && !os_is_file(path)) {
+        rc = lock_folder_if_free(job->ctx, blocks, &lock);
+        if (rc == OXL_OK && !lock) rc = context_wait(job->ctx, JOB_WAIT);
+    }
+    if (rc == OXL_OK && !os_is_file(path)) {
+        rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
+        if (rc == OXL_OK) rc = start_check(job->ctx, &job->start, job->partition.block_count);
+        if (rc == OXL_OK && (job->partition.block_count > 1 || job->partition.memory > (double)job->options.ram || lock))
+            rc = partition_save(job->ctx, &job->partition, job->out);
+    } else if (rc == OXL_OK) rc = partition_read(job->ctx, path, &job->partition);
+    oxl_unlock_folder(job->ctx, &lock);
+    oxl_free(job->ctx, blocks);
+    return rc;
+}
+
+/* The blocks, as partition.txt has them when it is this run's, else made and written. */
 static oxl_result job_cut(struct job *job)
 {
     char      *path = oxl_path_join(job->ctx, job->out, "partition.txt");
     oxl_result rc   = path ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK && os_is_file(path)) rc = partition_read(job->ctx, path, &job->partition);
-    else if (rc == OXL_OK) {
-        rc = budget_partition(job->ctx, job->scene, &job->options, &job->partition);
-        if (rc == OXL_OK) rc = start_check(job->ctx, &job->start, job->partition.block_count);
-        if (rc == OXL_OK && job->partition.block_count > 1) rc = partition_save(job->ctx, &job->partition, job->out);
-    }
+    if (rc == OXL_OK) rc = job_make_partition(job, path);
     oxl_free(job->ctx, path);
+    if (rc == OXL_OK && job->partition.block_count > 1 && job->scene) rc = job_map_survey(job);
+    if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
     if (rc == OXL_OK && (job->options.train.medium == OXL_ON || job->options.train.lamp == OXL_ON) &&
         job->partition.block_count > 1)
         rc = oxl_fail(
             job->ctx, OXL_ERR_USAGE,
-            "--medium and --lamp fit one water and one lamp for one block, and the survey is cut into %d\nfix: --partition none, or a larger "
-            "--block-points",
+            "--medium and --lamp fit one water and one lamp for one block, and the survey is cut into %d\nfix: --partition none, or a "
+            "larger --ram",
             job->partition.block_count);
     if (rc == OXL_OK && job->options.block >= job->partition.block_count)
         rc = oxl_fail(job->ctx, OXL_ERR_USAGE, "block %d is wanted, but there are %d (0 to %d)\nfix: --block with one of them",
@@ -457,21 +498,22 @@ static oxl_result job_whole(struct job *job)
 
 /* ---------------------------------------------------------------- blocks, merged */
 
-/* A block's model; its standard one when that is wanted and it has second lobes. */
+/* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
-    char      *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
-    oxl_result rc    = path ? OXL_OK : OXL_ERR_MEMORY;
-    const int  plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes */
-    *out             = (oxl_model){0};
+    char        *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
+    oxl_result   rc    = path ? OXL_OK : OXL_ERR_MEMORY;
+    const int    plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes, or was not refined without */
+    const int    whole = block > job->partition.block_count;
+    const size_t most  = job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
+    *out               = (oxl_model){0};
     if (plain) oxl_free(job->ctx, path), path = job_block_path(job, block, "model.ply");
-    if (rc == OXL_OK) rc = path ? oxl_model_read(job->ctx, path, out) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = path ? oxl_model_open(job->ctx, path, whole ? most : SIZE_MAX, out) : OXL_ERR_MEMORY;
     oxl_free(job->ctx, path);
     return rc;
 }
 
-/* The gains of several blocks as one, with zero mean. */
-static oxl_result job_join_gains(struct job *job, struct imaging *out)
+OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
 {
     const int    views  = oxl_scene_view_count(job->scene);
     int         *count  = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
@@ -521,12 +563,9 @@ static oxl_result job_read_gains(struct job *job, int block)
 /* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
-    const int  blocks = job->partition.block_count;
-    int        merged = 0, one;
-    oxl_result rc     = blocks > 1 ? rounds_trains_merged(job, &merged) : OXL_OK;
-    one               = blocks == 1 ? 0 : merged ? blocks + 1 : -1;
-    if (rc == OXL_OK) rc = one < 0 ? job_merge(job, standard, out) : job_read_model(job, one, standard, out);
-    if (rc == OXL_OK && one >= 0 && job->scene) rc = job_read_gains(job, one);
+    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
+    oxl_result rc = job_read_model(job, one, standard, out);
+    if (rc == OXL_OK && job->scene) rc = job_read_gains(job, one);
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images", job->out);
@@ -543,12 +582,12 @@ static int job_hides_colours(const struct job *job)
 
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
 {
-    struct os_file_map map  = {0};
-    char              *path = oxl_path_join(job->ctx, job->out, name);
-    oxl_result         rc   = path ? model_file_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
-    if (rc == OXL_OK) rc = os_read_file(job->ctx, path, &map);
-    *bytes = map.size;
-    os_release_file(job->ctx, &map);
+    struct os_reader file = {0};
+    char            *path = oxl_path_join(job->ctx, job->out, name);
+    oxl_result       rc   = path ? model_file_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
+    if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
+    *bytes = (size_t)file.size;
+    os_reader_close(&file);
     oxl_free(job->ctx, path);
     return rc;
 }
@@ -557,7 +596,7 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
 static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
     const int  made = !job->unfinished && (job->model.lobes > 0 || job_hides_colours(job));
-    oxl_result rc   = made ? job_join(job, 1, out) : model_copy(job->ctx, &job->model, out);
+    oxl_result rc   = made || job->model.pages ? job_join(job, made, out) : model_copy(job->ctx, &job->model, out);
     model_drop_lobes(out);
     if (rc == OXL_OK && !made && job_hides_colours(job)) medium_bake(job->scene, scene_imaging(job->scene), 0, out);
     return rc;
@@ -727,6 +766,7 @@ static oxl_result job_finish(struct job *job, int judge)
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
     if (rc == OXL_OK && !job->unfinished) {
         if (job->partition.block_count > 1) job_drop_checkpoints(job); /* of paused blocks */
+        job_remove(job, "blocks/survey.oxl");
         job_remove_decoded(job);
     }
     oxl_model_free(job->ctx, &standard);

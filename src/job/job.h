@@ -39,7 +39,6 @@ struct block_task {
     const oxl_model           *from;    /* in the place of the points; NULL: they */
     const oxl_model           *context; /* as in struct train_output, and so are these */
     const struct image_window *window;
-    const uint8_t             *full_view;
     int                        first, until;
     int    standard; /* steps that a model with second lobes gets without them, for model_standard.ply; 0: none is made */
     double predicted_seconds, predicted_peak;
@@ -51,6 +50,9 @@ OXL_INTERNAL int               block_standard_steps(const oxl_train_options *run
 OXL_INTERNAL oxl_result        block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out);
 /* Adds what the training of a block decided, the members of a JSON object; nothing when there is no block.json. */
 OXL_INTERNAL oxl_result        block_read_decisions(oxl_context *ctx, const char *folder, struct text *out);
+/* imaging.txt and block.json of a folder whose model.ply is there. */
+OXL_INTERNAL oxl_result        block_write_finished(oxl_context *ctx, oxl_scene *scene, const char *folder, const char *key,
+                                                    const struct block_record *record);
 /* Continues from the block's checkpoint. OXL_ERR_INTERRUPTED when the callback stopped it: model.ply is as far as it came. */
 OXL_INTERNAL oxl_result        block_train(oxl_context *ctx, oxl_scene *scene, const struct block_task *task);
 
@@ -80,6 +82,9 @@ struct metrics_sum {
 /* The i-th pixel of both, three channels, by the image's weight. */
 OXL_INTERNAL void       metrics_add_pixel(const oxl_image *rendered, const oxl_image *image, size_t i, struct metrics_sum *sum);
 /* Adds the members "psnr", "cc_psnr", "ssim", "ms_ssim", "count" and "views" (name and the four each) of a JSON object, without its braces. */
+/* Of each view PSNR, cc_psnr and SSIM alone. */
+OXL_INTERNAL oxl_result metrics_of_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                                         oxl_metrics *out);
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m);
 
 /* ---------------------------------------------------------------- seam.c: do the borders between blocks show? */
@@ -123,6 +128,7 @@ struct cost_load {               /* counts of a survey or of a block */
     int    views;
     double pixels, schedule_pixels, largest; /* of all views; of the training views; of the largest view */
     double largest_file;                     /* pixels of the largest image file */
+    double context;                          /* Gaussians of others that its views show, for each of its own */
 };
 struct cost {
     double gaussians, memory, seconds; /* at the end of the run; peak, bytes; with ctx's threads */
@@ -143,10 +149,15 @@ OXL_INTERNAL double           cost_seconds(oxl_context *ctx, const oxl_scene *sc
 OXL_INTERNAL int        budget_fit(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 /* 1: a run without trials that ends with so many Gaussians fits options->ram. */
 OXL_INTERNAL int        budget_holds(const struct cost_load *load, const oxl_job_options *o, double gaussians);
+OXL_INTERNAL size_t     budget_cache(const oxl_job_options *o); /* of images, bytes */
+/* The most Gaussians of a run without trials that fit options->ram. */
+OXL_INTERNAL double     budget_most(const struct cost_load *load, const oxl_job_options *o);
 /* As budget_fit for a model that may have fewer Gaussians than the survey has points. */
 OXL_INTERNAL int        budget_thin(const oxl_context *ctx, const struct cost_load *load, oxl_job_options *o);
 OXL_INTERNAL oxl_result budget_refuse(oxl_context *ctx, const struct cost_load *load, const oxl_job_options *o);
-/* partition_make with blocks small enough that each fits. OXL_ERR_BUDGET: not even small ones do. */
+/* --ram, or what is available if the run may exceed it and the number of blocks is not set; 0: no limit. */
+OXL_INTERNAL size_t     budget_limit(const oxl_scene *scene, const oxl_job_options *o);
+/* partition_make with blocks small enough that each fits this limit. OXL_ERR_BUDGET: not even small ones do. */
 OXL_INTERNAL oxl_result budget_partition(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o,
                                          struct partition *out);
 

@@ -7,9 +7,10 @@
 
 /* Shares of a run in blocks (docs/SCALE.md). */
 #define JOB_COARSE       0.15 /* the coarse model of the survey */
-#define JOB_MERGED       0.35 /* the merged model, if memory holds it */
+#define JOB_MERGED       0.35 /* the merged model */
 #define JOB_MERGED_LATER 0.2  /* the same with pruning or second lobes, which end before */
 #define JOB_ROUNDS       4    /* of each block between the two */
+#define JOB_WAIT         0.5  /* s between looks at what other processes do */
 
 struct job {
     oxl_context        *ctx;
@@ -48,7 +49,8 @@ OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);
 OXL_INTERNAL void       job_limit_time(const struct job *job, oxl_train_options *options);
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job); /* whether decoded images are kept in files */
 OXL_INTERNAL oxl_result job_merge(struct job *job, int standard,
-                                  oxl_model *out); /* the blocks' models side by side, gains joined */
+                                  oxl_model *out);                            /* the blocks' models side by side, gains joined */
+OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out); /* of several blocks, with zero mean */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
 
 /* ---------------------------------------------------------------- block_plan.c: which part of the run a block is */
@@ -61,7 +63,7 @@ struct block_plan {
     double share;                   /* of the survey's pixels, by blend weight */
     double work;                    /* of all blocks' pixels */
     struct image_window *window;    /* (views) that are trained; width 0: none */
-    uint8_t             *full_view; /* (views) 1: the block's Gaussians may be visible in it */
+    uint8_t             *shows;     /* (views) 1: the block's Gaussians may be visible in it */
     uint8_t             *neighbour; /* (blocks) 1: shares a view */
 };
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse); /* of all blocks; writes plan.txt of each */
@@ -70,15 +72,14 @@ OXL_INTERNAL void       block_plan_free(oxl_context *ctx, struct block_plan *pla
 OXL_INTERNAL int        block_plan_until(const struct block_plan *plan, int round); /* the last step of a round */
 /* The coarse model's Gaussians in a block's box, and all others. */
 OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_model *coarse, oxl_model *own, oxl_model *others);
-OXL_INTERNAL int        block_plan_shows(const oxl_camera *camera, double near_plane, const oxl_model *model,
-                                         size_t row); /* 1: it may */
 
 /* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
-OXL_INTERNAL oxl_result rounds_train_merged(struct job *job); /* after all blocks: trains the merged model, if it is planned */
-OXL_INTERNAL double     rounds_merged_share(const struct job *job);         /* of the run */
-OXL_INTERNAL oxl_result rounds_trains_merged(struct job *job, int *trains); /* 1: it is planned */
+OXL_INTERNAL oxl_result rounds_train_merged(struct job *job);       /* after all blocks: the merged model */
+OXL_INTERNAL double     rounds_merged_share(const struct job *job); /* of the run */
+OXL_INTERNAL oxl_result groups_run(struct job *job,
+                                   const char *folder);  /* groups.c: the merged model, if memory does not hold it */
 OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */
 
 #endif

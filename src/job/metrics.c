@@ -432,41 +432,55 @@ static oxl_result metrics_add_bands(oxl_context *ctx, const oxl_scene *scene, in
     return rc;
 }
 
-static oxl_result metrics_of_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene,
-                                  const oxl_image *image, oxl_view_metrics *row, struct metrics_bands *bands)
+/* What is measured of each view. */
+struct metrics_pass {
+    struct renderer      *r;
+    const oxl_model      *model;
+    oxl_scene            *scene;
+    struct metrics_bands *bands; /* NULL: only PSNR, cc_psnr and SSIM, for less than half of the time */
+};
+
+static oxl_result metrics_compare(oxl_context *ctx, const struct metrics_pass *p, oxl_image *rendered, const oxl_image *image,
+                                  oxl_view_metrics *row)
 {
-    const oxl_camera  *camera   = &oxl_scene_view(scene, row->view)->camera;
+    oxl_result rc = OXL_OK;
+    if (p->bands) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
+    if (rc == OXL_OK && p->bands) rc = metrics_half_psnr(ctx, rendered, image, &row->half_psnr);
+    if (rc == OXL_OK) imaging_apply(scene_imaging(p->scene), row->view, rendered);
+    if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
+    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, rendered, image, &row->cc_psnr);
+    if (rc == OXL_OK) rc = oxl_ssim(ctx, rendered, image, &row->ssim);
+    if (rc != OXL_OK || !p->bands) return rc;
+    rc = oxl_ms_ssim(ctx, rendered, image, &row->ms_ssim);
+    return rc == OXL_OK ? metrics_add_bands(ctx, p->scene, row->view, rendered, image, p->bands) : rc;
+}
+
+static oxl_result metrics_of_view(oxl_context *ctx, const struct metrics_pass *p, const oxl_image *image, oxl_view_metrics *row)
+{
+    const oxl_camera  *camera   = &oxl_scene_view(p->scene, row->view)->camera;
     oxl_render_options options  = oxl_render_options_default();
     oxl_image          rendered = {0};
     oxl_result         rc;
-    options.near_plane = (float)scene_near_plane(scene);
-    renderer_set_medium(r, &scene_imaging(scene)->medium);
-    rc = renderer_draw(ctx, r, model, camera, &options, &rendered, NULL);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, scene, scene_imaging(scene), row->view, &rendered);
-    if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->plain_psnr);
-    if (rc == OXL_OK) rc = metrics_half_psnr(ctx, &rendered, image, &row->half_psnr);
-    if (rc == OXL_OK) imaging_apply(scene_imaging(scene), row->view, &rendered);
-    if (rc == OXL_OK) rc = oxl_psnr(ctx, &rendered, image, &row->psnr);
-    if (rc == OXL_OK) rc = oxl_cc_psnr(ctx, &rendered, image, &row->cc_psnr);
-    if (rc == OXL_OK) rc = oxl_ssim(ctx, &rendered, image, &row->ssim);
-    if (rc == OXL_OK) rc = oxl_ms_ssim(ctx, &rendered, image, &row->ms_ssim);
-    if (rc == OXL_OK) rc = metrics_add_bands(ctx, scene, row->view, &rendered, image, bands);
+    options.near_plane = (float)scene_near_plane(p->scene);
+    renderer_set_medium(p->r, &scene_imaging(p->scene)->medium);
+    rc = renderer_draw(ctx, p->r, p->model, camera, &options, &rendered, NULL);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, scene_imaging(p->scene), row->view, &rendered);
+    if (rc == OXL_OK) rc = metrics_compare(ctx, p, &rendered, image, row);
     oxl_image_free(ctx, &rendered);
     return rc;
 }
 
 /* Unreadable or completely masked images are logged and left out, as in training. */
-static oxl_result metrics_add_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, oxl_scene *scene, int view,
-                                   oxl_metrics *out, struct metrics_bands *bands)
+static oxl_result metrics_add_view(oxl_context *ctx, const struct metrics_pass *p, int view, oxl_metrics *out)
 {
     oxl_image        image = {0};
     oxl_view_metrics row   = {.view = view};
-    oxl_result       rc    = oxl_scene_image(ctx, scene, view, &image);
-    if (rc == OXL_OK) rc = metrics_of_view(ctx, r, model, scene, &image, &row, bands);
+    oxl_result       rc    = oxl_scene_image(ctx, p->scene, view, &image);
+    if (rc == OXL_OK) rc = metrics_of_view(ctx, p, &image, &row);
     oxl_image_free(ctx, &image);
     if (rc == OXL_OK) out->views[out->count++] = row;
     if (rc != OXL_ERR_INPUT) return rc;
-    oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation", oxl_scene_view(scene, view)->name,
+    oxl_log(ctx, OXL_LOG_WARNING, "%s: %s; the view is left out of the evaluation", oxl_scene_view(p->scene, view)->name,
             oxl_error_text(ctx));
     return OXL_OK;
 }
@@ -485,29 +499,43 @@ static void metrics_sum_up(oxl_metrics *m, const struct metrics_bands *bands)
     for (int k = 0; k < 3; k++) m->by_depth[k] = metrics_decibel(bands->sum[k].error, bands->sum[k].weight);
 }
 
-oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out)
+/* bands: summed over all views; NULL: see metrics_pass */
+static oxl_result metrics_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                                   struct metrics_bands *bands, oxl_metrics *out)
 {
-    const size_t         room  = (size_t)oxl_scene_view_count(scene) + 1;
-    struct metrics_bands bands = {.sum = {{0}}};
-    struct renderer     *r     = NULL;
-    oxl_result           rc    = OXL_OK;
-    int                 *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
+    struct metrics_pass p    = {.model = model, .scene = scene, .bands = bands};
+    const size_t        room = (size_t)oxl_scene_view_count(scene) + 1;
+    oxl_result          rc   = OXL_OK;
+    int                *view = oxl_alloc(ctx, room, sizeof *view), count = 0;
     *out = (oxl_metrics){.views = oxl_alloc(ctx, room, sizeof *out->views)};
     if (!view || !out->views) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the metrics of %zu views", room - 1);
     if (rc == OXL_OK) count = scene_views_of(scene, split, view);
-    if (rc == OXL_OK) rc = depth_bands_begin(ctx, scene, view, count, &bands.of);
-    if (rc == OXL_OK) rc = renderer_create(ctx, &r);
+    if (rc == OXL_OK && bands) rc = depth_bands_begin(ctx, scene, view, count, &bands->of);
+    if (rc == OXL_OK) rc = renderer_create(ctx, &p.r);
     for (int i = 0; i < count && rc == OXL_OK; i++) {
         rc = context_stopped(ctx);
         image_cache_ahead(ctx, scene_image_cache(scene), view + i, count - i);
-        if (rc == OXL_OK) rc = metrics_add_view(ctx, r, model, scene, view[i], out, &bands);
+        if (rc == OXL_OK) rc = metrics_add_view(ctx, &p, view[i], out);
     }
-    metrics_sum_up(out, &bands);
-    renderer_free(ctx, r);
-    depth_bands_free(ctx, &bands.of);
+    renderer_free(ctx, p.r);
     oxl_free(ctx, view);
     if (rc != OXL_OK) oxl_metrics_free(ctx, out);
     return rc;
+}
+
+oxl_result oxl_evaluate(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split, oxl_metrics *out)
+{
+    struct metrics_bands bands = {.sum = {{0}}};
+    const oxl_result     rc    = metrics_evaluate(ctx, model, scene, split, &bands, out);
+    if (rc == OXL_OK) metrics_sum_up(out, &bands);
+    depth_bands_free(ctx, &bands.of);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result metrics_of_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, oxl_split split,
+                                         oxl_metrics *out)
+{
+    return metrics_evaluate(ctx, model, scene, split, NULL, out);
 }
 
 void oxl_metrics_free(oxl_context *ctx, oxl_metrics *metrics)

@@ -130,7 +130,7 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     if (report) *report = own;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
     if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);
-    if (rc == OXL_OK) rc = partition_make(ctx, scene, &o.partition, &p);
+    if (rc == OXL_OK) rc = budget_partition(ctx, scene, &o, &p);
     if (rc == OXL_OK && report) rc = partition_report(ctx, &p, &o, &own);
     if (rc == OXL_OK) rc = partition_export(ctx, &p, out);
     if (rc == OXL_OK && report) *report = own;

@@ -18,7 +18,7 @@
 enum {
     PREDICT_TIME_WARM  = 1,      /* steps that make room and wake threads, not counted */
     PREDICT_TIME_STEPS = 48,     /* that are timed, at most; the median counts: what else the machine does comes in bursts */
-    PREDICT_TIME_LEAST = 8,      /* in short runs, */
+    PREDICT_TIME_LEAST = 4,      /* in short runs, */
     PREDICT_TIME_SHARE = 100,    /* where each model is timed for this part of the run */
     PREDICT_TIME_MOST  = 1000000 /* points: of more, the blocks will be timed; Gaussians: more of them cost in proportion */
 };
@@ -53,7 +53,7 @@ static oxl_result predict_time_step(struct time_probe *r, oxl_model *model, cons
     struct renderer_nonfinite skipped;
     oxl_result                rc = renderer_forward(r->ctx, r->renderer, model, camera, &r->render);
     if (rc == OXL_OK) rc = renderer_loss(r->ctx, r->renderer, r->target, NULL, 0.2f, &loss);
-    if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, &r->gradient);
+    if (rc == OXL_OK) rc = renderer_backward(r->ctx, r->renderer, NULL, NULL);
     if (rc == OXL_OK) rc = renderer_step(r->ctx, r->renderer, model, &r->gradient, &r->first, &r->second, &still, &skipped);
     return rc;
 }
@@ -90,7 +90,7 @@ static oxl_result predict_time_model(struct time_probe *r, oxl_model *model, int
         took[steps] = os_seconds() - begun;
         spent += took[steps++];
     }
-    if (rc == OXL_OK) rc = renderer_download(r->ctx, r->renderer, 1);
+    if (rc == OXL_OK) rc = renderer_download(r->ctx, r->renderer, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) *seconds = stats_pick(took, (size_t)steps, 0.5);
     predict_time_end_model(r);
     return rc;

@@ -6,14 +6,12 @@
  * 3. The runs of the blocks pause JOB_ROUNDS times. In a round a block sees its neighbours, the blocks with which it shares a view, as of
  *    this round if they precede it, else as of the round before: two neighbours never correct the same error at the same time. It sees
  *    other blocks in the coarse model.
- * 4. The last part of the run trains the merged model on all views, in blocks/whole, if memory holds it. Else the blocks go on to the end.
+ * 4. The last part of the run trains the merged model on all views, in blocks/whole; if memory does not hold it, in groups (groups.c).
  *
  * Invariant: the context of a round is a function of survey and options, not of the process or the order of training. A process with
  * --block K trains that block, and others while it waits for them.
  */
 #include "job_state.h"
-
-#define ROUNDS_WAIT 0.5 /* s between looks at blocks that other processes train */
 
 struct rounds {
     struct job        *job;
@@ -92,7 +90,7 @@ static oxl_result rounds_prepare_among_others(struct job *job)
     while (rc == OXL_OK && !lock && last.views == 0) {
         rc = block_plan_read(job, job->partition.block_count - 1, &last);
         if (rc == OXL_OK && last.views == 0) rc = lock_folder_if_free(job->ctx, folder, &lock);
-        if (rc == OXL_OK && last.views == 0 && !lock) rc = context_wait(job->ctx, ROUNDS_WAIT);
+        if (rc == OXL_OK && last.views == 0 && !lock) rc = context_wait(job->ctx, JOB_WAIT);
     }
     if (rc == OXL_OK && lock) rc = rounds_prepare(job);
     job->done = JOB_COARSE;
@@ -113,7 +111,7 @@ static void rounds_mark_visible(const struct rounds *r, const struct block_plan 
     for (int64_t i = 0; i < (int64_t)model->count; i++) {
         keep[i] = 0;
         for (int v = 0; v < plan->views && !keep[i]; v++)
-            keep[i] = plan->full_view[v] && block_plan_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
+            keep[i] = plan->shows[v] && model_row_shows(&oxl_scene_view(scene, v)->camera, near, model, (size_t)i);
     }
 }
 
@@ -196,24 +194,40 @@ static oxl_result rounds_budget(const struct job *job, const oxl_model *context,
     return OXL_OK;
 }
 
+/* A block without Gaussians, or with too little in every view, as of a survey that is wholly black: it stays as the coarse model has it. */
+static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_model *own)
+{
+    int windows = 0;
+    for (int v = 0; v < plan->views; v++) windows += plan->window[v].width > 0;
+    return own->count == 0 || windows == 0;
+}
+
+static oxl_result rounds_leave(struct job *job, int block, const struct block_task *task, const oxl_model *own)
+{
+    const struct block_record record = {.iterations = task->until, .gaussians = own->count};
+    char                     *path   = job_block_path(job, block, "model.ply");
+    oxl_result                rc     = path ? model_file_write_ply(job->ctx, path, own, own->sh_degree) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = block_write_finished(job->ctx, job->scene, task->folder, task->key, &record);
+    oxl_free(job->ctx, path);
+    return rc;
+}
+
 static oxl_result rounds_train(struct rounds *r, int block, int round, const char *folder)
 {
     struct job              *job      = r->job;
     const struct block_plan *plan     = &r->plan[block];
     const oxl_callback       callback = {job_progress, job};
     oxl_model                own = {0}, others = {0}, context = {0};
-    struct block_task        task = {.folder    = folder,
-                                     .key       = job->key.data,
-                                     .callback  = &callback,
-                                     .train     = rounds_options(job, plan),
-                                     .start     = &own,
-                                     .context   = &context,
-                                     .window    = plan->window,
-                                     .full_view = plan->last == plan->iterations ? plan->full_view : NULL,
-                                     .first     = plan->first,
-                                     .until     = block_plan_until(plan, round)};
+    struct block_task        task = {.folder   = folder,
+                                     .key      = job->key.data,
+                                     .callback = &callback,
+                                     .train    = rounds_options(job, plan),
+                                     .start    = &own,
+                                     .context  = &context,
+                                     .window   = plan->window,
+                                     .first    = plan->first,
+                                     .until    = block_plan_until(plan, round)};
     oxl_result               rc;
-    task.standard          = block_standard_steps(&task.train);
     task.predicted_seconds = job->survey.seconds * plan->work;
     job->block             = block;
     job->part              = plan->work / JOB_ROUNDS;
@@ -222,9 +236,12 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
     rc = rounds_read_gains(job);
     if (rc == OXL_OK) rc = block_plan_split(job, block, &r->coarse, &own, &others);
     oxl_model_free(job->ctx, &others);
-    if (rc == OXL_OK) rc = rounds_context(r, block, &context);
-    if (rc == OXL_OK) rc = rounds_budget(job, &context, &own, &task);
-    if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    if (rc == OXL_OK && rounds_has_nothing_to_train(plan, &own)) rc = rounds_leave(job, block, &task, &own);
+    else {
+        if (rc == OXL_OK) rc = rounds_context(r, block, &context);
+        if (rc == OXL_OK) rc = rounds_budget(job, &context, &own, &task);
+        if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
+    }
     oxl_model_free(job->ctx, &own);
     oxl_model_free(job->ctx, &context);
     return rc;
@@ -239,8 +256,6 @@ static oxl_result rounds_done(struct rounds *r, int block, int *done)
     *done                      = 0;
     while (rc == OXL_OK && *done < JOB_ROUNDS && record.there && record.iterations >= block_plan_until(&r->plan[block], *done))
         ++*done;
-    if (*done == JOB_ROUNDS && r->plan[block].last == r->plan[block].iterations && !record.finished)
-        --*done; /* its standard model is to be made */
     oxl_free(r->job->ctx, folder);
     return rc;
 }
@@ -316,7 +331,7 @@ static oxl_result rounds_one(struct rounds *r, int block)
         trained = 0;
         for (int k = 0; k < blocks && rc == OXL_OK && !trained && !r->job->unfinished; k++)
             rc = rounds_try(r, (block + k) % blocks, &trained);
-        if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, ROUNDS_WAIT);
+        if (rc == OXL_OK && !trained) rc = context_wait(r->job->ctx, JOB_WAIT);
         if (rc == OXL_OK) rc = rounds_done(r, block, &done);
     }
     return rc;
@@ -355,12 +370,20 @@ OXL_INTERNAL double rounds_merged_share(const struct job *job)
     return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_MERGED : JOB_MERGED_LATER;
 }
 
-OXL_INTERNAL oxl_result rounds_trains_merged(struct job *job, int *trains)
+/* 1: memory holds it. */
+static oxl_result rounds_merged_fits(struct job *job, int *fits)
 {
-    struct block_plan plan = {0};
-    const oxl_result  rc   = block_plan_read(job, 0, &plan);
-    *trains                = rc == OXL_OK && plan.views > 0 && plan.last < plan.iterations;
-    block_plan_free(job->ctx, &plan);
+    const struct cost_load load = cost_load_of_scene(job->scene);
+    double                 rows = 0;
+    oxl_result             rc   = OXL_OK;
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        char               *folder = job_block_path(job, k, NULL);
+        struct block_record record = {0};
+        rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+        rows += (double)record.gaussians;
+        oxl_free(job->ctx, folder);
+    }
+    *fits = budget_holds(&load, &job->options, rows);
     return rc;
 }
 
@@ -374,14 +397,9 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
                                    .start    = &merged,
                                    .standard = block_standard_steps(&job->options.train)};
     oxl_result         rc       = job_merge(job, 0, &merged);
-    const int          steps    = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
-    task.train                  = block_refinement(&job->options.train, merged.sh_degree, steps);
+    task.train                  = block_refinement(&job->options.train, merged.sh_degree, job->part_until);
     task.predicted_seconds      = rounds_merged_share(job) * job->survey.seconds;
-    job->block                  = job->partition.block_count + 1;
-    job->part                   = rounds_merged_share(job);
-    job->part_first = 0, job->part_until = steps;
     job_limit_time(job, &task.train);
-    if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
     oxl_model_free(job->ctx, &merged);
     return rc;
@@ -389,13 +407,19 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
 
 OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
 {
-    char               *folder  = job_block_path(job, job->partition.block_count + 1, NULL);
-    struct block_record record  = {0};
-    int                 planned = 0;
-    oxl_result          rc      = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
-    if (rc == OXL_OK && !record.finished) rc = rounds_trains_merged(job, &planned);
-    if (rc == OXL_OK && planned) {
-        rc = rounds_run_merged(job, folder);
+    char               *folder = job_block_path(job, job->partition.block_count + 1, NULL);
+    struct block_record record = {0};
+    oxl_result          rc     = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+    const int           steps  = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
+    int                 fits   = 0;
+    job->block                 = job->partition.block_count + 1;
+    job->part                  = rounds_merged_share(job);
+    job->part_first = 0, job->part_until = steps;
+    if (rc == OXL_OK && !record.finished) {
+        if (!job->scene) rc = job_load(job);
+        if (rc == OXL_OK) rc = rounds_merged_fits(job, &fits);
+        if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "merged model: %d steps", steps);
+        if (rc == OXL_OK) rc = fits ? rounds_run_merged(job, folder) : groups_run(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
         job->unfinished += rc == OXL_OK && !record.finished;
     }
@@ -413,8 +437,7 @@ static oxl_result rounds_block_is_missing(struct job *job, int block, const stru
 {
     struct block_plan plan = {0};
     const oxl_result  rc   = block_plan_read(job, block, &plan);
-    const int         done =
-        plan.views > 0 && record->there && record->iterations >= plan.last && (record->finished || plan.last < plan.iterations);
+    const int         done = plan.views > 0 && record->there && record->iterations >= plan.last;
     if (rc == OXL_OK && !done && *missing < 0) *missing = block;
     block_plan_free(job->ctx, &plan);
     return rc;

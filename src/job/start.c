@@ -114,9 +114,8 @@ OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const stru
 OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start, int blocks)
 {
     if (start->model.count == 0 || blocks == 1) return OXL_OK;
-    return oxl_fail(
-        ctx, OXL_ERR_USAGE,
-        "--from starts a single block, and the survey is cut into %d\nfix: --partition none, or a larger --block-points", blocks);
+    return oxl_fail(ctx, OXL_ERR_USAGE, "--from starts a single block, and the survey is cut into %d\nfix: --partition none",
+                    blocks);
 }
 
 OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start,

@@ -90,6 +90,25 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
 }
 
+/* How many blocks, and why. */
+static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
+{
+    const struct cost_load load  = cost_load_of_scene(scene);
+    const double           needs = cost_memory(o, &load, (double)schedule_gaussian_cap(scene, &o->train));
+    const double           limit = (double)budget_limit(scene, o);
+    const int        set = o->partition.kind == OXL_PARTITION_NONE || o->partition.blocks > 0 || o->partition.block_points > 0;
+    struct partition p   = {0};
+    oxl_result       rc  = set || limit > 0 ? budget_partition(ctx, scene, o, &p) : OXL_OK;
+    if (rc != OXL_OK) return rc;
+    survey_say(s, "blocks       %d: %s", OXL_MAX(1, p.block_count), set ? "as set" : "");
+    if (!set) survey_say(s, "in one the run takes up to %.2f GB", needs / 1e9);
+    if (o->ram) survey_say(s, ", --ram is %.2f GB", limit / 1e9);
+    else if (!set && s->memory_free > 0) survey_say(s, ", %.1f GB are free", s->memory_free / 1e9);
+    survey_say(s, "\n");
+    partition_free(ctx, &p);
+    return OXL_OK;
+}
+
 /* To a millionth of the extent of the points. */
 static int survey_is_one_place(const oxl_scene *scene, const oxl_survey *s)
 {
@@ -162,8 +181,9 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     if (rc != OXL_OK) return rc;
     survey_predict(ctx, scene, options, out);
     survey_write_facts(ctx, out);
+    if (closely) rc = survey_write_blocks(ctx, scene, options, out);
     survey_write_warnings(out, survey_is_one_place(scene, out));
-    return OXL_OK;
+    return rc;
 }
 
 static oxl_result survey_check(oxl_context *ctx, const char *path, const oxl_job_options *options, int quality, oxl_survey *out)

@@ -26,7 +26,7 @@ void oxl_model_move_origin(oxl_model *model, const double origin[3])
     for (int a = 0; a < 3; a++) {
         const double by = model->origin[a] - origin[a];
         float       *x  = model->plane[OXL_MEAN + a];
-        for (size_t i = 0; by != 0 && i < model->count; i++) x[i] = (float)(x[i] + by);
+        for (size_t i = 0; by != 0 && !model->pages && i < model->count; i++) x[i] = (float)(x[i] + by);
         model->origin[a] = origin[a];
     }
 }
@@ -118,6 +118,7 @@ void oxl_model_free(oxl_context *ctx, oxl_model *model)
 {
     if (!model) return;
     oxl_free(ctx, model->memory);
+    model_pages_free(ctx, model->pages);
     *model = (oxl_model){0};
 }
 

@@ -50,7 +50,35 @@ OXL_INTERNAL void          model_read_comment(oxl_context *ctx, const char *path
 
 /* ---------------------------------------------------------------- model_file.c: models as PLY and .splat */
 
+/* Where a PLY file as written here has its rows. */
+struct model_file_layout {
+    uint64_t data, lobe_data; /* offsets of the first row of elements vertex and dog */
+    size_t   rows, row_bytes, lobes;
+    int      degree, offset[OXL_PLANES]; /* of a plane's value in a row */
+};
+/* *has 0: it is another file. Origin and scale become the model's. */
+OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out, oxl_model *model,
+                                          int *has);
+/* The rows from `first` on, as many as the model has. */
+OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l, struct os_reader *file,
+                                             size_t first, oxl_model *model);
 /* oxl_model_write uses file_degree 3; with the model's own degree, only its coefficients are written. Lobes are included. */
 OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree);
+/* Several of the same origin as one, read page by page if they are in files. */
+OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model, int count,
+                                                int file_degree);
+
+/* ---------------------------------------------------------------- model_pages.c: a model that stays in its file */
+
+/* 1: a Gaussian with its centre within `radius` of a point and standard deviations up to sigma may show in a view. */
+OXL_INTERNAL int        model_sphere_shows(const oxl_camera *camera, double near_plane, const double centre[3], double radius,
+                                           double sigma);
+OXL_INTERNAL int        model_row_shows(const oxl_camera *camera, double near_plane, const oxl_model *model, size_t row);
+OXL_INTERNAL size_t     model_pages_count(const oxl_model *model);
+OXL_INTERNAL oxl_result model_pages_get(oxl_context *ctx, const oxl_model *model, size_t page, oxl_model *out);
+/* The rows of a model of oxl_model_open that may show. */
+OXL_INTERNAL oxl_result model_pages_view(oxl_context *ctx, const oxl_model *model, const oxl_camera *camera, double near_plane,
+                                         oxl_model *out);
+OXL_INTERNAL void       model_pages_free(oxl_context *ctx, struct oxl_model_pages *pages);
 
 #endif

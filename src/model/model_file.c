@@ -21,7 +21,8 @@ enum {
     MODEL_FILE_COLUMNS     = 62,  /* of the standard layout */
     MODEL_FILE_ROWS        = 256, /* converted at a time */
     MODEL_FILE_SPLAT_BYTES = 32,
-    MODEL_FILE_LOBE_BYTES  = 16
+    MODEL_FILE_LOBE_BYTES  = 16,
+    MODEL_FILE_HEADER      = 1 << 16 /* bytes: longer ones are not read some rows at a time */
 };
 
 static oxl_result model_file_no_memory(oxl_context *ctx, const char *path)
@@ -155,14 +156,16 @@ static oxl_result model_file_write_header(oxl_context *ctx, const struct os_writ
     return rc;
 }
 
-static oxl_result model_file_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
-                                        const struct model_file_column *column, int columns)
+static oxl_result model_file_write_rows(oxl_context *ctx, const struct os_writer *w, const oxl_model *model, size_t from,
+                                        size_t end, int file_degree)
 {
-    const size_t   row  = 4 * (size_t)columns; /* bytes */
-    unsigned char *rows = oxl_alloc(ctx, MODEL_FILE_ROWS, row);
-    oxl_result     rc   = rows ? OXL_OK : model_file_no_memory(ctx, w->path);
-    for (size_t first = 0; rc == OXL_OK && first < model->count; first += MODEL_FILE_ROWS) {
-        const size_t n = OXL_MIN(model->count - first, MODEL_FILE_ROWS);
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int                columns = model_file_columns(file_degree, model->sh_degree, column);
+    const size_t             row     = 4 * (size_t)columns; /* bytes */
+    unsigned char           *rows    = oxl_alloc(ctx, MODEL_FILE_ROWS, row);
+    oxl_result               rc      = rows ? OXL_OK : model_file_no_memory(ctx, w->path);
+    for (size_t first = from; rc == OXL_OK && first < end; first += MODEL_FILE_ROWS) {
+        const size_t n = OXL_MIN(end - first, MODEL_FILE_ROWS);
         for (int c = 0; c < columns; c++)
             for (size_t i = 0; i < n; i++)
                 bytes_put_float(rows + i * row + 4 * (size_t)c,
@@ -184,18 +187,50 @@ static oxl_result model_file_write_lobes(oxl_context *ctx, const struct os_write
     return rc;
 }
 
-OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
+enum model_file_rows { ROWS_WITH_LOBES, ROWS_WITHOUT, ROWS_LOBES };
+
+/* Some rows of a model, page by page if they are in a file. */
+static oxl_result model_file_write_some(oxl_context *ctx, const struct os_writer *w, const oxl_model *model,
+                                        enum model_file_rows which, int file_degree)
+{
+    const size_t pages = model->pages ? model_pages_count(model) : 1;
+    oxl_result   rc    = OXL_OK;
+    for (size_t k = 0; k < pages && rc == OXL_OK; k++) {
+        oxl_model page = *model;
+        if (model->pages) rc = model_pages_get(ctx, model, k, &page);
+        if (rc == OXL_OK && which == ROWS_LOBES) rc = model_file_write_lobes(ctx, w, &page);
+        else if (rc == OXL_OK)
+            rc = model_file_write_rows(ctx, w, &page, which == ROWS_WITHOUT ? page.lobes : 0,
+                                       which == ROWS_WITHOUT ? page.count : page.lobes, file_degree);
+        if (model->pages) oxl_model_free(ctx, &page);
+    }
+    return rc;
+}
+
+OXL_INTERNAL oxl_result model_file_write_models(oxl_context *ctx, const char *path, const oxl_model *model, int count,
+                                                int file_degree)
 {
     struct model_file_column column[MODEL_FILE_COLUMNS];
-    const int                columns = model_file_columns(file_degree, model->sh_degree, column);
+    const int                columns = model_file_columns(file_degree, file_degree, column);
+    oxl_model                all     = {.scale = model[0].scale};
     struct os_writer         w       = {0};
-    oxl_result               rc      = model_file_check_finite(ctx, path, model, file_degree);
+    oxl_result               rc      = OXL_OK;
+    memcpy(all.origin, model[0].origin, sizeof all.origin);
+    for (int m = 0; m < count && rc == OXL_OK; m++) {
+        all.count += model[m].count, all.lobes += model[m].lobes;
+        if (!model[m].pages) rc = model_file_check_finite(ctx, path, &model[m], file_degree); /* pages leave such rows out */
+    }
     if (rc == OXL_OK) rc = os_writer_open(ctx, path, &w);
     if (rc != OXL_OK) return rc;
-    rc = model_file_write_header(ctx, &w, model, column, columns);
-    if (rc == OXL_OK) rc = model_file_write_rows(ctx, &w, model, column, columns);
-    if (rc == OXL_OK) rc = model_file_write_lobes(ctx, &w, model);
+    rc = model_file_write_header(ctx, &w, &all, column, columns);
+    for (int which = ROWS_WITH_LOBES; which <= ROWS_LOBES; which++)
+        for (int m = 0; m < count && rc == OXL_OK; m++) rc = model_file_write_some(ctx, &w, &model[m], which, file_degree);
     return os_writer_close(ctx, &w, rc);
+}
+
+OXL_INTERNAL oxl_result model_file_write_ply(oxl_context *ctx, const char *path, const oxl_model *model, int file_degree)
+{
+    return model_file_write_models(ctx, path, model, 1, file_degree);
 }
 
 /* ---------------------------------------------------------------- PLY in */
@@ -250,6 +285,78 @@ static oxl_result model_file_read_vertices(oxl_context *ctx, const struct ply *p
     oxl_free(ctx, target);
     return rc;
 }
+
+/* ---------------------------------------------------------------- PLY in, some rows at a time */
+
+/* The bytes before each plane's value; 0: a property is missing, or not a float. */
+static int model_file_offsets(const struct ply_element *vertex, const struct ply_element *dog, struct model_file_layout *out)
+{
+    struct model_file_column column[MODEL_FILE_COLUMNS];
+    const int                columns = model_file_columns(out->degree, out->degree, column);
+    int                      plain   = vertex->row_bytes == 4 * (size_t)vertex->properties;
+    for (int c = 0; c < vertex->properties; c++) plain &= vertex->property[c].type == PLY_FLOAT32;
+    for (int c = 0; c < columns; c++) {
+        const int at = ply_find_property(vertex, column[c].name);
+        plain &= column[c].plane < 0 || at >= 0;
+        if (column[c].plane >= 0) out->offset[column[c].plane] = 4 * at;
+    }
+    for (int k = 0; k < MODEL_LOBE_PLANES && dog; k++) {
+        plain &= dog->properties == MODEL_LOBE_PLANES && ply_find_property(dog, MODEL_FILE_LOBE[k]) == k &&
+                 dog->property[k].type == PLY_FLOAT32;
+        out->offset[OXL_LOBE + k] = 4 * k;
+    }
+    return plain && !vertex->has_list;
+}
+
+OXL_INTERNAL oxl_result model_file_layout(oxl_context *ctx, const char *path, struct model_file_layout *out, oxl_model *model,
+                                          int *has)
+{
+    struct ply                ply = {0};
+    const struct ply_element *e;
+    struct os_reader          file = {0};
+    *out                           = (struct model_file_layout){0};
+    *has                           = 0;
+    if (ply_open_header(ctx, path, MODEL_FILE_HEADER, &ply) != OXL_OK) return OXL_OK; /* who reads it will say what is wrong */
+    if (os_reader_open(ctx, path, &file) != OXL_OK) goto done;
+    e = ply.element;
+    if (ply.format == PLY_LITTLE && ply.elements >= 1 && ply.elements <= 2 && !strcmp(e[0].name, "vertex") &&
+        (ply.elements == 1 || !strcmp(e[1].name, "dog")) && model_file_read_degree(ctx, &ply, e, &out->degree) == OXL_OK) {
+        *has           = model_file_offsets(e, ply.elements > 1 ? e + 1 : NULL, out);
+        out->rows      = (size_t)e->rows;
+        out->row_bytes = e->row_bytes;
+        out->lobes     = ply.elements > 1 ? (size_t)e[1].rows : 0;
+        out->data      = ply.data;
+        out->lobe_data = ply.data + e->rows * e->row_bytes;
+        *has &= out->lobes <= out->rows && out->lobe_data + out->lobes * MODEL_FILE_LOBE_BYTES <= file.size;
+    }
+    for (int c = 0; c < ply.comments && *has; c++) model_read_comment(ctx, path, ply.comment[c], model);
+done:
+    os_reader_close(&file);
+    ply_close(ctx, &ply);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result model_file_read_rows(oxl_context *ctx, const struct model_file_layout *l, struct os_reader *file,
+                                             size_t first, oxl_model *model)
+{
+    unsigned char *rows = oxl_alloc(ctx, model->count + 1, l->row_bytes);
+    size_t         got  = 0;
+    oxl_result     rc   = rows ? OXL_OK : model_file_no_memory(ctx, file->path);
+    if (rc == OXL_OK) rc = os_reader_seek(ctx, file, l->data + (uint64_t)first * l->row_bytes);
+    if (rc == OXL_OK) rc = os_reader_read(ctx, file, rows, model->count * l->row_bytes, &got);
+    for (int k = 0; k < oxl_model_planes(model) && rc == OXL_OK; k++)
+        for (size_t i = 0; i < got / l->row_bytes; i++) model->plane[k][i] = bytes_float(rows + i * l->row_bytes + l->offset[k]);
+    if (rc == OXL_OK && got < model->count * l->row_bytes) rc = oxl_fail(ctx, OXL_ERR_IO, "%s: it was cut short", file->path);
+    if (rc == OXL_OK && model->lobes) rc = os_reader_seek(ctx, file, l->lobe_data + (uint64_t)first * MODEL_FILE_LOBE_BYTES);
+    if (rc == OXL_OK && model->lobes) rc = os_reader_read(ctx, file, rows, model->lobes * MODEL_FILE_LOBE_BYTES, &got);
+    for (int k = 0; k < MODEL_LOBE_PLANES && rc == OXL_OK; k++)
+        for (size_t i = 0; i < model->lobes; i++)
+            model->plane[OXL_LOBE + k][i] = bytes_float(rows + i * MODEL_FILE_LOBE_BYTES + l->offset[OXL_LOBE + k]);
+    oxl_free(ctx, rows);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- second lobes in */
 
 /* The rows of element dog: index (rows) as double, the row number without vertex_index; factor (4, rows). */
 static oxl_result model_file_read_factors(oxl_context *ctx, const struct ply *ply, int element, double *index, float *factor)
@@ -502,6 +609,7 @@ static oxl_model model_file_standard(oxl_context *ctx, const char *path, const o
 oxl_result oxl_model_write(oxl_context *ctx, const char *path, const oxl_model *model)
 {
     const int splat = model_file_ends_in(path, ".splat"), spz = model_file_ends_in(path, ".spz");
+    if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "%s: not written: the model's rows are in its file", path);
     if (spz || model_file_ends_in(path, ".glb")) {
         const oxl_model  plain = model_file_standard(ctx, path, model);
         const oxl_result rc    = model_file_check_finite(ctx, path, &plain, plain.sh_degree);

@@ -41,7 +41,8 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
                                       float ssim_weight, struct renderer_loss *out);
 
 /* The gradient of the model rendered last, for drgb (3,H,W), or NULL: that of renderer_loss. `gradient` has the model's shape;
- * rows of invisible packs are not written. On a device it is downloaded by renderer_gradient. */
+ * rows of invisible packs are not written. On a device it is downloaded by renderer_gradient. NULL: renderer_step ends this pass, a
+ * task of rows at a time, and finds their gradients in the cache. */
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient);
 OXL_INTERNAL oxl_result renderer_gradient(oxl_context *ctx, struct renderer *r, oxl_model *gradient);
 
@@ -64,7 +65,7 @@ struct renderer_nonfinite {
 };
 /* Adam on the rows visible in the last view. Rows with a value or gradient that is not finite are not updated and count as
  * invisible from then on. */
-OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *gradient,
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out);
 
@@ -93,8 +94,25 @@ struct renderer_sums {
 OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, const struct renderer_sums *sums);
 
 /* Between steps a device holds the model, its moments and the statistics. Downloads them; must be called before the host reads any of
- * them. changes 1: the host may change them, so the next renderer_forward uploads them. */
-OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, int changes);
+ * them. */
+enum renderer_download {
+    DOWNLOAD_TO_READ,
+    DOWNLOAD_TO_CHANGE, /* the next renderer_forward uploads them */
+    DOWNLOAD_SHAPE /* only the statistics and the planes before OXL_SH, which the host may change and renderer_send_shape uploads */
+};
+OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what);
+
+/* After DOWNLOAD_SHAPE, on a device: new row i of the model, its moments and lobes is the old row `from[i]`, with moments of 0 if
+ * RENDERER_FRESH is set; the order stays. The host does the same with the model and calls renderer_send_shape. *moved 0: on the CPU, or there was no room on
+ * the device; everything is on the host then, as after DOWNLOAD_TO_CHANGE. */
+#define RENDERER_FRESH 0x80000000u
+struct renderer_move {
+    const uint32_t *from; /* (count) */
+    size_t          count, lobes;
+};
+OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved);
+/* Uploads the planes before OXL_SH of a model of which the device holds the rest; reset_opacity: the moments of its opacity become 0. */
+OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model, int reset_opacity);
 
 OXL_INTERNAL oxl_result renderer_clear_visible(oxl_context     *ctx,
                                                struct renderer *r); /* marks all rows invisible in the last view */
@@ -131,7 +149,9 @@ struct renderer_device {
     int (*defer)(void *device, int on);
     oxl_result (*report)(void *device, int wait, struct renderer_report *out);
     oxl_result (*observe)(void *device, const struct renderer_sums *sums);
-    oxl_result (*download)(void *device, int changes);
+    oxl_result (*download)(void *device, enum renderer_download what);
+    oxl_result (*move_rows)(void *device, const struct renderer_move *move, int *moved);
+    oxl_result (*send_shape)(void *device, oxl_model *model, int reset_opacity);
     oxl_result (*clear_visible)(void *device);
     /* Results of the last view, as in struct renderer: splats of visible rows, visibility bits, |dL/d(u,v)|. */
     oxl_result (*rows)(void *device, struct splat *splat, uint16_t *visible, float *dmean2d);

@@ -46,6 +46,7 @@ struct renderer {
     size_t             exposed_capacity, lamp_capacity;
     float             *target, *weight; /* image of renderer_take_image: (3,H,W), and (H,W) if masked */
     int                masked;
+    int                unprojected; /* 1: the gradient has come as far as `sums`; renderer_step goes on */
     float (*sums)[SPLAT_SUMS];
     float               *score; /* (slots) */
     struct bins          bins;
@@ -200,7 +201,7 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
     if (rc != OXL_ERR_MEMORY || ctx->options.backend != OXL_BACKEND_AUTO || r->deferred) return rc;
     snprintf(why, sizeof why, "%.*s", (int)strcspn(ctx->error, "\n"), ctx->error);
     rc = render_download_target(ctx, r);
-    if (rc == OXL_OK) rc = r->backend->download(r->device, 1);
+    if (rc == OXL_OK) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
     r->backend->free(r->device);
     r->device = NULL;
@@ -428,6 +429,7 @@ OXL_INTERNAL oxl_result renderer_forward(oxl_context *ctx, struct renderer *r, c
                                          const oxl_render_options *options)
 {
     oxl_result rc;
+    if (model->pages) return oxl_fail(ctx, OXL_ERR_USAGE, "a model that stays in its file can only be rendered");
     if (r->context && render_has_medium(r))
         return oxl_fail(ctx, OXL_ERR_USAGE, "water and a lamp's falloff are not rendered with context Gaussians");
     if (r->device && render_has_medium(r))
@@ -579,14 +581,14 @@ OXL_INTERNAL oxl_result renderer_loss(oxl_context *ctx, struct renderer *r, cons
     return rc;
 }
 
-static void render_project_backward(oxl_context *ctx, struct renderer *r, const struct gaussians *out)
+static void render_project_backward(const oxl_context *ctx, struct renderer *r, int64_t task, const struct gaussians *out)
 {
-    const int64_t tasks = render_tasks(r);
-#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int64_t task = 0; task < tasks; task++) {
-        struct project_job job = render_project_job(r, task);
-        job.out                = *out;
-        project_backward(ctx->isa, &job);
+    struct project_job job = render_project_job(r, task);
+    job.out                = *out;
+    project_backward(ctx->isa, &job);
+    if (render_has_medium(r)) {
+        const struct medium_job medium = render_medium_job(r, task);
+        medium_backward_centres(&medium, out);
     }
 }
 
@@ -599,19 +601,19 @@ static oxl_result render_begin_backward(oxl_context *ctx, struct renderer *r)
 
 OXL_INTERNAL oxl_result renderer_backward(oxl_context *ctx, struct renderer *r, const float *drgb, oxl_model *gradient)
 {
+    const int64_t    tasks = render_tasks(r);
     struct gaussians out;
-    oxl_result       rc = model_set_lobes(ctx, gradient, r->in.lobes);
+    oxl_result       rc = gradient ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
     if (rc == OXL_OK && r->device) return r->backend->backward(r->device, drgb || !render_exposes(r) ? drgb : r->drgb);
     if (rc == OXL_OK) rc = render_begin_backward(ctx, r);
     if (rc != OXL_OK) return rc;
-    out = render_gaussians(gradient, r->in.sh_degree);
     render_each_tile(ctx, r, drgb ? drgb : r->drgb, raster_backward);
     if (render_has_medium(r)) render_medium_backward(ctx, r, drgb ? drgb : r->drgb);
-    render_project_backward(ctx, r, &out);
-    for (int64_t task = 0; render_has_medium(r) && task < render_tasks(r); task++) {
-        const struct medium_job job = render_medium_job(r, task);
-        medium_backward_centres(&job, &out);
-    }
+    r->unprojected = !gradient;
+    if (!gradient) return OXL_OK;
+    out = render_gaussians(gradient, r->in.sh_degree);
+#pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
+    for (int64_t task = 0; task < tasks; task++) render_project_backward(ctx, r, task, &out);
     return OXL_OK;
 }
 
@@ -644,10 +646,9 @@ OXL_INTERNAL oxl_result renderer_score(oxl_context *ctx, struct renderer *r, con
 /* ---------------------------------------------------------------- step and statistics */
 
 struct render_step {
-    oxl_model       *model, *first, *second;
-    const oxl_model *gradient;
-    const float     *rates;
-    double           correction; /* of the first moment's bias */
+    oxl_model   *model, *first, *second, *gradient;
+    const float *rates;
+    double       correction; /* of the first moment's bias */
 };
 
 /* Assigns the model's planes from first_plane on to those of the job from `at` on. */
@@ -672,7 +673,7 @@ static void render_count_aside(unsigned before, unsigned after, size_t pack, str
         }
 }
 
-OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, const oxl_model *gradient,
+OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_model *model, oxl_model *gradient,
                                       oxl_model *first, oxl_model *second, const struct adam_params *adam,
                                       struct renderer_nonfinite *out)
 {
@@ -685,7 +686,12 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
                                      .beta2              = (float)adam->beta[1],
                                      .lobe_packs         = render_packs(r->in.lobes),
                                      .inverse_correction = (float)(1 / sqrt(1 - vecmath_exp(adam->step * vecmath_log(adam->beta[1]))))};
+    struct gaussians         pulled;
+    oxl_result               rc;
     if (r->device) return r->backend->step(r->device, model, first, second, adam, out);
+    rc = r->unprojected ? model_set_lobes(ctx, gradient, r->in.lobes) : OXL_OK;
+    if (rc != OXL_OK) return rc;
+    pulled           = render_gaussians(gradient, r->in.sh_degree);
     rows.planes      = OXL_SH + 3 * (r->in.sh_degree + 1) * (r->in.sh_degree + 1);
     rows.lobe_planes = r->in.lobes ? MODEL_LOBE_PLANES : 0;
     render_step_planes(&s, 0, rows.planes, 0, &rows);
@@ -696,6 +702,7 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         struct renderer_nonfinite here = {0, SIZE_MAX, 0};
         uint16_t                  seen[RENDER_TASK];
         job.first_pack = (size_t)task * RENDER_TASK, job.end_pack = OXL_MIN(job.first_pack + RENDER_TASK, r->packs);
+        if (r->unprojected) render_project_backward(ctx, r, task, &pulled);
         memcpy(seen, r->visible + job.first_pack, (job.end_pack - job.first_pack) * sizeof *seen);
         adam_step(ctx->isa, &job);
         for (size_t pack = job.first_pack; pack < job.end_pack; pack++)
@@ -703,7 +710,8 @@ OXL_INTERNAL oxl_result renderer_step(oxl_context *ctx, struct renderer *r, oxl_
         skipped += here.rows;
         first_skipped = OXL_MIN(first_skipped, here.first);
     }
-    *out = (struct renderer_nonfinite){skipped, first_skipped, 0};
+    r->unprojected = 0;
+    *out           = (struct renderer_nonfinite){skipped, first_skipped, 0};
     return OXL_OK;
 }
 
@@ -726,10 +734,26 @@ OXL_INTERNAL oxl_result renderer_observe(oxl_context *ctx, struct renderer *r, c
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, int changes)
+OXL_INTERNAL oxl_result renderer_download(oxl_context *ctx, struct renderer *r, enum renderer_download what)
 {
     (void)ctx;
-    return r->device ? r->backend->download(r->device, changes) : OXL_OK;
+    return r->device ? r->backend->download(r->device, what) : OXL_OK;
+}
+
+OXL_INTERNAL oxl_result renderer_move_rows(oxl_context *ctx, struct renderer *r, const struct renderer_move *move, int *moved)
+{
+    oxl_result rc = OXL_OK;
+    (void)ctx;
+    *moved = 0;
+    if (r->device) rc = r->backend->move_rows(r->device, move, moved);
+    if (rc == OXL_OK && r->device && !*moved) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result renderer_send_shape(oxl_context *ctx, struct renderer *r, oxl_model *model, int reset_opacity)
+{
+    (void)ctx;
+    return r->device ? r->backend->send_shape(r->device, model, reset_opacity) : OXL_OK;
 }
 
 OXL_INTERNAL int renderer_defer(struct renderer *r, int on)
@@ -836,6 +860,13 @@ OXL_INTERNAL oxl_result renderer_draw(oxl_context *ctx, struct renderer *r, cons
     *out = (oxl_image){0};
     if (camera->width < 1 || camera->height < 1) {
         return oxl_fail(ctx, OXL_ERR_USAGE, "a camera of %d x %d px has no image", camera->width, camera->height);
+    }
+    if (model->pages) {
+        oxl_model shown;
+        rc = model_pages_view(ctx, model, camera, options->near_plane, &shown);
+        if (rc == OXL_OK) rc = renderer_draw(ctx, r, &shown, camera, options, out, depth);
+        oxl_model_free(ctx, &shown);
+        return rc;
     }
     rc = renderer_forward(ctx, r, model, camera, options);
     if (rc == OXL_OK) rc = renderer_image(ctx, r, &rgb);

@@ -181,7 +181,7 @@ static double imaging_share(const struct imaging *m)
     return xx > 0 ? OXL_CLAMP(xy / xx, 0, 1) : 0;
 }
 
-OXL_INTERNAL void imaging_foretell(const struct imaging *m, int view, float out[3])
+OXL_INTERNAL void imaging_predict(const struct imaging *m, int view, float out[3])
 {
     const int    partner = imaging_partner(m, view);
     const double share   = partner >= 0 ? imaging_share(m) : 0;
@@ -195,7 +195,7 @@ OXL_INTERNAL void imaging_foretell(const struct imaging *m, int view, float out[
 OXL_INTERNAL void imaging_gain(const struct imaging *m, int view, float out[3])
 {
     if (m->known[view]) memcpy(out, m->log_gain + 3 * view, 3 * sizeof *out);
-    else imaging_foretell(m, view, out);
+    else imaging_predict(m, view, out);
     for (int c = 0; c < 3; c++) out[c] = (float)vecmath_exp(out[c]);
 }
 
@@ -458,6 +458,7 @@ OXL_INTERNAL int imaging_hides_colours(const struct imaging *m)
 
 OXL_INTERNAL void imaging_keep_gains(struct imaging *m)
 {
+    if (imaging_hides_colours(m)) m->on = 0;
     m->medium = (struct medium){0};
     m->lamps  = 0;
 }

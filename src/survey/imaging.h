@@ -51,7 +51,7 @@ static inline void      imaging_free(oxl_context *ctx, struct imaging *m)
 OXL_INTERNAL void   imaging_copy(const struct imaging *from, struct imaging *to);
 OXL_INTERNAL void   imaging_clear(struct imaging *m);
 OXL_INTERNAL void   imaging_between(const struct imaging *m, int view, float log_gain[3]); /* as if it were not known */
-OXL_INTERNAL void   imaging_foretell(const struct imaging *m, int view, float log_gain[3]);
+OXL_INTERNAL void   imaging_predict(const struct imaging *m, int view, float log_gain[3]);
 OXL_INTERNAL void   imaging_gain(const struct imaging *m, int view, float gain[3]);
 OXL_INTERNAL double imaging_mean(const struct imaging *m, int channel); /* log gain, of the known views */
 OXL_INTERNAL void   imaging_apply(const struct imaging *m, int view,
@@ -67,14 +67,14 @@ OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
                                                    oxl_image *image); /* to what is rendered; before the gain */
 OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
-OXL_INTERNAL int        imaging_is_needed(const struct imaging *m);     /* 1: something lies between the colours and the images */
-OXL_INTERNAL int        imaging_hides_colours(const struct imaging *m); /* 1: lamp or water; viewers need a model of their own */
-OXL_INTERNAL void       imaging_keep_gains(struct imaging *m);          /* as for such a model: no lamp, no water */
-OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
+OXL_INTERNAL int  imaging_is_needed(const struct imaging *m);     /* 1: something lies between the colours and the images */
+OXL_INTERNAL int  imaging_hides_colours(const struct imaging *m); /* 1: lamp or water; viewers need a model of their own */
+OXL_INTERNAL void imaging_keep_gains(struct imaging *m); /* as for such a model: no lamp, no water, and with either no gains */
+OXL_INTERNAL oxl_result      imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
-OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
+OXL_INTERNAL oxl_result      imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 /* Adds a block's gains to the mean over blocks; count (views): how many there were. */
-OXL_INTERNAL void       imaging_join(struct imaging *all, int *count, const struct imaging *block);
+OXL_INTERNAL void            imaging_join(struct imaging *all, int *count, const struct imaging *block);
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
 
 /* ---------------------------------------------------------------- photometry.c: exposure, lamp and water from the colours of tracks */

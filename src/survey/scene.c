@@ -6,7 +6,7 @@
  *
  * Invariant: views and the test split follow the bytewise order of names, not the order in images.txt.
  */
-#include "survey.h"
+#include "scene.h"
 
 enum {
     SCENE_GREY          = 128, /* of points without colour */
@@ -19,33 +19,6 @@ enum {
 #define SCENE_NEAR           0.2  /* x the 1 % quantile of the depths */
 #define SCENE_NEAR_POINTLESS 0.01 /* x the extent, without points */
 
-struct scene_source { /* indices in colmap.image, colmap.camera */
-    size_t image, camera;
-};
-
-struct oxl_scene {
-    oxl_view *view; /* (view_count) */
-    int       view_count;
-    double    origin[3], extent;
-
-    oxl_point *point;
-    size_t     point_count;
-    double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
-    size_t     depth_count;
-
-    struct image_cache cache; /* (view_count) */
-
-    struct imaging imaging; /* of the model trained on this scene or read for it */
-
-    struct scene_stats   stats;
-    int                  from_files;
-    struct colmap        colmap;         /* from files: for the partition; holds the views' names */
-    struct scene_source *source;         /* from files: (view_count) */
-    double              *on_disk;        /* from files: (cameras) px of an image's side for one in cameras.txt */
-    char                *images, *masks; /* from files: folders; masks NULL: none */
-    char                *decoded;        /* folder of decoded images, or NULL */
-};
-
 void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
 {
     if (!scene) return;
@@ -53,6 +26,13 @@ void oxl_scene_free(oxl_context *ctx, oxl_scene *scene)
     image_cache_free(ctx, &scene->cache);
     imaging_free(ctx, &scene->imaging);
     oxl_free(ctx, scene->view);
+    if (scene->map.data) { /* the other arrays are there */
+        oxl_free(ctx, scene->colmap.camera);
+        oxl_free(ctx, scene->decoded);
+        os_unmap_file(ctx, &scene->map);
+        oxl_free(ctx, scene);
+        return;
+    }
     oxl_free(ctx, scene->point);
     oxl_free(ctx, scene->depth);
     oxl_free(ctx, scene->decoded);
@@ -540,6 +520,15 @@ static double scene_file_pixels_of(const void *source, int view)
     return scene_file_pixels(source, view);
 }
 
+OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene)
+{
+    const oxl_result rc      = scene->cache.image ? OXL_OK : image_cache_begin(ctx, (size_t)scene->view_count, &scene->cache);
+    scene->cache.load        = scene_load_image;
+    scene->cache.file_pixels = scene_file_pixels_of;
+    scene->cache.source      = scene;
+    return rc;
+}
+
 oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_options *options, oxl_scene **out)
 {
     const oxl_scene_options o     = options ? *options : oxl_scene_options_default();
@@ -549,10 +538,8 @@ oxl_result oxl_scene_load(oxl_context *ctx, const char *path, const oxl_scene_op
     if (!scene) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a scene");
     rc = scene_open(ctx, path, &o, scene);
     if (rc == OXL_OK) rc = scene_build_views(ctx, scene, &o);
+    if (rc == OXL_OK) rc = scene_begin_cache(ctx, scene);
     scene_set_cache(scene, o.image_cache_bytes);
-    scene->cache.load        = scene_load_image;
-    scene->cache.file_pixels = scene_file_pixels_of;
-    scene->cache.source      = scene;
     if (rc == OXL_OK) rc = scene_move_to_origin(ctx, scene);
     if (rc == OXL_OK) rc = scene_take_points(ctx, scene);
     if (rc != OXL_OK) goto done;

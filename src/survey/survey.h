@@ -233,6 +233,9 @@ OXL_INTERNAL double     scene_near_plane(const oxl_scene *scene); /* from the de
 OXL_INTERNAL oxl_result scene_set_decoded(oxl_context *ctx, oxl_scene *scene, const char *folder);
 /* For a scene without points: points in front of the cameras, a function of the seed. Free with oxl_free. */
 OXL_INTERNAL oxl_result scene_random_points(oxl_context *ctx, const oxl_scene *scene, size_t count, oxl_point **out);
+/* scene_file.c: the scene in a file, and from it; *out NULL: there is none of this key. */
+OXL_INTERNAL oxl_result scene_file_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const char *key);
+OXL_INTERNAL oxl_result scene_file_map(oxl_context *ctx, const char *path, const char *key, oxl_scene **out);
 
 /* ---------------------------------------------------------------- image_cache.c: which images are in memory */
 

@@ -14,7 +14,7 @@ OXL_INTERNAL void branch_free(struct train *t, struct train_branch *b)
 
 OXL_INTERNAL oxl_result branch_copy(struct train *t, struct train_branch *out)
 {
-    oxl_result rc = step_download(t, 0);
+    oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
     *out          = (struct train_branch){.views = t->views, .step = t->step, .loss = t->loss, .psnr = t->psnr};
     out->view     = oxl_alloc(t->ctx, (size_t)t->views + (size_t)t->held_views + 1, sizeof *out->view);
     if (!out->view)
@@ -33,7 +33,7 @@ OXL_INTERNAL oxl_result branch_copy(struct train *t, struct train_branch *out)
 
 OXL_INTERNAL oxl_result branch_swap(struct train *t, struct train_branch *b)
 {
-    const oxl_result rc = step_download(t, 1);
+    const oxl_result rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
     OXL_SWAP(oxl_model, *t->model, b->model);
     OXL_SWAP(oxl_model, t->first, b->first);

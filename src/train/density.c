@@ -10,7 +10,7 @@
  * Invariants: children stand next to each other, so rows that are near in memory stay near in space (packs out of view are skipped);
  * once rows have a second lobe none may split, so those stay first. A row with a nonfinite number is removed.
  */
-#include "train.h"
+#include "train_state.h"
 #include "../core/vecmath.h"
 
 #define DENSITY_OPACITY_MIN   0.005 /* Gaussians of lower opacity are removed [Kerbl 2023] */
@@ -209,6 +209,17 @@ static void density_make_child(const oxl_model *from, size_t row, oxl_model *to,
     to->plane[OXL_OPACITY][at] = (float)vecmath_logit(OXL_MIN(1 - rest, DENSITY_OPACITY_MAX));
 }
 
+OXL_INTERNAL size_t density_sources(const struct density *d, const oxl_model *model, uint32_t *from)
+{
+    size_t at = 0, lobes = 0;
+    for (size_t i = 0; i < model->count; i++) {
+        if (d->verdict[i] != DENSITY_REMOVE) from[at++] = (uint32_t)i | (d->verdict[i] == DENSITY_SPLIT ? RENDERER_FRESH : 0);
+        if (d->verdict[i] == DENSITY_SPLIT) from[at++] = (uint32_t)i | RENDERER_FRESH;
+        lobes += i < model->lobes && d->verdict[i] != DENSITY_REMOVE;
+    }
+    return lobes;
+}
+
 /* Copies each surviving row once or twice. `fresh`: the new rows of a moment start at 0. */
 static void density_copy_plane(const struct density *d, const float *from, size_t count, float *to, int fresh)
 {
@@ -220,7 +231,9 @@ static void density_copy_plane(const struct density *d, const float *from, size_
     }
 }
 
-static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh)
+/* planes: 0: a device has their rows. */
+static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl_model *model, size_t new_count, int fresh,
+                                  int planes)
 {
     oxl_model  next;
     size_t     at = 0, lobes = 0;
@@ -232,9 +245,9 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
     memcpy(next.origin, model->origin, sizeof next.origin);
     next.scale = model->scale;
 #pragma omp parallel for schedule(dynamic) num_threads(ctx->threads)
-    for (int k = 0; k < oxl_model_planes(model); k++) density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
-    for (int k = OXL_LOBE; lobes && k < OXL_PLANES; k++)
-        density_copy_plane(d, model->plane[k], model->lobes, next.plane[k], fresh);
+    for (int k = 0; k < OXL_MIN(planes, oxl_model_planes(model)); k++)
+        density_copy_plane(d, model->plane[k], model->count, next.plane[k], fresh);
+    for (int k = OXL_LOBE; lobes && k < planes; k++) density_copy_plane(d, model->plane[k], model->lobes, next.plane[k], fresh);
     for (size_t i = 0; i < model->count && !fresh; i++) {
         if (d->verdict[i] == DENSITY_SPLIT) {
             density_make_child(model, i, &next, at, -1);
@@ -247,12 +260,11 @@ static oxl_result density_rebuild(oxl_context *ctx, const struct density *d, oxl
     return OXL_OK;
 }
 
-OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
-                                        oxl_model *second, const struct density_rules *rules, struct density_change *out)
+OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
+                                       const struct density_rules *rules, struct density_change *out)
 {
-    size_t     kept = 0, growing = 0;
-    oxl_result rc = OXL_OK;
-    *out          = (struct density_change){0};
+    size_t kept = 0, growing = 0;
+    *out = (struct density_change){0};
     if (d->banded) density_weigh(ctx, d, model->count, rules);
 #pragma omp parallel for schedule(static) num_threads(ctx->threads)
     for (int64_t i = 0; i < (int64_t)model->count; i++) d->verdict[i] = (uint8_t)density_classify(d, model, (size_t)i, rules);
@@ -265,11 +277,18 @@ OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl
         out->removed += d->verdict[i] == DENSITY_REMOVE;
         out->split += d->verdict[i] == DENSITY_SPLIT;
     }
-    if (out->removed + out->split > 0) {
-        const size_t count = model->count - out->removed + out->split;
-        rc                 = density_rebuild(ctx, d, first, count, 1);
-        if (rc == OXL_OK) rc = density_rebuild(ctx, d, second, count, 1);
-        if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0);
+    return OXL_OK;
+}
+
+OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+                                      const struct density_change *change, int moved)
+{
+    const size_t count = model->count - change->removed + change->split;
+    oxl_result   rc    = OXL_OK;
+    if (change->removed + change->split > 0) {
+        rc = density_rebuild(ctx, d, first, count, 1, moved ? 0 : OXL_PLANES);
+        if (rc == OXL_OK) rc = density_rebuild(ctx, d, second, count, 1, moved ? 0 : OXL_PLANES);
+        if (rc == OXL_OK) rc = density_rebuild(ctx, d, model, count, 0, OXL_PLANES);
     }
     return rc == OXL_OK ? density_clear(ctx, d, model->count) : rc;
 }

@@ -8,7 +8,7 @@
  *
  * They begin with those of the tracks (survey/photometry.c), and stay so for EXPOSURE_HOLD of the run, while Gaussians are rough.
  *
- * auto: on where the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's neighbours foretell its gain better than none.
+ * auto: on where the tracks' gains differ by EXPOSURE_DIFFER (rms) or more, and a view's neighbours predict its gain better than none.
  *
  * Invariant: off changes no byte of the result. The state is archived; the gains of a step depend on the state before it alone.
  */
@@ -107,11 +107,11 @@ static void exposure_spread(const struct imaging *m, double *differ, double *lef
     double square = 0, rest = 0;
     int    known = 0;
     for (int i = 0; i < m->views; i++) {
-        float foretold[3];
+        float predicted[3];
         if (!m->known[i]) continue;
-        imaging_foretell(m, i, foretold);
+        imaging_predict(m, i, predicted);
         for (int c = 0; c < 3; c++, known++) {
-            const double a = m->log_gain[3 * i + c], e = a - (double)foretold[c];
+            const double a = m->log_gain[3 * i + c], e = a - (double)predicted[c];
             square += a * a, rest += e * e;
         }
     }
@@ -132,8 +132,8 @@ OXL_INTERNAL void exposure_take(struct exposure *e, const struct photometry *p, 
         e->hold = EXPOSURE_HOLD;
         snprintf(
             why, size,
-            "%zu points in %zu observations: gains of images differ by %.1f %% (rms), neighbours foretell them to %.1f %%; on from "
-            "%.2g %%, and where they foretell more than they miss",
+            "%zu points in %zu observations: gains of images differ by %.1f %% (rms), neighbours predict them to %.1f %%; on from "
+            "%.2g %%, and where the prediction is better than none",
             p->points, p->observations, 100 * differ, 100 * left, 100 * EXPOSURE_DIFFER);
     }
     if (e->mode == OXL_AUTO) e->of.on = fits && differ >= EXPOSURE_DIFFER && left < differ;

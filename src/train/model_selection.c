@@ -79,13 +79,11 @@ OXL_INTERNAL oxl_result selection_begin(struct train *t)
     t->sh_degree = t->options->sh_degree < 0 ? 3 : t->options->sh_degree;
     t->view      = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->view);
     t->held      = oxl_alloc(t->ctx, (size_t)views + 1, sizeof *t->held);
-    t->full_view = oxl_alloc(t->ctx, (size_t)oxl_scene_view_count(t->scene) + 1, sizeof *t->full_view);
-    if (!t->view || !t->held || !t->full_view) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
+    if (!t->view || !t->held) return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory for the order of the views");
     for (int i = 0; i < oxl_scene_view_count(t->scene); i++) {
         const int trains = selection_trains(t, i), held = trains && holds && selection_holds(index++, views);
         if (held) t->held[t->held_views++] = i;
         else if (trains) t->view[t->views++] = i;
-        if (!held && t->place && t->place->full_view && t->place->full_view[i]) t->full_view[t->full_views++] = i;
     }
     if (t->views == 0) return oxl_fail(t->ctx, OXL_ERR_INPUT, "there is no training view\nfix: --test-every 0 holds none out");
     return OXL_OK;
@@ -154,7 +152,7 @@ static oxl_result selection_try(struct train *t, double *psnr)
 static oxl_result selection_set_degree(struct train *t, int degree)
 {
     oxl_model *all[3] = {t->model, &t->first, &t->second};
-    oxl_result rc     = step_download(t, 1);
+    oxl_result rc     = step_download(t, DOWNLOAD_TO_CHANGE);
     for (int i = 0; i < 3 && rc == OXL_OK; i++) rc = model_set_degree(t->ctx, all[i], degree);
     return rc == OXL_OK ? step_resize_gradient(t) : rc;
 }
@@ -225,7 +223,7 @@ static oxl_result selection_assign_lobes(struct train *t)
     uint8_t                 *active    = oxl_alloc(t->ctx, t->model->count + 1, 1);
     size_t                   given     = 0;
     double                   threshold = 0;
-    oxl_result               rc = active ? step_download(t, 1) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
+    oxl_result rc = active ? step_download(t, DOWNLOAD_TO_CHANGE) : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to give lobes");
     if (rc == OXL_OK) rc = selection_threshold(t, &threshold);
     if (rc != OXL_OK) goto done;
     for (size_t i = 0; i < t->model->count; i++) {
@@ -249,7 +247,7 @@ static oxl_result selection_lobes(struct train *t)
     oxl_result rc        = OXL_OK;
     if (last == 0 || t->lobes == LOBES_DECIDED || t->step <= OXL_MAX(last - watch, densified)) return OXL_OK;
     if (t->lobes == LOBES_IDLE) {
-        rc = step_download(t, 1);
+        rc = step_download(t, DOWNLOAD_TO_CHANGE);
         if (rc == OXL_OK) rc = density_clear(t->ctx, t->density, t->model->count);
         t->lobes = LOBES_WATCHED;
     }
@@ -268,6 +266,8 @@ static oxl_result selection_density(struct train *t)
     oxl_result               rc = OXL_OK;
     double                   f[2];
     if (t->step > o->densify_until * o->iterations) return OXL_OK;
+    if (t->ucd.learns) rc = step_settle(t); /* it sums this step's loss */
+    if (rc != OXL_OK) return rc;
     ucd_observe(&t->ucd, t->last_loss);
     rc = step_observe(t);
     if (rc == OXL_OK && schedule_densifies_at(o, t->step)) {
@@ -275,11 +275,11 @@ static oxl_result selection_density(struct train *t)
         rc = step_densify(t, f);
     }
     if (rc != OXL_OK || !schedule_resets_opacity_at(o, t->step)) return rc;
-    rc = step_download(t, 1);
+    rc = step_download(t, DOWNLOAD_SHAPE);
     if (rc != OXL_OK) return rc;
     density_reset_opacity(t->model, &t->first, &t->second, t->render.alpha_min);
     ucd_restart(&t->ucd);
-    return OXL_OK;
+    return renderer_send_shape(t->ctx, t->renderer, t->model, 1);
 }
 
 /* ---------------------------------------------------------------- exposure, lamp and water */
@@ -337,7 +337,7 @@ static oxl_result selection_imaging(struct train *t)
     struct imaging m;
     oxl_result     rc;
     if (t->water.on || water_starts_at(t->options) == 0 || t->step < water_starts_at(t->options)) return OXL_OK;
-    rc = step_download(t, 1);
+    rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
     water_start(&t->water, t->scene);
     m = (struct imaging){.medium = water_medium(&t->water)};

@@ -76,7 +76,7 @@ OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t)
     const float  mean = (float)(short_run_exponent * vecmath_exp(first + (last - first) * progress) * oxl_scene_extent(t->scene));
     const double early =
         SCHEDULE_EARLY_EXPONENT * OXL_MAX(0, 1 - progress / SCHEDULE_EARLY_UNTIL) * vecmath_log(short_run_exponent);
-    struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step - (t->place ? t->place->first : 0)};
+    struct adam_params adam = {.beta = RENDERER_BETAS, .step = t->step - (t->place && !t->place->moments ? t->place->first : 0)};
     adam.beta[0]            = OXL_MAX(SCHEDULE_BETA_LEAST, 1 - (1 - adam.beta[0]) * momentum_factor * momentum_factor);
     adam.beta[1]            = OXL_MIN(SCHEDULE_BETA_MOST, 1 - (1 - adam.beta[1]) / (momentum_factor * sqrt(momentum_factor)));
     for (int k = 0; k < OXL_PLANES; k++)

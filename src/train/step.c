@@ -19,13 +19,13 @@ static void step_shuffle(struct train *t, int epoch)
 static int step_is_coarse(const struct train *t, const oxl_camera *camera)
 {
     const double share = schedule_coarse_share(t->options, camera->width, camera->height);
-    return (t->on_full_view || t->step <= share * t->options->iterations) && camera->width > 1 && camera->height > 1;
+    return t->step <= share * t->options->iterations && camera->width > 1 && camera->height > 1;
 }
 
 /* The part of a view that this step compares; NULL: all of it. */
 static const struct image_window *step_window(const struct train *t, int view)
 {
-    return t->place && t->place->window && !t->on_full_view ? &t->place->window[view] : NULL;
+    return t->place && t->place->window ? &t->place->window[view] : NULL;
 }
 
 /* Of that part, at this step's resolution; the renderer is told of the whole. */
@@ -92,7 +92,7 @@ static void step_read_ahead(struct train *t, int slot)
 static oxl_result step_next_image(struct train *t, int *view)
 {
     while (t->views > 0) {
-        const int  slot = (t->step - 1) % t->views;
+        const int  step = t->step - 1 - (t->place ? t->place->first : 0), slot = step % t->views;
         oxl_result rc;
         if (slot == 0) step_shuffle(t, (t->step - 1) / t->views);
         *view = t->view[slot];
@@ -172,7 +172,7 @@ OXL_INTERNAL oxl_result step_compare_view(struct train *t, int view, struct rend
 /* A loss that is not finite: the step is left out. */
 static oxl_result step_leave_out(struct train *t, int step, int view)
 {
-    oxl_result rc = renderer_download(t->ctx, t->renderer, 1);
+    oxl_result rc = renderer_download(t->ctx, t->renderer, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) rc = renderer_download_rows(t->ctx, t->renderer);
     if (rc != OXL_OK) return rc;
     nonfinite_of_view(t->ctx, &t->nonfinite, step, oxl_scene_view(t->scene, view)->name, t->renderer, t->model, &t->first,
@@ -185,7 +185,7 @@ static void step_note(struct train *t, const struct train_deferred *of, const st
                       struct renderer_nonfinite skipped)
 {
     const double psnr = -4.342944819032518 * vecmath_log(loss->mse > 1e-10 ? loss->mse : 1e-10);
-    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / of->step);
+    const double k    = OXL_MAX(STEP_SMOOTHING, 1.0 / (of->step - (t->place ? t->place->first : 0)));
     nonfinite_of_rows(t->ctx, &t->nonfinite, of->step, oxl_scene_view(t->scene, of->view)->name, skipped,
                       renderer_has_device(t->renderer) ? NULL : t->model, &t->first, &t->second);
     t->last_loss = loss->total;
@@ -210,7 +210,7 @@ static oxl_result step_on_view(struct train *t, int view)
     if (!(loss.total <= DBL_MAX)) return step_leave_out(t, t->step, view);
     if (t->exposure.of.on && (progress >= t->exposure.hold || !t->exposure.of.known[view]))
         exposure_step(&t->exposure, view, progress, renderer_gain_gradient(t->renderer));
-    rc = renderer_backward(t->ctx, t->renderer, NULL, &t->gradient);
+    rc = renderer_backward(t->ctx, t->renderer, NULL, NULL);
     if (rc != OXL_OK) return rc;
     if (t->water.on) water_step(&t->water, progress, renderer_medium_gradient(t->renderer));
     if (t->lamp.on)
@@ -233,16 +233,14 @@ static int step_can_be_deferred(const struct train *t)
 /* A deferred step that halted, or came behind one. */
 static oxl_result step_repeat(struct train *t, const struct train_deferred *which)
 {
-    const int  step = t->step, on_full_view = t->on_full_view, trial = t->trial_is_next;
+    const int  step = t->step, trial = t->trial_is_next;
     oxl_result rc;
     t->step          = which->step;
-    t->on_full_view  = which->on_full_view;
     t->trial_is_next = which->is_trial ? OXL_MAX(trial, 1) : 0;
     rc               = step_load_image(t, which->view);
     if (rc == OXL_OK) rc = step_on_view(t, which->view);
     if (rc == OXL_OK && which->observed) rc = density_observe(t->ctx, t->density, t->renderer, t->model->count);
     t->step          = step;
-    t->on_full_view  = on_full_view;
     t->trial_is_next = trial;
     return rc;
 }
@@ -282,10 +280,10 @@ OXL_INTERNAL oxl_result step_settle(struct train *t)
     return rc;
 }
 
-OXL_INTERNAL oxl_result step_download(struct train *t, int changes)
+OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what)
 {
     const oxl_result rc = step_settle(t);
-    return rc == OXL_OK ? renderer_download(t->ctx, t->renderer, changes) : rc;
+    return rc == OXL_OK ? renderer_download(t->ctx, t->renderer, what) : rc;
 }
 
 OXL_INTERNAL oxl_result step_observe(struct train *t)
@@ -320,8 +318,7 @@ static oxl_result step_deferred(struct train *t, int view)
 {
     const oxl_result rc = step_record(t, view);
     if (rc != OXL_OK) return rc;
-    t->deferred[t->deferred_steps++] = (struct train_deferred){
-        .step = t->step, .view = view, .on_full_view = t->on_full_view, .is_trial = t->trial_is_next != 0};
+    t->deferred[t->deferred_steps++] = (struct train_deferred){.step = t->step, .view = view, .is_trial = t->trial_is_next != 0};
     return step_read_reports(t, 0);
 }
 
@@ -330,20 +327,9 @@ OXL_INTERNAL oxl_result step_on_next_view(struct train *t)
     const int  deferred = step_can_be_deferred(t) && renderer_defer(t->renderer, 1);
     int        view     = -1;
     oxl_result rc       = deferred ? OXL_OK : step_settle(t);
-    if (rc != OXL_OK) return rc;
-    t->on_full_view = t->full_views > 0 && t->step % TRAIN_FULL_VIEW_EVERY == 0;
-    if (t->on_full_view) {
-        view =
-            t->full_view[(int)(random_bits(t->ctx->options.seed ^ STEP_ORDER, (uint64_t)t->step, 1) % (uint64_t)t->full_views)];
-        rc = step_load_image(t, view);
-        if (rc == OXL_ERR_INPUT) t->on_full_view = 0; /* it cannot be read: a view of the order instead */
-        else if (rc != OXL_OK) return rc;
-    }
-    rc = t->on_full_view ? OXL_OK : step_next_image(t, &view);
+    if (rc == OXL_OK) rc = step_next_image(t, &view);
     if (rc == OXL_OK) rc = deferred ? step_deferred(t, view) : step_on_view(t, view);
-    if (rc == OXL_ERR_MEMORY && deferred && view >= 0) rc = step_after_all(t, view);
-    t->on_full_view = 0;
-    return rc;
+    return rc == OXL_ERR_MEMORY && deferred && view >= 0 ? step_after_all(t, view) : rc;
 }
 
 OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
@@ -352,6 +338,21 @@ OXL_INTERNAL oxl_result step_resize_gradient(struct train *t)
     oxl_model_free(t->ctx, &t->gradient);
     rc = oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, &t->gradient);
     return rc == OXL_OK ? model_set_lobes(t->ctx, &t->gradient, t->model->lobes) : rc;
+}
+
+/* On a device: the rows that density control has decided on. */
+static oxl_result step_move_rows(struct train *t, const struct density_change *change, int *moved)
+{
+    const size_t         count = t->model->count - change->removed + change->split;
+    uint32_t            *from  = renderer_has_device(t->renderer) ? oxl_alloc(t->ctx, count + 1, sizeof *from) : NULL;
+    struct renderer_move move  = {.from = from, .count = count};
+    oxl_result           rc;
+    if (renderer_has_device(t->renderer) && !from)
+        return oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to move %zu Gaussians", count);
+    if (from) move.lobes = density_sources(t->density, t->model, from);
+    rc = renderer_move_rows(t->ctx, t->renderer, &move, moved);
+    oxl_free(t->ctx, from);
+    return rc;
 }
 
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
@@ -365,11 +366,15 @@ OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2])
                                        .cap         = schedule_gaussian_cap(t->scene, o)};
     struct density_change    change = {0};
     uint8_t                 *carved = NULL;
-    oxl_result               rc     = step_download(t, 1);
+    int                      moved  = 0;
+    oxl_result               rc     = step_download(t, DOWNLOAD_SHAPE);
     if (rc == OXL_OK) rc = free_space_carve(t->ctx, &t->free_space, t->model, &carved);
     rules.carved = carved;
-    if (rc == OXL_OK) rc = density_control(t->ctx, t->density, t->model, &t->first, &t->second, &rules, &change);
+    if (rc == OXL_OK) rc = density_decide(t->ctx, t->density, t->model, &rules, &change);
     oxl_free(t->ctx, carved);
+    if (rc == OXL_OK && change.removed + change.split > 0) rc = step_move_rows(t, &change, &moved);
+    if (rc == OXL_OK) rc = density_apply(t->ctx, t->density, t->model, &t->first, &t->second, &change, moved);
+    if (rc == OXL_OK && moved) rc = renderer_send_shape(t->ctx, t->renderer, t->model, 0);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK && t->model->count == 0) {
         rc = oxl_fail(t->ctx, OXL_ERR_FAILED, "step %d: no Gaussian is left\nfix: look at the cameras and points with: oxl check",
@@ -389,7 +394,7 @@ static oxl_result step_remove_rows(struct train *t, size_t drop)
     oxl_result   rc    = keep ? OXL_OK : oxl_fail(t->ctx, OXL_ERR_MEMORY, "no memory to choose among %zu Gaussians", count);
     if (rc == OXL_OK) rc = step_settle(t);
     if (rc == OXL_OK) rc = prune_choose(t->ctx, &t->prune, drop, t->renderer, t->scene, &t->render, t->model, keep);
-    if (rc == OXL_OK) rc = step_download(t, 1);
+    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) {
         model_keep_rows(t->model, keep);
         model_keep_rows(&t->first, keep);
@@ -422,7 +427,7 @@ OXL_INTERNAL oxl_result step_raise_sh_degree(struct train *t)
     const int  wanted = OXL_MIN(t->sh_degree, (int)(t->step / (t->options->sh_degree_interval * t->options->iterations) + 1e-6));
     oxl_result rc     = OXL_OK;
     if (wanted <= t->model->sh_degree) return OXL_OK;
-    rc = step_download(t, 1);
+    rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, t->model, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->first, wanted);
     if (rc == OXL_OK) rc = model_set_degree(t->ctx, &t->second, wanted);

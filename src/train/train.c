@@ -107,6 +107,21 @@ static oxl_result train_begin_control(struct train *t)
     return rc;
 }
 
+static oxl_result train_begin_moments(struct train *t)
+{
+    oxl_model *const to[] = {&t->first, &t->second};
+    for (int k = 0; k < 2; k++) {
+        oxl_model *given = t->place ? t->place->moments : NULL;
+        oxl_result rc    = OXL_OK;
+        if (given) *to[k] = given[k], given[k] = (oxl_model){0};
+        else rc = oxl_model_create(t->ctx, t->model->count, t->model->sh_degree, to[k]);
+        if (rc == OXL_OK) rc = model_set_lobes(t->ctx, to[k], t->model->lobes);
+        if (rc != OXL_OK) return rc;
+        if (!given) memset(to[k]->plane[OXL_ROTATION], 0, to[k]->capacity * sizeof(float));
+    }
+    return OXL_OK;
+}
+
 static oxl_result train_begin(struct train *t)
 {
     oxl_context *ctx     = t->ctx;
@@ -117,18 +132,13 @@ static oxl_result train_begin(struct train *t)
     t->render            = oxl_render_options_default();
     t->render.near_plane = (float)scene_near_plane(t->scene);
     memcpy(t->render.background, t->options->background, sizeof t->render.background);
-    rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->first);
-    if (rc == OXL_OK) rc = oxl_model_create(ctx, t->model->count, t->model->sh_degree, &t->second);
-    if (rc == OXL_OK) rc = model_set_lobes(ctx, &t->first, t->model->lobes);
-    if (rc == OXL_OK) rc = model_set_lobes(ctx, &t->second, t->model->lobes);
+    rc = train_begin_moments(t);
     if (rc == OXL_OK) rc = step_resize_gradient(t);
     if (rc == OXL_OK) rc = renderer_create(ctx, &t->renderer);
     if (rc == OXL_OK) renderer_set_context(t->renderer, t->place ? t->place->context : NULL);
     if (rc == OXL_OK) rc = density_create(ctx, &t->density);
     if (rc == OXL_OK) rc = density_clear(ctx, t->density, t->model->count);
     if (rc != OXL_OK) return rc;
-    memset(t->first.plane[OXL_ROTATION], 0, t->first.capacity * sizeof(float));
-    memset(t->second.plane[OXL_ROTATION], 0, t->second.capacity * sizeof(float));
     rc = train_begin_control(t);
     if (rc == OXL_OK) rc = transients_begin(ctx, &t->transients, t->scene, t->options->mask_transients);
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, goes_on);
@@ -156,7 +166,6 @@ static void train_end(struct train *t)
     oxl_free(ctx, t->weight);
     oxl_free(ctx, t->view);
     oxl_free(ctx, t->held);
-    oxl_free(ctx, t->full_view);
     text_free(&t->decisions);
 }
 
@@ -218,7 +227,7 @@ static void train_archive(struct archive *a, void *user)
 
 static oxl_result train_save(struct train *t)
 {
-    const oxl_result rc = step_download(t, 0);
+    const oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
     t->saved_step       = t->step;
     t->saved_at         = os_seconds();
     if (rc != OXL_OK || !t->place) return rc;
@@ -285,7 +294,7 @@ static oxl_result train_loop(struct train *t)
         if (train_save_is_due(t)) rc = train_save(t);
     }
     if (rc == OXL_OK && t->step < o->iterations) return train_save(t);
-    if (rc == OXL_OK) rc = step_download(t, 1);
+    if (rc == OXL_OK) rc = step_download(t, DOWNLOAD_TO_CHANGE);
     if (rc == OXL_OK) selection_end(t);
     if (rc == OXL_OK && t->transients.points > 0) {
         char words[160];
@@ -357,7 +366,10 @@ OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_
     if (rc == OXL_OK) rc = train_resume(&t);
     begun = rc == OXL_OK;
     if (rc == OXL_OK) rc = train_loop(&t);
-    if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
+    if (place && place->moments && t.second.memory) { /* rows keep their places */
+        place->moments[0] = t.first, place->moments[1] = t.second;
+        t.first = t.second = (oxl_model){0};
+    } else if (rc == OXL_OK || rc == OXL_ERR_INTERRUPTED) ended = nonfinite_end(ctx, &t.nonfinite, out);
     if (ended != OXL_OK) rc = ended;
     if (place && place->nonfinite) *place->nonfinite = t.nonfinite;
     if (place && place->trained) *place->trained = rc == OXL_OK && t.step == options->iterations;

@@ -43,9 +43,9 @@ OXL_INTERNAL oxl_result density_observe(oxl_context *ctx, struct density *d, str
 OXL_INTERNAL oxl_result density_set_bands(oxl_context *ctx, struct density *d, size_t count, double z_near, double z_far);
 /* Of a row, over the views that saw it since the statistics were cleared, without weights. */
 OXL_INTERNAL double     density_mean_gradient(const struct density *d, size_t row);
-/* Splits and removes rows, rebuilds the model and its moments, clears the statistics. */
-OXL_INTERNAL oxl_result density_control(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first,
-                                        oxl_model *second, const struct density_rules *rules, struct density_change *out);
+/* Decides which rows are split and removed; train_state.h has what carries it out. */
+OXL_INTERNAL oxl_result density_decide(oxl_context *ctx, struct density *d, const oxl_model *model,
+                                       const struct density_rules *rules, struct density_change *out);
 /* The statistics of the rows whose byte in keep (count) is not 0, in their order. */
 OXL_INTERNAL void       density_keep_rows(struct density *d, const uint8_t *keep, size_t count);
 OXL_INTERNAL void       density_reset_opacity(oxl_model *model, oxl_model *first, oxl_model *second, float alpha_min);
@@ -250,8 +250,6 @@ OXL_INTERNAL void       exposure_archive(struct archive *a, struct exposure *e);
 
 /* ---------------------------------------------------------------- train.c */
 
-enum { TRAIN_FULL_VIEW_EVERY = 6 }; /* steps of a block: one is on a full view */
-
 /* Where a run keeps its state. */
 struct train_output {
     const char                *folder; /* of the checkpoints */
@@ -266,10 +264,9 @@ struct train_output {
     /* a part of a survey's run (src/job/rounds.c): */
     const oxl_model           *context; /* Gaussians that are rendered, too, and not trained; NULL: none */
     const struct image_window *window;  /* (views) trained part of each view, width 0: none; or NULL: all of all */
-    const uint8_t
-        *full_view; /* (views) 1: some steps use all of it, at half the sides, though it has a window or none; or NULL */
-    int  first;     /* a start that is so many steps old, without its moments */
-    int  until;     /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
+    oxl_model *moments; /* (2) Adam's, of the start; taken, and given back with the model; NULL: they begin at 0 */
+    int        first;   /* a start that is so many steps old */
+    int        until;   /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
 OXL_INTERNAL oxl_result train_run(oxl_context *ctx, oxl_scene *scene, const oxl_train_options *options,

@@ -9,7 +9,7 @@ enum train_trial { TRAIN_TRIES_NOTHING, TRAIN_TRIES_SH_DEGREE, TRAIN_TRIES_LOBES
 enum train_lobes { LOBES_IDLE, LOBES_WATCHED, LOBES_DECIDED }; /* gradients are averaged before lobes are assigned */
 
 struct train_deferred { /* a step that the device has not reported yet */
-    int step, view, on_full_view, is_trial, observed;
+    int step, view, is_trial, observed;
 };
 
 struct train {
@@ -39,11 +39,9 @@ struct train {
     float                     *target, *weight; /* with transients.points: the image of this step: (3,H,W), (H,W) */
     int                        masked;          /* whether weight holds its mask */
     size_t                     target_capacity, weight_capacity;
-    int                       *full_view, full_views; /* (full_views) of train_output */
-    int                        on_full_view;          /* this step does */
-    int                        halved;                /* whether the image of this step is reduced to half the sides */
-    double                     loss, psnr;            /* smoothed */
-    double                     last_loss;             /* of the last image, comparable between steps; NaN: skipped */
+    int                        halved;     /* whether the image of this step is reduced to half the sides */
+    double                     loss, psnr; /* smoothed */
+    double                     last_loss;  /* of the last image, comparable between steps; NaN: skipped */
     oxl_nonfinite              nonfinite;
     int                        first_step; /* after which this process took over: 0, or that of a checkpoint */
     double                     begun;      /* when it did */
@@ -55,6 +53,14 @@ struct train {
     struct text                decisions; /* members of a JSON object: decisions and evidence */
 };
 
+/* ---------------------------------------------------------------- density.c: the decision carried out */
+
+/* Rebuilds the model and its moments, and clears the statistics. moved: a device has moved the rows, and the moments are left to it. */
+OXL_INTERNAL oxl_result density_apply(oxl_context *ctx, struct density *d, oxl_model *model, oxl_model *first, oxl_model *second,
+                                      const struct density_change *change, int moved);
+/* from: of renderer_move, for the decision; returns how many rows keep a second lobe. */
+OXL_INTERNAL size_t     density_sources(const struct density *d, const oxl_model *model, uint32_t *from);
+
 /* ---------------------------------------------------------------- schedule.c */
 
 OXL_INTERNAL struct adam_params schedule_adam_params(const struct train *t);
@@ -65,10 +71,9 @@ OXL_INTERNAL int                schedule_reset_interval(const oxl_train_options 
 
 /* Forward, loss, backward, Adam on the next training view: the part of a step that a trial of SH degrees or lobes repeats. */
 OXL_INTERNAL oxl_result step_on_next_view(struct train *t);
-/* Ends deferred steps, and downloads what a device holds: for reading, or for changing. Before the host uses a step's loss, renders, or reads
- * or changes the model. */
+/* Ends deferred steps, and downloads what a device holds. Before the host uses a step's loss, renders, or reads or changes the model. */
 OXL_INTERNAL oxl_result step_settle(struct train *t);
-OXL_INTERNAL oxl_result step_download(struct train *t, int changes);
+OXL_INTERNAL oxl_result step_download(struct train *t, enum renderer_download what);
 OXL_INTERNAL oxl_result step_observe(struct train *t); /* adds the step's gradients to the statistics of density control */
 OXL_INTERNAL oxl_result step_densify(struct train *t, const double f[2]); /* density control, with these weights by depth */
 OXL_INTERNAL oxl_result step_prune(struct train *t, double held);

@@ -1,0 +1,436 @@
+/* groups.c - the last part of a run in blocks where memory does not hold the merged model: it is trained in groups of views.
+ *
+ * Memory holds what the views of a group show, with gradient and moments. A task trains these Gaussians, of whatever block, on the group's
+ * views. Moments are kept with the Gaussians and all groups have several turns: nearly as with all views in random order (docs/SCALE.md).
+ *
+ * OUT/blocks/whole has groups.txt and of each block KKK.model.V.ply, KKK.first.V.ply, KKK.second.V.ply, and imaging.V.txt; V: the task that
+ * wrote them. Invariant: a task writes files of its own version, then groups.txt; stopped at any time, it is repeated with the same bytes.
+ */
+#include "job_state.h"
+
+#define GROUPS_SWEEPS 8 /* turns of each group */
+
+struct groups {
+    struct job *job;
+    const char *folder;
+    double      limit;   /* Gaussians that fit */
+    int         views;   /* of the survey */
+    int         count;   /* groups */
+    int         done;    /* tasks */
+    int         step;    /* of the task, as reported last */
+    int         gains;   /* version of imaging.V.txt; 0: none */
+    int        *of;      /* (views) group; -1: none */
+    int        *version; /* (blocks) 0: the block's own model */
+    double      seconds;
+    uint8_t   **keep; /* (blocks) (rows) 1: in the task's model */
+};
+
+static void groups_free(struct groups *g)
+{
+    for (int k = 0; g->keep && k < g->job->partition.block_count; k++) oxl_free(g->job->ctx, g->keep[k]);
+    oxl_free(g->job->ctx, g->keep);
+    oxl_free(g->job->ctx, g->of);
+    oxl_free(g->job->ctx, g->version);
+}
+
+/* ---------------------------------------------------------------- files */
+
+static char *groups_path(const struct groups *g, int block, const char *what, int version)
+{
+    struct text t    = {.ctx = g->job->ctx};
+    char       *path = NULL;
+    if (block < 0) text_add(&t, "%s/%s.%d.txt", g->folder, what, version);
+    else if (version > 0) text_add(&t, "%s/%03d.%s.%d.ply", g->folder, block, what, version);
+    else return job_block_path(g->job, block, "model.ply");
+    if (text_take(&t, &path) != OXL_OK) job_no_memory(g->job);
+    return path;
+}
+
+static const char *const GROUPS_PART[] = {"model", "first", "second"};
+
+/* Parameters and moments of a block. */
+static oxl_result groups_read(const struct groups *g, int block, oxl_model m[3])
+{
+    oxl_context *ctx     = g->job->ctx;
+    const int    version = g->version[block];
+    oxl_result   rc      = OXL_OK;
+    for (int k = 0; k < 3; k++) m[k] = (oxl_model){0};
+    for (int k = 0; k < 3 && rc == OXL_OK; k++) {
+        char *path = k == 0 || version > 0 ? groups_path(g, block, GROUPS_PART[k], version) : NULL;
+        if (path) rc = oxl_model_read(ctx, path, &m[k]);
+        else if (k == 0 || version > 0) rc = OXL_ERR_MEMORY;
+        else rc = oxl_model_create(ctx, m[0].count, m[0].sh_degree, &m[k]);
+        if (rc == OXL_OK && !path) rc = model_set_lobes(ctx, &m[k], m[0].lobes);
+        if (rc == OXL_OK && !path) memset(m[k].plane[OXL_ROTATION], 0, m[k].capacity * sizeof(float));
+        memcpy(m[k].origin, m[0].origin, sizeof m[k].origin);
+        if (rc == OXL_OK && m[k].count != m[0].count) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: other rows than its model", path);
+        oxl_free(ctx, path);
+    }
+    for (int k = 0; k < 3 && rc != OXL_OK; k++) oxl_model_free(ctx, &m[k]);
+    return rc;
+}
+
+static oxl_result groups_write(const struct groups *g, int block, int version, const oxl_model m[3])
+{
+    oxl_result rc = OXL_OK;
+    for (int k = 0; k < 3 && rc == OXL_OK; k++) {
+        char *path = groups_path(g, block, GROUPS_PART[k], version);
+        rc         = path ? model_file_write_ply(g->job->ctx, path, &m[k], m[k].sh_degree) : OXL_ERR_MEMORY;
+        oxl_free(g->job->ctx, path);
+    }
+    return rc;
+}
+
+static void groups_remove(const struct groups *g, int block, int version)
+{
+    for (int k = 0; k < (block < 0 ? 1 : 3) && version > 0; k++) {
+        char *path = groups_path(g, block, block < 0 ? "imaging" : GROUPS_PART[k], version);
+        if (path) os_remove(path);
+        oxl_free(g->job->ctx, path);
+    }
+}
+
+static oxl_result groups_write_state(const struct groups *g)
+{
+    struct text t    = {.ctx = g->job->ctx};
+    char       *path = oxl_path_join(g->job->ctx, g->folder, "groups.txt");
+    oxl_result  rc   = path ? OXL_OK : job_no_memory(g->job);
+    text_add(
+        &t,
+        "# groups, tasks done, version of the gains, seconds; of each block the version of its files; of each view the group\ngroups %d %d %d %.17g\n",
+        g->count, g->done, g->gains, g->seconds);
+    for (int k = 0; k < g->job->partition.block_count; k++) text_add(&t, "%d ", g->version[k]);
+    for (int i = 0; i < g->views; i++) text_add(&t, "%d ", g->of[i]);
+    text_add(&t, "\n%s\n", g->job->key.data);
+    if (rc == OXL_OK && t.failed) rc = job_no_memory(g->job);
+    if (rc == OXL_OK) rc = os_write_file(g->job->ctx, path, t.data, t.size);
+    text_free(&t);
+    oxl_free(g->job->ctx, path);
+    return rc;
+}
+
+/* A file of another run, or a damaged one, is as none: count stays 0. */
+static oxl_result groups_read_state(struct groups *g)
+{
+    struct os_file_map map    = {0};
+    const int          blocks = g->job->partition.block_count;
+    char              *path   = oxl_path_join(g->job->ctx, g->folder, "groups.txt");
+    const char        *s      = NULL;
+    int                used   = 0, good;
+    oxl_result         rc     = path ? OXL_OK : job_no_memory(g->job);
+    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(g->job->ctx, path, &map);
+    if (rc == OXL_OK && map.data && strstr(map.data, g->job->key.data)) s = strstr(map.data, "\ngroups ");
+    good = s && sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4;
+    for (int i = 0; i < blocks + g->views && good; i++) {
+        s += used;
+        good = sscanf(s, "%d%n", i < blocks ? &g->version[i] : &g->of[i - blocks], &used) == 1;
+    }
+    if (!good) {
+        g->count = g->done = g->gains = 0, g->seconds = 0;
+        memset(g->version, 0, (size_t)blocks * sizeof *g->version);
+    }
+    os_release_file(g->job->ctx, &map);
+    oxl_free(g->job->ctx, path);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- groups */
+
+/* keep (rows): 1 for those that one of `count` views may show. Returns their number. */
+static size_t groups_mark(const struct groups *g, const int *view, int count, const oxl_model *m, uint8_t *keep)
+{
+    const double near = scene_near_plane(g->job->scene);
+    size_t       kept = 0;
+#pragma omp parallel for schedule(dynamic, 1024) num_threads(g->job->ctx->threads)
+    for (int64_t i = 0; i < (int64_t)m->count; i++) {
+        keep[i] = 0;
+        for (int v = 0; v < count && !keep[i]; v++)
+            keep[i] = (uint8_t)model_row_shows(&oxl_scene_view(g->job->scene, view[v])->camera, near, m, (size_t)i);
+    }
+    for (size_t i = 0; i < m->count; i++) kept += keep[i];
+    return kept;
+}
+
+static oxl_result groups_count(const struct groups *g, const int *view, int count, double *rows)
+{
+    oxl_result rc = OXL_OK;
+    *rows         = 0;
+    for (int k = 0; k < g->job->partition.block_count && rc == OXL_OK; k++) {
+        oxl_model m    = {0};
+        uint8_t  *keep = NULL;
+        rc             = job_read_model(g->job, k, 0, &m);
+        if (rc == OXL_OK && !(keep = oxl_alloc(g->job->ctx, m.count + 1, 1))) rc = job_no_memory(g->job);
+        if (rc == OXL_OK) *rows += (double)groups_mark(g, view, count, &m, keep);
+        oxl_free(g->job->ctx, keep);
+        oxl_model_free(g->job->ctx, &m);
+    }
+    return rc;
+}
+
+/* The views as one group, or halved until each fits. */
+static oxl_result groups_divide(struct groups *g, const int *view, int count)
+{
+    double     rows = 0;
+    oxl_result rc   = context_stopped(g->job->ctx);
+    if (rc == OXL_OK) rc = groups_count(g, view, count, &rows);
+    if (rc != OXL_OK) return rc;
+    if (rows > g->limit && count > 1) {
+        rc = groups_divide(g, view, count / 2);
+        return rc == OXL_OK ? groups_divide(g, view + count / 2, count - count / 2) : rc;
+    }
+    if (rows > g->limit) {
+        oxl_log(g->job->ctx, OXL_LOG_WARNING, "%s shows %.0f Gaussians, memory holds %.0f: it is left out of the last part",
+                oxl_scene_view(g->job->scene, view[0])->name, rows, g->limit);
+        return OXL_OK;
+    }
+    for (int v = 0; v < count; v++) g->of[view[v]] = g->count;
+    g->count++;
+    return OXL_OK;
+}
+
+/* The training views, those of a block together: it has the largest window in them. */
+static oxl_result groups_order(const struct groups *g, int *view, int *count)
+{
+    const int  blocks  = g->job->partition.block_count;
+    double    *largest = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *largest);
+    int       *owner   = oxl_calloc(g->job->ctx, (size_t)g->views + 1, sizeof *owner);
+    oxl_result rc      = largest && owner ? OXL_OK : job_no_memory(g->job);
+    *count             = 0;
+    for (int k = 0; k < blocks && rc == OXL_OK; k++) {
+        struct block_plan plan = {0};
+        rc                     = block_plan_read(g->job, k, &plan);
+        for (int i = 0; i < plan.views; i++) {
+            const double area = (double)plan.window[i].width * plan.window[i].height;
+            if (area > largest[i]) largest[i] = area, owner[i] = k;
+        }
+        block_plan_free(g->job->ctx, &plan);
+    }
+    for (int k = 0; k < blocks && rc == OXL_OK; k++)
+        for (int i = 0; i < g->views; i++)
+            if (owner[i] == k && !oxl_scene_view(g->job->scene, i)->is_test) view[(*count)++] = i;
+    oxl_free(g->job->ctx, largest);
+    oxl_free(g->job->ctx, owner);
+    return rc;
+}
+
+static oxl_result groups_make(struct groups *g)
+{
+    int       *view = oxl_alloc(g->job->ctx, (size_t)g->views + 1, sizeof *view), count = 0;
+    oxl_result rc = view ? groups_order(g, view, &count) : job_no_memory(g->job);
+    for (int i = 0; i < g->views; i++) g->of[i] = -1;
+    if (rc == OXL_OK) rc = groups_divide(g, view, count);
+    if (rc == OXL_OK) oxl_log(g->job->ctx, OXL_LOG_INFO, "memory does not hold the merged model: %d groups of views", g->count);
+    if (rc == OXL_OK) rc = os_make_folder(g->job->ctx, g->folder);
+    if (rc == OXL_OK) rc = groups_write_state(g);
+    oxl_free(g->job->ctx, view);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- a task */
+
+/* The last step of a task; steps are divided by views. */
+static int groups_until(const struct groups *g, int task, int steps)
+{
+    int below = 0, all = 0;
+    for (int i = 0; i < g->views; i++) {
+        below += g->of[i] >= 0 && g->of[i] <= task % g->count;
+        all += g->of[i] >= 0;
+    }
+    return (int)(steps * (task / g->count + (double)below / OXL_MAX(all, 1)) / GROUPS_SWEEPS + 0.5);
+}
+
+static oxl_result groups_load(struct groups *g, const int *view, int views, oxl_model all[3])
+{
+    oxl_context *ctx = g->job->ctx;
+    oxl_result   rc  = OXL_OK;
+    for (int k = 0; k < 3 && rc == OXL_OK; k++) {
+        rc = oxl_model_create(ctx, 0, 0, &all[k]);
+        memcpy(all[k].origin, g->job->origin, sizeof all[k].origin);
+    }
+    for (int b = 0; b < g->job->partition.block_count && rc == OXL_OK; b++) {
+        oxl_model m[3];
+        rc = groups_read(g, b, m);
+        oxl_free(ctx, g->keep[b]);
+        g->keep[b] = rc == OXL_OK ? oxl_alloc(ctx, m[0].count + 1, 1) : NULL;
+        if (rc == OXL_OK && !g->keep[b]) rc = job_no_memory(g->job);
+        if (rc == OXL_OK) groups_mark(g, view, views, &m[0], g->keep[b]);
+        for (int k = 0; k < 3 && rc == OXL_OK; k++) rc = merge_rows(ctx, &m[k], g->keep[b], &all[k]);
+        for (int k = 0; k < 3; k++) oxl_model_free(ctx, &m[k]);
+    }
+    return rc;
+}
+
+/* Row `from` becomes row `to`. */
+static void groups_copy_row(const oxl_model *all, size_t from, oxl_model *m, size_t to)
+{
+    for (int p = 0; p < oxl_model_planes(m); p++) m->plane[p][to] = all->plane[p][from];
+    for (int p = OXL_LOBE; p < OXL_PLANES && to < m->lobes; p++) m->plane[p][to] = all->plane[p][from];
+}
+
+/* The rows of a block from the task's model, in which those with lobes come first. A row that is not finite stays as it was. */
+static oxl_result groups_store_block(struct groups *g, int block, int version, const oxl_model all[3], size_t at[2])
+{
+    const uint8_t *keep = g->keep[block];
+    size_t         kept = 0;
+    oxl_model      m[3];
+    oxl_result     rc = groups_read(g, block, m);
+    for (int k = 0; k < 3 && rc == OXL_OK; k++) rc = model_set_degree(g->job->ctx, &m[k], all[k].sh_degree);
+    for (size_t i = 0; i < m[0].count && rc == OXL_OK; i++) {
+        const size_t from = keep[i] ? at[i >= m[0].lobes]++ : 0;
+        kept += keep[i];
+        for (int k = 0; k < 3 && keep[i] && model_row_is_finite(&all[0], from); k++) groups_copy_row(&all[k], from, &m[k], i);
+    }
+    if (rc == OXL_OK && kept > 0) rc = groups_write(g, block, version, m);
+    if (rc == OXL_OK && kept > 0) g->version[block] = version;
+    for (int k = 0; k < 3; k++) oxl_model_free(g->job->ctx, &m[k]);
+    return rc;
+}
+
+static oxl_result groups_store(struct groups *g, const oxl_model all[3])
+{
+    const int  blocks = g->job->partition.block_count, version = g->done + 1;
+    const int  gains = g->gains;
+    size_t     at[2] = {0, all[0].lobes};
+    int       *old   = oxl_alloc(g->job->ctx, (size_t)blocks, sizeof *old);
+    char      *path  = groups_path(g, -1, "imaging", version);
+    oxl_result rc    = old && path ? OXL_OK : job_no_memory(g->job);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++) {
+        old[b] = g->version[b];
+        rc     = groups_store_block(g, b, version, all, at);
+    }
+    if (rc == OXL_OK && imaging_is_needed(scene_imaging(g->job->scene))) {
+        rc       = imaging_write(g->job->ctx, path, g->job->scene, scene_imaging(g->job->scene));
+        g->gains = version;
+    }
+    g->done = version;
+    if (rc == OXL_OK) rc = groups_write_state(g);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++)
+        if (old[b] != g->version[b]) groups_remove(g, b, old[b]);
+    if (rc == OXL_OK && gains != g->gains) groups_remove(g, -1, gains);
+    if (rc == OXL_OK) checkpoint_remove(g->job->ctx, g->folder, 0);
+    oxl_free(g->job->ctx, old);
+    oxl_free(g->job->ctx, path);
+    return rc;
+}
+
+static int groups_progress(void *user, const oxl_progress *progress)
+{
+    struct groups *g = user;
+    g->step          = progress->iteration;
+    return job_progress(g->job, progress);
+}
+
+static oxl_result groups_train(struct groups *g, const struct image_window *window, oxl_model all[3], int from, int until)
+{
+    struct job         *job   = g->job;
+    const int           steps = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
+    oxl_train_options   o     = block_refinement(&job->options.train, all[0].sh_degree, steps);
+    struct text         key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
+    oxl_model           out   = {0};
+    struct train_output place = {.folder  = g->folder,
+                                 .log     = &log,
+                                 .notes   = &notes,
+                                 .start   = &all[0],
+                                 .moments = &all[1],
+                                 .window  = window,
+                                 .first   = from,
+                                 .until   = until};
+    const double        begun = os_seconds();
+    oxl_result          rc;
+    text_add(&key, "task %d, %s", g->done, job->key.data);
+    place.key = key.data;
+    rc        = key.failed ? job_no_memory(job) : OXL_OK;
+    job_limit_time(job, &o);
+    if (rc == OXL_OK) rc = train_run(job->ctx, job->scene, &o, &(oxl_callback){groups_progress, g}, &place, &out);
+    if (rc == OXL_OK) oxl_model_free(job->ctx, &all[0]), all[0] = out;
+    else oxl_model_free(job->ctx, &out);
+    g->seconds += os_seconds() - begun;
+    text_free(&key);
+    text_free(&log);
+    text_free(&notes);
+    return rc;
+}
+
+static oxl_result groups_task(struct groups *g, int from, int until)
+{
+    oxl_context         *ctx    = g->job->ctx;
+    struct image_window *window = oxl_calloc(ctx, (size_t)g->views + 1, sizeof *window);
+    int                 *view = oxl_alloc(ctx, (size_t)g->views + 1, sizeof *view), views = 0;
+    oxl_model            all[3] = {{0}};
+    oxl_result           rc     = window && view ? OXL_OK : job_no_memory(g->job);
+    for (int i = 0; i < g->views && rc == OXL_OK; i++) {
+        const oxl_camera *c = &oxl_scene_view(g->job->scene, i)->camera;
+        if (g->of[i] != g->done % g->count) continue;
+        window[i]     = (struct image_window){0, 0, c->width, c->height};
+        view[views++] = i;
+    }
+    if (rc == OXL_OK) rc = groups_load(g, view, views, all);
+    if (rc == OXL_OK) rc = groups_train(g, window, all, from, until);
+    if (rc == OXL_OK && g->step >= until) rc = groups_store(g, all);
+    else if (rc == OXL_OK) g->job->unfinished++; /* the time allowed is over */
+    for (int k = 0; k < 3; k++) oxl_model_free(ctx, &all[k]);
+    oxl_free(ctx, window);
+    oxl_free(ctx, view);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- all tasks */
+
+/* The gains as the last task has left them, or the blocks'. */
+static oxl_result groups_read_gains(const struct groups *g)
+{
+    char      *path = groups_path(g, -1, "imaging", g->gains);
+    oxl_result rc   = path ? OXL_OK : OXL_ERR_MEMORY;
+    imaging_free(g->job->ctx, scene_imaging(g->job->scene));
+    if (rc == OXL_OK && g->gains > 0 && os_is_file(path))
+        rc = imaging_read(g->job->ctx, path, g->job->scene, scene_imaging(g->job->scene));
+    else if (rc == OXL_OK) rc = job_join_gains(g->job, scene_imaging(g->job->scene));
+    oxl_free(g->job->ctx, path);
+    return rc;
+}
+
+/* model.ply and block.json of blocks/whole; then the blocks' files are not needed. */
+static oxl_result groups_finish(struct groups *g)
+{
+    const int           blocks = g->job->partition.block_count;
+    struct block_record record = {.trained = 1, .finished = 1, .iterations = 1, .seconds = g->seconds};
+    char              **path   = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
+    oxl_result          rc     = path ? OXL_OK : job_no_memory(g->job);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++)
+        rc = (path[b] = groups_path(g, b, GROUPS_PART[0], g->version[b])) ? OXL_OK : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) path[blocks] = oxl_path_join(g->job->ctx, g->folder, "model.ply");
+    if (rc == OXL_OK) rc = path[blocks] ? merge_files(g->job->ctx, path, blocks, g->job->origin, path[blocks]) : OXL_ERR_MEMORY;
+    if (rc == OXL_OK) rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
+    for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
+    if (rc == OXL_OK) groups_remove(g, -1, g->gains);
+    for (int b = 0; b <= blocks && path; b++) oxl_free(g->job->ctx, path[b]);
+    oxl_free(g->job->ctx, path);
+    return rc;
+}
+
+OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
+{
+    const struct cost_load load   = cost_load_of_scene(job->scene);
+    const int              blocks = job->partition.block_count, steps = job->part_until;
+    struct groups          g = {.job     = job,
+                                .folder  = folder,
+                                .limit   = budget_most(&load, &job->options),
+                                .views   = oxl_scene_view_count(job->scene),
+                                .version = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.version),
+                                .keep    = oxl_calloc(job->ctx, (size_t)blocks, sizeof *g.keep)};
+    oxl_result             rc =
+        (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep ? OXL_OK : job_no_memory(job);
+    if (rc == OXL_OK) rc = groups_read_state(&g);
+    if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
+    if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
+    if (rc == OXL_OK) rc = groups_read_gains(&g);
+    scene_set_cache(job->scene, budget_cache(&job->options));
+    while (rc == OXL_OK && g.done < GROUPS_SWEEPS * g.count && !job->unfinished) {
+        const int from = g.done > 0 ? groups_until(&g, g.done - 1, steps) : 0, until = groups_until(&g, g.done, steps);
+        if (until > from) rc = groups_task(&g, from, until);
+        else g.done++;
+    }
+    if (rc == OXL_OK && !job->unfinished) rc = groups_finish(&g);
+    groups_free(&g);
+    return rc;
+}

@@ -1,0 +1,37 @@
+/* scene.h - shared by scene.c and scene_file.c: what a scene is. */
+#ifndef OXL_SCENE_H
+#define OXL_SCENE_H
+
+#include "survey.h"
+
+struct scene_source { /* indices in colmap.image, colmap.camera */
+    size_t image, camera;
+};
+
+struct oxl_scene {
+    oxl_view *view; /* (view_count) */
+    int       view_count;
+    double    origin[3], extent;
+
+    oxl_point *point;
+    size_t     point_count;
+    double    *depth; /* (depth_count) ascending: a sample of the points' depths in the training views */
+    size_t     depth_count;
+
+    struct image_cache cache; /* (view_count) */
+
+    struct imaging imaging; /* of the model trained on this scene or read for it */
+
+    struct scene_stats   stats;
+    int                  from_files;
+    struct colmap        colmap;         /* from files: for the partition; holds the views' names */
+    struct scene_source *source;         /* from files: (view_count) */
+    double              *on_disk;        /* from files: (cameras) px of an image's side for one in cameras.txt */
+    char                *images, *masks; /* from files: folders; masks NULL: none */
+    char                *decoded;        /* folder of decoded images, or NULL */
+    struct os_file_map   map;            /* of scene_file_map: it holds all arrays but views and cameras; or no data */
+};
+
+OXL_INTERNAL oxl_result scene_begin_cache(oxl_context *ctx, oxl_scene *scene);
+
+#endif
