@@ -535,6 +535,22 @@ TEST(job_keeps_what_the_log_said_also_over_an_interruption)
         job_test_has(test_path("out/blocks/000/block.json"), "{\"level\": \"info\", \"text\": \"going on after iteration 5\"}"));
 }
 
+static int job_test_delete(void *user, const oxl_progress *p)
+{
+    char command[300];
+    (void)user;
+    snprintf(command, sizeof command, "rm -rf '%s'", test_path("out"));
+    return p->iteration == p->iterations ? system(command) : 0;
+}
+
+TEST(job_whose_folder_is_deleted_before_its_last_step_ends_with_its_model)
+{
+    const oxl_job_options options  = job_test_options();
+    const oxl_callback    callback = {job_test_delete, NULL};
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, &callback));
+    CHECK(os_is_file(test_path("out/scene.ply")) && os_is_file(test_path("out/blocks/000/model.ply")));
+}
+
 TEST(job_resume_finds_the_options_that_a_run_was_given)
 {
     oxl_job_options given = job_test_options(), found = oxl_job_options_default(OXL_PRESET_PAPER);

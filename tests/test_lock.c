@@ -75,4 +75,20 @@ TEST(lock_that_is_shared_lets_others_share_it_and_nobody_have_it_alone)
     oxl_unlock_folder(test_ctx, &lock);
     CHECK(!os_is_file(test_path("out/.lock")));
 }
+
+TEST(lock_of_a_survey_of_one_block_is_not_shared)
+{
+    oxl_job_options       options  = job_test_options();
+    struct job_test_watch watch    = {0, 5};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    const char           *survey = job_test_survey(), *folder = test_path("out");
+    pid_t                 child;
+    options.block = 0;
+    CHECK(oxl_job_run(test_ctx, survey, folder, &options, &callback) == OXL_ERR_INTERRUPTED);
+    child = lock_test_child(folder, 1);
+    CHECK(oxl_job_run(test_ctx, survey, folder, &options, NULL) == OXL_ERR_FAILED);
+    CHECK(strstr(oxl_error_text(test_ctx), "is in use by process"));
+    lock_test_kill(child);
+    CHECK_OK(oxl_job_run(test_ctx, survey, folder, &options, NULL));
+}
 #endif

@@ -26,10 +26,18 @@ struct block {
     oxl_nonfinite            nonfinite;
 };
 
+/* Where a file of the block is written: in its folder, which may have been deleted. */
+static oxl_result block_place(struct block *b, const char *name, char **path)
+{
+    *path = oxl_path_join(b->ctx, b->task->folder, name);
+    return *path ? os_make_folder(b->ctx, b->task->folder) : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
+}
+
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
 {
-    char      *path = oxl_path_join(b->ctx, b->task->folder, name);
-    oxl_result rc   = path && !t->failed ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
+    char      *path;
+    oxl_result rc = block_place(b, name, &path);
+    if (rc == OXL_OK && t->failed) rc = oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
     if (rc == OXL_OK) rc = os_write_file(b->ctx, path, t->data, t->size);
     oxl_free(b->ctx, path);
     return rc;
@@ -37,8 +45,8 @@ static oxl_result block_write(struct block *b, const char *name, const struct te
 
 static oxl_result block_write_model(struct block *b, const char *name, const oxl_model *model)
 {
-    char      *path = oxl_path_join(b->ctx, b->task->folder, name);
-    oxl_result rc   = path ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
+    char      *path;
+    oxl_result rc = block_place(b, name, &path);
     if (rc == OXL_OK) rc = model_file_write_ply(b->ctx, path, model, model->sh_degree);
     oxl_free(b->ctx, path);
     return rc;
@@ -47,8 +55,8 @@ static oxl_result block_write_model(struct block *b, const char *name, const oxl
 /* The gains of the images; without any, no file. */
 static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
-    char      *path = oxl_path_join(b->ctx, b->task->folder, "imaging.txt");
-    oxl_result rc   = path ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write imaging.txt");
+    char      *path;
+    oxl_result rc = block_place(b, "imaging.txt", &path);
     if (rc == OXL_OK && imaging_is_needed(scene_imaging(scene))) rc = imaging_write(b->ctx, path, scene, scene_imaging(scene));
     else if (rc == OXL_OK) os_remove(path);
     oxl_free(b->ctx, path);

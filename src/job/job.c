@@ -162,7 +162,7 @@ static oxl_result job_lock(struct job *job)
     return lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
 }
 
-/* A run of a single block: it replaces what OUT held only when no other process is at work there. */
+/* A run of --block K: it replaces what OUT held, and trains a survey of one block, only when no other process is at work there. */
 static oxl_result job_lock_alone(struct job *job, int alone)
 {
     return job->options.block >= 0 ? lock_change(job->ctx, job->lock, job->out, !alone) : OXL_OK;
@@ -852,7 +852,7 @@ static oxl_result job_prepare(struct job *job, int *done)
     rc = context_stopped(job->ctx);
     if (rc == OXL_OK) rc = job_cut(job);
     if (rc == OXL_OK) rc = job_write_run(job, 0);
-    return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
+    return rc == OXL_OK ? job_lock_alone(job, job->partition.block_count == 1) : rc;
 }
 
 /* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
