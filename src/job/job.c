@@ -485,7 +485,9 @@ static oxl_result job_whole(struct job *job)
 {
     char               *folder = job_block_path(job, 0, NULL);
     struct block_record record;
-    oxl_result          rc = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY, trained = OXL_OK;
+    oxl_result          rc = folder ? job_lock_alone(job, 1) : OXL_ERR_MEMORY, trained = OXL_OK;
+    if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
+    if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job); /* --block 0, resumed */
     if (rc == OXL_OK && !record.finished) {
         trained = job_train_whole(job, folder);
         rc      = trained == OXL_ERR_INTERRUPTED ? OXL_OK : trained;
@@ -852,7 +854,7 @@ static oxl_result job_prepare(struct job *job, int *done)
     rc = context_stopped(job->ctx);
     if (rc == OXL_OK) rc = job_cut(job);
     if (rc == OXL_OK) rc = job_write_run(job, 0);
-    return rc == OXL_OK ? job_lock_alone(job, job->partition.block_count == 1) : rc;
+    return rc == OXL_OK ? job_lock_alone(job, 0) : rc;
 }
 
 /* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
