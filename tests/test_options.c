@@ -92,6 +92,7 @@ TEST(options_that_cannot_be_are_refused_with_value_seen_value_wanted_and_a_fix)
     options_test_refusal("max-time", "20q", "a time as 90s");
     options_test_refusal("dog", "some", "off|selective|all|auto wanted");
     options_test_refusal("dog-threshold", "101%", "T|SHARE%");
+    options_test_refusal("dog-threshold", "9#0%", "T|SHARE%"); /* 1.#IND is not a number in files */
     options_test_refusal("ucd", "3,2", "MID,FAR");
     options_test_refusal("keep", "0", "FRACTION");
     options_test_refusal("background", "0,0,2", "R,G,B");

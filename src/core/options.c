@@ -161,10 +161,11 @@ static size_t option_word(const oxl_option *o)
     return length > 0 && o->value[length] && o->value[0] >= 'a' ? length : 0;
 }
 
-/* A number without a sign at *text, which moves past it. */
+/* A number without a sign at *text, which moves past it; not 1.#IND. */
 static int option_plain(const char **text, double *out)
 {
-    return ((unsigned char)(**text - '0') < 10 || **text == '.') && parse_double(text, *text + strlen(*text), out);
+    return ((unsigned char)(**text - '0') < 10 || **text == '.') && parse_double(text, *text + strlen(*text), out) &&
+           !isnan(*out);
 }
 
 /* A plain number, and perhaps one of the units. */
