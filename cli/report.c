@@ -33,7 +33,7 @@ static void report_tiles(struct report *r)
         report_tile(t, figure, "mean PSNR");
         report_tile(t, OUTPUT_FIXED(report_metric(r, "ssim"), 3), "mean SSIM");
         report_tile(t, PAGE_COUNT(report_metric(r, "gaussians")), "Gaussians");
-        report_tile(t, PAGE_BYTES(report_metric(r, "bytes")), "scene.ply");
+        report_tile(t, PAGE_BYTES(report_metric(r, "bytes")), "model");
         report_tile(t, PAGE_SECONDS(report_metric(r, "seconds")), "training time");
         report_tile(t, PAGE_BYTES(report_metric(r, "peak_rss_bytes")), "peak memory");
     }

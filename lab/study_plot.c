@@ -181,7 +181,7 @@ void study_plot(struct output *t, const struct study *s)
 {
     const int   width = PLOT_LEFT + 2 * PLOT_STEP, height = PLOT_TOP + PLOT_HEIGHT + PLOT_FOOT;
     struct plot first  = plot_of_rows(s, STUDY_CPU, 1, "processor seconds (logarithmic)", PLOT_LEFT);
-    struct plot second = plot_of_rows(s, STUDY_BYTES, 1e-6, "MB of scene.ply (logarithmic)", PLOT_LEFT + PLOT_STEP);
+    struct plot second = plot_of_rows(s, STUDY_BYTES, 1e-6, "MB of the model (logarithmic)", PLOT_LEFT + PLOT_STEP);
     char        line[300];
     output_add(t,
                "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" viewBox=\"0 0 %d %d\" "

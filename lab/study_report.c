@@ -224,7 +224,7 @@ void study_page(struct output *t, const struct study *s)
     output_add(
         t,
         "\n\\*: on the front, no other row has as good a PSNR in no more CPU time. near, middle, far: PSNR of the thirds of\n"
-        "depth, over the pixels around points that the survey has there. MB: scene.ply. seconds: training. CPU s: all threads\n"
+        "depth, over the pixels around points that the survey has there. MB: the model's file. seconds: training. CPU s: all threads\n"
         "together. memory: what the library held at its peak.\n%s",
         s->kind->notes);
     if (!s->kind->base_first && found_is_one_block(s))

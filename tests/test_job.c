@@ -795,9 +795,10 @@ static oxl_metrics job_test_evaluate(const char *model, int imaging)
 TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_and_the_figures_of_both)
 {
     oxl_job_options    options = job_test_options();
-    struct os_file_map json    = {0};
+    struct os_file_map json = {0}, clear = {0};
     oxl_metrics        full, plain, gains;
     options.train.lamp = options.train.medium = OXL_ON;
+    options.train.dog                         = OXL_DOG_ALL;
     options.train.iterations                  = 60;
     CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
     full = job_test_evaluate("out/scene_clear.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
@@ -807,6 +808,9 @@ TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_
     CHECK_CLOSE(manifest_number(json.data, "psnr"), full.psnr, 1e-9);
     CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
     CHECK_CLOSE(gains.plain_psnr, plain.psnr, 1e-9);
+    CHECK_OK(os_read_file(test_ctx, test_path("out/scene_clear.ply"), &clear));
+    CHECK(manifest_number(json.data, "bytes") == (double)clear.size);
+    os_release_file(test_ctx, &clear);
     os_release_file(test_ctx, &json);
     CHECK(os_is_file(test_path("out/renders/0.png.clear.png")));
     CHECK(!job_test_same(test_path("out/renders/0.png.clear.png"), test_path("out/renders/0.png.png")));
