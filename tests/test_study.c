@@ -229,7 +229,7 @@ TEST(study_drawing_is_well_formed_and_names_its_points)
     CHECK(study_test_is_nested(t.data));
     CHECK_TEXT(t.data, "reef &lt;east&gt; &amp; west");
     CHECK_TEXT(t.data, ">coarse-0.5</text>");
-    CHECK_TEXT(t.data, ">MB of scene.ply (logarithmic)</text>");
+    CHECK_TEXT(t.data, ">MB of the model (logarithmic)</text>");
     CHECK(!strstr(t.data, ">paper</text>") && !strstr(t.data, "script"));
     free(t.data);
     free(s);
