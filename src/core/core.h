@@ -249,7 +249,8 @@ OXL_INTERNAL oxl_result os_list_folder(oxl_context *ctx, const char *path, void 
 
 /* oxl_lock_folder; shared: beside other processes that share it. */
 OXL_INTERNAL oxl_result lock_folder(oxl_context *ctx, const char *folder, int shared, oxl_lock **out);
-/* OXL_ERR_FAILED: another process has it, and the lock stays as it was. */
+/* Of a folder within the OUT of a run that another process has: OXL_ERR_FAILED. */
+OXL_INTERNAL oxl_result lock_look_above(oxl_context *ctx, const char *folder);
 /* *out NULL with OXL_OK: another process holds it. */
 OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder, oxl_lock **out);
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared);

@@ -159,7 +159,8 @@ void oxl_manifest_free(oxl_context *ctx, oxl_manifest **run)
 
 static oxl_result job_lock(struct job *job)
 {
-    return lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock);
+    const oxl_result rc = lock_look_above(job->ctx, job->out);
+    return rc == OXL_OK ? lock_folder(job->ctx, job->out, job->options.block >= 0, &job->lock) : rc;
 }
 
 /* A run of --block K: it replaces what OUT held, and trains a survey of one block, only when no other process is at work there. */
@@ -657,8 +658,8 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_mo
     rc       = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &plain);
     *imaging = whole;
     if (rc != OXL_OK) return rc;
-    oxl_log(job->ctx, OXL_LOG_INFO, "%s in any viewer: PSNR %.2f dB (%.2f less), %.2f at mean exposure",
-            hides ? "scene.ply" : "scene_standard.ply", plain.psnr, m->psnr - plain.psnr, plain.plain_psnr);
+    oxl_log(job->ctx, OXL_LOG_INFO, "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure",
+            hides ? "scene.ply" : "scene_standard.ply", plain.psnr, plain.psnr - m->psnr, plain.plain_psnr);
     for (int i = 0; i < m->count && i < plain.count && hides; i++) m->views[i].plain_psnr = plain.views[i].plain_psnr;
     if (hides) m->plain_psnr = plain.plain_psnr;
     text_add(t, "  \"standard\": {\"psnr\": ");
@@ -733,7 +734,7 @@ done:
 
 static oxl_result job_draw(struct job *job)
 {
-    const oxl_render_output what   = {job_split(job), 1, 0, 0, 0};
+    const oxl_render_output what   = {.split = job_split(job), .images = 1, .replace = 1};
     char                   *folder = oxl_path_join(job->ctx, job->out, "renders");
     int                     rendered;
     const oxl_result        rc =

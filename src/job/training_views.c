@@ -263,7 +263,8 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     training_add_json(&t, json);
     for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++) shown[count] = m.views[t.row[count].at].view;
     if (folder)
-        rc = render_files_of(ctx, model, scene, &(oxl_render_output){OXL_SPLIT_ALL, 1, 0, 0, 0}, folder, shown, count, &count);
+        rc = render_files_of(ctx, model, scene, &(oxl_render_output){.split = OXL_SPLIT_ALL, .images = 1, .replace = 1}, folder,
+                             shown, count, &count);
 done:
     oxl_free(ctx, t.row);
     oxl_free(ctx, t.work);
