@@ -97,7 +97,7 @@ without() { # WORDS COMMAND...: it succeeds without printing WORDS
     "$@" >said.txt 2>&1 && cat said.txt && ! grep -qF -- "$words_not" said.txt
 }
 
-promise help_starts_with_the_purpose 0 "from a COLMAP text export" on_stdout "$program" --help
+promise help_starts_with_the_purpose 0 "from a COLMAP model" on_stdout "$program" --help
 promise help_of_a_command_shows_one_to_copy 0 "oceanxl train survey -o out" on_stdout "$program" train --help
 promise version_is_printed 0 "oceanxl $(sed -n 's/^#define OXL_VERSION "\(.*\)"$/\1/p' "$docs/../oceanxl.h")" on_stdout "$program" --version
 promise man_is_the_page_in_docs 0 "" sh -c "'$program' --man | cmp - '$docs/oceanxl.1' || { echo 'fix: make man'; false; }"

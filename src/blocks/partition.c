@@ -893,7 +893,7 @@ static oxl_result partition_check(oxl_context *ctx, const oxl_scene *scene, cons
     if (!scene_colmap(scene))
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "a scene from arrays has no tracks, which a partition is made of\n"
-                        "fix: load the scene from a COLMAP text export");
+                        "fix: load the scene from a COLMAP model");
     if (o->kind != OXL_PARTITION_NONE && views > 0 && points / (size_t)o->block_points > views)
         return oxl_fail(ctx, OXL_ERR_USAGE,
                         "blocks of %d points: %zu points make at least %zu blocks, more than the %zu training views\n"

@@ -48,7 +48,7 @@ static const oxl_option OPTIONS[] = {
 {"background", "R,G,B", OXL_OPTION_RGB, OPTION_AT(train.background), 0, 1, EACH("0,0,0"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "colour behind all Gaussians, each channel 0 to 1", NULL},
 {"ssim-weight", "W", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_weight), 0, 1, EACH("0.2"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "loss = (1 - W) L1 + W (1 - SSIM)", NULL},
 {"images", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.images), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "images; otherwise SCENE/images", NULL},
-{"sparse", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.sparse), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "cameras.txt, images.txt, points3D.txt; otherwise SCENE/sparse/0, SCENE/sparse or SCENE", NULL},
+{"sparse", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.sparse), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "cameras, images and points3D, .txt or .bin; otherwise SCENE/sparse/0, SCENE/sparse or SCENE", NULL},
 {"masks", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.masks), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "masks, black pixels are ignored; otherwise SCENE/masks if it exists", NULL},
 {"max-side", "PX", OXL_OPTION_INT, OPTION_AT(scene.max_side), 0, INT_MAX, EACH("1600"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "images are reduced until the longer side has at most so many pixels; 0: full size", NULL},
 {"test-every", "N", OXL_OPTION_INT, OPTION_AT(scene.test_every), 0, INT_MAX, EACH("8"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "hold out every N-th view by name for evaluation; 0: none", NULL},

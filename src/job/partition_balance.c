@@ -105,13 +105,13 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
 
 /* ---------------------------------------------------------------- the command */
 
-/* Text files alone are enough when the images are elsewhere. */
+/* The COLMAP model alone is enough when the images are elsewhere. */
 static oxl_result balance_look_for_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
 {
     char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");
     if (!images) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (o->read_images && !os_is_folder(images)) {
-        oxl_log(ctx, OXL_LOG_INFO, "%s is not there: the blocks are made of the text files alone", images);
+        oxl_log(ctx, OXL_LOG_INFO, "%s is not there: the blocks are made of the model alone", images);
         o->read_images = 0;
     }
     oxl_free(ctx, images);

@@ -133,11 +133,10 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
     if (s->unusable > 0) survey_say(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
     if (s->missed > LINT_MISSED_SURVEY)
         survey_say(s,
-                   "warning: %.0f %% of the track entries project outside their images; check that cameras.txt, images.txt and "
-                   "points3D.txt are of one model and that poses are world to camera\n",
+                   "warning: %.0f %% of the track entries project outside their images; check that cameras, images and "
+                   "points3D are of one model and that poses are world to camera\n",
                    100 * s->missed);
-    if (s->points == 0)
-        survey_say(s, "warning: no points: training starts from random points and may fail; export points3D.txt too\n");
+    if (s->points == 0) survey_say(s, "warning: no points: training starts from random points and may fail; export them too\n");
     else if (s->points < 500) survey_say(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
     if (s->mean_error > 2)
         survey_say(s,

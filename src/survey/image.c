@@ -113,7 +113,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
     if (!image_is_png(file) && !image_is_jpeg(file))
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
-                        "under the same name in images.txt",
+                        "under the same name in the model",
                         path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
     fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL; /* before stb sees a byte */
     if (fault)

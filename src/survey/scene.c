@@ -87,10 +87,11 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
                         scene->images);
     survey_find_like(ctx, scene->images, first, like, sizeof like);
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%d of the %zu images of images.txt are not in %s, the first is %s; at most %.0f %% may be missing\n"
+                    "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
                     "fix: %s%s%s",
-                    scene->stats.images_missing, scene->colmap.image_count, scene->images, first, 100 * share,
-                    scene->view_count == 0 ? "name by --images the folder that the names in images.txt start from"
+                    scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images, first,
+                    100 * share,
+                    scene->view_count == 0 ? "name by --images the folder that the names in the model start from"
                                            : "put them there, or take them out of the model: colmap image_deleter",
                     like[0] ? "; very like it is " : "", like);
 }
@@ -300,7 +301,7 @@ static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, path);
     }
     if (scene->masks && scene->stats.masks == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; wanted NAME.png, NAME as in images.txt", scene->masks);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; wanted NAME.png, NAME as in the model", scene->masks);
     return OXL_OK;
 }
 
@@ -362,7 +363,7 @@ static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
     if (scene->point_count < c->point_count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
                 c->point_count - scene->point_count, c->point_count);
-    if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "points3D.txt holds no points");
+    if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "the survey holds no points");
     scene_default_colours(ctx, scene);
     return OXL_OK;
 }
