@@ -26,6 +26,9 @@
 #define STBI_NO_GIF
 #define STBI_ONLY_JPEG
 #define STBI_ONLY_PNG
+#define STBI_MALLOC(size)       calloc(1, size) /* its decoder reads tables that a damaged file does not define */
+#define STBI_REALLOC(old, size) realloc(old, size)
+#define STBI_FREE(old)          free(old)
 #ifdef __TINYC__ /* defines x86-64 without intrinsics */
 #define STBI_NO_SIMD
 #endif
@@ -68,11 +71,12 @@ static int image_is_jpeg(const struct os_file_map *file)
     return file->size > 4 && memcmp(file->data, "\xff\xd8\xff", 3) == 0;
 }
 
-/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class, 16 counts, as many symbols; again. */
-static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end)
+/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as many symbols; again. *tables: a bit for each. */
+static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end, unsigned *tables)
 {
     while (p < end) {
         int symbols = 0;
+        *tables |= 1u << ((p[0] >> 4 & 1) << 2 | (p[0] & 3));
         for (int i = 1; i <= 16 && end - p >= 17; i++) symbols += p[i];
         if (symbols > 256 || 17 + symbols > end - p) return 0;
         p += 17 + symbols;
@@ -80,13 +84,26 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), accepts a
- * second frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the
+/* Whether a scan's Huffman tables are defined (B.2.3). Of a progressive image, a scan has either kind, or none where it refines DC. */
+static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end, unsigned tables, int progressive)
+{
+    const int count = p < end ? p[0] : 0, begins = end - p >= 4 + 2 * count ? p[1 + 2 * count] : 0;
+    if (end - p < 4 + 2 * count) return 0;
+    for (int i = 0; i < count; i++) {
+        const int table = p[2 + 2 * i], dc = tables >> (table >> 4 & 3) & 1, ac = tables >> (4 + (table & 3)) & 1;
+        if (!progressive ? !dc || !ac : begins > 0 ? !ac : !dc && p[3 + 2 * count] >> 4 == 0) return 0;
+    }
+    return 1;
+}
+
+/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), reads
+ * tables that are not defined, accepts a second frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the
  * markers; a preview inside a segment is skipped with it. */
 static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
-    int                  frames = 0;
+    unsigned             tables = 0;
+    int                  frames = 0, progressive = 0;
     while (end - p >= 2) {
         const int marker = p[1];
         if (p[0] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) { /* coded data */
@@ -95,7 +112,11 @@ static const char *image_jpeg_error(const struct os_file_map *file)
         }
         if (marker == 0xd9) return NULL;
         if (end - p < 4 || 2 + (p[2] << 8 | p[3]) > end - p) break;
-        if (marker == 0xc4 && !image_jpeg_tables_fit(p + 4, p + 2 + (p[2] << 8 | p[3]))) return "a Huffman table is damaged";
+        if (marker == 0xc4 && !image_jpeg_tables_fit(p + 4, p + 2 + (p[2] << 8 | p[3]), &tables))
+            return "a Huffman table is damaged";
+        if (marker == 0xda && !image_jpeg_scan_fits(p + 4, p + 2 + (p[2] << 8 | p[3]), tables, progressive))
+            return "a scan has no Huffman table";
+        progressive |= marker == 0xc2;
         if (marker >= 0xc0 && marker <= 0xc2 && frames++) return "it has two frame headers";
         p += 2 + (p[2] << 8 | p[3]);
     }
