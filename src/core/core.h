@@ -235,7 +235,7 @@ OXL_INTERNAL void  os_library_close(void *library);
 
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; an existing folder is no error */
 /* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
-OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char *path);
+OXL_INTERNAL int        os_link(const char *target, const char *path);
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
 OXL_INTERNAL int64_t    os_modified(const char *path); /* modification time in the system's unit; 0: unknown */

@@ -204,7 +204,7 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
     if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
     if (written == OXL_OK) written = block_write_imaging(b, scene);
     if (written == OXL_OK) written = block_write_record(b, record);
-    if (written == OXL_OK && trained) checkpoint_remove(b->ctx, task->folder, 0); /* spent */
+    if (written == OXL_OK && trained) checkpoint_remove(task->folder, 0); /* spent */
     return written == OXL_OK ? rc : written;
 }
 
@@ -315,7 +315,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
     if (rc != OXL_OK || !done) return rc;
     record->finished = 1;
     rc               = block_write_record(b, record);
-    if (rc == OXL_OK) checkpoint_remove(b->ctx, b->task->folder, 0);
+    if (rc == OXL_OK) checkpoint_remove(b->task->folder, 0);
     return rc;
 }
 

@@ -22,15 +22,11 @@ static oxl_result job_write(struct job *job, const char *name, const struct text
     return t->failed ? job_no_memory(job) : os_write_file(job->ctx, PATH(job->out, "%s", name), t->data, t->size);
 }
 
-OXL_INTERNAL char *job_block_path(struct job *job, int block, const char *name)
+OXL_INTERNAL const char *job_block_folder(char out[PATH_MOST], const struct job *job, int block)
 {
-    struct text t    = {.ctx = job->ctx};
-    char       *path = NULL;
-    if (block < job->partition.block_count) text_add(&t, "%s/blocks/%03d", job->out, block);
-    else text_add(&t, "%s/blocks/%s", job->out, block == job->partition.block_count ? "coarse" : "whole");
-    if (name) text_add(&t, "/%s", name);
-    if (text_take(&t, &path) != OXL_OK) job_no_memory(job);
-    return path;
+    const int blocks = job->partition.block_count;
+    if (block < blocks) return path_in(out, job->out, "blocks/%03d", block);
+    return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
 }
 
 /* ---------------------------------------------------------------- run.json */
@@ -79,11 +75,10 @@ static oxl_result job_add_decisions(struct job *job, struct text *t)
     job_add_imaging_refusal(job, t, "medium", job->options.train.medium);
     text_add(t, ", \"blocks\": [");
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        char *folder = job_block_path(job, k, NULL);
+        const char *folder = JOB_BLOCK(job, k);
         text_add(t, k > 0 ? ", {" : "{");
-        rc = folder ? block_read_decisions(job->ctx, folder, t) : OXL_ERR_MEMORY;
+        rc = block_read_decisions(job->ctx, folder, t);
         text_add(t, "}");
-        oxl_free(job->ctx, folder);
     }
     text_add(t, "]},\n");
     return rc;
@@ -157,7 +152,7 @@ static int job_has_blocks(struct job *job)
 static void job_drop_checkpoint(void *user, const char *name)
 {
     struct job *job = user;
-    if (name[0] != '.') checkpoint_remove(job->ctx, PATH(job->out, "blocks/%s", name), 1);
+    if (name[0] != '.') checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
 }
 
 /* --restart of a whole run discards what is unfinished. */
@@ -438,9 +433,9 @@ static oxl_result job_train_whole(struct job *job, const char *folder)
 /* A survey in one block. */
 static oxl_result job_whole(struct job *job)
 {
-    char               *folder = job_block_path(job, 0, NULL);
+    const char         *folder = JOB_BLOCK(job, 0);
     struct block_record record;
-    oxl_result          rc = folder ? job_lock_alone(job, 1) : OXL_ERR_MEMORY, trained = OXL_OK;
+    oxl_result          rc = job_lock_alone(job, 1), trained = OXL_OK;
     if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job); /* --block 0, resumed */
     if (rc == OXL_OK && !record.finished) {
@@ -449,7 +444,6 @@ static oxl_result job_whole(struct job *job)
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     }
     if (rc == OXL_OK) job_add_record(job, &record);
-    oxl_free(job->ctx, folder);
     return rc == OXL_OK ? trained : rc;
 }
 
@@ -458,16 +452,11 @@ static oxl_result job_whole(struct job *job)
 /* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
-    char        *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
-    oxl_result   rc    = path ? OXL_OK : OXL_ERR_MEMORY;
-    const int    plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes, or was not refined without */
-    const int    whole = block > job->partition.block_count;
-    const size_t most  = job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
-    *out               = (oxl_model){0};
-    if (plain) oxl_free(job->ctx, path), path = job_block_path(job, block, "model.ply");
-    if (rc == OXL_OK) rc = path ? oxl_model_open(job->ctx, path, whole ? most : SIZE_MAX, out) : OXL_ERR_MEMORY;
-    oxl_free(job->ctx, path);
-    return rc;
+    const char *folder = JOB_BLOCK(job, block);
+    const int refined = standard && os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
+    const int whole   = block > job->partition.block_count;
+    const size_t most = whole && job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
+    return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
 }
 
 OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
@@ -479,13 +468,12 @@ OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
     if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
     if (rc == OXL_OK && !count) rc = job_no_memory(job);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        char          *path = job_block_path(job, k, "imaging.txt");
+        const char    *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
         struct imaging own  = {0};
-        rc                  = path ? OXL_OK : OXL_ERR_MEMORY;
+        rc                  = OXL_OK;
         if (rc == OXL_OK && os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
         if (rc == OXL_OK && own.on) imaging_join(out, count, &own);
         imaging_free(job->ctx, &own);
-        oxl_free(job->ctx, path);
     }
     if (rc == OXL_OK) imaging_centre(out, none);
     oxl_free(job->ctx, count);
@@ -509,20 +497,12 @@ OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
     return rc;
 }
 
-static oxl_result job_read_gains(struct job *job, int block)
-{
-    char      *path = job_block_path(job, block, "model.ply");
-    oxl_result rc   = path ? oxl_scene_read_imaging(job->ctx, job->scene, path) : OXL_ERR_MEMORY;
-    oxl_free(job->ctx, path);
-    return rc;
-}
-
 /* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
     const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
     oxl_result rc = job_read_model(job, one, standard, out);
-    if (rc == OXL_OK && job->scene) rc = job_read_gains(job, one);
+    if (rc == OXL_OK && job->scene) rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images", job->out);

@@ -83,7 +83,7 @@ OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, c
 /* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                         void *user, int *found);
-OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, int others); /* others: also NAME.other */
+OXL_INTERNAL void       checkpoint_remove(const char *folder, int others); /* others: also NAME.other */
 
 /* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
 
