@@ -107,7 +107,9 @@
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/job_state.h"         /* shared by the files of a job */
+#include "src/job/job_state.c"         /* names in OUT, the survey, progress, the blocks' models */
 #include "src/job/block_plan.c"        /* windows, steps and budget of each block */
 #include "src/job/groups.c"            /* the merged model in groups of views, if memory does not hold it */
 #include "src/job/rounds.c"            /* several blocks trained as one model */
+#include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job.c"               /* the whole job: survey folder in, output folder out */
