@@ -40,7 +40,10 @@
 #include "src/blocks/partition.h"            /* shared by these files */
 #include "src/blocks/partition_axes.c"       /* principal axes, the frame of the partition */
 #include "src/blocks/partition_visibility.c" /* points seen by each view */
-#include "src/blocks/partition.c"            /* splits, limits, views of each block */
+#include "src/blocks/partition_build.h"      /* the tree of splits */
+#include "src/blocks/partition_cut.c"        /* where a box is split */
+#include "src/blocks/partition_assign.c"     /* points and views of each block */
+#include "src/blocks/partition.c"            /* how many blocks, and the plan of them */
 #include "src/blocks/partition_file.c"       /* partition.txt */
 #include "src/blocks/partition_svg.c"        /* partition.svg */
 #include "src/blocks/partition_export.c"     /* blocks as COLMAP text exports */
