@@ -26,7 +26,8 @@
 #include "src/survey/nerfstudio.c"    /* transforms.json */
 #include "src/survey/opensfm.c"       /* reconstruction.json */
 #include "src/survey/camera.c"        /* camera models, undistortion */
-#include "src/survey/image.c"         /* images: decode, reduce, undistort, mask */
+#include "src/survey/image.c"         /* decode, undistort, reduce, mask */
+#include "src/survey/image_write.c"   /* PNG and JPEG */
 #include "src/survey/survey_files.c"  /* paths of a survey's files */
 #include "src/survey/robust_stats.c"  /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"   /* decoded images in memory */
