@@ -96,8 +96,8 @@ static oxl_result job_refuse(struct job *job, const struct oxl_manifest *run)
     return rc;
 }
 
-/* The work of another run is not thrown away by a slip of the hand; a finished one of this survey has given what it had to give. */
-static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
+/* Unfinished work of another run, or a result of another survey, is removed with --restart alone; a finished run of this survey is replaced. */
+static oxl_result job_replace_run(struct job *job, const struct oxl_manifest *run)
 {
     oxl_result rc;
     if (run->finished && job_is_of_another_survey(job, run) && !job->options.restart)
@@ -129,14 +129,14 @@ static oxl_result job_find_start(struct job *job, const struct oxl_manifest *run
 }
 
 /* *done: nothing is left to do. */
-static oxl_result job_look(struct job *job, int *done)
+static oxl_result job_find_earlier(struct job *job, int *done)
 {
     struct oxl_manifest run = {0};
     oxl_result          rc  = manifest_read(job->ctx, job->out, &run);
     *done                   = 0;
     if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
-    if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_make_way(job, &run);
+    if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_replace_run(job, &run);
     else *done = run.finished && os_is_file(PATH(job->out, "scene.ply"));
 leave:
     manifest_free(job->ctx, &run);
@@ -339,7 +339,7 @@ static oxl_result job_prepare(struct job *job, int *done)
 {
     oxl_result rc = job_open(job);
     if (rc == OXL_OK) rc = job_sweep(job);
-    if (rc == OXL_OK) rc = job_look(job, done);
+    if (rc == OXL_OK) rc = job_find_earlier(job, done);
     if (rc == OXL_OK && *done)
         oxl_log(job->ctx, OXL_LOG_INFO, "%s already holds the finished result of this survey, these options and this seed",
                 job->out);
