@@ -15,7 +15,7 @@
 #define COST_PIXEL_COST      1.0e-7 /* s: SSIM forward and backward, image to float */
 #define COST_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
 #define COST_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
-#define COST_PROGRAM_BYTES   2.5e7
+#define COST_PROGRAM_BYTES   1.2e7  /* 9 to 10 MB were seen */
 #define COST_CONTEXT         1.25 /* of a run in several blocks: Gaussians of others are rendered with each block's (docs/SCALE.md) */
 #define COST_WITHIN          3.0 /* factor of uncertainty of times computed from counts */
 
