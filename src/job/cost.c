@@ -19,6 +19,12 @@
 #define COST_CONTEXT         1.25 /* of a run in several blocks: Gaussians of others are rendered with each block's (docs/SCALE.md) */
 #define COST_WITHIN          3.0 /* factor of uncertainty of times computed from counts */
 
+OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
+{
+    const double more = o->iterations_for > 0 ? (double)images / o->iterations_for : 1;
+    return (int)OXL_MIN(OXL_MAX(more, 1) * o->train.iterations, INT_MAX);
+}
+
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {
     const struct scene_stats *stats = scene_stats_of(scene);
