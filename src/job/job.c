@@ -5,33 +5,7 @@
  * "refine" all that the result does: a second run that would write the same goes on where the first one stopped, or has nothing to do.
  */
 #include "job_state.h"
-<<<<<<< HEAD
 #include "../core/json.h"
-#include "../core/vecmath.h"
-
-#define JOB_WHOLE    4   /* a merged model of more than --ram over this stays in its file */
-#define JOB_EXPOSURE 0.5 /* dB: cc_psnr is told when it is so much above PSNR */
-
-/* ---------------------------------------------------------------- files of OUT */
-
-OXL_INTERNAL oxl_result job_no_memory(struct job *job)
-{
-    return oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory for the name of a file in %s", job->out);
-}
-
-static oxl_result job_write(struct job *job, const char *name, const struct text *t)
-{
-    return t->failed ? job_no_memory(job) : os_write_file(job->ctx, PATH(job->out, "%s", name), t->data, t->size);
-}
-
-OXL_INTERNAL const char *job_block_folder(char out[PATH_MOST], const struct job *job, int block)
-{
-    const int blocks = job->partition.block_count;
-    if (block < blocks) return path_in(out, job->out, "blocks/%03d", block);
-    return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
-}
-=======
->>>>>>> main
 
 /* ---------------------------------------------------------------- run.json */
 
@@ -181,50 +155,6 @@ static void job_log_survey(struct job *job)
     }
 }
 
-<<<<<<< HEAD
-OXL_INTERNAL oxl_result job_load(struct job *job)
-{
-    oxl_result rc = OXL_OK;
-    if (job->partition.block_count > 1)
-        rc = scene_file_map(job->ctx, PATH(job->out, "blocks/survey.oxl"), job->key.data, &job->scene);
-    if (rc == OXL_OK && !job->scene) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
-    if (rc == OXL_OK) scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
-    return rc == OXL_OK ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
-}
-
-/* ---------------------------------------------------------------- decoded images in files */
-
-#define JOB_DISK 4 /* times the files' size must be free: a full disk must not stop the run */
-
-static void job_remove_decoded_file(void *user, const char *name)
-{
-    if (name[0] != '.') os_remove(PATH(((struct job *)user)->decoded, "%s", name));
-}
-
-static void job_remove_decoded(struct job *job)
-{
-    if (!job->decoded || job->options.keep_decoded || !os_is_folder(job->decoded)) return;
-    os_list_folder(job->ctx, job->decoded, job_remove_decoded_file, job);
-    os_remove_folder(job->decoded);
-}
-
-/* Where each image would be decoded several times: in blocks, or when memory does not hold them all. */
-OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
-{
-    const double bytes  = job->scene ? 3 * schedule_pixels(job->scene) : 0;
-    const char  *folder = PATH(job->out, "blocks/decoded");
-    oxl_result   rc     = OXL_OK;
-    if (!os_is_folder(folder)) { /* else another process has decided */
-        const int wanted = job->scene && (job->partition.block_count > 1 || bytes > (double)job->options.scene.image_cache_bytes);
-        if (wanted) rc = os_make_folder(job->ctx, folder);
-        if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
-    }
-    oxl_free(job->ctx, job->decoded);
-    job->decoded = NULL;
-    if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder))) rc = job_no_memory(job);
-    return rc == OXL_OK && job->scene ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
-}
-
 /* What the preset's iterations are for this survey; options in run.json have that number. */
 static void job_count_iterations(struct job *job, int images)
 {
@@ -235,8 +165,6 @@ static void job_count_iterations(struct job *job, int images)
     manifest_describe(&job->line, job->scene_path, &job->options);
 }
 
-=======
->>>>>>> main
 static oxl_result job_open(struct job *job)
 {
     oxl_result rc = os_make_folder(job->ctx, job->out);
