@@ -104,6 +104,7 @@ TEST(budget_is_what_partition_predicts_with)
     oxl_partition_report free = {0}, limited = {0};
     options.train.max_gaussians = 100000;
     options.train.iterations    = 2000;
+    options.train.densify_every = 10; /* as many as that are expected */
     CHECK_OK(oxl_partition(test_ctx, job_test_survey(), test_path("free"), &options, &free));
     options.ram = (size_t)(0.9 * free.block[0].memory);
     CHECK_OK(oxl_partition(test_ctx, test_path("survey"), test_path("limited"), &options, &limited));
@@ -129,7 +130,7 @@ TEST(budget_thins_a_model_that_does_not_fit)
     const struct cost_load load = budget_test_load();
     oxl_job_options        o = budget_test_options(0), none = o;
     CHECK(budget_thin(test_ctx, &load, &none) && none.train.max_gaussians == o.train.max_gaussians);
-    o.ram = (size_t)3.2e8;
+    o.ram = (size_t)3e8;
     CHECK(!budget_fit(test_ctx, &load, &o));
     CHECK(budget_thin(test_ctx, &load, &o) && o.train.max_gaussians > 0 && (size_t)o.train.max_gaussians < load.points);
     o.ram = 1 << 20;
