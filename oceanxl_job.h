@@ -42,14 +42,15 @@ typedef struct oxl_job_options {
     oxl_scene_options     scene;
     oxl_train_options     train;
     oxl_partition_options partition;
-    const char           *preset;       /* preset of the defaults, recorded in run.json */
-    int                   renders;      /* 1: write renders of the held-out views to OUT/renders */
-    size_t                ram;          /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: no limit */
-    int                   block;        /* train only this block and do not merge; -1: all */
-    int                   keep_decoded; /* 1: decoded images stay in OUT/blocks/decoded for the next run */
-    int                   restart;      /* 1: discard unfinished work with other options in OUT */
-    uint64_t              seed;         /* 0: the context's */
-    const char           *from;         /* model that training starts from; NULL: the survey's points */
+    const char           *preset;         /* preset of the defaults, recorded in run.json */
+    int                   renders;        /* 1: write renders of the held-out views to OUT/renders */
+    size_t                ram;            /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: no limit */
+    int                   iterations_for; /* images: of more, train.iterations grow in proportion; 0: never */
+    int                   block;          /* train only this block and do not merge; -1: all */
+    int                   keep_decoded;   /* 1: decoded images stay in OUT/blocks/decoded for the next run */
+    int                   restart;        /* 1: discard unfinished work with other options in OUT */
+    uint64_t              seed;           /* 0: the context's */
+    const char           *from;           /* model that training starts from; NULL: the survey's points */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);

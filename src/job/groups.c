@@ -117,6 +117,24 @@ static oxl_result groups_read_state(struct groups *g)
     return rc;
 }
 
+/* A file of another version than groups.txt names is of a process that was killed before it had removed it, or named it. */
+static void groups_remove_other_version(void *user, const char *name)
+{
+    const struct groups *g     = user;
+    int                  block = -1, version = 0;
+    if (sscanf(name, "imaging.%d.", &version) == 1 && version != g->gains) groups_remove(g, -1, version);
+    else if (sscanf(name, "%d.%*[a-z].%d.", &block, &version) == 2 && block >= 0 && block < g->job->partition.block_count &&
+             version != g->version[block])
+        groups_remove(g, block, version);
+}
+
+static oxl_result groups_sweep(struct groups *g)
+{
+    if (!os_is_folder(g->folder)) return OXL_OK;
+    os_list_folder(g->job->ctx, g->folder, groups_remove_other_version, g);
+    return os_sweep(g->job->ctx, g->folder);
+}
+
 /* ---------------------------------------------------------------- groups */
 
 /* keep (rows): 1 for those that one of `count` views may show. Returns their number. */
@@ -397,6 +415,7 @@ OXL_INTERNAL oxl_result groups_run(struct job *job, const char *folder)
     oxl_result             rc =
         (g.of = oxl_calloc(job->ctx, (size_t)g.views + 1, sizeof *g.of)) && g.version && g.keep ? OXL_OK : job_no_memory(job);
     if (rc == OXL_OK) rc = groups_read_state(&g);
+    if (rc == OXL_OK) rc = groups_sweep(&g);
     if (rc == OXL_OK && g.count == 0) rc = groups_make(&g);
     if (rc == OXL_OK && g.count == 0) rc = budget_refuse(job->ctx, &load, &job->options);
     if (rc == OXL_OK) rc = groups_read_gains(&g);

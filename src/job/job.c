@@ -5,6 +5,7 @@
  * "refine" all that the result does: a second run that would write the same goes on where the first one stopped, or has nothing to do.
  */
 #include "job_state.h"
+#include "../core/json.h"
 
 /* ---------------------------------------------------------------- run.json */
 
@@ -155,6 +156,16 @@ static void job_log_survey(struct job *job)
     }
 }
 
+/* What the preset's iterations are for this survey; options in run.json have that number. */
+static void job_count_iterations(struct job *job, int images)
+{
+    job->options.train.iterations = cost_iterations(&job->options, images);
+    job->options.iterations_for   = 0;
+    text_free(&job->line);
+    job->line = (struct text){.ctx = job->ctx};
+    manifest_describe(&job->line, job->scene_path, &job->options);
+}
+
 static oxl_result job_open(struct job *job)
 {
     oxl_result rc = os_make_folder(job->ctx, job->out);
@@ -163,6 +174,7 @@ static oxl_result job_open(struct job *job)
     rc = survey_describe(job->ctx, job->scene, &job->options, 0, &job->survey);
     if (rc != OXL_OK) return rc;
     memcpy(job->origin, oxl_scene_origin(job->scene), sizeof job->origin);
+    job_count_iterations(job, job->survey.images - job->survey.images_missing);
     job_log_survey(job);
     job_describe_found(job);
     return job_make_key(job);
@@ -354,11 +366,14 @@ static oxl_result job_prepare(struct job *job, int *done)
 /* One block of a run whose partition is there: what is in its folder suffices, the whole survey is not read again. */
 static oxl_result job_prepare_block(struct job *job, int *ready)
 {
-    struct oxl_manifest run = {0};
-    oxl_result          rc  = manifest_read(job->ctx, job->out, &run);
-    *ready = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && !strcmp(run.line, job->line.data) &&
+    const oxl_job_options asked = job->options;
+    struct oxl_manifest   run   = {0};
+    oxl_result            rc    = manifest_read(job->ctx, job->out, &run);
+    *ready                      = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && run.found &&
              os_is_file(PATH(job->out, "partition.txt"));
-    *ready = *ready && run.found;
+    if (*ready) job_count_iterations(job, (int)OXL_CLAMP(oxl_json_number(oxl_json_value(run.found), "images"), 0, INT_MAX));
+    *ready = *ready && job->line.data && !strcmp(run.line, job->line.data);
+    if (!*ready) job->options = asked;
     if (*ready) {
         text_add(&job->found, "%s", run.found);
         rc = job_make_key(job);

@@ -10,9 +10,12 @@
 
 static struct oxl_block balance_block(const oxl_context *ctx, const struct partition *p, int block, const oxl_job_options *o)
 {
-    const struct partition_block *b    = &p->block[block];
-    const struct cost_load        load = cost_load_of_block(p, block);
-    const struct cost             cost = cost_estimate(ctx, o, &load);
+    const struct partition_block *b      = &p->block[block];
+    const struct cost_load        load   = cost_load_of_block(p, block);
+    oxl_job_options               fitted = *o;
+    struct cost                   cost;
+    budget_fit(ctx, &load, &fitted);
+    cost = cost_estimate(ctx, &fitted, &load);
     return (oxl_block){.points       = b->points,
                        .start_points = b->start_points,
                        .base_views   = b->base_views,
@@ -130,7 +133,10 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     if (report) *report = own;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
     if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);
+    if (rc == OXL_OK)
+        o.train.iterations = cost_iterations(&o, scene_stats_of(scene)->images_listed - scene_stats_of(scene)->images_missing);
     if (rc == OXL_OK) rc = budget_partition(ctx, scene, &o, &p);
+    if (rc == OXL_OK) o.ram = (size_t)p.memory;
     if (rc == OXL_OK && report) rc = partition_report(ctx, &p, &o, &own);
     if (rc == OXL_OK) rc = partition_export(ctx, &p, out);
     if (rc == OXL_OK && report) *report = own;

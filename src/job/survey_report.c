@@ -37,10 +37,10 @@ static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_j
     const struct cost_load load   = cost_load_of_scene(scene);
     oxl_job_options        fitted = *o;
     struct cost            cost;
-    budget_fit(ctx, &load, &fitted);
-    cost           = cost_estimate(ctx, &fitted, &load);
+    fitted.ram     = budget_limit(scene, o);
+    cost           = budget_fit(ctx, &load, &fitted) ? cost_estimate(ctx, &fitted, &load) : cost_estimate(ctx, o, &load);
     s->gaussians   = cost.gaussians;
-    s->memory      = cost.memory;
+    s->memory      = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory; /* in blocks, if not in one */
     s->seconds     = cost_seconds(ctx, scene, &fitted, &cost, s->seconds_range);
     s->memory_free = (double)os_memory_free();
 }
@@ -88,6 +88,17 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     survey_say(s, ", ");
     survey_say_duration(s, s->seconds, s->seconds_range);
     survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
+}
+
+/* How many steps, and why. */
+static void survey_write_iterations(const oxl_job_options *o, int iterations, oxl_survey *s)
+{
+    const int images = s->images - s->images_missing;
+    survey_say(s, "iterations   %d", iterations);
+    if (iterations > o->train.iterations)
+        survey_say(s, ": %d for each %d of %d images", o->train.iterations, o->iterations_for, images);
+    else if (o->iterations_for > 0) survey_say(s, ": up to %d images", o->iterations_for);
+    survey_say(s, "\n");
 }
 
 /* How many blocks, and why. */
@@ -159,6 +170,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     oxl_result                rc;
     const struct scene_stats *stats  = scene_stats_of(scene);
     const double             *origin = oxl_scene_origin(scene);
+    oxl_job_options           whole  = *options;
     *out                             = (oxl_survey){.images         = stats->images_listed,
                                                     .images_missing = stats->images_missing,
                                                     .train_views    = stats->views - stats->test_views,
@@ -178,9 +190,11 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     rc = lint_observations(ctx, scene, out);
     if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
     if (rc != OXL_OK) return rc;
-    survey_predict(ctx, scene, options, out);
+    whole.train.iterations = cost_iterations(options, out->images - out->images_missing);
+    survey_predict(ctx, scene, &whole, out);
     survey_write_facts(ctx, out);
-    if (closely) rc = survey_write_blocks(ctx, scene, options, out);
+    survey_write_iterations(options, whole.train.iterations, out);
+    if (closely) rc = survey_write_blocks(ctx, scene, &whole, out);
     survey_write_warnings(out, survey_is_one_place(scene, out));
     return rc;
 }
