@@ -207,17 +207,6 @@ static void print_file(const char *folder, const char *name)
     fclose(file);
 }
 
-static void print_resume(const struct arguments *a)
-{
-    const char *out = a->out ? a->out : a->path[0];
-    fprintf(stderr,
-            "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the current model\n     resume: ", out);
-    if (a->out) fprintf(stderr, "oceanxl train %s -o %s", a->path[0], out);
-    else fprintf(stderr, "oceanxl merge %s", out);
-    if (a->out && a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
-    fputc('\n', stderr);
-}
-
 static int has_file(const char *folder, const char *name)
 {
     char  path[4096];
@@ -226,6 +215,21 @@ static int has_file(const char *folder, const char *name)
     file = fopen(path, "rb");
     if (file) fclose(file);
     return file != NULL;
+}
+
+static void print_resume(const struct arguments *a)
+{
+    const char *out = a->out ? a->out : a->path[0];
+    if (!has_file(out, "run.json")) {
+        fputs("oxl: interrupted before anything was trained\n     resume: the same command again\n", stderr);
+        return;
+    }
+    fprintf(stderr,
+            "oxl: interrupted; the state is saved, and %s/blocks/*/model.ply holds the current model\n     resume: ", out);
+    if (a->out) fprintf(stderr, "oceanxl train %s -o %s", a->path[0], out);
+    else fprintf(stderr, "oceanxl merge %s", out);
+    if (a->out && a->job.block >= 0) fprintf(stderr, " --block %d", a->job.block);
+    fputc('\n', stderr);
 }
 
 static void print_results(const struct arguments *a)
@@ -307,7 +311,9 @@ static oxl_result run_partition(oxl_context *ctx, const struct arguments *a)
 {
     oxl_partition_report report = {0};
     char                *json   = NULL;
-    oxl_result           rc     = oxl_partition(ctx, a->path[0], a->out, &a->job, &report);
+    oxl_result           rc;
+    catch_signals();
+    rc = oxl_partition(ctx, a->path[0], a->out, &a->job, &report);
     if (rc == OXL_OK && a->json) rc = oxl_partition_to_json(ctx, &report, &json);
     if (json) fputs(json, stdout);
     else if (rc == OXL_OK) {
@@ -376,7 +382,7 @@ static int on_synth(void *user, const char *what, long done, long total)
 
 static oxl_result run_render(oxl_context *ctx, const struct arguments *a, struct console *console)
 {
-    const oxl_render_output what   = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear};
+    const oxl_render_output what   = {(oxl_split)a->split, 0, a->depth, a->scale, a->clear, 0};
     const ortho_options     ortho  = {a->out, a->pixel, a->scale, a->depth};
     const flight_options    flight = {a->out, a->flight, a->frames, on_synth, console};
     oxl_model               model  = {0};
@@ -614,6 +620,9 @@ int main(int argc, char **argv)
     rc              = oxl_context_create(&options, &ctx);
     if (rc == OXL_OK) rc = oxl_backend_begin(ctx);
     if (rc == OXL_OK) rc = run(ctx, &a, &console);
+    if (rc == OXL_ERR_INTERRUPTED &&
+        (a.command == COMMAND_PARTITION || a.command == COMMAND_RENDER || a.command == COMMAND_SYNTH))
+        print_error("interrupted\nfix: the same command again");
     if (rc != OXL_OK && rc != OXL_ERR_INTERRUPTED) {
         const char *text = console.error[0] ? console.error : oxl_error_text(ctx);
         char        said[1400];

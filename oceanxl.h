@@ -1,4 +1,4 @@
-/* oceanxl.h - from a COLMAP text export of an underwater survey to one compact 3D Gaussian Splatting model.
+/* oceanxl.h - from a COLMAP model of an underwater survey to one compact 3D Gaussian Splatting model.
  *
  * This header is the manual. The shortest useful program:
  *

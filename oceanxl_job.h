@@ -42,14 +42,15 @@ typedef struct oxl_job_options {
     oxl_scene_options     scene;
     oxl_train_options     train;
     oxl_partition_options partition;
-    const char           *preset;       /* preset of the defaults, recorded in run.json */
-    int                   renders;      /* 1: write renders of the held-out views to OUT/renders */
-    size_t                ram;          /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: no limit */
-    int                   block;        /* train only this block and do not merge; -1: all */
-    int                   keep_decoded; /* 1: decoded images stay in OUT/blocks/decoded for the next run */
-    int                   restart;      /* 1: discard unfinished work with other options in OUT */
-    uint64_t              seed;         /* 0: the context's */
-    const char           *from;         /* model that training starts from; NULL: the survey's points */
+    const char           *preset;         /* preset of the defaults, recorded in run.json */
+    int                   renders;        /* 1: write renders of the held-out views to OUT/renders */
+    size_t                ram;            /* peak memory allowed, bytes; limits blocks, image cache and Gaussians; 0: no limit */
+    int                   iterations_for; /* images: of more, train.iterations grow in proportion; 0: never */
+    int                   block;          /* train only this block and do not merge; -1: all */
+    int                   keep_decoded;   /* 1: decoded images stay in OUT/blocks/decoded for the next run */
+    int                   restart;        /* 1: discard unfinished work with other options in OUT */
+    uint64_t              seed;           /* 0: the context's */
+    const char           *from;           /* model that training starts from; NULL: the survey's points */
 } oxl_job_options;
 
 OXL_API oxl_job_options oxl_job_options_default(oxl_preset preset);
@@ -204,11 +205,16 @@ OXL_API void                oxl_manifest_free(oxl_context *ctx, oxl_manifest **r
 typedef struct oxl_render_output {
     oxl_split split;
     int       images, depth;
-    double    unit;  /* factor of depths: metres per unit of the scene; 0: none (0) */
-    int       clear; /* 1: without the exposure and medium of imaging.txt (0) */
+    double    unit;    /* factor of depths: metres per unit of the scene; 0: none (0) */
+    int       clear;   /* 1: without the exposure and medium of imaging.txt (0) */
+    int       replace; /* 1: also files that no earlier call wrote; 0: they are OXL_ERR_INPUT (0) */
 } oxl_render_output;
 OXL_API oxl_result oxl_render_views(oxl_context *ctx, const oxl_model *model, oxl_scene *scene, const oxl_render_output *what,
                                     const char *folder, int *count);
+
+/* For images that the caller renders: removes the files that the last call wrote into the folder, as FOLDER/.renders lists them, and
+ * lists these, one name a line. */
+OXL_API oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *list, int replace);
 
 /* As JSON, in the form of metrics.json; free with oxl_text_free. */
 OXL_API oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out);

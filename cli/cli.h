@@ -139,7 +139,7 @@ typedef struct synth_options {
     int         fish;            /* fish in each image (0) */
     double      origin[3];       /* where the survey's middle lies in the export's world, metres (0 0 0) */
     uint64_t    seed;            /* (1) */
-    int         write_images;    /* 0: the three text files alone, for load tests (1) */
+    int         write_images;    /* 0: the COLMAP model alone, for load tests (1) */
     int         threads;         /* 0: as many as OpenMP offers; the files do not depend on it */
     int (*progress)(void *user, const char *what, long done, long total); /* nonzero stops the run; may be NULL */
     void *user;

@@ -101,14 +101,24 @@ static void flight_survey(const oxl_scene *scene, double share, oxl_camera *c)
 
 /* ---------------------------------------------------------------- the frames */
 
-/* Removes frames of an earlier flight past the end of this one. */
-static void flight_remove_frames(const char *folder)
+/* In the place of an earlier flight's. A frame past the last would join a film of these. */
+static oxl_result flight_list_frames(oxl_context *ctx, const char *folder, int count, char *error, size_t error_size)
 {
-    char path[1100];
-    for (int i = 0;; i++) {
-        snprintf(path, sizeof path, "%s/frame_%05d.png", folder, i);
-        if (remove(path) != 0) return;
+    struct output list = {0};
+    char          path[1100];
+    FILE         *next = NULL;
+    oxl_result    rc   = OXL_ERR_MEMORY;
+    for (int i = 0; i < count; i++) output_add(&list, "frame_%05d.png\n", i);
+    if (!list.failed) rc = oxl_render_list(ctx, folder, list.data, 0);
+    free(list.data);
+    snprintf(path, sizeof path, "%s/frame_%05d.png", folder, count);
+    if (rc == OXL_OK && (next = fopen(path, "rb"))) {
+        fclose(next);
+        snprintf(error, error_size, "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it",
+                 path);
+        rc = OXL_ERR_INPUT;
     }
+    return rc;
 }
 
 oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scene *scene, const flight_options *options,
@@ -125,7 +135,7 @@ oxl_result flight_write(oxl_context *ctx, const oxl_model *model, const oxl_scen
         snprintf(error, error_size, "--path %s: the survey has too few views or points", options->kind);
         return OXL_ERR_INPUT;
     }
-    if (rc == OXL_OK) flight_remove_frames(options->folder);
+    if (rc == OXL_OK) rc = flight_list_frames(ctx, options->folder, options->frames, error, error_size);
     for (int i = 0; i < options->frames && rc == OXL_OK; i++) {
         oxl_camera   c     = oxl_scene_view(scene, 0)->camera;
         const double share = orbit ? (double)i / options->frames : (double)i / (options->frames > 1 ? options->frames - 1 : 1);

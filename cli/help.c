@@ -6,11 +6,11 @@
 
 #include <string.h>
 
-static const char HELP_PURPOSE[] =
-    "from a COLMAP text export of an underwater survey to one compact 3D Gaussian Splatting model,\n"
-    "on a laptop without a GPU.\n";
+static const char HELP_PURPOSE[] = "from a COLMAP model of an underwater survey to one compact 3D Gaussian Splatting model,\n"
+                                   "on a laptop without a GPU.\n";
 static const char HELP_SCENE[] =
-    "SCENE is a folder with images/ and sparse/0/ (or sparse/, or the three text files themselves).\n";
+    "SCENE is a folder with images/ and sparse/0/ (or sparse/, or the files of a COLMAP model, text or binary), or with a\n"
+    "transforms.json or reconstruction.json.\n";
 static const char HELP_CODES[] = "0 done, 1 failed, 2 usage, 3 bad input, 4 over the memory budget, 130 interrupted.\n";
 
 /* What train writes to OUT. */

@@ -13,7 +13,7 @@
 #define IN(command)      (1u << COMMAND_##command)
 
 static const struct cli_command CLI_COMMANDS[] = {
-    {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP text export in, one splat model out.",
+    {"train", COMMAND_TRAIN, 1, "SCENE -o OUT", "Trains a survey: images and a COLMAP model in, one splat model out.",
      "oceanxl train survey -o out",
      "OUT gets scene.ply (scene_standard.ply too, if other viewers need it), report.html to look at, metrics.json, run.json, renders/ of the held-out views, and blocks/KKK/.\n"
      "Ctrl-C stops and saves the state, a crash loses at most a minute: run the same command again to resume."},
@@ -96,7 +96,7 @@ static const oxl_option CLI_OPTIONS[] = {
 {"points", "N", OXL_OPTION_LONG, FIELD(synth.points), 0, 2147483647, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "sparse points; 0: 400 a view", NULL},
 {"origin", "X,Y,Z", OXL_OPTION_POINT, FIELD(synth.origin), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "world coordinates of the middle, metres", NULL},
 {"seed", "S", OXL_OPTION_SEED, FIELD(synth.seed), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "of all random choices", NULL},
-{"no-images", NULL, OXL_OPTION_FLAG, FIELD(no_images), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "the three text files alone, for load tests", NULL},
+{"no-images", NULL, OXL_OPTION_FLAG, FIELD(no_images), 0, 1, NO_TEXT, OXL_TIER_BASIC, IN(SYNTH), "Synthetic survey", "the COLMAP model alone, for load tests", NULL},
 {"scale-bar", "ENDS", OXL_OPTION_TEXT, FIELD(bar), 0, 0, NO_TEXT, OXL_TIER_BASIC, IN(MEASURE), "Measurement", "IMG1,X,Y,IMG2,X,Y:IMG1,X,Y,IMG2,X,Y, both ends in two images or more; or X,Y,Z:X,Y,Z in the survey's units", NULL},
 {"length", "METRES", OXL_OPTION_DOUBLE, FIELD(length), LEAST, MOST, NO_TEXT, OXL_TIER_BASIC, IN(MEASURE), "Measurement", "known length of the bar", NULL},
 {"split", "test|train|all", OXL_OPTION_CHOICE, FIELD(split), 0, 2, NO_TEXT, OXL_TIER_BASIC, IN(RENDER) | IN(EVAL), "Views", "which views", NULL},

@@ -1,7 +1,7 @@
 /* report.c - report.html: quality, decisions with evidence, curves and the command that repeats a run, on one page.
  *
- * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey's text files
- * for the map. Invariant: every figure on the page is from one of these files; what is absent is left out or reported as missing.
+ * It reads OUT's run.json, metrics.json, partition.svg, blocks/KKK/{block.json,log.csv} and renders/, and the survey for
+ * the map. Invariant: every figure on the page is from one of these files; what is absent is left out or reported as missing.
  */
 #include "report.h"
 

@@ -1,6 +1,6 @@
 /* train_survey.c - a survey trained through the API, with a progress callback that also decides when it is good enough.
  *
- *     build/examples/train_survey SCENE [scene.ply]       SCENE: a COLMAP text export, as of `oceanxl synth -o SCENE`
+ *     build/examples/train_survey SCENE [scene.ply]       SCENE: images and a COLMAP model, as of `oceanxl synth -o SCENE`
  */
 #include "oceanxl.h"
 

@@ -37,7 +37,7 @@ ctrl_c() { # COMMAND...: stopped by the signal once it trains
 beside() { # COMMAND...: while another process trains into busy/, which is then killed
     rm -f busy/.lock
     "$program" train survey -o busy --iterations 1000000 --quiet >/dev/null 2>&1 &
-    while kill -0 $! 2>/dev/null && ! grep -q process busy/.lock 2>/dev/null; do sleep 0.05; done
+    while kill -0 $! 2>/dev/null && ! { grep -q process busy/.lock && test -e busy/run.json; } 2>/dev/null; do sleep 0.05; done
     "$@"
     code=$?
     kill -9 $!
@@ -47,6 +47,7 @@ beside() { # COMMAND...: while another process trains into busy/, which is then 
 with_signal() { # "SIGNAL COMMAND": once the run trains, the command is run, then the signal sent
     signal=${1%% *} before=${1#"$signal"}
     shift
+    : >signalled.txt # that of an earlier run says ETA before this one has begun, and a background process ignores SIGINT until it catches it
     "$@" 2>signalled.txt &
     while kill -0 $! 2>/dev/null && ! grep -q ETA signalled.txt; do sleep 0.05; done
     $before
@@ -97,7 +98,7 @@ without() { # WORDS COMMAND...: it succeeds without printing WORDS
     "$@" >said.txt 2>&1 && cat said.txt && ! grep -qF -- "$words_not" said.txt
 }
 
-promise help_starts_with_the_purpose 0 "from a COLMAP text export" on_stdout "$program" --help
+promise help_starts_with_the_purpose 0 "from a COLMAP model" on_stdout "$program" --help
 promise help_of_a_command_shows_one_to_copy 0 "oceanxl train survey -o out" on_stdout "$program" train --help
 promise version_is_printed 0 "oceanxl $(sed -n 's/^#define OXL_VERSION "\(.*\)"$/\1/p' "$docs/../oceanxl.h")" on_stdout "$program" --version
 promise man_is_the_page_in_docs 0 "" sh -c "'$program' --man | cmp - '$docs/oceanxl.1' || { echo 'fix: make man'; false; }"
@@ -171,15 +172,16 @@ promise max_time_stops_in_good_order 0 "scene.ply" "$program" train survey -o sh
 promise ctrl_c_leaves_a_model 130 "holds the current model" ctrl_c "$program" train survey -o stopped --iterations 20000 --max-time 20s
 promise a_second_run_in_a_folder_is_refused 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60
 promise a_second_run_that_starts_anew_is_refused_too 1 "busy is in use by process" beside "$program" train survey -o busy --iterations 60 --restart
-for command in "merge busy" "partition survey -o busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0"; do
-    promise "while_another_trains_is_refused_$(echo $command | cut -d' ' -f 1)" 1 "busy is in use by process" beside "$program" $command
+for command in "merge busy" "partition survey -o busy" "ablate survey -o busy" "tradeoff survey -o busy" "train survey -o busy --block 0" \
+    "train survey -o busy/blocks/000" "render out survey -o busy/renders" "render out survey -o busy/new"; do
+    promise "while_another_trains_is_refused_$(echo $command | tr ' /' '__')" 1 "in use by process" beside "$program" $command
 done
 promise the_lock_of_a_killed_run_is_taken_over 0 "its lock is taken over" "$program" train survey -o busy --iterations 20 --restart
 promise a_finished_run_leaves_no_lock 0 "" sh -c '! find . -name .lock | grep .'
 promise more_threads_than_processors_are_not_used 0 "processor" on_stderr "$program" check survey --threads 1000
 promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads are asked for" on_stderr env OMP_NUM_THREADS=1000 "$program" check survey
 promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_stderr "$program" train survey -o points --block-points 1
-promise a_signal_before_training_stops_the_run 130 "interrupted" on_stderr stopped_early "$program" train long -o early
+promise a_signal_before_training_stops_the_run 130 "interrupted before anything was trained" on_stderr stopped_early "$program" train long -o early
 promise nothing_was_trained_then 1 "" test -e early/blocks
 if env --default-signal=HUP true 2>/dev/null; then # the caller may ignore SIGHUP
     promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP env --default-signal=HUP "$program" train survey -o hung --iterations 1000000
@@ -223,6 +225,10 @@ promise ortho_has_its_world_file_and_heights 0 "0.050000000" sh -c 'test -s orth
 promise render_follows_a_path 0 "3 images in flight" "$program" render out/scene.ply survey -o flight --path survey --frames 3
 promise a_shorter_flight_removes_old_frames 0 "" sh -c "'$program' render out/scene.ply survey -o flight --path survey --frames 5 && '$program' render out/scene.ply survey -o flight --path survey --frames 3"
 promise a_flight_keeps_its_frames 0 "" files 3 flight "frame_*.png"
+promise a_flight_refuses_a_frame_that_it_did_not_write 3 "no earlier render wrote it" sh -c "mkdir film && echo mine >film/frame_00001.png && '$program' render out/scene.ply survey -o film --path survey --frames 3"
+promise a_flight_refuses_a_frame_that_would_follow_its_last 3 "no earlier render wrote it" "$program" render out/scene.ply survey -o film --path survey --frames 1
+promise the_foreign_frame_is_kept 0 "mine" cat film/frame_00001.png
+promise render_refuses_a_file_that_it_did_not_write 3 "no earlier render wrote it" sh -c "mkdir pictures && echo mine >pictures/$first.png && '$program' render out/scene.ply survey -o pictures"
 promise render_refuses_another_path 2 "orbit or survey wanted" "$program" render out/scene.ply survey -o flight --path home
 promise a_closed_pipe_does_not_end_the_run 0 "" sh -c "'$program' train survey -o heard --iterations 30 2>&1 | head -n 1; test -s heard/scene.ply"
 promise render_refuses_two_kinds_of_images 2 "leave one of the two out" "$program" render out/scene.ply survey -o flight --path orbit --ortho

@@ -243,6 +243,23 @@ TEST(image_jpeg_that_would_overrun_the_decoder_is_refused)
     os_release_file(test_ctx, &whole);
 }
 
+TEST(image_jpeg_whose_scan_has_no_table_is_refused)
+{
+    static const char *const kinds[] = {"tests/data/baseline.jpg", "tests/data/progressive.jpg"};
+    for (size_t k = 0; k < OXL_COUNT(kinds); k++) {
+        struct os_file_map whole;
+        char              *bytes, *scan;
+        CHECK_OK(os_read_file(test_ctx, kinds[k], &whole));
+        bytes = oxl_alloc(test_ctx, 2 * whole.size, 1);
+        memcpy(bytes, whole.data, whole.size);
+        for (scan = bytes + whole.size - 8; memcmp(scan, "\xff\xda", 2) != 0;) scan--; /* not that of a preview */
+        scan[6] = 0x33;                                                                /* of its first component */
+        image_refused(image_bytes("scan.jpg", bytes, whole.size), "a scan has no Huffman table");
+        oxl_free(test_ctx, bytes);
+        os_release_file(test_ctx, &whole);
+    }
+}
+
 TEST(image_with_flipped_bits_is_read_or_refused_without_a_crash)
 {
     for (size_t k = 0; k < OXL_COUNT(image_kinds); k++) {

@@ -394,7 +394,7 @@ static void job_test_limit_memory(const char *out, const oxl_job_options *option
     }
     CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), &o.scene, &scene));
     load = cost_load_of_scene(scene);
-    for (o.ram = (size_t)2e7; budget_most(&load, &o) < share * rows && o.ram < (size_t)1e8;) o.ram += 1000;
+    for (o.ram = (size_t)1e7; budget_most(&load, &o) < share * rows && o.ram < (size_t)1e8;) o.ram += 1000;
     p.memory = (double)o.ram;
     CHECK_OK(partition_write(test_ctx, path, &p));
     oxl_scene_free(test_ctx, scene);
@@ -916,4 +916,76 @@ TEST(job_starts_from_a_model_of_any_format_and_notices_when_it_changes)
     CHECK(oxl_job_run(test_ctx, test_path("survey"), test_path("cut"), &options, NULL) == OXL_ERR_USAGE);
     CHECK_TEXT(oxl_error_text(test_ctx), "--from starts a single block");
     oxl_model_free(test_ctx, &model);
+}
+
+/* In the layout of Inria's code: normals, f_rest by channel, rotations of any length, world coordinates, no comment. */
+static void job_test_write_inria(const oxl_model *model, const char *path)
+{
+    const int per  = (model->sh_degree + 1) * (model->sh_degree + 1) - 1;
+    FILE     *file = fopen(path, "wb");
+    CHECK(file != NULL);
+    fprintf(file, "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n", model->count);
+    for (const char *name = "xyz"; *name; name++) fprintf(file, "property float %c\n", *name);
+    for (const char *name = "xyz"; *name; name++) fprintf(file, "property float n%c\n", *name);
+    for (int k = 0; k < 3; k++) fprintf(file, "property float f_dc_%d\n", k);
+    for (int k = 0; k < 3 * per; k++) fprintf(file, "property float f_rest_%d\n", k);
+    fputs("property float opacity\n", file);
+    for (int k = 0; k < 3; k++) fprintf(file, "property float scale_%d\n", k);
+    for (int k = 0; k < 4; k++) fprintf(file, "property float rot_%d\n", k);
+    fputs("end_header\n", file);
+    for (size_t i = 0; i < model->count; i++) {
+        float row[64] = {0};
+        int   n       = 6;
+        for (int k = 0; k < 3; k++) row[k] = model->plane[OXL_MEAN + k][i];
+        for (int k = 0; k < 3; k++) row[n++] = model->plane[OXL_SH + k][i];
+        for (int c = 0; c < 3; c++)
+            for (int k = 1; k <= per; k++) row[n++] = model->plane[OXL_SH + 3 * k + c][i];
+        row[n++] = model->plane[OXL_OPACITY][i];
+        for (int k = 0; k < 3; k++) row[n++] = model->plane[OXL_LOG_SCALE + k][i];
+        for (int k = 0; k < 4; k++) row[n++] = (float)(1 + i % 3) * model->plane[OXL_ROTATION + k][i];
+        CHECK(fwrite(row, sizeof *row, (size_t)n, file) == (size_t)n);
+    }
+    CHECK(fclose(file) == 0);
+}
+
+static double job_test_psnr_of_file(const char *model_path)
+{
+    oxl_model   model;
+    oxl_scene  *scene = NULL;
+    oxl_metrics m     = {0};
+    CHECK_OK(oxl_model_read(test_ctx, model_path, &model));
+    CHECK_OK(oxl_scene_load(test_ctx, test_path("survey"), NULL, &scene));
+    oxl_model_move_origin(&model, oxl_scene_origin(scene));
+    CHECK_OK(oxl_evaluate(test_ctx, &model, scene, OXL_SPLIT_TRAIN, &m));
+    oxl_metrics_free(test_ctx, &m);
+    oxl_scene_free(test_ctx, scene);
+    oxl_model_free(test_ctx, &model);
+    return m.psnr;
+}
+
+TEST(job_from_the_ply_of_another_trainer_begins_with_its_images_and_does_not_fall_below)
+{
+    oxl_job_options options = job_test_options();
+    oxl_model       model;
+    double          begin, read, end;
+    char            from[512];
+    job_test_survey();
+    options.train.iterations = 30;
+    options.train.sh_degree  = 2;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, NULL));
+    CHECK_OK(oxl_model_read(test_ctx, test_path("out/scene.ply"), &model));
+    for (size_t i = 0; i < model.count; i++) /* harmonics that a wrong order would show */
+        for (int k = 3; k < 27; k++) model.plane[OXL_SH + k][i] += 0.02f * (float)(k % 5 - 2);
+    CHECK_OK(oxl_model_write(test_ctx, test_path("ours.ply"), &model));
+    oxl_model_move_origin(&model, (double[3]){0, 0, 0});
+    snprintf(from, sizeof from, "%s", test_path("inria.ply"));
+    job_test_write_inria(&model, from);
+    oxl_model_free(test_ctx, &model);
+    begin        = job_test_psnr_of_file(test_path("ours.ply"));
+    read         = job_test_psnr_of_file(from);
+    options.from = from;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("other"), &options, NULL));
+    end = job_test_psnr_of_file(test_path("other/scene.ply"));
+    CHECK(fabs(begin - read) < 1e-3);
+    CHECK(end >= read);
 }

@@ -67,12 +67,70 @@ TEST(budget_of_a_job_is_kept_and_one_too_small_is_refused_at_once)
     CHECK(job_test_has(test_path("out/metrics.json"), "\"peak_rss_bytes\": "));
 }
 
+TEST(budget_of_steps_grows_with_the_images_beyond_those_that_the_preset_is_for_unless_iterations_are_given)
+{
+    const oxl_option *iterations = oxl_option_find("iterations");
+    oxl_job_options   o          = oxl_job_options_default(OXL_PRESET_DRAFT);
+    CHECK(cost_iterations(&o, 170) == 2000 && cost_iterations(&o, 340) == 4000 && cost_iterations(&o, 0) == 2000);
+    CHECK_OK(oxl_option_set(iterations, &o, "2000", NULL, 0));
+    CHECK(cost_iterations(&o, 340) == 2000);
+    o = oxl_job_options_default(OXL_PRESET_PAPER);
+    CHECK(cost_iterations(&o, 1000000) == o.train.iterations);
+}
+
+TEST(budget_of_steps_of_a_large_survey_is_kept_in_run_json_and_its_run_is_found_finished)
+{
+    struct job_test_watch watch    = {0, -1};
+    const oxl_callback    callback = {job_test_progress, &watch};
+    oxl_job_options       options  = job_test_options();
+    options.iterations_for         = 3; /* of 9 images */
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    CHECK(job_test_has(test_path("out/run.json"), "\"iterations\": 36,"));
+    CHECK(job_test_has(test_path("out/blocks/000/log.csv"), "\n36,"));
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("out"), &options, &callback));
+    CHECK(watch.calls == 0);
+    options.block            = 0;
+    options.partition.blocks = 2;
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("parts"), &options, NULL));
+    options.block = 1; /* reads run.json, not the survey */
+    CHECK_OK(oxl_job_run(test_ctx, test_path("survey"), test_path("parts"), &options, NULL));
+    CHECK_OK(oxl_merge(test_ctx, test_path("parts"), NULL));
+    CHECK(job_test_has(test_path("parts/metrics.json"), "\"iterations\": 36,"));
+}
+
+TEST(budget_is_what_partition_predicts_with)
+{
+    oxl_job_options      options = job_test_options();
+    oxl_partition_report free = {0}, limited = {0};
+    options.train.max_gaussians = 100000;
+    options.train.iterations    = 2000;
+    options.train.densify_every = 10; /* as many as that are expected */
+    CHECK_OK(oxl_partition(test_ctx, job_test_survey(), test_path("free"), &options, &free));
+    options.ram = (size_t)(0.9 * free.block[0].memory);
+    CHECK_OK(oxl_partition(test_ctx, test_path("survey"), test_path("limited"), &options, &limited));
+    for (int k = 0; k < limited.block_count; k++) CHECK(limited.block[k].memory <= (double)options.ram);
+    CHECK(limited.balance[0].memory <= (double)options.ram && limited.balance[1].memory <= (double)options.ram);
+    oxl_partition_report_free(test_ctx, &free);
+    oxl_partition_report_free(test_ctx, &limited);
+}
+
+TEST(budget_has_no_trials_of_lamp_and_water_to_hold)
+{
+    const struct cost_load load = budget_test_load();
+    oxl_job_options        o    = budget_test_options(4e8), off;
+    o.train.sh_degree           = 3;
+    o.train.lamp = o.train.medium = OXL_AUTO;
+    off                           = o;
+    off.train.lamp = off.train.medium = OXL_OFF;
+    CHECK(cost_memory(&o, &load, 1e5) == cost_memory(&off, &load, 1e5));
+}
+
 TEST(budget_thins_a_model_that_does_not_fit)
 {
     const struct cost_load load = budget_test_load();
     oxl_job_options        o = budget_test_options(0), none = o;
     CHECK(budget_thin(test_ctx, &load, &none) && none.train.max_gaussians == o.train.max_gaussians);
-    o.ram = (size_t)3.2e8;
+    o.ram = (size_t)3e8;
     CHECK(!budget_fit(test_ctx, &load, &o));
     CHECK(budget_thin(test_ctx, &load, &o) && o.train.max_gaussians > 0 && (size_t)o.train.max_gaussians < load.points);
     o.ram = 1 << 20;

@@ -76,6 +76,26 @@ TEST(lock_that_is_shared_lets_others_share_it_and_nobody_have_it_alone)
     CHECK(!os_is_file(test_path("out/.lock")));
 }
 
+TEST(lock_of_a_run_refuses_folders_within_it)
+{
+    const char *folder = test_path("out");
+    oxl_lock   *lock   = NULL;
+    pid_t       child  = lock_test_child(folder, 1);
+    CHECK_OK(oxl_lock_folder(test_ctx, test_path("out/row"), &lock)); /* no run.json: a folder of runs */
+    oxl_unlock_folder(test_ctx, &lock);
+    CHECK_OK(os_write_file(test_ctx, test_path("out/run.json"), "{}", 2));
+    CHECK(oxl_lock_folder(test_ctx, test_path("out/new"), &lock) == OXL_ERR_FAILED && !lock &&
+          !os_is_folder(test_path("out/new")));
+    CHECK(strstr(oxl_error_text(test_ctx), "out/new lies in the folder of a run, which is in use by process"));
+    CHECK_OK(os_make_folder(test_ctx, test_path("out/blocks/000")));
+    CHECK(oxl_lock_folder(test_ctx, test_path("out/blocks/000"), &lock) == OXL_ERR_FAILED);
+    CHECK_OK(lock_folder(test_ctx, test_path("out/blocks/000"), 0, &lock)); /* of the run itself */
+    oxl_unlock_folder(test_ctx, &lock);
+    lock_test_kill(child);
+    CHECK_OK(oxl_lock_folder(test_ctx, test_path("out/blocks/000"), &lock));
+    oxl_unlock_folder(test_ctx, &lock);
+}
+
 TEST(lock_of_a_survey_of_one_block_is_not_shared)
 {
     oxl_job_options       options  = job_test_options();

@@ -132,7 +132,7 @@ TEST(report_says_what_is_missing)
     report_test_run();
     page = report_test_page();
     CHECK_TEXT(page, "Its images are not in renders/.");
-    CHECK_TEXT(page, "No map: the survey's text files are not found.");
+    CHECK_TEXT(page, "No map: the survey is not found.");
     free(page);
     test_write("out/run.json", "{\"finished\": false, \"blocks\": 3, " REPORT_TEST_JOB "}");
     remove(test_path("out/metrics.json"));

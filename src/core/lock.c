@@ -15,9 +15,9 @@ struct oxl_lock {
     char          *path;
 };
 
-static oxl_result lock_refuse(oxl_context *ctx, const char *folder, const struct os_lock *file)
+static oxl_result lock_refuse(oxl_context *ctx, const char *folder, const char *where, const struct os_lock *file)
 {
-    return oxl_fail(ctx, OXL_ERR_FAILED, "%s is in use by %s\nfix: wait until it ends, or stop it", folder,
+    return oxl_fail(ctx, OXL_ERR_FAILED, "%s %s by %s\nfix: wait until it ends, or stop it", folder, where,
                     file->holder[0] ? file->holder : "another process");
 }
 
@@ -41,7 +41,7 @@ static oxl_result lock_take(oxl_context *ctx, const char *folder, int shared, in
     if (rc != OXL_OK) goto done;
     got   = lock_open(lock->path, shared, &lock->file);
     *busy = got == OS_LOCK_BUSY;
-    if (*busy) rc = lock_refuse(ctx, folder, &lock->file);
+    if (*busy) rc = lock_refuse(ctx, folder, "is in use", &lock->file);
     if (got == OS_LOCK_FAILED || got == OS_LOCK_REMOVED) rc = os_lock_fail(ctx, lock->path);
     if (got == OS_LOCK_NONE)
         oxl_log(ctx, OXL_LOG_WARNING,
@@ -73,12 +73,51 @@ OXL_INTERNAL oxl_result lock_folder_if_free(oxl_context *ctx, const char *folder
 
 OXL_INTERNAL oxl_result lock_change(oxl_context *ctx, oxl_lock *lock, const char *folder, int shared)
 {
-    return os_lock_change(&lock->file, shared) == OS_LOCK_BUSY ? lock_refuse(ctx, folder, &lock->file) : OXL_OK;
+    return os_lock_change(&lock->file, shared) == OS_LOCK_BUSY ? lock_refuse(ctx, folder, "is in use", &lock->file) : OXL_OK;
+}
+
+/* The folder above; of one that is not there yet, as its name has it. */
+static char *lock_above(oxl_context *ctx, const char *folder)
+{
+    char *up = oxl_path_join(ctx, folder, ".."), *slash;
+    if (!up || os_is_folder(folder)) return up;
+    up[strlen(folder)] = 0;
+    slash              = strrchr(up, '/');
+    if (slash) slash[slash == up] = 0;
+    else strcpy(up, ".");
+    return up;
+}
+
+/* Refuses a folder within the OUT of a run that another process has, such as OUT/renders and OUT/blocks/KKK. A folder of runs that this
+ * process itself has locked holds no run.json and is not opened: that would end the lock. */
+OXL_INTERNAL oxl_result lock_look_above(oxl_context *ctx, const char *folder)
+{
+    char      *up = lock_above(ctx, folder);
+    oxl_result rc = OXL_OK;
+    for (int level = 0; rc == OXL_OK && level < 2; level++) {
+        char          *run = up ? oxl_path_join(ctx, up, "run.json") : NULL, *path = up ? oxl_path_join(ctx, up, ".lock") : NULL;
+        struct os_lock file;
+        if (!run || !path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to lock %s", folder);
+        else if (os_is_file(run) && os_is_file(path)) {
+            const enum os_locked got = os_lock_open(path, 0, &file);
+            if (got == OS_LOCK_BUSY) rc = lock_refuse(ctx, folder, "lies in the folder of a run, which is in use", &file);
+            if (got == OS_LOCK_TAKEN || got == OS_LOCK_NONE) os_lock_close(&file, NULL);
+        }
+        oxl_free(ctx, run);
+        oxl_free(ctx, path);
+        run = up && rc == OXL_OK ? lock_above(ctx, up) : NULL;
+        oxl_free(ctx, up);
+        up = run;
+    }
+    oxl_free(ctx, up);
+    return rc;
 }
 
 oxl_result oxl_lock_folder(oxl_context *ctx, const char *folder, oxl_lock **out)
 {
-    return lock_folder(ctx, folder, 0, out);
+    const oxl_result rc = lock_look_above(ctx, folder);
+    *out                = NULL;
+    return rc == OXL_OK ? lock_folder(ctx, folder, 0, out) : rc;
 }
 
 /* The last one who leaves removes the file. */

@@ -5,7 +5,7 @@
  * preset, parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the
  * manual page and docs/OPTIONS.md.
  *
- * Invariants: row 0 is the preset. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does
+ * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does
  * not depend on the locale.
  */
 #include "core.h"
@@ -24,6 +24,7 @@
     {                                   \
         draft, standard, paper          \
     }
+enum { OPTIONS_ITERATIONS = 1 }; /* the row that sets iterations_for, too */
 #define OPTION_BYTES_MOST 1e15
 #define SURVEY            OXL_OPTION_OF_SURVEY
 #define TRAINING          OXL_OPTION_OF_TRAINING
@@ -35,6 +36,7 @@ static const oxl_option OPTIONS[] = {
 /* name, value, kind, field, lowest, highest, default, tier, use, group, help, former name */
 {"preset", "draft|standard|paper", OXL_OPTION_PRESET, 0, 0, 0, PRESETS("draft", "standard", "paper"), OXL_TIER_BASIC, TRAINING, "Training", "sets all other options to its defaults: fast; longer; the paper's method (BSP, UCD, pruning to half, selective lobes)", NULL},
 {"iterations", "N", OXL_OPTION_INT, OPTION_AT(train.iterations), 1, INT_MAX, PRESETS("2000", "7000", "40000"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "training steps, one image each; more than those of the finished run in OUT continue it", "=total-iterations"},
+{"iterations-for", "N", OXL_OPTION_INT, OPTION_AT(iterations_for), 0, INT_MAX, PRESETS("170", "170", "0"), OXL_TIER_ADVANCED, TRAINING, "Training", "images that a preset's iterations are for: of more, iterations grow in proportion; 0: never; --iterations sets 0", NULL},
 {"max-time", "TIME", OXL_OPTION_SECONDS, OPTION_AT(train.max_seconds), 0, 1e15, EACH("0"), OXL_TIER_BASIC, RUN, "Training", "save the state and stop after 90s, 20m or 8h; 0: no limit", NULL},
 {"max-gaussians", "N", OXL_OPTION_INT, OPTION_AT(train.max_gaussians), 0, INT_MAX, EACH("0"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "largest number of Gaussians, all blocks together; 0: one for every 60 training pixels", NULL},
 {"sh-degree", "auto|0..3", OXL_OPTION_INT, OPTION_AT(train.sh_degree), 0, 3, PRESETS("auto", "auto", "3"), OXL_TIER_BASIC, TRAINING | RESULT, "Training", "degree of the spherical harmonics (view-dependent colour); auto: chosen on validation views", NULL},
@@ -48,7 +50,7 @@ static const oxl_option OPTIONS[] = {
 {"background", "R,G,B", OXL_OPTION_RGB, OPTION_AT(train.background), 0, 1, EACH("0,0,0"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "colour behind all Gaussians, each channel 0 to 1", NULL},
 {"ssim-weight", "W", OXL_OPTION_FLOAT, OPTION_AT(train.ssim_weight), 0, 1, EACH("0.2"), OXL_TIER_EXPERT, TRAINING | RESULT, "Training", "loss = (1 - W) L1 + W (1 - SSIM)", NULL},
 {"images", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.images), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "images; otherwise SCENE/images", NULL},
-{"sparse", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.sparse), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "cameras.txt, images.txt, points3D.txt; otherwise SCENE/sparse/0, SCENE/sparse or SCENE", NULL},
+{"sparse", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.sparse), 0, 0, EACH(NULL), OXL_TIER_ADVANCED, SURVEY | RESULT, "Input", "cameras, images and points3D, .txt or .bin; otherwise SCENE/sparse/0, SCENE/sparse or SCENE", NULL},
 {"masks", "FOLDER", OXL_OPTION_TEXT, OPTION_AT(scene.masks), 0, 0, EACH(NULL), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "masks, black pixels are ignored; otherwise SCENE/masks if it exists", NULL},
 {"max-side", "PX", OXL_OPTION_INT, OPTION_AT(scene.max_side), 0, INT_MAX, EACH("1600"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "images are reduced until the longer side has at most so many pixels; 0: full size", NULL},
 {"test-every", "N", OXL_OPTION_INT, OPTION_AT(scene.test_every), 0, INT_MAX, EACH("8"), OXL_TIER_BASIC, SURVEY | RESULT, "Input", "hold out every N-th view by name for evaluation; 0: none", NULL},
@@ -401,7 +403,10 @@ static int option_read(const oxl_option *o, const char *text, void *options)
     }
     if (!option_read_number(o, text, &v)) return 0;
     switch (o->kind) {
-    case OXL_OPTION_INT: *(int *)field = (int)v; break;
+    case OXL_OPTION_INT:
+        *(int *)field = (int)v;
+        if (o == &OPTIONS[OPTIONS_ITERATIONS]) ((oxl_job_options *)options)->iterations_for = 0;
+        break;
     case OXL_OPTION_LONG: *(long *)field = (long)v; break;
     case OXL_OPTION_FLOAT: *(float *)field = (float)v; break;
     case OXL_OPTION_BYTES: *(size_t *)field = (size_t)OXL_MIN(v, (double)(SIZE_MAX / 2)); break;

@@ -15,9 +15,15 @@
 #define COST_PIXEL_COST      1.0e-7 /* s: SSIM forward and backward, image to float */
 #define COST_GAUSSIAN_COST   6.0e-8 /* s: projection, binning and Adam */
 #define COST_PIXEL_BYTES     160.0  /* of working memory: images, SSIM's maps */
-#define COST_PROGRAM_BYTES   2.5e7
+#define COST_PROGRAM_BYTES   1.2e7  /* 9 to 10 MB were seen */
 #define COST_CONTEXT         1.25 /* of a run in several blocks: Gaussians of others are rendered with each block's (docs/SCALE.md) */
 #define COST_WITHIN          3.0 /* factor of uncertainty of times computed from counts */
+
+OXL_INTERNAL int cost_iterations(const oxl_job_options *o, int images)
+{
+    const double more = o->iterations_for > 0 ? (double)images / o->iterations_for : 1;
+    return (int)OXL_MIN(OXL_MAX(more, 1) * o->train.iterations, INT_MAX);
+}
 
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene)
 {

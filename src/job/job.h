@@ -133,6 +133,8 @@ struct cost_load {               /* counts of a survey or of a block */
 struct cost {
     double gaussians, memory, seconds; /* at the end of the run; peak, bytes; with ctx's threads */
 };
+/* Steps of the run of a survey of so many images (docs/SCALE.md). */
+OXL_INTERNAL int              cost_iterations(const oxl_job_options *options, int images);
 OXL_INTERNAL struct cost_load cost_load_of_scene(const oxl_scene *scene);
 OXL_INTERNAL struct cost_load cost_load_of_block(const struct partition *p, int block); /* p by partition_make */
 OXL_INTERNAL struct cost      cost_estimate(const oxl_context *ctx, const oxl_job_options *options, const struct cost_load *load);

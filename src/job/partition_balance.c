@@ -10,9 +10,12 @@
 
 static struct oxl_block balance_block(const oxl_context *ctx, const struct partition *p, int block, const oxl_job_options *o)
 {
-    const struct partition_block *b    = &p->block[block];
-    const struct cost_load        load = cost_load_of_block(p, block);
-    const struct cost             cost = cost_estimate(ctx, o, &load);
+    const struct partition_block *b      = &p->block[block];
+    const struct cost_load        load   = cost_load_of_block(p, block);
+    oxl_job_options               fitted = *o;
+    struct cost                   cost;
+    budget_fit(ctx, &load, &fitted);
+    cost = cost_estimate(ctx, &fitted, &load);
     return (oxl_block){.points       = b->points,
                        .start_points = b->start_points,
                        .base_views   = b->base_views,
@@ -105,13 +108,13 @@ void oxl_partition_report_free(oxl_context *ctx, oxl_partition_report *report)
 
 /* ---------------------------------------------------------------- the command */
 
-/* Text files alone are enough when the images are elsewhere. */
+/* The COLMAP model alone is enough when the images are elsewhere. */
 static oxl_result balance_look_for_images(oxl_context *ctx, const char *scene, oxl_scene_options *o)
 {
     char *images = o->images ? oxl_strdup(ctx, o->images) : oxl_path_join(ctx, scene, "images");
     if (!images) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
     if (o->read_images && !os_is_folder(images)) {
-        oxl_log(ctx, OXL_LOG_INFO, "%s is not there: the blocks are made of the text files alone", images);
+        oxl_log(ctx, OXL_LOG_INFO, "%s is not there: the blocks are made of the model alone", images);
         o->read_images = 0;
     }
     oxl_free(ctx, images);
@@ -130,7 +133,10 @@ oxl_result oxl_partition(oxl_context *ctx, const char *scene_path, const char *o
     if (report) *report = own;
     if (rc == OXL_OK) rc = oxl_scene_load(ctx, scene_path, &o.scene, &scene);
     if (rc == OXL_OK) rc = oxl_lock_folder(ctx, out, &lock);
+    if (rc == OXL_OK)
+        o.train.iterations = cost_iterations(&o, scene_stats_of(scene)->images_listed - scene_stats_of(scene)->images_missing);
     if (rc == OXL_OK) rc = budget_partition(ctx, scene, &o, &p);
+    if (rc == OXL_OK) o.ram = (size_t)p.memory;
     if (rc == OXL_OK && report) rc = partition_report(ctx, &p, &o, &own);
     if (rc == OXL_OK) rc = partition_export(ctx, &p, out);
     if (rc == OXL_OK && report) *report = own;
@@ -150,10 +156,7 @@ struct balance_member {
 
 static void balance_add_members(struct text *t, const struct balance_member *m, size_t count)
 {
-    for (size_t i = 0; i < count; i++) {
-        text_add(t, "%s\"%s\": ", i ? ", " : "{", m[i].name);
-        text_add_number(t, m[i].value);
-    }
+    for (size_t i = 0; i < count; i++) text_add(t, "%s\"%s\": %s", i ? ", " : "{", m[i].name, NUMBER(m[i].value));
     text_add(t, "}");
 }
 
@@ -175,13 +178,9 @@ static void balance_add_json(struct text *t, const char *name, const oxl_balance
 oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *r, char **out)
 {
     struct text t = {.ctx = ctx};
-    text_add(&t, "{\n  \"dimensions\": %d,\n  \"cut\": \"%s\",\n  \"extent\": [", r->dimensions,
-             r->cut == OXL_CUT_MIDPOINT ? "midpoint" : "balanced");
-    for (int k = 0; k < 3; k++) {
-        text_add(&t, "%s", k ? ", " : "");
-        text_add_number(&t, r->extent[k]);
-    }
-    text_add(&t, "],\n");
+    text_add(&t, "{\n  \"dimensions\": %d,\n  \"cut\": \"%s\",\n  \"extent\": [%s, %s, %s],\n", r->dimensions,
+             r->cut == OXL_CUT_MIDPOINT ? "midpoint" : "balanced", NUMBER(r->extent[0]), NUMBER(r->extent[1]),
+             NUMBER(r->extent[2]));
     balance_add_json(&t, "balanced", &r->balance[OXL_CUT_BALANCED]);
     balance_add_json(&t, "midpoint", &r->balance[OXL_CUT_MIDPOINT]);
     text_add(&t, "  \"blocks\": [");

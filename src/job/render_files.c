@@ -207,31 +207,93 @@ static oxl_result render_files_write(oxl_context *ctx, struct render_file *file,
     return *written < count ? ctx->failed : OXL_OK;
 }
 
-/* Removes what the last call wrote into the folder, as FOLDER/.renders lists it, and lists what this one will. */
-static oxl_result render_files_replace(oxl_context *ctx, const oxl_scene *scene, const char *folder, const int *view, int asked)
+/* ---------------------------------------------------------------- FOLDER/.renders lists the files that the last call wrote there */
+
+/* The next line of a list, without its end; NULL after the last. */
+static char *render_list_line(oxl_context *ctx, const char **at)
 {
-    static const char *const suffix[] = {".png", ".image.png", ".clear.png", ".depth.png", ".depth.pfm", ".depth16.png"};
-    struct os_file_map       map      = {0};
-    struct text              list     = {.ctx = ctx};
-    char                    *path     = oxl_path_join(ctx, folder, ".renders"), *name;
-    oxl_result               rc       = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
-    for (const char *s = map.data; rc == OXL_OK && s && *s; s += strcspn(s, "\n"), s += *s != 0) {
-        struct text line = {.ctx = ctx};
-        text_add(&line, "%.*s", (int)strcspn(s, "\n"), s);
-        for (size_t k = 0; !line.failed && k < OXL_COUNT(suffix); k++) {
-            name = render_file_path(ctx, folder, line.data, suffix[k]);
-            if (name) os_remove(name);
-            oxl_free(ctx, name);
-        }
-        text_free(&line);
+    struct text line = {.ctx = ctx};
+    char       *out;
+    if (!**at) return NULL;
+    text_add(&line, "%.*s", (int)strcspn(*at, "\n"), *at);
+    *at += strcspn(*at, "\n");
+    *at += **at != 0;
+    return text_take(&line, &out) == OXL_OK ? out : NULL;
+}
+
+/* Whether the list has the line; *at: where the search begins and where it ends, as lists mostly have the same order. */
+static int render_list_has(const char *list, const char *line, const char **at)
+{
+    const size_t size = strlen(line);
+    for (int again = 0; again < 2; again++, *at = list)
+        for (const char *s = *at; (s = strstr(s, line)); s++)
+            if ((s == list || s[-1] == '\n') && s[size] == '\n') {
+                *at = s;
+                return 1;
+            }
+    return 0;
+}
+
+/* Refuses when a file of the new list is there and the old list does not have it. */
+static oxl_result render_list_check(oxl_context *ctx, const char *folder, const char *old, const char *list)
+{
+    const char *at = old;
+    oxl_result  rc = OXL_OK;
+    for (char *name; rc == OXL_OK && (name = render_list_line(ctx, &list)); oxl_free(ctx, name)) {
+        char *path = render_file_path(ctx, folder, name, "");
+        if (!path) rc = ctx->failed;
+        else if (os_is_file(path) && !render_list_has(old, name, &at))
+            rc = oxl_fail(ctx, OXL_ERR_INPUT,
+                          "%s is there already, and no earlier render wrote it\nfix: name another folder, or remove it", path);
+        oxl_free(ctx, path);
     }
-    for (int i = 0; i < asked; i++) text_add(&list, "%s\n", oxl_scene_view(scene, view[i])->name);
-    if (rc == OXL_OK && list.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    if (rc == OXL_OK) rc = os_write_file(ctx, path, list.data, list.size);
-    text_free(&list);
+    return rc;
+}
+
+static oxl_result render_list_remove(oxl_context *ctx, const char *folder, const char *old)
+{
+    oxl_result rc = OXL_OK;
+    for (char *name; rc == OXL_OK && (name = render_list_line(ctx, &old)); oxl_free(ctx, name)) {
+        char *path = render_file_path(ctx, folder, name, "");
+        if (path) os_remove(path);
+        else rc = ctx->failed;
+        oxl_free(ctx, path);
+    }
+    return rc;
+}
+
+oxl_result oxl_render_list(oxl_context *ctx, const char *folder, const char *list, int replace)
+{
+    struct os_file_map map  = {0};
+    char              *path = oxl_path_join(ctx, folder, ".renders");
+    oxl_result         rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
+    if (rc == OXL_OK && !replace) rc = render_list_check(ctx, folder, map.data ? map.data : "", list);
+    if (rc == OXL_OK && map.data) rc = render_list_remove(ctx, folder, map.data);
+    if (rc == OXL_OK) rc = os_write_file(ctx, path, list, strlen(list));
     os_release_file(ctx, &map);
     oxl_free(ctx, path);
+    return rc;
+}
+
+static oxl_result render_files_replace(oxl_context *ctx, oxl_scene *scene, const oxl_render_output *what, const char *folder,
+                                       const int *view, int asked)
+{
+    struct text list = {.ctx = ctx};
+    char       *text;
+    oxl_result  rc;
+    for (int i = 0; i < asked; i++) {
+        const char *name = oxl_scene_view(scene, view[i])->name;
+        text_add(&list, "%s.png\n", name);
+        if (what->images) text_add(&list, "%s.image.png\n", name);
+        if (what->images && !what->clear && imaging_hides_colours(scene_imaging(scene))) text_add(&list, "%s.clear.png\n", name);
+        if (what->depth) text_add(&list, "%s.depth.png\n%s.depth.pfm\n%s.depth16.png\n", name, name, name);
+    }
+    text_add(&list, "%s", "");
+    rc = text_take(&list, &text);
+    if (rc != OXL_OK) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
+    rc = oxl_render_list(ctx, folder, text, what->replace);
+    oxl_free(ctx, text);
     return rc;
 }
 
@@ -243,7 +305,7 @@ OXL_INTERNAL oxl_result render_files_of(oxl_context *ctx, const oxl_model *model
     oxl_result          rc   = os_make_folder(ctx, folder);
     *count                   = 0;
     if (rc == OXL_OK && !file) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a list of views");
-    if (rc == OXL_OK) rc = render_files_replace(ctx, scene, folder, view, asked);
+    if (rc == OXL_OK) rc = render_files_replace(ctx, scene, what, folder, view, asked);
     if (rc == OXL_OK) rc = renderer_create(ctx, &f.renderer);
     while (rc == OXL_OK && *count < asked) {
         int        rendered, written;

@@ -37,10 +37,10 @@ static void survey_predict(oxl_context *ctx, const oxl_scene *scene, const oxl_j
     const struct cost_load load   = cost_load_of_scene(scene);
     oxl_job_options        fitted = *o;
     struct cost            cost;
-    budget_fit(ctx, &load, &fitted);
-    cost           = cost_estimate(ctx, &fitted, &load);
+    fitted.ram     = budget_limit(scene, o);
+    cost           = budget_fit(ctx, &load, &fitted) ? cost_estimate(ctx, &fitted, &load) : cost_estimate(ctx, o, &load);
     s->gaussians   = cost.gaussians;
-    s->memory      = cost.memory;
+    s->memory      = fitted.ram ? OXL_MIN(cost.memory, (double)fitted.ram) : cost.memory; /* in blocks, if not in one */
     s->seconds     = cost_seconds(ctx, scene, &fitted, &cost, s->seconds_range);
     s->memory_free = (double)os_memory_free();
 }
@@ -90,6 +90,17 @@ static void survey_write_facts(const oxl_context *ctx, oxl_survey *s)
     survey_say(s, " on %d thread%s (%s)\n", ctx->threads, ctx->threads == 1 ? "" : "s", oxl_isa_name(ctx));
 }
 
+/* How many steps, and why. */
+static void survey_write_iterations(const oxl_job_options *o, int iterations, oxl_survey *s)
+{
+    const int images = s->images - s->images_missing;
+    survey_say(s, "iterations   %d", iterations);
+    if (iterations > o->train.iterations)
+        survey_say(s, ": %d for each %d of %d images", o->train.iterations, o->iterations_for, images);
+    else if (o->iterations_for > 0) survey_say(s, ": up to %d images", o->iterations_for);
+    survey_say(s, "\n");
+}
+
 /* How many blocks, and why. */
 static oxl_result survey_write_blocks(oxl_context *ctx, const oxl_scene *scene, const oxl_job_options *o, oxl_survey *s)
 {
@@ -133,11 +144,10 @@ static void survey_write_warnings(oxl_survey *s, int one_place)
     if (s->unusable > 0) survey_say(s, "warning: %d of %d images cannot be used and are left out\n", s->unusable, s->images);
     if (s->missed > LINT_MISSED_SURVEY)
         survey_say(s,
-                   "warning: %.0f %% of the track entries project outside their images; check that cameras.txt, images.txt and "
-                   "points3D.txt are of one model and that poses are world to camera\n",
+                   "warning: %.0f %% of the track entries project outside their images; check that cameras, images and "
+                   "points3D are of one model and that poses are world to camera\n",
                    100 * s->missed);
-    if (s->points == 0)
-        survey_say(s, "warning: no points: training starts from random points and may fail; export points3D.txt too\n");
+    if (s->points == 0) survey_say(s, "warning: no points: training starts from random points and may fail; export them too\n");
     else if (s->points < 500) survey_say(s, "warning: only %zu points; check that this is the right sub-model\n", s->points);
     if (s->mean_error > 2)
         survey_say(s,
@@ -160,6 +170,7 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     oxl_result                rc;
     const struct scene_stats *stats  = scene_stats_of(scene);
     const double             *origin = oxl_scene_origin(scene);
+    oxl_job_options           whole  = *options;
     *out                             = (oxl_survey){.images         = stats->images_listed,
                                                     .images_missing = stats->images_missing,
                                                     .train_views    = stats->views - stats->test_views,
@@ -179,9 +190,11 @@ OXL_INTERNAL oxl_result survey_describe(oxl_context *ctx, const oxl_scene *scene
     rc = lint_observations(ctx, scene, out);
     if (rc == OXL_OK) rc = closely ? lint_images(ctx, scene, out) : lint_masks(ctx, scene);
     if (rc != OXL_OK) return rc;
-    survey_predict(ctx, scene, options, out);
+    whole.train.iterations = cost_iterations(options, out->images - out->images_missing);
+    survey_predict(ctx, scene, &whole, out);
     survey_write_facts(ctx, out);
-    if (closely) rc = survey_write_blocks(ctx, scene, options, out);
+    survey_write_iterations(options, whole.train.iterations, out);
+    if (closely) rc = survey_write_blocks(ctx, scene, &whole, out);
     survey_write_warnings(out, survey_is_one_place(scene, out));
     return rc;
 }
@@ -210,12 +223,7 @@ oxl_result oxl_check_quality(oxl_context *ctx, const char *path, const oxl_job_o
 
 static void survey_add_triple(struct text *t, const char *indent, const char *name, const double v[3])
 {
-    text_add(t, ",\n%s  \"%s\": [", indent, name);
-    for (int k = 0; k < 3; k++) {
-        if (k > 0) text_add(t, ", ");
-        text_add_number(t, v[k]);
-    }
-    text_add(t, "]");
+    text_add(t, ",\n%s  \"%s\": [%s, %s, %s]", indent, name, NUMBER(v[0]), NUMBER(v[1]), NUMBER(v[2]));
 }
 
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const char *indent)
@@ -249,10 +257,8 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"predicted_seconds_most", s->seconds_range[1]}};
     text_add(t, "{\n%s  \"cameras_text\": ", indent);
     text_add_json_string(t, s->cameras_text);
-    for (size_t i = 0; i < OXL_COUNT(numbers); i++) {
-        text_add(t, ",\n%s  \"%s\": ", indent, numbers[i].name);
-        text_add_number(t, numbers[i].value);
-    }
+    for (size_t i = 0; i < OXL_COUNT(numbers); i++)
+        text_add(t, ",\n%s  \"%s\": %s", indent, numbers[i].name, NUMBER(numbers[i].value));
     survey_add_triple(t, indent, "bounds_min", s->bounds_min);
     survey_add_triple(t, indent, "bounds_max", s->bounds_max);
     text_add(t, "\n%s}", indent);

@@ -234,7 +234,7 @@ static void training_add_json(const struct training_views *t, struct text *out)
         const double               values[] = {v->psnr, v->cc_psnr, v->ssim, row->lacks, row->exposure};
         text_add(out, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(out, oxl_scene_view(t->scene, v->view)->name);
-        for (int k = 0; k < 5; k++) text_add(out, ", \"%s\": ", names[k]), text_add_number(out, values[k]);
+        for (int k = 0; k < 5; k++) text_add(out, ", \"%s\": %s", names[k], NUMBER(values[k]));
         text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", row->flag);
     }
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");
@@ -263,7 +263,8 @@ OXL_INTERNAL oxl_result training_views_check(oxl_context *ctx, const oxl_model *
     training_add_json(&t, json);
     for (; count < OXL_MIN(m.count, (int)TRAINING_SHOWN); count++) shown[count] = m.views[t.row[count].at].view;
     if (folder)
-        rc = render_files_of(ctx, model, scene, &(oxl_render_output){OXL_SPLIT_ALL, 1, 0, 0, 0}, folder, shown, count, &count);
+        rc = render_files_of(ctx, model, scene, &(oxl_render_output){.split = OXL_SPLIT_ALL, .images = 1, .replace = 1}, folder,
+                             shown, count, &count);
 done:
     oxl_free(ctx, t.row);
     oxl_free(ctx, t.work);

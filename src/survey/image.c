@@ -1,4 +1,4 @@
-/* image.c - reads images (decode, undistort, reduce, mask) and writes PNG and JPEG.
+/* image.c - reads images: decode, undistort, reduce, mask.
  *
  * stb_image decodes JPEG and PNG. Its SSE2 and NEON paths give the bytes of its C path (integer IDCT, fixed-point colour), which
  * a test checks. stb allocates with malloc, since its hooks have no context; that memory is freed before a function here returns,
@@ -19,33 +19,21 @@
 #pragma GCC diagnostic ignored "-Wmissing-field-initializers"
 #endif
 /* gcc warns about declared and undefined functions in spite of these pragmas; hence NO_GIF beside ONLY_JPEG and ONLY_PNG, a macro
- * for a function misspelt in stb_image 2.27, and stdio in the writer. */
+ * for a function misspelt in stb_image 2.27. */
 #define STB_IMAGE_STATIC
 #define STB_IMAGE_IMPLEMENTATION
 #define STBI_NO_STDIO
 #define STBI_NO_GIF
 #define STBI_ONLY_JPEG
 #define STBI_ONLY_PNG
+#define STBI_MALLOC(size)       calloc(1, size) /* its decoder reads tables that a damaged file does not define */
+#define STBI_REALLOC(old, size) realloc(old, size)
+#define STBI_FREE(old)          free(old)
 #ifdef __TINYC__ /* defines x86-64 without intrinsics */
 #define STBI_NO_SIMD
 #endif
 #define stbi_set_unpremultiply_on_load_thread stbi__unpremultiply_on_load_thread
 #include <stb/stb_image.h>
-#define STB_IMAGE_WRITE_STATIC
-#define STB_IMAGE_WRITE_IMPLEMENTATION
-/* Its JPEG shifts bits out of a signed number on purpose: sanitizers must not stop there. */
-#ifdef __clang__
-#pragma clang attribute push(__attribute__((no_sanitize("shift"))), apply_to = function)
-#elif defined(__GNUC__)
-#pragma GCC push_options
-#pragma GCC optimize("wrapv")
-#endif
-#include <stb/stb_image_write.h>
-#ifdef __clang__
-#pragma clang attribute pop
-#elif defined(__GNUC__)
-#pragma GCC pop_options
-#endif
 #ifdef __GNUC__
 #pragma GCC diagnostic pop
 #endif
@@ -68,11 +56,12 @@ static int image_is_jpeg(const struct os_file_map *file)
     return file->size > 4 && memcmp(file->data, "\xff\xd8\xff", 3) == 0;
 }
 
-/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class, 16 counts, as many symbols; again. */
-static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end)
+/* Huffman tables (ITU T.81 B.2.4.2) fill their segment: a class and a number, 16 counts, as many symbols; again. *tables: a bit for each. */
+static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *end, unsigned *tables)
 {
     while (p < end) {
         int symbols = 0;
+        *tables |= 1u << ((p[0] >> 4 & 1) << 2 | (p[0] & 3));
         for (int i = 1; i <= 16 && end - p >= 17; i++) symbols += p[i];
         if (symbols > 256 || 17 + symbols > end - p) return 0;
         p += 17 + symbols;
@@ -80,13 +69,26 @@ static int image_jpeg_tables_fit(const unsigned char *p, const unsigned char *en
     return 1;
 }
 
-/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), accepts a
- * second frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the
+/* Whether a scan's Huffman tables are defined (B.2.3). Of a progressive image, a scan has either kind, or none where it refines DC. */
+static int image_jpeg_scan_fits(const unsigned char *p, const unsigned char *end, unsigned tables, int progressive)
+{
+    const int count = p < end ? p[0] : 0, begins = end - p >= 4 + 2 * count ? p[1 + 2 * count] : 0;
+    if (end - p < 4 + 2 * count) return 0;
+    for (int i = 0; i < count; i++) {
+        const int table = p[2 + 2 * i], dc = tables >> (table >> 4 & 3) & 1, ac = tables >> (4 + (table & 3)) & 1;
+        if (!progressive ? !dc || !ac : begins > 0 ? !ac : !dc && p[3 + 2 * count] >> 4 == 0) return 0;
+    }
+    return 1;
+}
+
+/* Error in the segments of a JPEG; NULL: none. stb 2.27 does not check the counts of a Huffman table (buffer overrun), reads
+ * tables that are not defined, accepts a second frame header after allocating for the first, and reports a truncated file as "expected marker". Iterates over the
  * markers; a preview inside a segment is skipped with it. */
 static const char *image_jpeg_error(const struct os_file_map *file)
 {
     const unsigned char *p = (const unsigned char *)file->data + 2, *end = p + file->size - 2;
-    int                  frames = 0;
+    unsigned             tables = 0;
+    int                  frames = 0, progressive = 0;
     while (end - p >= 2) {
         const int marker = p[1];
         if (p[0] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) { /* coded data */
@@ -95,7 +97,11 @@ static const char *image_jpeg_error(const struct os_file_map *file)
         }
         if (marker == 0xd9) return NULL;
         if (end - p < 4 || 2 + (p[2] << 8 | p[3]) > end - p) break;
-        if (marker == 0xc4 && !image_jpeg_tables_fit(p + 4, p + 2 + (p[2] << 8 | p[3]))) return "a Huffman table is damaged";
+        if (marker == 0xc4 && !image_jpeg_tables_fit(p + 4, p + 2 + (p[2] << 8 | p[3]), &tables))
+            return "a Huffman table is damaged";
+        if (marker == 0xda && !image_jpeg_scan_fits(p + 4, p + 2 + (p[2] << 8 | p[3]), tables, progressive))
+            return "a scan has no Huffman table";
+        progressive |= marker == 0xc2;
         if (marker >= 0xc0 && marker <= 0xc2 && frames++) return "it has two frame headers";
         p += 2 + (p[2] << 8 | p[3]);
     }
@@ -113,7 +119,7 @@ static oxl_result image_check_header(oxl_context *ctx, const char *path, const s
     if (!image_is_png(file) && !image_is_jpeg(file))
         return oxl_fail(ctx, OXL_ERR_INPUT,
                         "%s: neither a JPEG nor a PNG file (%zu bytes, beginning %02x %02x)\nfix: convert it to one of these, "
-                        "under the same name in images.txt",
+                        "under the same name in the model",
                         path, file->size, file->size > 0 ? data[0] : 0, file->size > 1 ? data[1] : 0);
     fault = image_is_jpeg(file) ? image_jpeg_error(file) : NULL; /* before stb sees a byte */
     if (fault)
@@ -505,121 +511,7 @@ OXL_INTERNAL void image_halve(int width, int height, float *rgb, float *weight)
     }
 }
 
-/* ---------------------------------------------------------------- writing images */
-
-static uint8_t image_to_byte(float v)
-{
-    if (!(v > 0)) return 0; /* NaN too */
-    return v < 1 ? (uint8_t)(v * 255.0f + 0.5f) : 255;
-}
-
-OXL_INTERNAL void image_to_training(const oxl_image *image, struct training_image *to)
-{
-    const size_t count = (size_t)image->width * image->height;
-    for (size_t i = 0; i < 3 * count; i++) to->rgb[i] = image_to_byte(image->rgb[i]);
-    for (size_t i = 0; to->mask && i < count; i++) to->mask[i] = !image->weight || image->weight[i] > 0.5f ? 255 : 0;
-}
-
-/* One filter for all rows and a short search: all five filters and a longer search take 1.6 times as long for the same size
- * (docs/log/SPEED.md). These are globals of stb, set once, so that threads that write PNGs only read them. */
-OXL_INTERNAL void image_begin(void)
-{
-    enum { AVERAGE = 3, SEARCH = 5 };
-#ifdef _OPENMP
-#pragma omp critical(image_begin)
-#endif
-    if (stbi_write_force_png_filter != AVERAGE || stbi_write_png_compression_level != SEARCH) {
-        stbi_write_force_png_filter      = AVERAGE;
-        stbi_write_png_compression_level = SEARCH;
-    }
-}
-
-/* Planes (3,count) as bytes, interleaved; NULL: no memory. */
-static uint8_t *image_interleave(oxl_context *ctx, const float *rgb, size_t count)
-{
-    uint8_t *bytes = oxl_alloc(ctx, count, 3);
-    for (size_t i = 0; bytes && i < count; i++)
-        for (int c = 0; c < 3; c++) bytes[3 * i + c] = image_to_byte(rgb[c * count + i]);
-    return bytes;
-}
-
-/* Frees both; encoded NULL: there was no memory. */
-static oxl_result image_write_encoded(oxl_context *ctx, const char *path, uint8_t *bytes, unsigned char *encoded, int size)
-{
-    const oxl_result rc = encoded ? os_write_file(ctx, path, encoded, (size_t)size)
-                                  : oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to encode the image", path);
-    STBIW_FREE(encoded);
-    oxl_free(ctx, bytes);
-    return rc;
-}
-
-OXL_INTERNAL oxl_result image_write_png(oxl_context *ctx, const char *path, const float *rgb, int width, int height)
-{
-    uint8_t       *bytes   = image_interleave(ctx, rgb, (size_t)width * height);
-    int            size    = 0;
-    unsigned char *encoded = bytes ? stbi_write_png_to_mem(bytes, 3 * width, width, height, 3, &size) : NULL;
-    return image_write_encoded(ctx, path, bytes, encoded, size);
-}
-
-/* Encoded by stb as 8-bit grey with alpha, which has the same bytes per pixel; then the header is changed to 16-bit grey. */
-OXL_INTERNAL oxl_result image_write_png16(oxl_context *ctx, const char *path, const uint16_t *grey, int width, int height)
-{
-    enum { HEADER = 12, HEADER_SIZE = 17, BITS = 24, COLOUR = 25, SUM = 29 }; /* byte offsets in a PNG [RFC 2083] */
-    const size_t   count   = (size_t)width * (size_t)height;
-    uint8_t       *bytes   = oxl_alloc(ctx, count, 2);
-    unsigned char *encoded = NULL;
-    int            size    = 0;
-    for (size_t i = 0; bytes && i < count; i++)
-        bytes[2 * i] = (uint8_t)(grey[i] >> 8), bytes[2 * i + 1] = (uint8_t)(grey[i] & 255);
-    if (bytes) encoded = stbi_write_png_to_mem(bytes, 2 * width, width, height, 2, &size);
-    if (encoded) {
-        unsigned sum;
-        encoded[BITS] = 16, encoded[COLOUR] = 0;
-        sum = stbiw__crc32(encoded + HEADER, HEADER_SIZE);
-        for (int k = 0; k < 4; k++) encoded[SUM + k] = (unsigned char)(sum >> (24 - 8 * k));
-    }
-    return image_write_encoded(ctx, path, bytes, encoded, size);
-}
-
-/* Callback of stb: receives the parts of a JPEG. */
-struct image_sink {
-    oxl_context *ctx;
-    void        *data;
-    size_t       size, capacity;
-    oxl_result   rc;
-};
-
-static void image_take(void *user, void *part, int size)
-{
-    struct image_sink *s = user;
-    if (s->rc == OXL_OK) s->rc = oxl_reserve(s->ctx, &s->data, &s->capacity, s->size + (size_t)size, 1);
-    if (s->rc != OXL_OK) return;
-    memcpy((char *)s->data + s->size, part, (size_t)size);
-    s->size += (size_t)size;
-}
-
 /* ---------------------------------------------------------------- public functions */
-
-oxl_result oxl_image_to_jpeg(oxl_context *ctx, const oxl_image *image, int quality, char **out, size_t *size)
-{
-    const size_t      count = (size_t)image->width * image->height;
-    struct image_sink sink  = {.ctx = ctx};
-    uint8_t          *bytes;
-    *out  = NULL;
-    *size = 0;
-    if (!image->rgb || count == 0) return oxl_fail(ctx, OXL_ERR_USAGE, "the image to encode is empty");
-    bytes = image_interleave(ctx, image->rgb, count);
-    if (!bytes) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to encode %d x %d px", image->width, image->height);
-    stbi_write_jpg_to_func(image_take, &sink, image->width, image->height, 3, bytes, OXL_MAX(1, OXL_MIN(quality, 100)));
-    oxl_free(ctx, bytes);
-    if (sink.rc != OXL_OK) {
-        oxl_free(ctx, sink.data);
-        return sink.rc;
-    }
-    *out  = sink.data;
-    *size = sink.size;
-    return OXL_OK;
-}
 
 oxl_result oxl_image_create(oxl_context *ctx, int width, int height, oxl_image *out)
 {
@@ -657,33 +549,10 @@ oxl_result oxl_image_read(oxl_context *ctx, const char *path, oxl_image *out)
     return rc;
 }
 
-oxl_result oxl_image_write(oxl_context *ctx, const char *path, const oxl_image *image)
-{
-    if (!image->rgb || image->width < 1 || image->height < 1)
-        return oxl_fail(ctx, OXL_ERR_USAGE, "%s: the image to write is empty\nfix: fill it, as oxl_render and oxl_image_read do",
-                        path);
-    return image_write_png(ctx, path, image->rgb, image->width, image->height);
-}
-
-/* ---------------------------------------------------------------- stb's deflate, for others */
+/* ---------------------------------------------------------------- stb's inflate, for spz.c */
 
 OXL_INTERNAL int image_inflate(void *out, size_t size, const void *data, size_t data_size)
 {
     if (size > INT_MAX || data_size > INT_MAX) return 0;
     return stbi_zlib_decode_noheader_buffer(out, (int)size, data, (int)data_size) == (int)size;
-}
-
-OXL_INTERNAL oxl_result image_deflate(oxl_context *ctx, const void *data, size_t size, size_t before, size_t after,
-                                      unsigned char **out, size_t *deflated)
-{
-    enum { ZLIB_HEAD = 2, ZLIB_TAIL = 4 }; /* bytes of zlib's header and checksum */
-    int            length = 0;
-    unsigned char *zlib   = size <= INT_MAX ? stbi_zlib_compress((unsigned char *)data, (int)size, &length, 8) : NULL;
-    *out                  = zlib ? oxl_alloc(ctx, before + (size_t)length + after, 1) : NULL;
-    if (*out) {
-        *deflated = (size_t)length - ZLIB_HEAD - ZLIB_TAIL;
-        memcpy(*out + before, zlib + ZLIB_HEAD, *deflated);
-    }
-    STBIW_FREE(zlib);
-    return *out ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to compress %zu bytes", size);
 }

@@ -87,10 +87,11 @@ static oxl_result scene_fail_missing(oxl_context *ctx, const oxl_scene *scene, c
                         scene->images);
     survey_find_like(ctx, scene->images, first, like, sizeof like);
     return oxl_fail(ctx, OXL_ERR_INPUT,
-                    "%d of the %zu images of images.txt are not in %s, the first is %s; at most %.0f %% may be missing\n"
+                    "%d of the %zu images of %s are not in %s, the first is %s; at most %.0f %% may be missing\n"
                     "fix: %s%s%s",
-                    scene->stats.images_missing, scene->colmap.image_count, scene->images, first, 100 * share,
-                    scene->view_count == 0 ? "name by --images the folder that the names in images.txt start from"
+                    scene->stats.images_missing, scene->colmap.image_count, scene->colmap.images_file, scene->images, first,
+                    100 * share,
+                    scene->view_count == 0 ? "name by --images the folder that the names in the model start from"
                                            : "put them there, or take them out of the model: colmap image_deleter",
                     like[0] ? "; very like it is " : "", like);
 }
@@ -174,11 +175,10 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
 {
     const struct colmap_image *image = &scene->colmap.image[o->image];
     const struct scene_key    *key   = scene_find_key(b->camera, scene->colmap.camera_count, image->camera_id);
-    char                      *path  = oxl_path_join(ctx, scene->images, o->name);
+    const char                *path  = PATH(scene->images, "%s", o->name);
     oxl_view                  *view  = &scene->view[scene->view_count];
     oxl_result                 rc    = OXL_OK;
-    if (!path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    else if (!key)
+    if (!key)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
                       scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
@@ -195,7 +195,6 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
         memcpy(view->camera.translation, image->translation, sizeof image->translation);
         scene->source[scene->view_count++] = (struct scene_source){o->image, key->index};
     }
-    oxl_free(ctx, path);
     return rc;
 }
 
@@ -300,7 +299,7 @@ static oxl_result scene_count_masks(oxl_context *ctx, oxl_scene *scene)
         oxl_free(ctx, path);
     }
     if (scene->masks && scene->stats.masks == 0)
-        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; wanted NAME.png, NAME as in images.txt", scene->masks);
+        oxl_log(ctx, OXL_LOG_WARNING, "%s holds no mask of any view; wanted NAME.png, NAME as in the model", scene->masks);
     return OXL_OK;
 }
 
@@ -362,7 +361,7 @@ static oxl_result scene_take_points(oxl_context *ctx, oxl_scene *scene)
     if (scene->point_count < c->point_count)
         oxl_log(ctx, OXL_LOG_WARNING, "%zu of %zu points have no finite position and are left out",
                 c->point_count - scene->point_count, c->point_count);
-    if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "points3D.txt holds no points");
+    if (scene->point_count == 0) oxl_log(ctx, OXL_LOG_WARNING, "the survey holds no points");
     scene_default_colours(ctx, scene);
     return OXL_OK;
 }
@@ -498,12 +497,9 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
 static oxl_result scene_load_image(oxl_context *ctx, const void *source, int view, struct training_image *out)
 {
     const oxl_scene *scene = source;
-    char            *path  = oxl_path_join(ctx, scene->images, scene->view[view].name);
     char            *mask  = NULL;
-    oxl_result       rc =
-        path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    if (rc == OXL_OK) rc = scene_decode(ctx, scene, view, path, mask, out);
-    oxl_free(ctx, path);
+    oxl_result       rc    = scene_mask_path(ctx, scene, scene->view[view].name, &mask);
+    if (rc == OXL_OK) rc = scene_decode(ctx, scene, view, PATH(scene->images, "%s", scene->view[view].name), mask, out);
     oxl_free(ctx, mask);
     return rc;
 }

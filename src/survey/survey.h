@@ -4,7 +4,7 @@
 
 #include "../core/core.h"
 
-/* ---------------------------------------------------------------- colmap.c: the three text files, as they are */
+/* ---------------------------------------------------------------- colmap.c: the files of a COLMAP model, as they are */
 
 enum { CAMERA_PARAMETERS = 16 }; /* of the model that has most */
 

@@ -125,7 +125,7 @@ OXL_INTERNAL int schedule_densifications(const oxl_train_options *options)
 
 OXL_INTERNAL int schedule_may_try(const oxl_train_options *o)
 {
-    return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO || o->lamp == OXL_AUTO || o->medium == OXL_AUTO;
+    return o->sh_degree < 0 || o->dog == OXL_DOG_AUTO;
 }
 
 OXL_INTERNAL double schedule_coarse_share(const oxl_train_options *o, int width, int height)
