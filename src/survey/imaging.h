@@ -67,9 +67,9 @@ OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
                                                    oxl_image *image); /* to what is rendered; before the gain */
 OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
-OXL_INTERNAL int  imaging_is_needed(const struct imaging *m);     /* 1: something lies between the colours and the images */
-OXL_INTERNAL int  imaging_hides_colours(const struct imaging *m); /* 1: lamp or water; viewers need a model of their own */
-OXL_INTERNAL void imaging_keep_gains(struct imaging *m); /* as for such a model: no lamp, no water, and with either no gains */
+OXL_INTERNAL int imaging_is_needed(const struct imaging *m); /* 1: something lies between the colours and the images */
+OXL_INTERNAL int imaging_hides_colours(
+    const struct imaging *m); /* 1: water, or light that falls with range: viewers need a model of their own */
 OXL_INTERNAL oxl_result      imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
 OXL_INTERNAL oxl_result      imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
