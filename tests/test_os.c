@@ -205,3 +205,18 @@ TEST(os_the_clock_goes_forward_and_memory_use_is_seen)
     CHECK(os_seconds() >= before);
     oxl_free(test_ctx, memory);
 }
+
+TEST(os_path_has_one_slash_between_its_parts_and_none_before_an_empty_folder_and_a_long_one_names_no_file)
+{
+    char long_name[PATH_MOST + 8];
+    memset(long_name, 'a', sizeof long_name - 1), long_name[sizeof long_name - 1] = 0;
+    CHECK(strcmp(PATH("out", "blocks/%03d", 7), "out/blocks/007") == 0);
+    CHECK(strcmp(PATH("out/", "%s", "run.json"), "out/run.json") == 0);
+    CHECK(strcmp(PATH("", "%s", "run.json"), "run.json") == 0);
+    CHECK(!os_is_file(PATH("out", "%s", long_name)) && os_write_file(test_ctx, PATH("out", "%s", long_name), "x", 1) != OXL_OK);
+    CHECK(os_write_file(test_ctx, PATH(long_name, "x"), "x", 1) != OXL_OK);
+    long_name[PATH_MOST - 2] = 0;
+    CHECK(strlen(PATH("o", "%s", long_name)) < PATH_MOST - 3); /* one more than fits */
+    long_name[PATH_MOST - 3] = 0;
+    CHECK(strlen(PATH("o", "%s", long_name)) == PATH_MOST - 1);
+}

@@ -171,42 +171,6 @@ TEST(prune_select_takes_the_lowest_and_of_equals_the_first)
     }
 }
 
-/* Left half flat, right half a pattern of 4 px that a fine blur leaves. */
-static struct training_image prune_pattern(void)
-{
-    struct training_image p = {.width = 64, .height = 48, .rgb = oxl_alloc(test_ctx, 3 * 64 * 48, 1)};
-    for (int i = 0; i < 3 * 64 * 48; i++) {
-        const int x = i % 64, y = i / 64 % 48;
-        p.rgb[i] = (uint8_t)(x < 32 ? 100 : ((x / 4 + y / 4) % 2 ? 160 : 60));
-    }
-    return p;
-}
-
-TEST(prune_detail_is_high_where_the_image_has_it_and_the_same_with_any_threads)
-{
-    struct training_image p       = prune_pattern();
-    const size_t          pixels  = 64 * 48;
-    const int             threads = test_ctx->threads;
-    float                *w = oxl_alloc(test_ctx, 2 * pixels, sizeof *w), flat = 0, fine = 0, most = 0;
-    test_ctx->threads = 1;
-    CHECK_OK(prune_detail(test_ctx, &p, w));
-    test_ctx->threads = 5;
-    CHECK_OK(prune_detail(test_ctx, &p, w + pixels));
-    test_ctx->threads = threads;
-    CHECK(memcmp(w, w + pixels, pixels * sizeof *w) == 0);
-    for (size_t i = 0; i < pixels; i++) {
-        if (i % 64 < 20) flat = OXL_MAX(flat, w[i]);
-        else if (i % 64 > 32) fine += w[i] / (31 * 48);
-        most = OXL_MAX(most, w[i]);
-    }
-    CHECK(flat == 0 && fine > 1 && most <= 3 && most > 1.5f);
-    memset(p.rgb, 77, 3 * pixels);
-    CHECK_OK(prune_detail(test_ctx, &p, w));
-    for (size_t i = 0; i < pixels; i++) CHECK(w[i] == 0);
-    image_training_free(test_ctx, &p);
-    oxl_free(test_ctx, w);
-}
-
 /* Two patches of 64 equal Gaussians each: `many` views look at the left one, `few` at the right one; they share nothing. */
 struct prune_case {
     oxl_scene *scene;

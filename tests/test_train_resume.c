@@ -118,7 +118,7 @@ TEST(checkpoint_that_is_damaged_is_noticed_and_the_one_before_it_used)
     struct checkpoint_case c        = checkpoint_case();
     oxl_model              model;
     for (size_t i = 0; i <= OXL_COUNT(places); i++) {
-        checkpoint_remove(test_ctx, test_folder(), 0);
+        checkpoint_remove(test_folder(), 0);
         for (int step = 10; step <= 20; step += 10) {
             CHECK(checkpoint_run(&c, "key", step, &model) == OXL_ERR_INTERRUPTED);
             oxl_model_free(test_ctx, &model);

@@ -277,33 +277,22 @@ static void exporter_block(const struct exporter *e, struct exporter_worker *w, 
 
 /* ---------------------------------------------------------------- folders */
 
-static char *exporter_path(const struct exporter *e, int block, const char *name)
-{
-    struct text t = {.ctx = e->ctx};
-    char       *path;
-    text_add(&t, "%s/blocks/%03d%s%s", e->out, block, name[0] ? "/" : "", name);
-    return text_take(&t, &path) == OXL_OK ? path : NULL;
-}
+#define EXPORTER_BLOCK(e, block) PATH((e)->out, "blocks/%03d", block)
 
 static oxl_result exporter_open(const struct exporter *e, int block, struct exporter_files *files)
 {
-    char      *folder = exporter_path(e, block, "sparse/0");
-    oxl_result rc     = folder ? os_make_folder(e->ctx, folder) : OXL_ERR_MEMORY;
-    for (int k = 0; k < EXPORT_FILES && rc == OXL_OK; k++) {
-        char *path = oxl_path_join(e->ctx, folder, exporter_name[k]);
-        rc         = path ? os_writer_open(e->ctx, path, &files->writer[k]) : OXL_ERR_MEMORY;
-        oxl_free(e->ctx, path);
-    }
-    oxl_free(e->ctx, folder);
-    return rc == OXL_ERR_MEMORY ? oxl_fail(e->ctx, rc, "no memory for a path") : rc;
+    const char *folder = PATH(EXPORTER_BLOCK(e, block), "sparse/0");
+    oxl_result  rc     = os_make_folder(e->ctx, folder);
+    for (int k = 0; k < EXPORT_FILES && rc == OXL_OK; k++)
+        rc = os_writer_open(e->ctx, PATH(folder, "%s", exporter_name[k]), &files->writer[k]);
+    return rc;
 }
 
 static void exporter_link(const struct exporter *e, int block, const char *name, const char *folder)
 {
-    char *path = folder && os_is_folder(folder) ? exporter_path(e, block, name) : NULL;
-    if (path && !os_link(e->ctx, folder, path))
+    const char *path = PATH(EXPORTER_BLOCK(e, block), "%s", name);
+    if (folder && os_is_folder(folder) && !os_link(folder, path))
         oxl_log(e->ctx, OXL_LOG_DEBUG, "%s: no link could be made; name the images by --images", path);
-    oxl_free(e->ctx, path);
 }
 
 /* What an earlier partition into more blocks has left. Models that were trained there stay. */
@@ -311,17 +300,9 @@ static void exporter_remove_old(const struct exporter *e)
 {
     static const char *const old[] = {
         "sparse/0/cameras.txt", "sparse/0/images.txt", "sparse/0/points3D.txt", "sparse/0", "sparse", "images", "masks", ""};
-    for (int block = e->p->block_count;; block++) {
-        char     *folder = exporter_path(e, block, "");
-        const int there  = folder && os_is_folder(folder);
-        oxl_free(e->ctx, folder);
-        if (!there) return;
-        for (size_t k = 0; k < OXL_COUNT(old); k++) {
-            char *path = exporter_path(e, block, old[k]);
-            if (path) remove(path); /* a folder only when it is empty */
-            oxl_free(e->ctx, path);
-        }
-    }
+    for (int block = e->p->block_count; os_is_folder(EXPORTER_BLOCK(e, block)); block++)
+        for (size_t k = 0; k < OXL_COUNT(old); k++)
+            remove(PATH(EXPORTER_BLOCK(e, block), "%s", old[k])); /* a folder only when it is empty */
 }
 
 /* ---------------------------------------------------------------- workers */
@@ -426,29 +407,20 @@ static oxl_result exporter_blocks(struct exporter *e)
 
 OXL_INTERNAL oxl_result partition_save(oxl_context *ctx, const struct partition *p, const char *out)
 {
-    char      *record  = oxl_path_join(ctx, out, "partition.txt");
-    char      *picture = oxl_path_join(ctx, out, "partition.svg");
-    oxl_result rc      = record && picture ? os_make_folder(ctx, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    if (rc == OXL_OK) rc = partition_draw(ctx, p, picture);
-    if (rc == OXL_OK) rc = partition_write(ctx, record, p);
-    oxl_free(ctx, record);
-    oxl_free(ctx, picture);
-    return rc;
+    oxl_result rc = os_make_folder(ctx, out);
+    if (rc == OXL_OK) rc = partition_draw(ctx, p, PATH(out, "partition.svg"));
+    return rc == OXL_OK ? partition_write(ctx, PATH(out, "partition.txt"), p) : rc;
 }
 
 OXL_INTERNAL oxl_result partition_export(oxl_context *ctx, const struct partition *p, const char *out)
 {
-    struct exporter e      = {.ctx = ctx, .p = p, .out = out};
-    char           *record = oxl_path_join(ctx, out, "partition.txt");
-    oxl_result      rc     = record ? os_make_folder(ctx, out) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
+    struct exporter e  = {.ctx = ctx, .p = p, .out = out};
+    oxl_result      rc = os_make_folder(ctx, out);
     if (rc == OXL_OK && !p->plan)
         rc = oxl_fail(ctx, OXL_ERR_USAGE, "a partition read from partition.txt holds no survey\nfix: make it from the scene");
-    if (rc == OXL_OK) {
-        e.colmap = scene_colmap(p->plan->scene);
-        os_remove(record);
-        rc = exporter_blocks(&e);
-    }
-    if (rc == OXL_OK) rc = partition_save(ctx, p, out);
-    oxl_free(ctx, record);
-    return rc;
+    if (rc != OXL_OK) return rc;
+    e.colmap = scene_colmap(p->plan->scene);
+    os_remove(PATH(out, "partition.txt"));
+    rc = exporter_blocks(&e);
+    return rc == OXL_OK ? partition_save(ctx, p, out) : rc;
 }

@@ -120,9 +120,14 @@ OXL_INTERNAL void       text_free(struct text *t);
 OXL_INTERNAL oxl_result text_take(struct text *t, char **out);
 
 /* A copy of the text, or NULL. */
-OXL_INTERNAL char       *oxl_strdup(oxl_context *ctx, const char *s);
+OXL_INTERNAL char *oxl_strdup(oxl_context *ctx, const char *s);
 /* "a/b", allocated; a may be "" or end in a slash. */
-OXL_INTERNAL char       *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+OXL_INTERNAL char *oxl_path_join(oxl_context *ctx, const char *a, const char *b);
+/* The same as a temporary of the enclosing block, the second part from a format: PATH(folder, "blocks/%03d", k). A path that is too
+ * long becomes one that cannot exist. */
+enum { PATH_MOST = 4096 };
+OXL_INTERNAL const char *path_in(char out[PATH_MOST], const char *folder, const char *format, ...) OXL_PRINTF(3, 4);
+#define PATH(...) path_in((char[PATH_MOST]){0}, __VA_ARGS__)
 OXL_INTERNAL const char *path_base_name(const char *path); /* part after the last slash */
 
 /* ---------------------------------------------------------------- number.c: fast, exact, locale-independent number parsing */
@@ -230,7 +235,7 @@ OXL_INTERNAL void  os_library_close(void *library);
 
 OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path); /* with its parents; an existing folder is no error */
 /* Creates a symbolic link at `path` to the folder `target`; replaces an existing link only; 0: failed. */
-OXL_INTERNAL int        os_link(oxl_context *ctx, const char *target, const char *path);
+OXL_INTERNAL int        os_link(const char *target, const char *path);
 OXL_INTERNAL int        os_is_file(const char *path);
 OXL_INTERNAL int        os_is_folder(const char *path);
 OXL_INTERNAL int64_t    os_modified(const char *path); /* modification time in the system's unit; 0: unknown */

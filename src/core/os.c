@@ -640,16 +640,11 @@ OXL_INTERNAL oxl_result os_make_folder(oxl_context *ctx, const char *path)
     return rc;
 }
 
-OXL_INTERNAL int os_link(oxl_context *ctx, const char *target, const char *path)
+OXL_INTERNAL int os_link(const char *target, const char *path)
 {
-    char  here[4096] = "";
-    char *full       = NULL;
-    int   made       = 0;
+    char here[PATH_MOST] = "";
     if (!os_is_absolute(target) && os_working_folder(here, sizeof here) != 0) return 0;
-    full = oxl_path_join(ctx, here, target);
-    if (full) made = os_make_link(full, path) == 0;
-    oxl_free(ctx, full);
-    return made;
+    return os_make_link(PATH(here, "%s", target), path) == 0;
 }
 
 /* ---------------------------------------------------------------- locks */
@@ -867,9 +862,7 @@ static void os_sweep_file(void *user, const char *name)
 {
     const struct os_sweeping *s      = user;
     const size_t              length = strlen(name);
-    char                     *path   = oxl_path_join(s->ctx, s->folder, name);
-    if (path && length > 4 && !strcmp(name + length - 4, ".tmp")) os_remove(path);
-    oxl_free(s->ctx, path);
+    if (length > 4 && !strcmp(name + length - 4, ".tmp")) os_remove(PATH(s->folder, "%s", name));
 }
 
 OXL_INTERNAL oxl_result os_sweep(oxl_context *ctx, const char *folder)

@@ -25,60 +25,40 @@ struct block {
     oxl_nonfinite            nonfinite;
 };
 
-/* Where a file of the block is written: in its folder, which may have been deleted. */
-static oxl_result block_place(struct block *b, const char *name, char **path)
-{
-    *path = oxl_path_join(b->ctx, b->task->folder, name);
-    return *path ? os_make_folder(b->ctx, b->task->folder) : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
-}
-
+/* A file of the block's folder, which may have been deleted. */
 static oxl_result block_write(struct block *b, const char *name, const struct text *t)
 {
-    char      *path;
-    oxl_result rc = block_place(b, name, &path);
-    if (rc == OXL_OK && t->failed) rc = oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
-    if (rc == OXL_OK) rc = os_write_file(b->ctx, path, t->data, t->size);
-    oxl_free(b->ctx, path);
-    return rc;
+    const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
+    if (rc == OXL_OK && t->failed) return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to write %s", name);
+    return rc == OXL_OK ? os_write_file(b->ctx, PATH(b->task->folder, "%s", name), t->data, t->size) : rc;
 }
 
 static oxl_result block_write_model(struct block *b, const char *name, const oxl_model *model)
 {
-    char      *path;
-    oxl_result rc = block_place(b, name, &path);
-    if (rc == OXL_OK) rc = model_file_write_ply(b->ctx, path, model, model->sh_degree);
-    oxl_free(b->ctx, path);
-    return rc;
+    const oxl_result rc = os_make_folder(b->ctx, b->task->folder);
+    return rc == OXL_OK ? model_file_write_ply(b->ctx, PATH(b->task->folder, "%s", name), model, model->sh_degree) : rc;
 }
 
 /* The gains of the images; without any, no file. */
 static oxl_result block_write_imaging(struct block *b, oxl_scene *scene)
 {
-    char      *path;
-    oxl_result rc = block_place(b, "imaging.txt", &path);
-    if (rc == OXL_OK && imaging_is_needed(scene_imaging(scene))) rc = imaging_write(b->ctx, path, scene, scene_imaging(scene));
-    else if (rc == OXL_OK) os_remove(path);
-    oxl_free(b->ctx, path);
-    return rc;
-}
-
-static void block_remove(struct block *b, const char *name)
-{
-    char *path = oxl_path_join(b->ctx, b->task->folder, name);
-    if (path) os_remove(path);
-    oxl_free(b->ctx, path);
+    const char      *path = PATH(b->task->folder, "imaging.txt");
+    const oxl_result rc   = os_make_folder(b->ctx, b->task->folder);
+    if (rc != OXL_OK) return rc;
+    if (imaging_is_needed(scene_imaging(scene))) return imaging_write(b->ctx, path, scene, scene_imaging(scene));
+    os_remove(path);
+    return OXL_OK;
 }
 
 /* ---------------------------------------------------------------- block.json */
 
 OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const char *key, struct block_record *out)
 {
-    struct os_file_map map   = {0};
-    char              *path  = oxl_path_join(ctx, folder, "block.json");
-    char              *model = oxl_path_join(ctx, folder, "model.ply");
-    oxl_result         rc    = path && model ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
-    *out                     = (struct block_record){0};
-    if (rc == OXL_OK && os_is_file(path) && os_is_file(model)) rc = os_read_file(ctx, path, &map);
+    struct os_file_map map  = {0};
+    const char        *path = PATH(folder, "block.json");
+    oxl_result         rc   = OXL_OK;
+    *out                    = (struct block_record){0};
+    if (os_is_file(path) && os_is_file(PATH(folder, "model.ply"))) rc = os_read_file(ctx, path, &map);
     if (rc == OXL_OK && map.data && strstr(map.data, key)) {
         out->there             = 1;
         out->trained           = oxl_json_is_true(map.data, "trained");
@@ -92,8 +72,6 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
         nonfinite_read_json(map.data, &out->nonfinite);
     }
     os_release_file(ctx, &map);
-    oxl_free(ctx, path);
-    oxl_free(ctx, model);
     return rc;
 }
 
@@ -101,17 +79,14 @@ OXL_INTERNAL oxl_result block_read(oxl_context *ctx, const char *folder, const c
 static oxl_result block_read_member(oxl_context *ctx, const char *folder, const char *name, struct text *out)
 {
     struct os_file_map map  = {0};
-    char              *path = oxl_path_join(ctx, folder, "block.json");
-    oxl_result         rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
-    const char        *value;
-    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(ctx, path, &map);
-    value = oxl_json_member(map.data, name);
+    const char        *path = PATH(folder, "block.json"), *value;
+    oxl_result         rc   = os_is_file(path) ? os_read_file(ctx, path, &map) : OXL_OK;
+    value                   = oxl_json_member(map.data, name);
     if (value) {
         const size_t size = (size_t)(oxl_json_end(value) - value);
         if (size > 2) text_add(out, "%.*s", (int)(size - 2), value + 1);
     }
     os_release_file(ctx, &map);
-    oxl_free(ctx, path);
     return rc;
 }
 
@@ -122,9 +97,7 @@ OXL_INTERNAL oxl_result block_read_decisions(oxl_context *ctx, const char *folde
 
 static void block_add(struct text *t, const char *name, double value)
 {
-    text_add(t, "  \"%s\": ", name);
-    text_add_number(t, value);
-    text_add(t, ",\n");
+    text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
 }
 
 static oxl_result block_write_record(struct block *b, const struct block_record *r)
@@ -165,17 +138,9 @@ static double block_rounded(double value, double parts)
 
 static void block_log_row(struct block *b, const oxl_progress *p)
 {
-    text_add(&b->log, "%d,", p->iteration);
-    text_add_number(&b->log, block_rounded(p->loss, 1e6));
-    text_add(&b->log, ",");
-    text_add_number(&b->log, block_rounded(p->psnr, 1e3));
-    text_add(&b->log, ",%zu,", p->gaussians);
-    text_add_number(&b->log, block_rounded(p->seconds, 1e3));
-    text_add(&b->log, ",");
-    text_add_number(&b->log, block_rounded(p->f_mid, 1e4));
-    text_add(&b->log, ",");
-    text_add_number(&b->log, block_rounded(p->f_far, 1e4));
-    text_add(&b->log, ",%zu\n", os_peak_rss());
+    text_add(&b->log, "%d,%s,%s,%zu,%s,%s,%s,%zu\n", p->iteration, NUMBER(block_rounded(p->loss, 1e6)),
+             NUMBER(block_rounded(p->psnr, 1e3)), p->gaussians, NUMBER(block_rounded(p->seconds, 1e3)),
+             NUMBER(block_rounded(p->f_mid, 1e4)), NUMBER(block_rounded(p->f_far, 1e4)), os_peak_rss());
 }
 
 static int block_progress(void *user, const oxl_progress *progress)
@@ -233,12 +198,12 @@ static oxl_result block_train_model(struct block *b, oxl_scene *scene, struct bl
     if (rc != OXL_OK && (rc != OXL_ERR_INTERRUPTED || model->count == 0)) return rc;
     *record         = block_record_of(b, model);
     record->trained = trained;
-    block_remove(b, "model_standard.ply"); /* it is of another model.ply */
+    os_remove(PATH(task->folder, "model_standard.ply")); /* it is of another model.ply */
     written = block_write(b, "log.csv", &b->log);
     if (written == OXL_OK) written = block_write_model(b, "model.ply", model);
     if (written == OXL_OK) written = block_write_imaging(b, scene);
     if (written == OXL_OK) written = block_write_record(b, record);
-    if (written == OXL_OK && trained) checkpoint_remove(b->ctx, task->folder, 0); /* spent */
+    if (written == OXL_OK && trained) checkpoint_remove(task->folder, 0); /* spent */
     return written == OXL_OK ? rc : written;
 }
 
@@ -329,13 +294,11 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
 /* A model that was trained to its end by a process that did not come further. */
 static oxl_result block_reopen(struct block *b, oxl_scene *scene, oxl_model *model)
 {
-    char      *path = oxl_path_join(b->ctx, b->task->folder, "model.ply");
-    oxl_result rc = path ? oxl_model_read(b->ctx, path, model) : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to read model.ply");
+    const char *path = PATH(b->task->folder, "model.ply");
+    oxl_result  rc   = oxl_model_read(b->ctx, path, model);
     if (rc == OXL_OK) rc = oxl_scene_read_imaging(b->ctx, scene, path);
     if (rc == OXL_OK) rc = block_read_decisions(b->ctx, b->task->folder, &b->decisions);
-    if (rc == OXL_OK) rc = block_read_member(b->ctx, b->task->folder, "notes", &b->notes);
-    oxl_free(b->ctx, path);
-    return rc;
+    return rc == OXL_OK ? block_read_member(b->ctx, b->task->folder, "notes", &b->notes) : rc;
 }
 
 static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_record *record, oxl_model *model)
@@ -352,7 +315,7 @@ static oxl_result block_finish(struct block *b, oxl_scene *scene, struct block_r
     if (rc != OXL_OK || !done) return rc;
     record->finished = 1;
     rc               = block_write_record(b, record);
-    if (rc == OXL_OK) checkpoint_remove(b->ctx, b->task->folder, 0);
+    if (rc == OXL_OK) checkpoint_remove(b->task->folder, 0);
     return rc;
 }
 

@@ -30,9 +30,9 @@ OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round)
 static oxl_result plan_write(struct job *job, int block, const struct block_plan *plan)
 {
     struct text t      = {.ctx = job->ctx};
-    char       *path   = job_block_path(job, block, "plan.txt");
-    char       *folder = job_block_path(job, block, NULL);
-    oxl_result  rc     = path && folder ? os_make_folder(job->ctx, folder) : OXL_ERR_MEMORY;
+    const char *path   = PATH(JOB_BLOCK(job, block), "plan.txt");
+    const char *folder = JOB_BLOCK(job, block);
+    oxl_result  rc     = os_make_folder(job->ctx, folder);
     text_add(
         &t,
         "# first step, last step, iterations, most Gaussians, share of the pixels, share of the work; neighbours; of each view "
@@ -49,8 +49,6 @@ static oxl_result plan_write(struct job *job, int block, const struct block_plan
     if (rc == OXL_OK && t.failed) rc = job_no_memory(job);
     if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t.data, t.size);
     text_free(&t);
-    oxl_free(job->ctx, path);
-    oxl_free(job->ctx, folder);
     return rc;
 }
 
@@ -96,15 +94,14 @@ static oxl_result plan_parse(struct job *job, const char *s, struct block_plan *
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out)
 {
     struct os_file_map map  = {0};
-    char              *path = job_block_path(job, block, "plan.txt");
-    oxl_result         rc   = path ? OXL_OK : OXL_ERR_MEMORY;
+    const char        *path = PATH(JOB_BLOCK(job, block), "plan.txt");
+    oxl_result         rc   = OXL_OK;
     *out                    = (struct block_plan){0};
     if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(job->ctx, path, &map);
     if (rc == OXL_OK && map.data && strstr(map.data, job->key.data)) rc = plan_parse(job, map.data, out);
     if (rc == OXL_ERR_INPUT || (rc == OXL_OK && out->views == 0)) block_plan_free(job->ctx, out), rc = OXL_OK;
     if (rc != OXL_OK) block_plan_free(job->ctx, out);
     os_release_file(job->ctx, &map);
-    oxl_free(job->ctx, path);
     return rc;
 }
 

@@ -35,16 +35,13 @@ static void groups_free(struct groups *g)
 
 /* ---------------------------------------------------------------- files */
 
-static char *groups_path(const struct groups *g, int block, const char *what, int version)
+static const char *groups_path(char out[PATH_MOST], const struct groups *g, int block, const char *what, int version)
 {
-    struct text t    = {.ctx = g->job->ctx};
-    char       *path = NULL;
-    if (block < 0) text_add(&t, "%s/%s.%d.txt", g->folder, what, version);
-    else if (version > 0) text_add(&t, "%s/%03d.%s.%d.ply", g->folder, block, what, version);
-    else return job_block_path(g->job, block, "model.ply");
-    if (text_take(&t, &path) != OXL_OK) job_no_memory(g->job);
-    return path;
+    if (block < 0) return path_in(out, g->folder, "%s.%d.txt", what, version);
+    if (version > 0) return path_in(out, g->folder, "%03d.%s.%d.ply", block, what, version);
+    return path_in(out, JOB_BLOCK(g->job, block), "model.ply");
 }
+#define GROUPS_PATH(...) groups_path((char[PATH_MOST]){0}, __VA_ARGS__)
 
 static const char *const GROUPS_PART[] = {"model", "first", "second"};
 
@@ -56,15 +53,13 @@ static oxl_result groups_read(const struct groups *g, int block, oxl_model m[3])
     oxl_result   rc      = OXL_OK;
     for (int k = 0; k < 3; k++) m[k] = (oxl_model){0};
     for (int k = 0; k < 3 && rc == OXL_OK; k++) {
-        char *path = k == 0 || version > 0 ? groups_path(g, block, GROUPS_PART[k], version) : NULL;
-        if (path) rc = oxl_model_read(ctx, path, &m[k]);
-        else if (k == 0 || version > 0) rc = OXL_ERR_MEMORY;
-        else rc = oxl_model_create(ctx, m[0].count, m[0].sh_degree, &m[k]);
-        if (rc == OXL_OK && !path) rc = model_set_lobes(ctx, &m[k], m[0].lobes);
-        if (rc == OXL_OK && !path) memset(m[k].plane[OXL_ROTATION], 0, m[k].capacity * sizeof(float));
+        const char *path  = GROUPS_PATH(g, block, GROUPS_PART[k], version);
+        const int   there = k == 0 || version > 0;
+        rc                = there ? oxl_model_read(ctx, path, &m[k]) : oxl_model_create(ctx, m[0].count, m[0].sh_degree, &m[k]);
+        if (rc == OXL_OK && !there) rc = model_set_lobes(ctx, &m[k], m[0].lobes);
+        if (rc == OXL_OK && !there) memset(m[k].plane[OXL_ROTATION], 0, m[k].capacity * sizeof(float));
         memcpy(m[k].origin, m[0].origin, sizeof m[k].origin);
         if (rc == OXL_OK && m[k].count != m[0].count) rc = oxl_fail(ctx, OXL_ERR_INPUT, "%s: other rows than its model", path);
-        oxl_free(ctx, path);
     }
     for (int k = 0; k < 3 && rc != OXL_OK; k++) oxl_model_free(ctx, &m[k]);
     return rc;
@@ -73,28 +68,21 @@ static oxl_result groups_read(const struct groups *g, int block, oxl_model m[3])
 static oxl_result groups_write(const struct groups *g, int block, int version, const oxl_model m[3])
 {
     oxl_result rc = OXL_OK;
-    for (int k = 0; k < 3 && rc == OXL_OK; k++) {
-        char *path = groups_path(g, block, GROUPS_PART[k], version);
-        rc         = path ? model_file_write_ply(g->job->ctx, path, &m[k], m[k].sh_degree) : OXL_ERR_MEMORY;
-        oxl_free(g->job->ctx, path);
-    }
+    for (int k = 0; k < 3 && rc == OXL_OK; k++)
+        rc = model_file_write_ply(g->job->ctx, GROUPS_PATH(g, block, GROUPS_PART[k], version), &m[k], m[k].sh_degree);
     return rc;
 }
 
 static void groups_remove(const struct groups *g, int block, int version)
 {
-    for (int k = 0; k < (block < 0 ? 1 : 3) && version > 0; k++) {
-        char *path = groups_path(g, block, block < 0 ? "imaging" : GROUPS_PART[k], version);
-        if (path) os_remove(path);
-        oxl_free(g->job->ctx, path);
-    }
+    for (int k = 0; k < (block < 0 ? 1 : 3) && version > 0; k++)
+        os_remove(GROUPS_PATH(g, block, block < 0 ? "imaging" : GROUPS_PART[k], version));
 }
 
 static oxl_result groups_write_state(const struct groups *g)
 {
-    struct text t    = {.ctx = g->job->ctx};
-    char       *path = oxl_path_join(g->job->ctx, g->folder, "groups.txt");
-    oxl_result  rc   = path ? OXL_OK : job_no_memory(g->job);
+    struct text t = {.ctx = g->job->ctx};
+    oxl_result  rc;
     text_add(
         &t,
         "# groups, tasks done, version of the gains, seconds; of each block the version of its files; of each view the group\ngroups %d %d %d %.17g\n",
@@ -102,10 +90,8 @@ static oxl_result groups_write_state(const struct groups *g)
     for (int k = 0; k < g->job->partition.block_count; k++) text_add(&t, "%d ", g->version[k]);
     for (int i = 0; i < g->views; i++) text_add(&t, "%d ", g->of[i]);
     text_add(&t, "\n%s\n", g->job->key.data);
-    if (rc == OXL_OK && t.failed) rc = job_no_memory(g->job);
-    if (rc == OXL_OK) rc = os_write_file(g->job->ctx, path, t.data, t.size);
+    rc = t.failed ? job_no_memory(g->job) : os_write_file(g->job->ctx, PATH(g->folder, "groups.txt"), t.data, t.size);
     text_free(&t);
-    oxl_free(g->job->ctx, path);
     return rc;
 }
 
@@ -114,11 +100,9 @@ static oxl_result groups_read_state(struct groups *g)
 {
     struct os_file_map map    = {0};
     const int          blocks = g->job->partition.block_count;
-    char              *path   = oxl_path_join(g->job->ctx, g->folder, "groups.txt");
-    const char        *s      = NULL;
-    int                used   = 0, good;
-    oxl_result         rc     = path ? OXL_OK : job_no_memory(g->job);
-    if (rc == OXL_OK && os_is_file(path)) rc = os_read_file(g->job->ctx, path, &map);
+    const char        *path = PATH(g->folder, "groups.txt"), *s = NULL;
+    int                used = 0, good;
+    const oxl_result   rc   = os_is_file(path) ? os_read_file(g->job->ctx, path, &map) : OXL_OK;
     if (rc == OXL_OK && map.data && strstr(map.data, g->job->key.data)) s = strstr(map.data, "\ngroups ");
     good = s && sscanf(s, "\ngroups %d %d %d %lf%n", &g->count, &g->done, &g->gains, &g->seconds, &used) == 4;
     for (int i = 0; i < blocks + g->views && good; i++) {
@@ -130,7 +114,6 @@ static oxl_result groups_read_state(struct groups *g)
         memset(g->version, 0, (size_t)blocks * sizeof *g->version);
     }
     os_release_file(g->job->ctx, &map);
-    oxl_free(g->job->ctx, path);
     return rc;
 }
 
@@ -292,14 +275,13 @@ static oxl_result groups_store(struct groups *g, const oxl_model all[3])
     const int  gains = g->gains;
     size_t     at[2] = {0, all[0].lobes};
     int       *old   = oxl_alloc(g->job->ctx, (size_t)blocks, sizeof *old);
-    char      *path  = groups_path(g, -1, "imaging", version);
-    oxl_result rc    = old && path ? OXL_OK : job_no_memory(g->job);
+    oxl_result rc    = old ? OXL_OK : job_no_memory(g->job);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) {
         old[b] = g->version[b];
         rc     = groups_store_block(g, b, version, all, at);
     }
     if (rc == OXL_OK && imaging_is_needed(scene_imaging(g->job->scene))) {
-        rc       = imaging_write(g->job->ctx, path, g->job->scene, scene_imaging(g->job->scene));
+        rc = imaging_write(g->job->ctx, GROUPS_PATH(g, -1, "imaging", version), g->job->scene, scene_imaging(g->job->scene));
         g->gains = version;
     }
     g->done = version;
@@ -307,9 +289,8 @@ static oxl_result groups_store(struct groups *g, const oxl_model all[3])
     for (int b = 0; b < blocks && rc == OXL_OK; b++)
         if (old[b] != g->version[b]) groups_remove(g, b, old[b]);
     if (rc == OXL_OK && gains != g->gains) groups_remove(g, -1, gains);
-    if (rc == OXL_OK) checkpoint_remove(g->job->ctx, g->folder, 0);
+    if (rc == OXL_OK) checkpoint_remove(g->folder, 0);
     oxl_free(g->job->ctx, old);
-    oxl_free(g->job->ctx, path);
     return rc;
 }
 
@@ -379,14 +360,10 @@ static oxl_result groups_task(struct groups *g, int from, int until)
 /* The gains as the last task has left them, or the blocks'. */
 static oxl_result groups_read_gains(const struct groups *g)
 {
-    char      *path = groups_path(g, -1, "imaging", g->gains);
-    oxl_result rc   = path ? OXL_OK : OXL_ERR_MEMORY;
+    const char *path = GROUPS_PATH(g, -1, "imaging", g->gains);
     imaging_free(g->job->ctx, scene_imaging(g->job->scene));
-    if (rc == OXL_OK && g->gains > 0 && os_is_file(path))
-        rc = imaging_read(g->job->ctx, path, g->job->scene, scene_imaging(g->job->scene));
-    else if (rc == OXL_OK) rc = job_join_gains(g->job, scene_imaging(g->job->scene));
-    oxl_free(g->job->ctx, path);
-    return rc;
+    if (g->gains == 0 || !os_is_file(path)) return job_join_gains(g->job, scene_imaging(g->job->scene));
+    return imaging_read(g->job->ctx, path, g->job->scene, scene_imaging(g->job->scene));
 }
 
 /* model.ply and block.json of blocks/whole; then the blocks' files are not needed. */
@@ -397,13 +374,12 @@ static oxl_result groups_finish(struct groups *g)
     char              **path   = oxl_calloc(g->job->ctx, (size_t)blocks + 1, sizeof *path);
     oxl_result          rc     = path ? OXL_OK : job_no_memory(g->job);
     for (int b = 0; b < blocks && rc == OXL_OK; b++)
-        rc = (path[b] = groups_path(g, b, GROUPS_PART[0], g->version[b])) ? OXL_OK : OXL_ERR_MEMORY;
-    if (rc == OXL_OK) path[blocks] = oxl_path_join(g->job->ctx, g->folder, "model.ply");
-    if (rc == OXL_OK) rc = path[blocks] ? merge_files(g->job->ctx, path, blocks, g->job->origin, path[blocks]) : OXL_ERR_MEMORY;
+        if (!(path[b] = oxl_strdup(g->job->ctx, GROUPS_PATH(g, b, GROUPS_PART[0], g->version[b])))) rc = job_no_memory(g->job);
+    if (rc == OXL_OK) rc = merge_files(g->job->ctx, path, blocks, g->job->origin, PATH(g->folder, "model.ply"));
     if (rc == OXL_OK) rc = block_write_finished(g->job->ctx, g->job->scene, g->folder, g->job->key.data, &record);
     for (int b = 0; b < blocks && rc == OXL_OK; b++) groups_remove(g, b, g->version[b]);
     if (rc == OXL_OK) groups_remove(g, -1, g->gains);
-    for (int b = 0; b <= blocks && path; b++) oxl_free(g->job->ctx, path[b]);
+    for (int b = 0; b < blocks && path; b++) oxl_free(g->job->ctx, path[b]);
     oxl_free(g->job->ctx, path);
     return rc;
 }

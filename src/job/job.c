@@ -19,37 +19,14 @@ OXL_INTERNAL oxl_result job_no_memory(struct job *job)
 
 static oxl_result job_write(struct job *job, const char *name, const struct text *t)
 {
-    char      *path = oxl_path_join(job->ctx, job->out, name);
-    oxl_result rc   = path && !t->failed ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK) rc = os_write_file(job->ctx, path, t->data, t->size);
-    oxl_free(job->ctx, path);
-    return rc;
+    return t->failed ? job_no_memory(job) : os_write_file(job->ctx, PATH(job->out, "%s", name), t->data, t->size);
 }
 
-static void job_remove(struct job *job, const char *name)
+OXL_INTERNAL const char *job_block_folder(char out[PATH_MOST], const struct job *job, int block)
 {
-    char *path = oxl_path_join(job->ctx, job->out, name);
-    if (path) os_remove(path);
-    oxl_free(job->ctx, path);
-}
-
-static int job_has(struct job *job, const char *name)
-{
-    char     *path = oxl_path_join(job->ctx, job->out, name);
-    const int has  = path && os_is_file(path);
-    oxl_free(job->ctx, path);
-    return has;
-}
-
-OXL_INTERNAL char *job_block_path(struct job *job, int block, const char *name)
-{
-    struct text t    = {.ctx = job->ctx};
-    char       *path = NULL;
-    if (block < job->partition.block_count) text_add(&t, "%s/blocks/%03d", job->out, block);
-    else text_add(&t, "%s/blocks/%s", job->out, block == job->partition.block_count ? "coarse" : "whole");
-    if (name) text_add(&t, "/%s", name);
-    if (text_take(&t, &path) != OXL_OK) job_no_memory(job);
-    return path;
+    const int blocks = job->partition.block_count;
+    if (block < blocks) return path_in(out, job->out, "blocks/%03d", block);
+    return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
 }
 
 /* ---------------------------------------------------------------- run.json */
@@ -57,11 +34,8 @@ OXL_INTERNAL char *job_block_path(struct job *job, int block, const char *name)
 /* What of the survey the result depends on: another export in the same place is another job. */
 static void job_describe_found(struct job *job)
 {
-    struct text *t = &job->found;
-    text_add(t, "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": ", job->survey.images - job->survey.images_missing,
-             job->survey.points);
-    text_add_number(t, job->survey.extent);
-    text_add(t, "}");
+    text_add(&job->found, "\"found\": {\"images\": %d, \"points\": %zu, \"extent\": %s}",
+             job->survey.images - job->survey.images_missing, job->survey.points, NUMBER(job->survey.extent));
 }
 
 static oxl_result job_make_key(struct job *job)
@@ -74,13 +48,13 @@ static void job_add_partition_decision(const struct job *job, struct text *t)
 {
     const struct partition *p     = &job->partition;
     const double            ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
-    text_add(t, "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = ",
+    text_add(t,
+             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = %s%s\"}",
              p->block_count == 1  ? "none"
              : p->dimensions == 2 ? "2d"
                                   : "3d",
-             p->block_count, p->memory, job->survey.points);
-    text_add_number(t, floor(ratio * 1e3 + 0.5) / 1e3);
-    text_add(t, "%s\"}", job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
+             p->block_count, p->memory, job->survey.points, NUMBER(floor(ratio * 1e3 + 0.5) / 1e3),
+             job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
 }
 
 /* Lamp and water are fitted in one block alone. */
@@ -101,11 +75,10 @@ static oxl_result job_add_decisions(struct job *job, struct text *t)
     job_add_imaging_refusal(job, t, "medium", job->options.train.medium);
     text_add(t, ", \"blocks\": [");
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        char *folder = job_block_path(job, k, NULL);
+        const char *folder = JOB_BLOCK(job, k);
         text_add(t, k > 0 ? ", {" : "{");
-        rc = folder ? block_read_decisions(job->ctx, folder, t) : OXL_ERR_MEMORY;
+        rc = block_read_decisions(job->ctx, folder, t);
         text_add(t, "}");
-        oxl_free(job->ctx, folder);
     }
     text_add(t, "]},\n");
     return rc;
@@ -119,13 +92,9 @@ static oxl_result job_write_run(struct job *job, int finished)
              finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
     text_add(&t, "  \"preset\": ");
     text_add_json_string(&t, job->options.preset ? job->options.preset : "");
-    text_add(&t, ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [", job->total.iterations,
-             job->partition.block_count);
-    for (int k = 0; k < 3; k++) {
-        if (k > 0) text_add(&t, ", ");
-        text_add_number(&t, job->origin[k]);
-    }
-    text_add(&t, "],\n  %s,\n  %s,\n", job->line.data, job->found.data);
+    text_add(&t, ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
+             job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]), NUMBER(job->origin[1]),
+             NUMBER(job->origin[2]), job->line.data, job->found.data);
     if (finished) rc = job_add_decisions(job, &t);
     text_add(&t, "  \"survey\": ");
     survey_add_json(&t, &job->survey, "  ");
@@ -175,29 +144,22 @@ static void job_see_block(void *user, const char *name)
 
 static int job_has_blocks(struct job *job)
 {
-    char *path   = oxl_path_join(job->ctx, job->out, "blocks");
-    int   blocks = 0;
-    if (path && os_is_folder(path)) os_list_folder(job->ctx, path, job_see_block, &blocks);
-    oxl_free(job->ctx, path);
+    int blocks = 0;
+    if (os_is_folder(PATH(job->out, "blocks"))) os_list_folder(job->ctx, PATH(job->out, "blocks"), job_see_block, &blocks);
     return blocks > 0;
 }
 
 static void job_drop_checkpoint(void *user, const char *name)
 {
-    struct job *job    = user;
-    char       *blocks = oxl_path_join(job->ctx, job->out, "blocks");
-    char       *folder = blocks && name[0] != '.' ? oxl_path_join(job->ctx, blocks, name) : NULL;
-    if (folder) checkpoint_remove(job->ctx, folder, 1);
-    oxl_free(job->ctx, folder);
-    oxl_free(job->ctx, blocks);
+    struct job *job = user;
+    if (name[0] != '.') checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
 }
 
-/* --restart of a whole run gives up what was under way. */
+/* --restart of a whole run discards what is unfinished. */
 static void job_drop_checkpoints(struct job *job)
 {
-    char *blocks = oxl_path_join(job->ctx, job->out, "blocks");
-    if (blocks && os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_checkpoint, job);
-    oxl_free(job->ctx, blocks);
+    const char *blocks = PATH(job->out, "blocks");
+    if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_checkpoint, job);
 }
 
 /* Of another folder and with other contents: a survey that moved, or has grown, is no other. */
@@ -244,10 +206,10 @@ static oxl_result job_make_way(struct job *job, const struct oxl_manifest *run)
     rc = job_lock_alone(job, 1);
     if (rc != OXL_OK) return rc;
     if (!run->finished && job->options.block < 0 && job_is_of_another_run(job, run)) job_drop_checkpoints(job);
-    job_remove(job, "run.json");
-    job_remove(job, "metrics.json");
-    job_remove(job, "partition.txt");
-    job_remove(job, "blocks/survey.oxl");
+    os_remove(PATH(job->out, "run.json"));
+    os_remove(PATH(job->out, "metrics.json"));
+    os_remove(PATH(job->out, "partition.txt"));
+    os_remove(PATH(job->out, "blocks/survey.oxl"));
     return OXL_OK;
 }
 
@@ -272,7 +234,7 @@ static oxl_result job_look(struct job *job, int *done)
     if (rc == OXL_OK) rc = job_find_start(job, &run);
     if (rc != OXL_OK || !run.line) goto leave;
     if (job_is_of_another_run(job, &run) || job->options.restart) rc = job_make_way(job, &run);
-    else *done = run.finished && job_has(job, "scene.ply");
+    else *done = run.finished && os_is_file(PATH(job->out, "scene.ply"));
 leave:
     manifest_free(job->ctx, &run);
     return rc;
@@ -291,10 +253,9 @@ static void job_log_survey(struct job *job)
 
 OXL_INTERNAL oxl_result job_load(struct job *job)
 {
-    char      *path = oxl_path_join(job->ctx, job->out, "blocks/survey.oxl");
-    oxl_result rc   = path ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK && job->partition.block_count > 1) rc = scene_file_map(job->ctx, path, job->key.data, &job->scene);
-    oxl_free(job->ctx, path);
+    oxl_result rc = OXL_OK;
+    if (job->partition.block_count > 1)
+        rc = scene_file_map(job->ctx, PATH(job->out, "blocks/survey.oxl"), job->key.data, &job->scene);
     if (rc == OXL_OK && !job->scene) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
     if (rc == OXL_OK) scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
     return rc == OXL_OK ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
@@ -306,10 +267,7 @@ OXL_INTERNAL oxl_result job_load(struct job *job)
 
 static void job_remove_decoded_file(void *user, const char *name)
 {
-    struct job *job  = user;
-    char       *path = name[0] != '.' ? oxl_path_join(job->ctx, job->decoded, name) : NULL;
-    if (path) os_remove(path);
-    oxl_free(job->ctx, path);
+    if (name[0] != '.') os_remove(PATH(((struct job *)user)->decoded, "%s", name));
 }
 
 static void job_remove_decoded(struct job *job)
@@ -323,19 +281,16 @@ static void job_remove_decoded(struct job *job)
 OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
 {
     const double bytes  = job->scene ? 3 * schedule_pixels(job->scene) : 0;
+    const char  *folder = PATH(job->out, "blocks/decoded");
     oxl_result   rc     = OXL_OK;
-    char        *folder = oxl_path_join(job->ctx, job->out, "blocks");
-    if (!folder) return job_no_memory(job);
-    oxl_free(job->ctx, job->decoded);
-    job->decoded = oxl_path_join(job->ctx, folder, "decoded");
-    if (!job->decoded) rc = job_no_memory(job);
-    if (rc == OXL_OK && !os_is_folder(job->decoded)) { /* else another process has decided */
+    if (!os_is_folder(folder)) { /* else another process has decided */
         const int wanted = job->scene && (job->partition.block_count > 1 || bytes > (double)job->options.scene.image_cache_bytes);
-        if (wanted) rc = os_make_folder(job->ctx, job->decoded);
-        if (rc == OXL_OK && wanted && os_disk_free(job->decoded) < JOB_DISK * bytes) os_remove_folder(job->decoded);
-        if (!os_is_folder(job->decoded)) oxl_free(job->ctx, job->decoded), job->decoded = NULL;
+        if (wanted) rc = os_make_folder(job->ctx, folder);
+        if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
     }
-    oxl_free(job->ctx, folder);
+    oxl_free(job->ctx, job->decoded);
+    job->decoded = NULL;
+    if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder))) rc = job_no_memory(job);
     return rc == OXL_OK && job->scene ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
 }
 
@@ -357,12 +312,11 @@ static oxl_result job_open(struct job *job)
 /* Of several blocks: what was read of the survey goes to a file, which is mapped instead. A full disk must not stop the run. */
 static oxl_result job_map_survey(struct job *job)
 {
-    char      *path   = oxl_path_join(job->ctx, job->out, "blocks/survey.oxl");
-    oxl_scene *mapped = NULL;
-    oxl_result rc     = path ? scene_file_map(job->ctx, path, job->key.data, &mapped) : job_no_memory(job);
+    const char *path   = PATH(job->out, "blocks/survey.oxl");
+    oxl_scene  *mapped = NULL;
+    oxl_result  rc     = scene_file_map(job->ctx, path, job->key.data, &mapped);
     if (rc == OXL_OK && !mapped && scene_file_write(job->ctx, path, job->scene, job->key.data) == OXL_OK)
         rc = scene_file_map(job->ctx, path, job->key.data, &mapped);
-    oxl_free(job->ctx, path);
     if (!mapped) return rc;
     partition_drop_plan(job->ctx, &job->partition);
     oxl_scene_free(job->ctx, job->scene);
@@ -371,14 +325,15 @@ static oxl_result job_map_survey(struct job *job)
     return rc;
 }
 
-/* By the first of several processes, as they may find different memory; the others wait. One block that fits in any case: no file. */
-static oxl_result job_make_partition(struct job *job, const char *path)
+/* The blocks, as partition.txt has them, else made and written: by the first of several processes, as they may find different memory;
+ * the others wait. One block that fits in any case: no file. */
+static oxl_result job_make_partition(struct job *job)
 {
-    char      *blocks = oxl_path_join(job->ctx, job->out, "blocks");
-    oxl_lock  *lock   = NULL;
-    oxl_result rc     = blocks ? OXL_OK : job_no_memory(job);
+    const char *path = PATH(job->out, "partition.txt");
+    oxl_lock   *lock = NULL;
+    oxl_result  rc   = OXL_OK;
     while (rc == OXL_OK && job->options.block >= 0 && !lock && !os_is_file(path)) {
-        rc = lock_folder_if_free(job->ctx, blocks, &lock);
+        rc = lock_folder_if_free(job->ctx, PATH(job->out, "blocks"), &lock);
         if (rc == OXL_OK && !lock) rc = context_wait(job->ctx, JOB_WAIT);
     }
     if (rc == OXL_OK && !os_is_file(path)) {
@@ -388,17 +343,12 @@ static oxl_result job_make_partition(struct job *job, const char *path)
             rc = partition_save(job->ctx, &job->partition, job->out);
     } else if (rc == OXL_OK) rc = partition_read(job->ctx, path, &job->partition);
     oxl_unlock_folder(job->ctx, &lock);
-    oxl_free(job->ctx, blocks);
     return rc;
 }
 
-/* The blocks, as partition.txt has them when it is this run's, else made and written. */
 static oxl_result job_cut(struct job *job)
 {
-    char      *path = oxl_path_join(job->ctx, job->out, "partition.txt");
-    oxl_result rc   = path ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK) rc = job_make_partition(job, path);
-    oxl_free(job->ctx, path);
+    oxl_result rc = job_make_partition(job);
     if (rc == OXL_OK && job->partition.block_count > 1 && job->scene) rc = job_map_survey(job);
     if (rc == OXL_OK && job->partition.memory > 0) job->options.ram = (size_t)job->partition.memory;
     if (rc == OXL_OK && (job->options.train.medium == OXL_ON || job->options.train.lamp == OXL_ON) &&
@@ -483,9 +433,9 @@ static oxl_result job_train_whole(struct job *job, const char *folder)
 /* A survey in one block. */
 static oxl_result job_whole(struct job *job)
 {
-    char               *folder = job_block_path(job, 0, NULL);
+    const char         *folder = JOB_BLOCK(job, 0);
     struct block_record record;
-    oxl_result          rc = folder ? job_lock_alone(job, 1) : OXL_ERR_MEMORY, trained = OXL_OK;
+    oxl_result          rc = job_lock_alone(job, 1), trained = OXL_OK;
     if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK && !record.finished && !job->scene) rc = job_load(job); /* --block 0, resumed */
     if (rc == OXL_OK && !record.finished) {
@@ -494,7 +444,6 @@ static oxl_result job_whole(struct job *job)
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
     }
     if (rc == OXL_OK) job_add_record(job, &record);
-    oxl_free(job->ctx, folder);
     return rc == OXL_OK ? trained : rc;
 }
 
@@ -503,16 +452,11 @@ static oxl_result job_whole(struct job *job)
 /* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
 {
-    char        *path  = job_block_path(job, block, standard ? "model_standard.ply" : "model.ply");
-    oxl_result   rc    = path ? OXL_OK : OXL_ERR_MEMORY;
-    const int    plain = standard && rc == OXL_OK && !os_is_file(path); /* the model has no lobes, or was not refined without */
-    const int    whole = block > job->partition.block_count;
-    const size_t most  = job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
-    *out               = (oxl_model){0};
-    if (plain) oxl_free(job->ctx, path), path = job_block_path(job, block, "model.ply");
-    if (rc == OXL_OK) rc = path ? oxl_model_open(job->ctx, path, whole ? most : SIZE_MAX, out) : OXL_ERR_MEMORY;
-    oxl_free(job->ctx, path);
-    return rc;
+    const char *folder = JOB_BLOCK(job, block);
+    const int refined = standard && os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
+    const int whole   = block > job->partition.block_count;
+    const size_t most = whole && job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
+    return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
 }
 
 OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
@@ -524,13 +468,12 @@ OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
     if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
     if (rc == OXL_OK && !count) rc = job_no_memory(job);
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        char          *path = job_block_path(job, k, "imaging.txt");
+        const char    *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
         struct imaging own  = {0};
-        rc                  = path ? OXL_OK : OXL_ERR_MEMORY;
+        rc                  = OXL_OK;
         if (rc == OXL_OK && os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
         if (rc == OXL_OK && own.on) imaging_join(out, count, &own);
         imaging_free(job->ctx, &own);
-        oxl_free(job->ctx, path);
     }
     if (rc == OXL_OK) imaging_centre(out, none);
     oxl_free(job->ctx, count);
@@ -554,20 +497,12 @@ OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
     return rc;
 }
 
-static oxl_result job_read_gains(struct job *job, int block)
-{
-    char      *path = job_block_path(job, block, "model.ply");
-    oxl_result rc   = path ? oxl_scene_read_imaging(job->ctx, job->scene, path) : OXL_ERR_MEMORY;
-    oxl_free(job->ctx, path);
-    return rc;
-}
-
 /* The model of the one block, or of all: trained after merging, or merged now. */
 static oxl_result job_join(struct job *job, int standard, oxl_model *out)
 {
     const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
     oxl_result rc = job_read_model(job, one, standard, out);
-    if (rc == OXL_OK && job->scene) rc = job_read_gains(job, one);
+    if (rc == OXL_OK && job->scene) rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
     if (rc == OXL_OK && out->count == 0)
         rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
                       "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images", job->out);
@@ -585,12 +520,11 @@ static int job_hides_colours(const struct job *job)
 static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
 {
     struct os_reader file = {0};
-    char            *path = oxl_path_join(job->ctx, job->out, name);
-    oxl_result       rc   = path ? model_file_write_ply(job->ctx, path, model, degree) : job_no_memory(job);
+    const char      *path = PATH(job->out, "%s", name);
+    oxl_result       rc   = model_file_write_ply(job->ctx, path, model, degree);
     if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
     *bytes = (size_t)file.size;
     os_reader_close(&file);
-    oxl_free(job->ctx, path);
     return rc;
 }
 
@@ -616,16 +550,14 @@ static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t 
     if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[0]);
     bytes[1] = bytes[0];
     if (rc == OXL_OK && hides) rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
-    else job_remove(job, "scene_clear.ply");
-    if (is_standard) job_remove(job, "scene_standard.ply");
+    else os_remove(PATH(job->out, "scene_clear.ply"));
+    if (is_standard) os_remove(PATH(job->out, "scene_standard.ply"));
     return rc == OXL_OK && !is_standard ? job_write_ply(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
 }
 
 static void job_add(struct text *t, const char *name, double value)
 {
-    text_add(t, "  \"%s\": ", name);
-    text_add_number(t, value);
-    text_add(t, ",\n");
+    text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
 }
 
 oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out)
@@ -662,13 +594,8 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_mo
             hides ? "scene.ply" : "scene_standard.ply", plain.psnr, m->psnr - plain.psnr, plain.plain_psnr);
     for (int i = 0; i < m->count && i < plain.count && hides; i++) m->views[i].plain_psnr = plain.views[i].plain_psnr;
     if (hides) m->plain_psnr = plain.plain_psnr;
-    text_add(t, "  \"standard\": {\"psnr\": ");
-    text_add_number(t, plain.psnr);
-    text_add(t, ", \"ssim\": ");
-    text_add_number(t, plain.ssim);
-    text_add(t, ", \"psnr_lost\": ");
-    text_add_number(t, m->psnr - plain.psnr);
-    text_add(t, ", \"bytes\": %zu},\n", bytes);
+    text_add(t, "  \"standard\": {\"psnr\": %s, \"ssim\": %s, \"psnr_lost\": %s, \"bytes\": %zu},\n", NUMBER(plain.psnr),
+             NUMBER(plain.ssim), NUMBER(m->psnr - plain.psnr), bytes);
     oxl_metrics_free(job->ctx, &plain);
     return OXL_OK;
 }
@@ -687,16 +614,6 @@ static void job_add_figures(struct job *job, struct text *t, size_t bytes)
     job_add(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
     job_add(t, "predicted_memory_bytes", job->total.predicted_peak);
     nonfinite_add_json(t, &job->total.nonfinite);
-}
-
-static oxl_result job_check_training_views(struct job *job, struct text *t)
-{
-    char            *folder = oxl_path_join(job->ctx, job->out, "training_views");
-    const oxl_result rc     = folder ? training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, t,
-                                                        job->options.renders ? folder : NULL)
-                                     : job_no_memory(job);
-    oxl_free(job->ctx, folder);
-    return rc;
 }
 
 static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, const size_t bytes[2])
@@ -721,7 +638,8 @@ static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, 
         rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
     if (rc != OXL_OK) goto done;
     if (job->partition.block_count > 1) seam_add_json(&t, &seam);
-    rc = job_check_training_views(job, &t);
+    rc = training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, &t,
+                              job->options.renders ? PATH(job->out, "training_views") : NULL);
     if (rc != OXL_OK) goto done;
     rc = metrics_write_json(job->ctx, &t, job->scene, &m);
     text_add(&t, "}\n");
@@ -734,25 +652,19 @@ done:
 
 static oxl_result job_draw(struct job *job)
 {
-    const oxl_render_output what   = {job_split(job), 1, 0, 0, 0};
-    char                   *folder = oxl_path_join(job->ctx, job->out, "renders");
+    const oxl_render_output what = {job_split(job), 1, 0, 0, 0};
     int                     rendered;
-    const oxl_result        rc =
-        folder ? oxl_render_views(job->ctx, &job->model, job->scene, &what, folder, &rendered) : job_no_memory(job);
-    oxl_free(job->ctx, folder);
-    return rc;
+    return oxl_render_views(job->ctx, &job->model, job->scene, &what, PATH(job->out, "renders"), &rendered);
 }
 
 /* imaging.txt beside scene.ply, where the run has gains. */
 static oxl_result job_write_gains(struct job *job)
 {
-    char      *path = oxl_path_join(job->ctx, job->out, "imaging.txt");
-    oxl_result rc   = path ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK && job->scene && imaging_is_needed(scene_imaging(job->scene)))
-        rc = imaging_write(job->ctx, path, job->scene, scene_imaging(job->scene));
-    else if (rc == OXL_OK) os_remove(path);
-    oxl_free(job->ctx, path);
-    return rc;
+    const char *path = PATH(job->out, "imaging.txt");
+    if (job->scene && imaging_is_needed(scene_imaging(job->scene)))
+        return imaging_write(job->ctx, path, job->scene, scene_imaging(job->scene));
+    os_remove(path);
+    return OXL_OK;
 }
 
 /* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
@@ -769,7 +681,7 @@ static oxl_result job_finish(struct job *job, int judge)
     if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
     if (rc == OXL_OK && !job->unfinished) {
         if (job->partition.block_count > 1) job_drop_checkpoints(job); /* of paused blocks */
-        job_remove(job, "blocks/survey.oxl");
+        os_remove(PATH(job->out, "blocks/survey.oxl"));
         job_remove_decoded(job);
     }
     oxl_model_free(job->ctx, &standard);
@@ -834,12 +746,8 @@ static void job_end(struct job *job)
 /* A run of all blocks is alone in OUT; one of a single block may have neighbours that are just writing there. */
 static oxl_result job_sweep(struct job *job)
 {
-    char      *pictures = oxl_path_join(job->ctx, job->out, "renders");
-    oxl_result rc       = pictures ? OXL_OK : job_no_memory(job);
-    if (rc == OXL_OK && job->options.block < 0) rc = os_sweep(job->ctx, job->out);
-    if (rc == OXL_OK && job->options.block < 0) rc = os_sweep(job->ctx, pictures);
-    oxl_free(job->ctx, pictures);
-    return rc;
+    oxl_result rc = job->options.block < 0 ? os_sweep(job->ctx, job->out) : OXL_OK;
+    return rc == OXL_OK && job->options.block < 0 ? os_sweep(job->ctx, PATH(job->out, "renders")) : rc;
 }
 
 /* From the survey to the blocks; *done: nothing is left to do. */
@@ -864,7 +772,7 @@ static oxl_result job_prepare_block(struct job *job, int *ready)
     struct oxl_manifest run = {0};
     oxl_result          rc  = manifest_read(job->ctx, job->out, &run);
     *ready = rc == OXL_OK && job->options.block >= 0 && !job->options.restart && run.line && !strcmp(run.line, job->line.data) &&
-             job_has(job, "partition.txt");
+             os_is_file(PATH(job->out, "partition.txt"));
     *ready = *ready && run.found;
     if (*ready) {
         text_add(&job->found, "%s", run.found);

@@ -40,9 +40,10 @@ struct job {
 
 /* ---------------------------------------------------------------- job.c */
 
-OXL_INTERNAL oxl_result job_no_memory(struct job *job);
-/* OUT/blocks/KKK, or a file in it; block_count: OUT/blocks/coarse; one more: OUT/blocks/whole. */
-OXL_INTERNAL char      *job_block_path(struct job *job, int block, const char *name);
+OXL_INTERNAL oxl_result  job_no_memory(struct job *job);
+/* OUT/blocks/KKK, a temporary as PATH is; block_count: OUT/blocks/coarse; one more: OUT/blocks/whole. */
+OXL_INTERNAL const char *job_block_folder(char out[PATH_MOST], const struct job *job, int block);
+#define JOB_BLOCK(job, block) job_block_folder((char[PATH_MOST]){0}, job, block)
 OXL_INTERNAL oxl_result job_load(struct job *job); /* the survey */
 OXL_INTERNAL void       job_add_record(struct job *job, const struct block_record *record);
 OXL_INTERNAL int        job_progress(void *user, const oxl_progress *progress);

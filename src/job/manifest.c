@@ -107,14 +107,11 @@ static oxl_result manifest_copy_member(oxl_context *ctx, const char *root, const
 OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, struct oxl_manifest *out)
 {
     struct os_file_map map  = {0};
-    char              *path = oxl_path_join(ctx, folder, "run.json");
-    oxl_result         rc   = OXL_OK;
-    const char        *root, *job;
-    *out = (struct oxl_manifest){0};
-    if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", folder);
-    if (os_is_file(path)) rc = os_read_file(ctx, path, &map);
-    root = map.data;
-    job  = oxl_json_member(root, "job");
+    const char        *path = PATH(folder, "run.json"), *root, *job;
+    oxl_result         rc   = os_is_file(path) ? os_read_file(ctx, path, &map) : OXL_OK;
+    *out                    = (struct oxl_manifest){0};
+    root                    = map.data;
+    job                     = oxl_json_member(root, "job");
     if (rc == OXL_OK && job) {
         const char *seed = oxl_json_member(job, "seed");
         out->finished    = oxl_json_is_true(root, "finished");
@@ -125,7 +122,6 @@ OXL_INTERNAL oxl_result manifest_read(oxl_context *ctx, const char *folder, stru
         if (rc == OXL_OK) rc = manifest_read_values(ctx, job, out);
     }
     os_release_file(ctx, &map);
-    oxl_free(ctx, path);
     if (rc != OXL_OK) manifest_free(ctx, out);
     return rc;
 }

@@ -56,11 +56,11 @@ static int rounds_coarse_is_done(const struct job *job, const struct block_recor
 /* The coarse model and the plans that follow from it. */
 static oxl_result rounds_prepare(struct job *job)
 {
-    char               *folder = job_block_path(job, job->partition.block_count, NULL);
+    const char         *folder = JOB_BLOCK(job, job->partition.block_count);
     struct block_record record = {0};
     struct block_plan   last   = {0};
     oxl_model           coarse = {0};
-    oxl_result          rc     = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+    oxl_result          rc     = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK && !rounds_coarse_is_done(job, &record)) {
         rc = rounds_train_coarse(job, folder);
         if (rc == OXL_OK) rc = block_read(job->ctx, folder, job->key.data, &record);
@@ -76,17 +76,16 @@ static oxl_result rounds_prepare(struct job *job)
     }
     block_plan_free(job->ctx, &last);
     oxl_model_free(job->ctx, &coarse);
-    oxl_free(job->ctx, folder);
     return rc;
 }
 
 /* The same by several processes: one trains, the others wait. */
 static oxl_result rounds_prepare_among_others(struct job *job)
 {
-    char             *folder = job_block_path(job, job->partition.block_count, NULL);
+    const char       *folder = JOB_BLOCK(job, job->partition.block_count);
     oxl_lock         *lock   = NULL;
     struct block_plan last   = {0};
-    oxl_result        rc     = folder ? OXL_OK : OXL_ERR_MEMORY;
+    oxl_result        rc     = OXL_OK;
     while (rc == OXL_OK && !lock && last.views == 0) {
         rc = block_plan_read(job, job->partition.block_count - 1, &last);
         if (rc == OXL_OK && last.views == 0) rc = lock_folder_if_free(job->ctx, folder, &lock);
@@ -96,7 +95,6 @@ static oxl_result rounds_prepare_among_others(struct job *job)
     job->done = JOB_COARSE;
     block_plan_free(job->ctx, &last);
     oxl_unlock_folder(job->ctx, &lock);
-    oxl_free(job->ctx, folder);
     return rc;
 }
 
@@ -120,11 +118,11 @@ static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_mode
 {
     struct job              *job    = r->job;
     const struct block_plan *plan   = &r->plan[block];
-    char                    *folder = job_block_path(job, of, NULL);
+    const char              *folder = JOB_BLOCK(job, of);
     uint8_t                 *keep   = NULL;
     struct block_record      record = {0};
     oxl_model                model = {0}, rest = {0};
-    oxl_result               rc = folder ? OXL_OK : OXL_ERR_MEMORY;
+    oxl_result               rc = OXL_OK;
     if (rc == OXL_OK && plan->neighbour[of]) rc = block_read(job->ctx, folder, job->key.data, &record);
     if (rc == OXL_OK)
         rc = record.there ? job_read_model(job, of, 0, &model) : block_plan_split(job, of, &r->coarse, &model, &rest);
@@ -134,7 +132,6 @@ static oxl_result rounds_add_block(struct rounds *r, int block, int of, oxl_mode
     oxl_model_free(job->ctx, &model);
     oxl_model_free(job->ctx, &rest);
     oxl_free(job->ctx, keep);
-    oxl_free(job->ctx, folder);
     return rc;
 }
 
@@ -167,12 +164,8 @@ static oxl_train_options rounds_options(const struct job *job, const struct bloc
 /* The gains that the coarse model has come to are those that the block begins with. */
 static oxl_result rounds_read_gains(struct job *job)
 {
-    char      *path = job_block_path(job, job->partition.block_count, "model.ply");
-    oxl_result rc   = path ? OXL_OK : OXL_ERR_MEMORY;
     imaging_free(job->ctx, scene_imaging(job->scene));
-    if (rc == OXL_OK) rc = oxl_scene_read_imaging(job->ctx, job->scene, path);
-    oxl_free(job->ctx, path);
-    return rc;
+    return oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, job->partition.block_count), "model.ply"));
 }
 
 /* --ram, less what the context takes. */
@@ -205,10 +198,9 @@ static int rounds_has_nothing_to_train(const struct block_plan *plan, const oxl_
 static oxl_result rounds_leave(struct job *job, int block, const struct block_task *task, const oxl_model *own)
 {
     const struct block_record record = {.iterations = task->until, .gaussians = own->count};
-    char                     *path   = job_block_path(job, block, "model.ply");
-    oxl_result                rc     = path ? model_file_write_ply(job->ctx, path, own, own->sh_degree) : OXL_ERR_MEMORY;
+    const char               *path   = PATH(JOB_BLOCK(job, block), "model.ply");
+    oxl_result                rc     = model_file_write_ply(job->ctx, path, own, own->sh_degree);
     if (rc == OXL_OK) rc = block_write_finished(job->ctx, job->scene, task->folder, task->key, &record);
-    oxl_free(job->ctx, path);
     return rc;
 }
 
@@ -250,26 +242,24 @@ static oxl_result rounds_train(struct rounds *r, int block, int round, const cha
 /* Rounds that a block has finished. */
 static oxl_result rounds_done(struct rounds *r, int block, int *done)
 {
-    char               *folder = job_block_path(r->job, block, NULL);
+    const char         *folder = JOB_BLOCK(r->job, block);
     struct block_record record = {0};
-    const oxl_result    rc     = folder ? block_read(r->job->ctx, folder, r->job->key.data, &record) : OXL_ERR_MEMORY;
+    const oxl_result    rc     = block_read(r->job->ctx, folder, r->job->key.data, &record);
     *done                      = 0;
     while (rc == OXL_OK && *done < JOB_ROUNDS && record.there && record.iterations >= block_plan_until(&r->plan[block], *done))
         ++*done;
-    oxl_free(r->job->ctx, folder);
     return rc;
 }
 
 static oxl_result rounds_step(struct rounds *r, int block, int round)
 {
     struct job *job    = r->job;
-    char       *folder = job_block_path(job, block, NULL);
+    const char *folder = JOB_BLOCK(job, block);
     int         done   = 0;
-    oxl_result  rc     = folder ? rounds_train(r, block, round, folder) : OXL_ERR_MEMORY;
+    oxl_result  rc     = rounds_train(r, block, round, folder);
     if (rc == OXL_OK) rc = rounds_done(r, block, &done);
     job->unfinished += rc == OXL_OK && done <= round;
     job->done += job->part;
-    oxl_free(job->ctx, folder);
     return rc;
 }
 
@@ -305,10 +295,10 @@ static oxl_result rounds_is_ready(struct rounds *r, int block, int round, int *r
 static oxl_result rounds_try(struct rounds *r, int block, int *trained)
 {
     struct job *job    = r->job;
-    char       *folder = job_block_path(job, block, NULL);
+    const char *folder = JOB_BLOCK(job, block);
     oxl_lock   *lock   = NULL;
     int         round = 0, ready = 0;
-    oxl_result  rc = folder ? lock_folder_if_free(job->ctx, folder, &lock) : OXL_ERR_MEMORY;
+    oxl_result  rc = lock_folder_if_free(job->ctx, folder, &lock);
     *trained       = 0;
     if (rc == OXL_OK && lock) rc = rounds_done(r, block, &round);
     if (rc == OXL_OK && lock && round < JOB_ROUNDS) rc = rounds_is_ready(r, block, round, &ready);
@@ -317,7 +307,6 @@ static oxl_result rounds_try(struct rounds *r, int block, int *trained)
         *trained = 1;
     }
     oxl_unlock_folder(job->ctx, &lock);
-    oxl_free(job->ctx, folder);
     return rc;
 }
 
@@ -377,11 +366,10 @@ static oxl_result rounds_merged_fits(struct job *job, int *fits)
     double                 rows = 0;
     oxl_result             rc   = OXL_OK;
     for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
-        char               *folder = job_block_path(job, k, NULL);
+        const char         *folder = JOB_BLOCK(job, k);
         struct block_record record = {0};
-        rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+        rc                         = block_read(job->ctx, folder, job->key.data, &record);
         rows += (double)record.gaussians;
-        oxl_free(job->ctx, folder);
     }
     *fits = budget_holds(&load, &job->options, rows);
     return rc;
@@ -407,9 +395,9 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
 
 OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
 {
-    char               *folder = job_block_path(job, job->partition.block_count + 1, NULL);
+    const char         *folder = JOB_BLOCK(job, job->partition.block_count + 1);
     struct block_record record = {0};
-    oxl_result          rc     = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+    oxl_result          rc     = block_read(job->ctx, folder, job->key.data, &record);
     const int           steps  = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
     int                 fits   = 0;
     job->block                 = job->partition.block_count + 1;
@@ -427,7 +415,6 @@ OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
         job_add_record(job, &record);
         job->total.iterations = job->options.train.iterations;
     }
-    oxl_free(job->ctx, folder);
     return rc;
 }
 
@@ -449,14 +436,13 @@ static oxl_result rounds_add_records(struct job *job, int *missing)
     oxl_result rc = OXL_OK;
     *missing      = -1;
     for (int k = 0; k <= job->partition.block_count && rc == OXL_OK; k++) {
-        char               *folder = job_block_path(job, k, NULL);
+        const char         *folder = JOB_BLOCK(job, k);
         struct block_record record = {0};
-        rc                         = folder ? block_read(job->ctx, folder, job->key.data, &record) : OXL_ERR_MEMORY;
+        rc                         = block_read(job->ctx, folder, job->key.data, &record);
         if (k == job->partition.block_count) record.predicted_seconds = JOB_COARSE * job->survey.seconds;
         else if (rc == OXL_OK) rc = rounds_block_is_missing(job, k, &record, missing);
         record.finished = 1; /* as far as it is asked for */
         if (rc == OXL_OK) job_add_record(job, &record);
-        oxl_free(job->ctx, folder);
     }
     job->total.iterations = job->options.train.iterations; /* a step on a window counts as its share of the image */
     return rc;

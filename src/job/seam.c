@@ -121,11 +121,9 @@ OXL_INTERNAL oxl_result seam_measure(oxl_context *ctx, const struct partition *p
 
 OXL_INTERNAL void seam_add_json(struct text *t, const struct seam *seam)
 {
-    text_add(t, "  \"seam\": {\"width\": ");
-    text_add_number(t, SEAM_WIDTH);
-    text_add(t, ", \"near_psnr\": ");
-    text_add_number(t, seam->near_psnr);
-    text_add(t, ", \"near_pixels\": %zu, \"elsewhere_psnr\": ", seam->near_pixels);
-    text_add_number(t, seam->elsewhere_psnr);
-    text_add(t, ", \"elsewhere_pixels\": %zu},\n", seam->elsewhere_pixels);
+    text_add(t,
+             "  \"seam\": {\"width\": %s, \"near_psnr\": %s, \"near_pixels\": %zu, \"elsewhere_psnr\": %s, \"elsewhere_pixels\": "
+             "%zu},\n",
+             NUMBER(SEAM_WIDTH), NUMBER(seam->near_psnr), seam->near_pixels, NUMBER(seam->elsewhere_psnr),
+             seam->elsewhere_pixels);
 }

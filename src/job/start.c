@@ -17,26 +17,21 @@
 static oxl_result start_copy(oxl_context *ctx, const char *from, const char *to, const char *name)
 {
     struct os_file_map map    = {0};
-    char              *source = oxl_path_join(ctx, from, name), *target = oxl_path_join(ctx, to, name);
-    oxl_result         rc = source && target ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to keep %s", name);
-    if (rc == OXL_OK && !os_is_file(source)) os_remove(target);
-    else if (rc == OXL_OK) rc = os_read_file(ctx, source, &map);
+    const char        *target = PATH(to, "%s", name);
+    oxl_result         rc     = OXL_OK;
+    if (!os_is_file(PATH(from, "%s", name))) os_remove(target);
+    else rc = os_read_file(ctx, PATH(from, "%s", name), &map);
     if (rc == OXL_OK && map.data) rc = os_write_file(ctx, target, map.data, map.size);
     os_release_file(ctx, &map);
-    oxl_free(ctx, source);
-    oxl_free(ctx, target);
     return rc;
 }
 
 /* blocks/start from blocks/000. */
 static oxl_result start_keep(oxl_context *ctx, const char *out, const char *start)
 {
-    char      *block = oxl_path_join(ctx, out, "blocks/000");
-    oxl_result rc    = block ? os_make_folder(ctx, start) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
-    if (rc == OXL_OK) rc = start_copy(ctx, block, start, "imaging.txt");
-    if (rc == OXL_OK) rc = start_copy(ctx, block, start, "model.ply");
-    oxl_free(ctx, block);
-    return rc;
+    oxl_result rc = os_make_folder(ctx, start);
+    if (rc == OXL_OK) rc = start_copy(ctx, PATH(out, "blocks/000"), start, "imaging.txt");
+    return rc == OXL_OK ? start_copy(ctx, PATH(out, "blocks/000"), start, "model.ply") : rc;
 }
 
 /* Iterations of the finished run that is continued; 0: it is none that differs by more iterations alone. */
@@ -58,15 +53,11 @@ static oxl_result start_of_finished(oxl_context *ctx, const char *out, const str
     if (rc == OXL_OK && rest && !strncmp(differs.data, only, sizeof only - 1) &&
         (!*rest || (!strncmp(rest, start, sizeof start - 1) && !rest[strcspn(rest, "\n") + 1])))
         *after = was;
-    if (*after) {
-        char *list = oxl_path_join(ctx, out, "partition.txt");
-        if (list && os_is_file(list))
-            rc = oxl_fail(ctx, OXL_ERR_USAGE,
-                          "%s holds the finished result of %d iterations in several blocks: only one block can be continued\n"
-                          "fix: --restart trains it anew; or name another folder by -o",
-                          out, was);
-        oxl_free(ctx, list);
-    }
+    if (*after && os_is_file(PATH(out, "partition.txt")))
+        rc = oxl_fail(ctx, OXL_ERR_USAGE,
+                      "%s holds the finished result of %d iterations in several blocks: only one block can be continued\n"
+                      "fix: --restart trains it anew; or name another folder by -o",
+                      out, was);
     text_free(&there);
     text_free(&differs);
     return rc;
@@ -91,12 +82,12 @@ static oxl_result start_read(oxl_context *ctx, const char *path, int after, stru
 OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const struct oxl_manifest *run, const oxl_job_options *o,
                                    const char *key, struct text *found, struct start *start)
 {
-    char       *folder = oxl_path_join(ctx, out, "blocks/start"), *kept = folder ? oxl_path_join(ctx, folder, "model.ply") : NULL;
+    const char *folder = PATH(out, "blocks/start"), *kept = PATH(folder, "model.ply");
     const char *was = run->found ? strstr(run->found, START_CONTINUED) : NULL, *path = o->from;
     const int   same = run->line && !strncmp(run->line, key, strlen(run->line));
-    oxl_result  rc   = kept ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look into %s", out);
+    oxl_result  rc   = OXL_OK;
     *start           = (struct start){0};
-    if (rc == OXL_OK && !o->restart && o->block < 0) {
+    if (!o->restart && o->block < 0) {
         if (same && was) start->after = atoi(was + sizeof START_CONTINUED - 1); /* one that was under way, or is finished */
         else rc = start_of_finished(ctx, out, run, key, o->train.iterations, &start->after);
         if (rc == OXL_OK && start->after > 0 && !same) rc = start_keep(ctx, out, folder);
@@ -106,8 +97,6 @@ OXL_INTERNAL oxl_result start_find(oxl_context *ctx, const char *out, const stru
     if (rc == OXL_OK && start->after > 0 && !same)
         oxl_log(ctx, OXL_LOG_INFO, "the finished run of %d iterations is continued: %d more, without density control",
                 start->after, o->train.iterations - start->after);
-    oxl_free(ctx, kept);
-    oxl_free(ctx, folder);
     return rc;
 }
 
@@ -121,8 +110,6 @@ OXL_INTERNAL oxl_result start_check(oxl_context *ctx, const struct start *start,
 OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char *out, const struct start *start,
                                   struct block_task *task)
 {
-    oxl_result rc = OXL_OK;
-    char      *path;
     if (start->model.count == 0) return OXL_OK;
     if (task->train.max_gaussians > 0 && start->model.count > (size_t)task->train.max_gaussians)
         return oxl_fail(ctx, OXL_ERR_USAGE,
@@ -134,8 +121,5 @@ OXL_INTERNAL oxl_result start_use(oxl_context *ctx, oxl_scene *scene, const char
     }
     task->start = &start->model;
     task->train = block_refinement(&task->train, start->model.sh_degree, task->train.iterations - start->after);
-    path        = oxl_path_join(ctx, out, "blocks/start/model.ply");
-    rc          = path ? oxl_scene_read_imaging(ctx, scene, path) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to continue");
-    oxl_free(ctx, path);
-    return rc;
+    return oxl_scene_read_imaging(ctx, scene, PATH(out, "blocks/start/model.ply"));
 }

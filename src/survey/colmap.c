@@ -211,30 +211,25 @@ struct colmap_files { /* the three files of one format */
     int64_t     modified; /* of the newest */
 };
 
-static oxl_result colmap_find_files(oxl_context *ctx, const char *folder, enum colmap_format format, struct colmap_files *out)
+static struct colmap_files colmap_find_files(const char *folder, enum colmap_format format)
 {
-    *out = (struct colmap_files){.count = 0};
+    struct colmap_files found = {.count = 0};
     for (int i = 0; i < COLMAP_FILES; i++) {
-        char *path = oxl_path_join(ctx, folder, colmap_names[format][i]);
-        if (!path) return oxl_fail(ctx, OXL_ERR_MEMORY, "%s: no memory to look for %s", folder, colmap_names[format][i]);
+        const char *path = PATH(folder, "%s", colmap_names[format][i]);
         if (os_is_file(path)) {
-            out->count++;
-            out->modified = OXL_MAX(out->modified, os_modified(path));
-        } else if (!out->missing) {
-            out->missing = colmap_names[format][i];
+            found.count++;
+            found.modified = OXL_MAX(found.modified, os_modified(path));
+        } else if (!found.missing) {
+            found.missing = colmap_names[format][i];
         }
-        oxl_free(ctx, path);
     }
-    return OXL_OK;
+    return found;
 }
 
 /* Text if both have the same age: text files may have been edited. */
 static oxl_result colmap_choose(oxl_context *ctx, const char *folder, enum colmap_format *out)
 {
-    struct colmap_files text, binary;
-    oxl_result          rc = colmap_find_files(ctx, folder, COLMAP_TEXT, &text);
-    if (rc == OXL_OK) rc = colmap_find_files(ctx, folder, COLMAP_BINARY, &binary);
-    if (rc != OXL_OK) return rc;
+    const struct colmap_files text = colmap_find_files(folder, COLMAP_TEXT), binary = colmap_find_files(folder, COLMAP_BINARY);
     *out = binary.count == COLMAP_FILES && (text.count < COLMAP_FILES || binary.modified > text.modified) ? COLMAP_BINARY
                                                                                                           : COLMAP_TEXT;
     if (text.count == COLMAP_FILES && binary.count == COLMAP_FILES)

@@ -529,23 +529,17 @@ OXL_INTERNAL oxl_result imaging_read(oxl_context *ctx, const char *path, const o
 
 oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char *model_path)
 {
-    const char    *name   = path_base_name(model_path);
-    struct text    folder = {.ctx = ctx};
-    char          *path;
+    const char    *name = path_base_name(model_path);
+    const char    *path = PATH("", "%.*simaging.txt", (int)(name - model_path), model_path);
     struct imaging read = {0};
-    oxl_result     rc;
-    text_add(&folder, "%.*s", (int)(name - model_path), model_path);
-    path = folder.failed ? NULL : oxl_path_join(ctx, folder.data, "imaging.txt");
-    rc   = path ? OXL_OK : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to look for imaging.txt");
-    if (rc == OXL_OK && os_is_file(path)) {
+    oxl_result     rc   = OXL_OK;
+    if (os_is_file(path)) {
         rc = imaging_read(ctx, path, scene, &read);
         imaging_free(ctx, scene_imaging(scene));
         *scene_imaging(scene) = read;
     }
     if (strcmp(name, "scene.ply") == 0 || strcmp(name, "scene_standard.ply") == 0)
         scene_imaging(scene)->medium = (struct medium){0}; /* is in its colours */
-    oxl_free(ctx, path);
-    text_free(&folder);
     return rc;
 }
 

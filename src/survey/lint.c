@@ -109,12 +109,10 @@ done:
 static oxl_result lint_image(oxl_context *ctx, const oxl_scene *scene, int view)
 {
     const char *name  = oxl_scene_view(scene, view)->name;
-    char       *path  = oxl_path_join(ctx, scene_images_folder(scene), name);
+    const char *path  = PATH(scene_images_folder(scene), "%s", name);
     int         width = 0, height = 0;
-    oxl_result  rc = path ? image_size(ctx, path, &width, &height) : oxl_fail(ctx, OXL_ERR_MEMORY, "out of memory for a path");
-    if (rc == OXL_OK) rc = image_check_shape(ctx, path, width, height, scene_source_camera(scene, view));
-    oxl_free(ctx, path);
-    return rc;
+    oxl_result  rc = image_size(ctx, path, &width, &height);
+    return rc == OXL_OK ? image_check_shape(ctx, path, width, height, scene_source_camera(scene, view)) : rc;
 }
 
 static void lint_stretched(oxl_context *ctx, const char *path, int width, int height, int *stretched)

@@ -174,11 +174,10 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
 {
     const struct colmap_image *image = &scene->colmap.image[o->image];
     const struct scene_key    *key   = scene_find_key(b->camera, scene->colmap.camera_count, image->camera_id);
-    char                      *path  = oxl_path_join(ctx, scene->images, o->name);
+    const char                *path  = PATH(scene->images, "%s", o->name);
     oxl_view                  *view  = &scene->view[scene->view_count];
     oxl_result                 rc    = OXL_OK;
-    if (!path) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    else if (!key)
+    if (!key)
         rc = oxl_fail(ctx, OXL_ERR_INPUT,
                       "%s/%s:%d: camera id %lld is not among the cameras\nfix: export both from the same model",
                       scene->colmap.folder, scene->colmap.images_file, image->line, (long long)image->camera_id);
@@ -195,7 +194,6 @@ static oxl_result scene_add_view(oxl_context *ctx, oxl_scene *scene, struct scen
         memcpy(view->camera.translation, image->translation, sizeof image->translation);
         scene->source[scene->view_count++] = (struct scene_source){o->image, key->index};
     }
-    oxl_free(ctx, path);
     return rc;
 }
 
@@ -498,12 +496,9 @@ static oxl_result scene_decode(oxl_context *ctx, const oxl_scene *scene, int vie
 static oxl_result scene_load_image(oxl_context *ctx, const void *source, int view, struct training_image *out)
 {
     const oxl_scene *scene = source;
-    char            *path  = oxl_path_join(ctx, scene->images, scene->view[view].name);
     char            *mask  = NULL;
-    oxl_result       rc =
-        path ? scene_mask_path(ctx, scene, scene->view[view].name, &mask) : oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for a path");
-    if (rc == OXL_OK) rc = scene_decode(ctx, scene, view, path, mask, out);
-    oxl_free(ctx, path);
+    oxl_result       rc    = scene_mask_path(ctx, scene, scene->view[view].name, &mask);
+    if (rc == OXL_OK) rc = scene_decode(ctx, scene, view, PATH(scene->images, "%s", scene->view[view].name), mask, out);
     oxl_free(ctx, mask);
     return rc;
 }

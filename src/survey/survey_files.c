@@ -28,14 +28,6 @@ static int survey_find_compare_names(const void *a, const void *b)
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
-static int survey_find_holds(oxl_context *ctx, const char *folder, const char *file)
-{
-    char     *path = oxl_path_join(ctx, folder, file);
-    const int held = path && os_is_file(path);
-    oxl_free(ctx, path);
-    return held;
-}
-
 /* Reads `folder` and keeps it in *best if it has more images. */
 static oxl_result survey_find_try_model(oxl_context *ctx, const char *folder, struct colmap *best, char **best_folder,
                                         int *models)
@@ -61,16 +53,15 @@ static oxl_result survey_find_try_folder(oxl_context *ctx, const char *folder, i
 {
     struct survey_find_folders in = {.ctx = ctx};
     oxl_result                 rc = OXL_OK;
-    if (survey_find_holds(ctx, folder, file[0]) || survey_find_holds(ctx, folder, file[1]))
+    if (os_is_file(PATH(folder, "%s", file[0])) || os_is_file(PATH(folder, "%s", file[1])))
         rc = survey_find_try_model(ctx, folder, best, best_folder, models);
     if (rc == OXL_OK && inside && os_is_folder(folder)) rc = os_list_folder(ctx, folder, survey_find_visit_folder, &in);
     if (rc == OXL_OK && in.failed) rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory to list %s", folder);
     if (in.count) qsort(in.name, in.count, sizeof *in.name, survey_find_compare_names);
     for (size_t i = 0; i < in.count; i++) {
-        char *path = oxl_path_join(ctx, folder, in.name[i]);
-        if (rc == OXL_OK && path && (survey_find_holds(ctx, path, file[0]) || survey_find_holds(ctx, path, file[1])))
+        const char *path = PATH(folder, "%s", in.name[i]);
+        if (rc == OXL_OK && (os_is_file(PATH(path, "%s", file[0])) || os_is_file(PATH(path, "%s", file[1]))))
             rc = survey_find_try_model(ctx, path, best, best_folder, models);
-        oxl_free(ctx, path);
         oxl_free(ctx, in.name[i]);
     }
     oxl_free(ctx, in.name);
@@ -103,7 +94,7 @@ static oxl_result survey_find_try_json(oxl_context *ctx, const char *path, struc
     static const char *const names[] = {"transforms.json", "reconstruction.json", "opensfm/reconstruction.json"};
     for (size_t i = 0; i < OXL_COUNT(names); i++) {
         oxl_result rc;
-        if (!survey_find_holds(ctx, path, names[i])) continue;
+        if (!os_is_file(PATH(path, "%s", names[i]))) continue;
         rc = json_survey_read(ctx, path, names[i], out);
         if (rc != OXL_OK) return rc;
         ++*models;
@@ -174,15 +165,15 @@ static int survey_find_is_like(const char *a, const char *b)
 static void survey_find_visit_entry(void *user, const char *name)
 {
     struct survey_find_search *h    = user;
-    char                      *path = h->found[0] ? NULL : oxl_path_join(h->ctx, h->folder, name);
-    if (path && os_is_folder(path) && h->depth < 3) {
+    const char                *path = PATH(h->folder, "%s", name);
+    if (h->found[0]) return;
+    if (os_is_folder(path) && h->depth < 3) {
         struct survey_find_search deeper = {.ctx = h->ctx, .folder = path, .wanted = h->wanted, .depth = h->depth + 1};
         os_list_folder(h->ctx, path, survey_find_visit_entry, &deeper);
         memcpy(h->found, deeper.found, sizeof h->found);
-    } else if (path && survey_find_is_like(name, h->wanted)) {
+    } else if (survey_find_is_like(name, h->wanted)) {
         snprintf(h->found, sizeof h->found, "%s", path);
     }
-    oxl_free(h->ctx, path);
 }
 
 OXL_INTERNAL void survey_find_like(oxl_context *ctx, const char *folder, const char *name, char *out, size_t size)

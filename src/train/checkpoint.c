@@ -301,11 +301,7 @@ OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, co
     return rc;
 }
 
-OXL_INTERNAL void checkpoint_remove(oxl_context *ctx, const char *folder, int others)
+OXL_INTERNAL void checkpoint_remove(const char *folder, int others)
 {
-    for (int i = 0; i < (others ? 4 : 2); i++) {
-        char *path = oxl_path_join(ctx, folder, checkpoint_names[i]);
-        if (path) os_remove(path);
-        oxl_free(ctx, path);
-    }
+    for (int i = 0; i < (others ? 4 : 2); i++) os_remove(PATH(folder, "%s", checkpoint_names[i]));
 }

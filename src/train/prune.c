@@ -6,8 +6,7 @@
  * 1500 of 40 000 iterations without that.
  *
  * Removed are those with the lowest score,  U = sum over views and pixels of (o dS/dalpha)^2,  where S is the sum of the
- * rendered image and pixels with fine detail have weights up to 1.3. It is the plain sum: divided by the number of views it was worse
- * in 7 of 7 pairs (docs/PAPER.md).
+ * rendered image. It is the plain sum: divided by the number of views it was worse in 7 of 7 pairs (docs/PAPER.md).
  *
  * Invariants: the window ends with exactly the requested number (or fewer, if there are fewer). Rows keep their order. The choice
  * is a function of the model, the scene and the options; ties are resolved by row.
@@ -19,7 +18,6 @@
 #define PRUNE_EVERY    (1.0 / 80)      /* of the run, between checks: 500 of 40 000 ["Prune Wisely", code] */
 #define PRUNE_PATIENCE 3               /* checks without a drop: 1500 of 40 000 */
 #define PRUNE_RECOVERY 0.99            /* x the L1 before the last drop ["Prune Wisely", code; its paper says 0.95] */
-#define PRUNE_DETAIL   0.10f           /* what full detail adds to a pixel's weight ["Prune Wisely"] */
 #define PRUNE_EPSILON  0.01            /* auto: the held-out views' loss may rise by this share */
 #define PRUNE_FILE     2048            /* bytes of a PLY that are not rows: its header */
 enum {
@@ -50,7 +48,7 @@ static size_t prune_target(const struct prune *p, size_t count)
 
 OXL_INTERNAL void prune_begin(struct prune *p, oxl_keep keep, int iterations, int densified, int views, double row_bytes)
 {
-    *p       = (struct prune){.keep = keep, .row_bytes = row_bytes, .detail = PRUNE_DETAIL};
+    *p       = (struct prune){.keep = keep, .row_bytes = row_bytes};
     p->start = (int)OXL_MIN(densified + OXL_MAX(1, PRUNE_WAIT * iterations), iterations);
     p->end   = (int)OXL_MIN(p->start + PRUNE_WINDOW * iterations, iterations);
     p->every = (int)OXL_MAX(PRUNE_EVERY * iterations + 0.5, OXL_MIN(views, (p->end - p->start) / 20)); /* sees each view once */
@@ -127,77 +125,6 @@ OXL_INTERNAL void prune_archive(struct archive *a, struct prune *p)
     archive_expect(a, p->drops >= 0 && p->last >= 0 && p->l1_count >= 0 && p->first_count >= p->target);
 }
 
-/* ---------------------------------------------------------------- fine detail of an image */
-
-enum {
-    PRUNE_FINE   = 1, /* px: half width of the blur that takes away noise, */
-    PRUNE_COARSE = 12 /* and of the one that takes away shading: left is about the band 0.04 to 0.45 of "Prune Wisely" */
-};
-#define PRUNE_DETAIL_MOST 3.0f /* x the mean [D] */
-
-/* The sum over the columns x-r..x+r of sums over rows, all of whole numbers; *area gets how many pixels that is. */
-static double prune_box(const int32_t *sum, int width, int rows, int r, int x)
-{
-    const int first = OXL_MAX(x - r, 0), last = OXL_MIN(x + r, width - 1);
-    return (double)(sum[last + 1] - sum[first]) / ((double)rows * (last - first + 1));
-}
-
-/* sum[x] becomes the sum over the columns before x of the rows y-r..y+r; returns how many rows there are. */
-static int prune_sum_rows(const struct training_image *p, int y, int r, int32_t *sum)
-{
-    const size_t pixels = (size_t)p->width * (size_t)p->height;
-    const int    first = OXL_MAX(y - r, 0), last = OXL_MIN(y + r, p->height - 1);
-    memset(sum, 0, ((size_t)p->width + 1) * sizeof *sum);
-    for (int row = first; row <= last; row++) {
-        const uint8_t *line = p->rgb + (size_t)row * p->width;
-        for (int x = 0; x < p->width; x++) sum[x + 1] += line[x] + line[pixels + x] + line[2 * pixels + x];
-    }
-    for (int x = 0; x < p->width; x++) sum[x + 1] += sum[x];
-    return last - first + 1;
-}
-
-/* Energy of the detail in row y: (fine blur - coarse blur)^2, 0 where masked. sum: 2 (width+1). Returns the row's sum. */
-static double prune_detail_row(const struct training_image *p, int y, int32_t *sum, float *out)
-{
-    int32_t  *coarse    = sum + p->width + 1;
-    const int fine_rows = prune_sum_rows(p, y, PRUNE_FINE, sum), coarse_rows = prune_sum_rows(p, y, PRUNE_COARSE, coarse);
-    double    total = 0;
-    for (int x = 0; x < p->width; x++) {
-        const double d =
-            prune_box(sum, p->width, fine_rows, PRUNE_FINE, x) - prune_box(coarse, p->width, coarse_rows, PRUNE_COARSE, x);
-        out[x] = p->mask && p->mask[(size_t)y * p->width + x] < 128 ? 0 : (float)(d * d);
-        total += out[x];
-    }
-    return total;
-}
-
-/* (H,W) energy of fine detail over its mean, at most 3; all 0 for an image without detail. */
-OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_image *p, float *out)
-{
-    const size_t each = 2 * ((size_t)p->width + 1), pixels = (size_t)p->width * (size_t)p->height;
-    int32_t     *sum   = oxl_alloc(ctx, (size_t)ctx->threads * each, sizeof *sum);
-    double      *row   = oxl_alloc(ctx, (size_t)p->height, sizeof *row);
-    double       total = 0;
-    float        scale;
-    oxl_result   rc = OXL_OK;
-    if (!sum || !row) {
-        rc = oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the detail of an image");
-        goto done;
-    }
-#pragma omp parallel for schedule(static) num_threads(ctx->threads)
-    for (int y = 0; y < p->height; y++) {
-        int32_t *own = sum + (size_t)context_thread() * each;
-        row[y]       = prune_detail_row(p, y, own, out + (size_t)y * p->width);
-    }
-    for (int y = 0; y < p->height; y++) total += row[y];
-    scale = total > 0 ? (float)((double)pixels / total) : 0;
-    for (size_t i = 0; i < pixels; i++) out[i] = OXL_MIN(scale * out[i], PRUNE_DETAIL_MOST);
-done:
-    oxl_free(ctx, sum);
-    oxl_free(ctx, row);
-    return rc;
-}
-
 /* ---------------------------------------------------------------- scores */
 
 struct prune_pass { /* over the views */
@@ -207,24 +134,17 @@ struct prune_pass { /* over the views */
     size_t drgb_capacity;
 };
 
-/* Weights of the pixels of a view. */
-static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view, float detail, struct prune_pass *pass)
+/* Masked pixels do not count. */
+static oxl_result prune_weigh_view(oxl_context *ctx, oxl_scene *scene, int view, struct prune_pass *pass)
 {
     const oxl_camera            *camera = &oxl_scene_view(scene, view)->camera;
     const size_t                 pixels = (size_t)camera->width * (size_t)camera->height;
-    const struct training_image *image  = NULL;
+    const struct training_image *image  = image_cache_get(ctx, scene_image_cache(scene), view);
     oxl_result rc = oxl_reserve(ctx, (void **)&pass->drgb, &pass->drgb_capacity, 3 * pixels, sizeof *pass->drgb);
     if (rc != OXL_OK) return rc;
-    memset(pass->drgb, 0, pixels * sizeof *pass->drgb);
-    if (detail > 0 && !(image = image_cache_get(ctx, scene_image_cache(scene), view)) && ctx->failed != OXL_ERR_INPUT)
-        return ctx->failed;
-    if (image) rc = prune_detail(ctx, image, pass->drgb); /* an image that cannot be read was named when it was trained on */
-    for (size_t i = 0; i < pixels; i++) {
-        const int counts = !image || !image->mask || image->mask[i] >= 128;
-        pass->drgb[i]    = counts ? 1 + detail * pass->drgb[i] : 0;
-    }
-    for (int c = 1; c < 3; c++) memcpy(pass->drgb + c * pixels, pass->drgb, pixels * sizeof *pass->drgb);
-    return rc;
+    if (!image && ctx->failed != OXL_ERR_INPUT) return ctx->failed; /* else it was named when it was trained on */
+    for (size_t i = 0; i < 3 * pixels; i++) pass->drgb[i] = !image || !image->mask || image->mask[i % pixels] >= 128;
+    return OXL_OK;
 }
 
 static oxl_result prune_score_view(oxl_context *ctx, struct renderer *r, const oxl_model *model, const oxl_camera *camera,
@@ -271,7 +191,7 @@ OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, str
     for (int i = 0; i < oxl_scene_view_count(scene) && rc == OXL_OK; i++) {
         const oxl_view *view = oxl_scene_view(scene, i);
         if (view->is_test || !prune_is_sampled(p, index++, views)) continue;
-        rc = prune_weigh_view(ctx, scene, i, p->detail, &pass);
+        rc = prune_weigh_view(ctx, scene, i, &pass);
         if (rc == OXL_OK) rc = prune_score_view(ctx, r, model, &view->camera, options, &pass, score);
     }
     if (rc == OXL_OK) prune_finish_scores(views <= p->views, model->count, pass.views, score);

@@ -83,7 +83,7 @@ OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, c
 /* The newest that is whole and of this key; none: *found = 0, and the state is untouched. */
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                         void *user, int *found);
-OXL_INTERNAL void       checkpoint_remove(oxl_context *ctx, const char *folder, int others); /* others: also NAME.other */
+OXL_INTERNAL void       checkpoint_remove(const char *folder, int others); /* others: also NAME.other */
 
 /* ---------------------------------------------------------------- ucd.c: weights by depth for density control, and their search */
 
@@ -116,7 +116,6 @@ OXL_INTERNAL void       ucd_archive(struct archive *a, struct ucd *u);
 struct prune {
     oxl_keep keep;
     double   row_bytes;           /* of the file, for OXL_KEEP_BYTES */
-    float    detail;              /* what fine detail adds to a pixel's weight; 0: images are not looked at */
     int      views;               /* a score is taken of at most so many, spread evenly */
     int      start, end;          /* the window: steps */
     int      every, patience;     /* steps between checks; without a drop */
@@ -143,7 +142,6 @@ OXL_INTERNAL void       prune_archive(struct archive *a, struct prune *p);
 OXL_INTERNAL oxl_result prune_score(oxl_context *ctx, const struct prune *p, struct renderer *r, oxl_scene *scene,
                                     const oxl_model *model, const oxl_render_options *options, float *score);
 OXL_INTERNAL void       prune_select(const float *score, size_t count, size_t drop, uint8_t *keep);
-OXL_INTERNAL oxl_result prune_detail(oxl_context *ctx, const struct training_image *p, float *out); /* (H,W) 0..3 */
 
 /* ---------------------------------------------------------------- transients.c: masks of moving objects */
 
