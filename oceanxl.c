@@ -26,7 +26,8 @@
 #include "src/survey/nerfstudio.c"    /* transforms.json */
 #include "src/survey/opensfm.c"       /* reconstruction.json */
 #include "src/survey/camera.c"        /* camera models, undistortion */
-#include "src/survey/image.c"         /* images: decode, reduce, undistort, mask */
+#include "src/survey/image.c"         /* decode, undistort, reduce, mask */
+#include "src/survey/image_write.c"   /* PNG and JPEG */
 #include "src/survey/survey_files.c"  /* paths of a survey's files */
 #include "src/survey/robust_stats.c"  /* robust statistics: bounds, radius of the cameras, depths */
 #include "src/survey/image_cache.c"   /* decoded images in memory */
@@ -40,7 +41,10 @@
 #include "src/blocks/partition.h"            /* shared by these files */
 #include "src/blocks/partition_axes.c"       /* principal axes, the frame of the partition */
 #include "src/blocks/partition_visibility.c" /* points seen by each view */
-#include "src/blocks/partition.c"            /* splits, limits, views of each block */
+#include "src/blocks/partition_build.h"      /* the tree of splits */
+#include "src/blocks/partition_cut.c"        /* where a box is split */
+#include "src/blocks/partition_assign.c"     /* points and views of each block */
+#include "src/blocks/partition.c"            /* how many blocks, and the plan of them */
 #include "src/blocks/partition_file.c"       /* partition.txt */
 #include "src/blocks/partition_svg.c"        /* partition.svg */
 #include "src/blocks/partition_export.c"     /* blocks as COLMAP text exports */
@@ -107,7 +111,9 @@
 #include "src/job/render_files.c"      /* renders as files */
 #include "src/job/training_views.c"    /* training views with much larger error than their neighbours */
 #include "src/job/job_state.h"         /* shared by the files of a job */
+#include "src/job/job_state.c"         /* names in OUT, the survey, progress, the blocks' models */
 #include "src/job/block_plan.c"        /* windows, steps and budget of each block */
 #include "src/job/groups.c"            /* the merged model in groups of views, if memory does not hold it */
 #include "src/job/rounds.c"            /* several blocks trained as one model */
+#include "src/job/job_result.c"        /* the model in its files, metrics.json, run.json, renders */
 #include "src/job/job.c"               /* the whole job: survey folder in, output folder out */

@@ -47,6 +47,7 @@ beside() { # COMMAND...: while another process trains into busy/, which is then 
 with_signal() { # "SIGNAL COMMAND": once the run trains, the command is run, then the signal sent
     signal=${1%% *} before=${1#"$signal"}
     shift
+    : >signalled.txt # that of an earlier run says ETA before this one has begun, and a background process ignores SIGINT until it catches it
     "$@" 2>signalled.txt &
     while kill -0 $! 2>/dev/null && ! grep -q ETA signalled.txt; do sleep 0.05; done
     $before

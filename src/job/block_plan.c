@@ -25,6 +25,12 @@ OXL_INTERNAL int block_plan_until(const struct block_plan *plan, int round)
     return plan->first + (int)((int64_t)(plan->last - plan->first) * (round + 1) / JOB_ROUNDS);
 }
 
+OXL_INTERNAL double block_plan_merged_share(const struct job *job)
+{
+    const oxl_train_options *o = &job->options.train;
+    return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_MERGED : JOB_MERGED_LATER;
+}
+
 /* ---------------------------------------------------------------- the file */
 
 static oxl_result plan_write(struct job *job, int block, const struct block_plan *plan)
@@ -273,7 +279,7 @@ static void plan_divide(const struct job *job, double cap, struct block_plan *pl
 {
     const int    blocks = job->partition.block_count;
     const double pixels = schedule_pixels(job->scene) / OXL_MAX(1, schedule_training_views(job->scene)); /* of a view */
-    const double part   = 1 - JOB_COARSE - rounds_merged_share(job);
+    const double part   = 1 - JOB_COARSE - block_plan_merged_share(job);
     double       area = 0, share = 0, rows = 0, epochs;
     for (int k = 0; k < blocks; k++) {
         area += sum[k].area;

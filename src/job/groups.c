@@ -304,7 +304,7 @@ static int groups_progress(void *user, const oxl_progress *progress)
 static oxl_result groups_train(struct groups *g, const struct image_window *window, oxl_model all[3], int from, int until)
 {
     struct job         *job   = g->job;
-    const int           steps = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
+    const int           steps = (int)OXL_MAX(1, block_plan_merged_share(job) * job->options.train.iterations);
     oxl_train_options   o     = block_refinement(&job->options.train, all[0].sh_degree, steps);
     struct text         key = {.ctx = job->ctx}, log = {.ctx = job->ctx}, notes = {.ctx = job->ctx};
     oxl_model           out   = {0};

@@ -38,7 +38,7 @@ struct job {
     oxl_lock           *lock; /* on OUT: shared by processes that train single blocks, else exclusive */
 };
 
-/* ---------------------------------------------------------------- job.c */
+/* ---------------------------------------------------------------- job_state.c */
 
 OXL_INTERNAL oxl_result  job_no_memory(struct job *job);
 /* OUT/blocks/KKK, a temporary as PATH is; block_count: OUT/blocks/coarse; one more: OUT/blocks/whole. */
@@ -53,6 +53,15 @@ OXL_INTERNAL oxl_result job_merge(struct job *job, int standard,
                                   oxl_model *out);                            /* the blocks' models side by side, gains joined */
 OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out); /* of several blocks, with zero mean */
 OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out);
+OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t); /* a file of OUT */
+OXL_INTERNAL void       job_remove_decoded(struct job *job);
+OXL_INTERNAL void       job_drop_checkpoints(struct job *job);
+
+/* ---------------------------------------------------------------- job_result.c: everything that belongs to the result */
+
+/* judge: with metrics; of an unfinished run of one block, the model as far as it is. */
+OXL_INTERNAL oxl_result job_finish(struct job *job, int judge);
+OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished); /* run.json */
 
 /* ---------------------------------------------------------------- block_plan.c: which part of the run a block is */
 
@@ -69,6 +78,7 @@ struct block_plan {
 };
 OXL_INTERNAL oxl_result block_plan_make(struct job *job, const oxl_model *coarse); /* of all blocks; writes plan.txt of each */
 OXL_INTERNAL oxl_result block_plan_read(struct job *job, int block, struct block_plan *out); /* views 0: there is none */
+OXL_INTERNAL double     block_plan_merged_share(const struct job *job);                      /* of the run */
 OXL_INTERNAL void       block_plan_free(oxl_context *ctx, struct block_plan *plan);
 OXL_INTERNAL int        block_plan_until(const struct block_plan *plan, int round); /* the last step of a round */
 /* The coarse model's Gaussians in a block's box, and all others. */
@@ -77,8 +87,7 @@ OXL_INTERNAL oxl_result block_plan_split(struct job *job, int block, const oxl_m
 /* ---------------------------------------------------------------- rounds.c: several blocks, trained as one model */
 
 OXL_INTERNAL oxl_result rounds_run(struct job *job);
-OXL_INTERNAL oxl_result rounds_train_merged(struct job *job);       /* after all blocks: the merged model */
-OXL_INTERNAL double     rounds_merged_share(const struct job *job); /* of the run */
+OXL_INTERNAL oxl_result rounds_train_merged(struct job *job); /* after all blocks: the merged model */
 OXL_INTERNAL oxl_result groups_run(struct job *job,
                                    const char *folder);  /* groups.c: the merged model, if memory does not hold it */
 OXL_INTERNAL oxl_result rounds_collect(struct job *job); /* the blocks' records; an error when one is not finished */

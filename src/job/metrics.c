@@ -550,10 +550,7 @@ static void metrics_add_by_depth(struct text *t, const oxl_metrics *m)
     static const char *const names[]  = {"mid_from", "far_from", "near_psnr", "mid_psnr", "far_psnr"};
     const double             values[] = {m->depth[0], m->depth[1], m->by_depth[0], m->by_depth[1], m->by_depth[2]};
     text_add(t, ",\n  \"by_depth\": ");
-    for (int i = 0; i < 5; i++) {
-        text_add(t, "%s\"%s\": ", i ? ", " : "{", names[i]);
-        text_add_number(t, values[i]);
-    }
+    for (int i = 0; i < 5; i++) text_add(t, "%s\"%s\": %s", i ? ", " : "{", names[i], NUMBER(values[i]));
     text_add(t, "},\n");
 }
 
@@ -561,10 +558,7 @@ static void metrics_add_by_depth(struct text *t, const oxl_metrics *m)
 static void metrics_add_six(struct text *t, const char *between, const double values[6])
 {
     static const char *const names[] = {"psnr", "cc_psnr", "ssim", "ms_ssim", "plain_psnr", "half_psnr"};
-    for (int i = 0; i < 6; i++) {
-        text_add(t, "%s\"%s\": ", i ? between : "", names[i]);
-        text_add_number(t, values[i]);
-    }
+    for (int i = 0; i < 6; i++) text_add(t, "%s\"%s\": %s", i ? between : "", names[i], NUMBER(values[i]));
 }
 
 OXL_INTERNAL oxl_result metrics_write_json(oxl_context *ctx, struct text *t, const oxl_scene *scene, const oxl_metrics *m)

@@ -150,10 +150,7 @@ struct balance_member {
 
 static void balance_add_members(struct text *t, const struct balance_member *m, size_t count)
 {
-    for (size_t i = 0; i < count; i++) {
-        text_add(t, "%s\"%s\": ", i ? ", " : "{", m[i].name);
-        text_add_number(t, m[i].value);
-    }
+    for (size_t i = 0; i < count; i++) text_add(t, "%s\"%s\": %s", i ? ", " : "{", m[i].name, NUMBER(m[i].value));
     text_add(t, "}");
 }
 
@@ -175,13 +172,9 @@ static void balance_add_json(struct text *t, const char *name, const oxl_balance
 oxl_result oxl_partition_to_json(oxl_context *ctx, const oxl_partition_report *r, char **out)
 {
     struct text t = {.ctx = ctx};
-    text_add(&t, "{\n  \"dimensions\": %d,\n  \"cut\": \"%s\",\n  \"extent\": [", r->dimensions,
-             r->cut == OXL_CUT_MIDPOINT ? "midpoint" : "balanced");
-    for (int k = 0; k < 3; k++) {
-        text_add(&t, "%s", k ? ", " : "");
-        text_add_number(&t, r->extent[k]);
-    }
-    text_add(&t, "],\n");
+    text_add(&t, "{\n  \"dimensions\": %d,\n  \"cut\": \"%s\",\n  \"extent\": [%s, %s, %s],\n", r->dimensions,
+             r->cut == OXL_CUT_MIDPOINT ? "midpoint" : "balanced", NUMBER(r->extent[0]), NUMBER(r->extent[1]),
+             NUMBER(r->extent[2]));
     balance_add_json(&t, "balanced", &r->balance[OXL_CUT_BALANCED]);
     balance_add_json(&t, "midpoint", &r->balance[OXL_CUT_MIDPOINT]);
     text_add(&t, "  \"blocks\": [");

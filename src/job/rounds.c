@@ -353,12 +353,6 @@ static void rounds_end(struct rounds *r)
 
 /* ---------------------------------------------------------------- the merged model */
 
-OXL_INTERNAL double rounds_merged_share(const struct job *job)
-{
-    const oxl_train_options *o = &job->options.train;
-    return o->keep.kind == OXL_KEEP_ALL && o->dog == OXL_DOG_OFF ? JOB_MERGED : JOB_MERGED_LATER;
-}
-
 /* 1: memory holds it. */
 static oxl_result rounds_merged_fits(struct job *job, int *fits)
 {
@@ -386,7 +380,7 @@ static oxl_result rounds_run_merged(struct job *job, const char *folder)
                                    .standard = block_standard_steps(&job->options.train)};
     oxl_result         rc       = job_merge(job, 0, &merged);
     task.train                  = block_refinement(&job->options.train, merged.sh_degree, job->part_until);
-    task.predicted_seconds      = rounds_merged_share(job) * job->survey.seconds;
+    task.predicted_seconds      = block_plan_merged_share(job) * job->survey.seconds;
     job_limit_time(job, &task.train);
     if (rc == OXL_OK) rc = block_train(job->ctx, job->scene, &task);
     oxl_model_free(job->ctx, &merged);
@@ -398,10 +392,10 @@ OXL_INTERNAL oxl_result rounds_train_merged(struct job *job)
     const char         *folder = JOB_BLOCK(job, job->partition.block_count + 1);
     struct block_record record = {0};
     oxl_result          rc     = block_read(job->ctx, folder, job->key.data, &record);
-    const int           steps  = (int)OXL_MAX(1, rounds_merged_share(job) * job->options.train.iterations);
+    const int           steps  = (int)OXL_MAX(1, block_plan_merged_share(job) * job->options.train.iterations);
     int                 fits   = 0;
     job->block                 = job->partition.block_count + 1;
-    job->part                  = rounds_merged_share(job);
+    job->part                  = block_plan_merged_share(job);
     job->part_first = 0, job->part_until = steps;
     if (rc == OXL_OK && !record.finished) {
         if (!job->scene) rc = job_load(job);

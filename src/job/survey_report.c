@@ -210,12 +210,7 @@ oxl_result oxl_check_quality(oxl_context *ctx, const char *path, const oxl_job_o
 
 static void survey_add_triple(struct text *t, const char *indent, const char *name, const double v[3])
 {
-    text_add(t, ",\n%s  \"%s\": [", indent, name);
-    for (int k = 0; k < 3; k++) {
-        if (k > 0) text_add(t, ", ");
-        text_add_number(t, v[k]);
-    }
-    text_add(t, "]");
+    text_add(t, ",\n%s  \"%s\": [%s, %s, %s]", indent, name, NUMBER(v[0]), NUMBER(v[1]), NUMBER(v[2]));
 }
 
 OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const char *indent)
@@ -249,10 +244,8 @@ OXL_INTERNAL void survey_add_json(struct text *t, const oxl_survey *s, const cha
                    {"predicted_seconds_most", s->seconds_range[1]}};
     text_add(t, "{\n%s  \"cameras_text\": ", indent);
     text_add_json_string(t, s->cameras_text);
-    for (size_t i = 0; i < OXL_COUNT(numbers); i++) {
-        text_add(t, ",\n%s  \"%s\": ", indent, numbers[i].name);
-        text_add_number(t, numbers[i].value);
-    }
+    for (size_t i = 0; i < OXL_COUNT(numbers); i++)
+        text_add(t, ",\n%s  \"%s\": %s", indent, numbers[i].name, NUMBER(numbers[i].value));
     survey_add_triple(t, indent, "bounds_min", s->bounds_min);
     survey_add_triple(t, indent, "bounds_max", s->bounds_max);
     text_add(t, "\n%s}", indent);

@@ -234,7 +234,7 @@ static void training_add_json(const struct training_views *t, struct text *out)
         const double               values[] = {v->psnr, v->cc_psnr, v->ssim, row->lacks, row->exposure};
         text_add(out, "%s\n    {\"name\": ", i ? "," : "");
         text_add_json_string(out, oxl_scene_view(t->scene, v->view)->name);
-        for (int k = 0; k < 5; k++) text_add(out, ", \"%s\": ", names[k]), text_add_number(out, values[k]);
+        for (int k = 0; k < 5; k++) text_add(out, ", \"%s\": %s", names[k], NUMBER(values[k]));
         text_add(out, row->flag ? ", \"flag\": \"%s\"}" : "}", row->flag);
     }
     text_add(out, "%s]},\n", t->m->count ? "\n  " : "");

@@ -44,18 +44,3 @@ OXL_INTERNAL void exposure_backward(const float gain[3], const float *y, const f
         dlog_gain[c] = sum;
     }
 }
-
-/* weight (n) or NULL. gain: least squares of weight (gain x - y)^2; 1 of a black image. */
-OXL_INTERNAL void exposure_fit(const float *x, const float *y, const float *weight, size_t n, double gain[3])
-{
-    for (int c = 0; c < 3; c++) {
-        const float *xc = x + (size_t)c * n, *yc = y + (size_t)c * n;
-        double       xx = 0, xy = 0;
-        for (size_t i = 0; i < n; i++) {
-            const double w = weight ? weight[i] : 1;
-            xx += w * xc[i] * xc[i];
-            xy += w * xc[i] * yc[i];
-        }
-        gain[c] = xx > 0 && xy > 0 ? xy / xx : 1;
-    }
-}

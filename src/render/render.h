@@ -193,7 +193,4 @@ OXL_INTERNAL void exposure_forward(const float gain[3], const float *x, size_t n
 OXL_INTERNAL void exposure_backward(const float gain[3], const float *y, const float *dy, size_t n, float *dx,
                                     double dlog_gain[3]);
 
-/* gain: least squares of weight (gain x - y)^2 by channel; weight (n) or NULL. */
-OXL_INTERNAL void exposure_fit(const float *x, const float *y, const float *weight, size_t n, double gain[3]);
-
 #endif

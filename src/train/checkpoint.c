@@ -172,63 +172,42 @@ static void checkpoint_add_key(struct archive *a, const char *key)
 static const char *const checkpoint_names[] = {"checkpoint.oxl", "checkpoint.prev.oxl", "checkpoint.oxl.other",
                                                "checkpoint.prev.oxl.other"}; /* the latter two: see checkpoint_rename */
 
-static oxl_result checkpoint_paths(oxl_context *ctx, const char *folder, char *path[2])
-{
-    for (int i = 0; i < 2; i++) path[i] = oxl_path_join(ctx, folder, checkpoint_names[i]);
-    if (path[0] && path[1]) return OXL_OK;
-    return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
-}
-
 /* A checkpoint of another run is renamed to NAME.other, which replaces an earlier one. */
 static oxl_result checkpoint_rename(oxl_context *ctx, const char *path)
 {
-    const size_t size    = strlen(path) + sizeof ".other";
-    char        *renamed = oxl_alloc(ctx, size, 1);
-    oxl_result   rc      = OXL_OK;
-    if (!renamed) return oxl_fail(ctx, OXL_ERR_MEMORY, "no memory for the name of a checkpoint");
-    snprintf(renamed, size, "%s.other", path);
+    const char *renamed = PATH("", "%s.other", path);
     if (os_rename(path, renamed) != 0)
-        rc = oxl_fail(ctx, OXL_ERR_IO,
-                      "%s is of a run with other options or of another version, and cannot be moved out of the way (%s)\n"
-                      "fix: move it, or name another folder by -o",
-                      path, strerror(errno));
-    else
-        oxl_log(ctx, OXL_LOG_WARNING,
-                "%s is of a run with other options or of another version; it is kept as %s\n"
-                "fix: rename it back and remove run.json to resume that run, or delete it",
-                path, renamed);
-    oxl_free(ctx, renamed);
-    return rc;
+        return oxl_fail(ctx, OXL_ERR_IO,
+                        "%s is of a run with other options or of another version, and cannot be moved out of the way (%s)\n"
+                        "fix: move it, or name another folder by -o",
+                        path, strerror(errno));
+    oxl_log(ctx, OXL_LOG_WARNING,
+            "%s is of a run with other options or of another version; it is kept as %s\n"
+            "fix: rename it back and remove run.json to resume that run, or delete it",
+            path, renamed);
+    return OXL_OK;
 }
 
 OXL_INTERNAL oxl_result checkpoint_write(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                          void *user)
 {
-    uint64_t         magic = CHECKPOINT_MAGIC, version = CHECKPOINT_VERSION;
-    char            *path[2] = {NULL, NULL};
+    uint64_t         magic = CHECKPOINT_MAGIC, version = CHECKPOINT_VERSION, sum;
+    const char      *path = PATH(folder, "%s", checkpoint_names[0]);
     struct os_writer writer;
-    struct archive   a  = {.ctx = ctx, .sum = CHECKPOINT_SEED};
-    oxl_result       rc = checkpoint_paths(ctx, folder, path);
-    if (rc == OXL_OK) rc = os_make_folder(ctx, folder); /* it may have been deleted */
-    if (rc == OXL_OK) rc = os_writer_open(ctx, path[0], &writer);
-    if (rc != OXL_OK) goto done;
-    a.path = path[0];
+    struct archive   a  = {.ctx = ctx, .path = path, .sum = CHECKPOINT_SEED};
+    oxl_result       rc = os_make_folder(ctx, folder); /* it may have been deleted */
+    if (rc == OXL_OK) rc = os_writer_open(ctx, path, &writer);
+    if (rc != OXL_OK) return rc;
     a.file = writer.file;
     archive_u64(&a, &magic);
     archive_u64(&a, &version);
     checkpoint_add_key(&a, key);
     state(&a, user);
-    {
-        uint64_t sum = a.sum;
-        archive_u64(&a, &sum);
-    }
+    sum = a.sum;
+    archive_u64(&a, &sum);
     if (a.rc == OXL_OK && fflush(writer.file) != 0) archive_fail(&a, OXL_ERR_IO, "cannot write; the disk may be full");
-    if (a.rc == OXL_OK) os_rename(path[0], path[1]); /* there is none before the first */
-    rc = os_writer_close(ctx, &writer, a.rc);
-done:
-    oxl_free(ctx, path[0]);
-    oxl_free(ctx, path[1]);
-    return rc;
+    if (a.rc == OXL_OK) os_rename(path, PATH(folder, "%s", checkpoint_names[1])); /* there is none before the first */
+    return os_writer_close(ctx, &writer, a.rc);
 }
 
 /* ---------------------------------------------------------------- reading */
@@ -292,12 +271,10 @@ done:
 OXL_INTERNAL oxl_result checkpoint_read(oxl_context *ctx, const char *folder, const char *key, checkpoint_state *state,
                                         void *user, int *found)
 {
-    char      *path[2] = {NULL, NULL};
-    oxl_result rc      = checkpoint_paths(ctx, folder, path);
-    *found             = 0;
-    for (int i = 0; i < 2 && rc == OXL_OK && !*found; i++) rc = checkpoint_read_one(ctx, path[i], key, state, user, found);
-    oxl_free(ctx, path[0]);
-    oxl_free(ctx, path[1]);
+    oxl_result rc = OXL_OK;
+    *found        = 0;
+    for (int i = 0; i < 2 && rc == OXL_OK && !*found; i++)
+        rc = checkpoint_read_one(ctx, PATH(folder, "%s", checkpoint_names[i]), key, state, user, found);
     return rc;
 }
 

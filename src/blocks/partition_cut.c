@@ -1,0 +1,279 @@
+/* partition_cut.c - where the boxes of a partition are cut: the ratio whose sides come nearest to their share of the load (OceanXL sec. 3.1,
+ * eq. 1, Alg. 1).
+ *
+ * Invariant: counts are whole numbers, summed over tasks in order, so the cuts do not depend on the number of threads.
+ */
+#include "partition_build.h"
+
+enum {
+    PARTITION_RATIOS  = 21,
+    PARTITION_BATCH   = 4096, /* boxes whose cuts are searched in one pass over the points */
+    PARTITION_SHRINKS = 48,   /* of a box, at most: all points in one place would never end */
+    PARTITION_LOAD    = 256   /* mean load of a point */
+};
+
+OXL_INTERNAL size_t partition_task_begin(size_t count, int task)
+{
+    return count * (size_t)task / PARTITION_TASKS;
+}
+
+/* ---------------------------------------------------------------- the search */
+
+struct partition_search { /* of one box of the batch */
+    int    node, axis;
+    double cut[PARTITION_RATIOS];
+};
+
+static double partition_ratio(const struct partition_build *b, int k)
+{
+    return b->options.cut == OXL_CUT_MIDPOINT ? 0.5 : (30 + 2 * k) / 100.0;
+}
+
+static int partition_ratios(const struct partition_build *b)
+{
+    return b->options.cut == OXL_CUT_MIDPOINT ? 1 : PARTITION_RATIOS;
+}
+
+static int partition_longest_axis(const struct partition_build *b, const struct partition_box *box)
+{
+    int longest = 0;
+    for (int k = 1; k < b->dimensions; k++)
+        if (box->high[k] - box->low[k] > box->high[longest] - box->low[longest]) longest = k;
+    return longest;
+}
+
+static int partition_is_open(const struct partition_build *b, const struct partition_node *n)
+{
+    const int axis = partition_longest_axis(b, &n->finite);
+    const int open = n->parts > 0 ? n->parts > 1 : n->points > (size_t)b->options.block_points;
+    return open && !n->child[0] && !n->removed && n->depth < b->depth && n->shrinks < PARTITION_SHRINKS &&
+           n->finite.low[axis] < n->finite.high[axis];
+}
+
+/* Fills the batch with boxes that are to be cut; returns how many. */
+static int partition_gather(struct partition_build *b, struct partition_search *search)
+{
+    int count = 0;
+    for (int i = 0; i < b->node_count; i++) {
+        struct partition_node *n = &b->node[i];
+        n->slot                  = -1;
+        if (count == PARTITION_BATCH || !partition_is_open(b, n)) continue;
+        n->slot       = count;
+        search[count] = (struct partition_search){.node = i, .axis = partition_longest_axis(b, &n->finite)};
+        for (int k = 0; k < partition_ratios(b); k++) {
+            const double low = n->finite.low[search[count].axis], high = n->finite.high[search[count].axis];
+            search[count].cut[k] = low + partition_ratio(b, k) * (high - low);
+        }
+        count++;
+    }
+    return count;
+}
+
+/* Points and their load between two candidate splits of a box: those at or above k of them are counted at k. */
+struct partition_bin {
+    uint64_t points, load;
+};
+
+/* bins (slots, PARTITION_RATIOS + 1) */
+static void partition_count(const struct partition_build *b, const struct partition_search *search, int task,
+                            struct partition_bin *bins)
+{
+    const int    ratios = partition_ratios(b);
+    const size_t end    = partition_task_begin(b->count, task + 1);
+    for (size_t i = partition_task_begin(b->count, task); i < end; i++) {
+        const int slot = b->owner[i] == PARTITION_NOWHERE ? -1 : b->node[b->owner[i]].slot;
+        if (slot >= 0) {
+            const struct partition_search *s     = &search[slot];
+            const double                   v     = b->position[3 * i + (size_t)s->axis];
+            int                            above = 0;
+            for (int k = 0; k < ratios; k++) above += v >= s->cut[k];
+            bins[(size_t)slot * (PARTITION_RATIOS + 1) + (size_t)above].points++;
+            bins[(size_t)slot * (PARTITION_RATIOS + 1) + (size_t)above].load += b->load[i];
+        }
+    }
+}
+
+/* ---------------------------------------------------------------- the choice */
+
+struct partition_split {
+    int    ratio;     /* -1: none leaves both sides enough points for a block */
+    size_t points[2]; /* of the sides */
+    int    parts[2];
+    int    fits; /* both sides can be split further into blocks of at most N_p points */
+    double off;  /* by how much the load of a side misses its share */
+};
+
+/* One ratio with so many parts on its low side. */
+static struct partition_split partition_judge_split(const struct partition_build *b, const struct partition_node *n, int ratio,
+                                                    const struct partition_bin *low, uint64_t load, int low_parts)
+{
+    const size_t           limit = (size_t)b->options.block_points;
+    const int              parts = OXL_MAX(2, n->parts);
+    struct partition_split s     = {ratio, {low->points, n->points - low->points}, {low_parts, parts - low_parts}, 0, 0};
+    s.fits                       = s.points[0] <= (size_t)s.parts[0] * limit && s.points[1] <= (size_t)s.parts[1] * limit;
+    s.off                        = fabs((double)low->load / (double)OXL_MAX(load, (uint64_t)1) - (double)low_parts / parts);
+    if (OXL_MIN(s.points[0], s.points[1]) < b->least_points) s.ratio = -1;
+    return s;
+}
+
+/* Whether a is the better split: it fits, then its load is nearer to the wanted shares, then its ratio nearer to 0.5. */
+static int partition_is_better(const struct partition_build *b, const struct partition_split *a,
+                               const struct partition_split *than)
+{
+    const int ratios = partition_ratios(b);
+    if (a->ratio < 0 || than->ratio < 0) return a->ratio >= 0;
+    if (a->fits != than->fits) return a->fits;
+    if (a->off != than->off) return a->off < than->off;
+    return abs(2 * a->ratio - ratios + 1) < abs(2 * than->ratio - ratios + 1);
+}
+
+/* bins (ratios + 1) as partition_count leaves them. */
+static struct partition_split partition_choose(const struct partition_build *b, const struct partition_node *n,
+                                               const struct partition_bin *bins)
+{
+    const int              ratios = partition_ratios(b), parts = OXL_MAX(2, n->parts);
+    struct partition_bin   low  = {0, 0};
+    struct partition_split best = {.ratio = -1};
+    uint64_t               load = 0;
+    for (int k = 0; k <= ratios; k++) load += bins[k].load;
+    for (int k = 0; k < ratios; k++) {
+        low.points += bins[k].points;
+        low.load += bins[k].load;
+        for (int low_parts = parts / 2; low_parts <= parts - parts / 2; low_parts++) {
+            const struct partition_split s = partition_judge_split(b, n, k, &low, load, low_parts);
+            if (partition_is_better(b, &s, &best)) best = s;
+        }
+    }
+    return best;
+}
+
+static oxl_result partition_add_children(struct partition_build *b, int parent, int axis, double cut,
+                                         const struct partition_split *split)
+{
+    oxl_result rc = oxl_reserve(b->ctx, (void **)&b->node, &b->node_capacity, (size_t)b->node_count + 2, sizeof *b->node);
+    if (rc != OXL_OK) return rc;
+    for (int side = 0; side < 2; side++) {
+        const struct partition_node *from  = &b->node[parent];
+        struct partition_node        child = {.finite = from->finite, .parent = parent, .depth = from->depth + 1, .slot = -1};
+        child.points                       = split->points[side];
+        child.parts                        = from->parts > 0 ? split->parts[side] : 0;
+        (side ? child.finite.low : child.finite.high)[axis] = cut;
+        b->node[parent].child[side]                         = b->node_count;
+        b->node[b->node_count++]                            = child;
+    }
+    b->node[parent].axis = axis;
+    b->node[parent].cut  = cut;
+    return OXL_OK;
+}
+
+/* No cut of this box leaves enough on both sides: most points lie near one end, and the search goes on in that half. */
+static void partition_shrink(const struct partition_build *b, const struct partition_search *s, const struct partition_bin *bins)
+{
+    struct partition_node *n     = &b->node[s->node];
+    const int              half  = partition_ratios(b) / 2;
+    size_t                 below = 0;
+    for (int k = 0; k <= half; k++) below += bins[k].points;
+    (2 * below >= n->points ? n->finite.high : n->finite.low)[s->axis] = s->cut[half];
+    n->shrinks++;
+}
+
+/* bins (PARTITION_TASKS, count, PARTITION_RATIOS + 1): scratch. */
+static oxl_result partition_cut_batch(struct partition_build *b, const struct partition_search *search, int count,
+                                      struct partition_bin *bins)
+{
+    const size_t stride = PARTITION_RATIOS + 1, part = (size_t)count * stride;
+    oxl_result   rc = OXL_OK;
+    memset(bins, 0, PARTITION_TASKS * part * sizeof *bins);
+#pragma omp parallel for schedule(dynamic) num_threads(b->ctx->threads)
+    for (int task = 0; task < PARTITION_TASKS; task++) partition_count(b, search, task, bins + (size_t)task * part);
+    for (int task = 1; task < PARTITION_TASKS; task++)
+        for (size_t k = 0; k < part; k++) {
+            bins[k].points += bins[(size_t)task * part + k].points;
+            bins[k].load += bins[(size_t)task * part + k].load;
+        }
+    for (int i = 0; i < count && rc == OXL_OK; i++) {
+        const struct partition_bin  *mine  = bins + (size_t)i * stride;
+        const struct partition_split split = partition_choose(b, &b->node[search[i].node], mine);
+        if (split.ratio < 0) partition_shrink(b, &search[i], mine);
+        else rc = partition_add_children(b, search[i].node, search[i].axis, search[i].cut[split.ratio], &split);
+    }
+    return rc;
+}
+
+/* ---------------------------------------------------------------- the tree */
+
+static uint32_t partition_descend(const struct partition_build *b, uint32_t from, const double *p)
+{
+    while (b->node[from].child[0]) from = (uint32_t)b->node[from].child[p[b->node[from].axis] >= b->node[from].cut];
+    return from;
+}
+
+/* Points whose node was cut move into its children; those whose node is gone start again from the root. */
+OXL_INTERNAL void partition_update_leaves(const struct partition_build *b)
+{
+#pragma omp parallel for schedule(static) num_threads(b->ctx->threads)
+    for (int task = 0; task < PARTITION_TASKS; task++) {
+        const size_t end = partition_task_begin(b->count, task + 1);
+        for (size_t i = partition_task_begin(b->count, task); i < end; i++)
+            if (b->owner[i] != PARTITION_NOWHERE)
+                b->owner[i] = partition_descend(b, b->node[b->owner[i]].removed ? 0 : b->owner[i], b->position + 3 * i);
+    }
+}
+
+/* D of Alg. 1: four more levels than perfect halves would take. */
+OXL_INTERNAL int partition_depth(size_t count, size_t block_points)
+{
+    int halves = 0;
+    while (halves < 32 && block_points << halves < count) halves++;
+    return OXL_MAX(10, halves + 4);
+}
+
+static oxl_result partition_grow(struct partition_build *b)
+{
+    struct partition_search *search = oxl_alloc(b->ctx, PARTITION_BATCH, sizeof *search);
+    struct partition_bin    *bins   = oxl_alloc(b->ctx, PARTITION_BATCH * (PARTITION_RATIOS + 1) * PARTITION_TASKS, sizeof *bins);
+    oxl_result               rc = search && bins ? OXL_OK : oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to search for splits");
+    int                      count;
+    while (rc == OXL_OK && (count = partition_gather(b, search)) > 0) {
+        rc = partition_cut_batch(b, search, count, bins);
+        partition_update_leaves(b);
+    }
+    oxl_free(b->ctx, search);
+    oxl_free(b->ctx, bins);
+    return rc;
+}
+
+/* A tree of so many leaves from the root on; parts 0: as many as leave none with more than N_p points. */
+OXL_INTERNAL oxl_result partition_grow_to(struct partition_build *b, int parts)
+{
+    b->node[0]    = (struct partition_node){.finite = b->finite, .points = b->kept, .parts = parts, .slot = -1};
+    b->node_count = 1;
+    for (size_t i = 0; i < b->count; i++)
+        if (b->owner[i] != PARTITION_NOWHERE) b->owner[i] = 0;
+    return partition_grow(b);
+}
+
+/* by_pixels: share of the load that is pixels, which each view distributes evenly over the points it sees; the rest is the point itself. */
+OXL_INTERNAL oxl_result partition_set_loads(struct partition_build *b, double by_pixels)
+{
+    const struct partition_visibility *s     = b->visibility;
+    double                            *pixel = oxl_calloc(b->ctx, b->count + 1, sizeof *pixel), sum = 0;
+    if (!b->load) b->load = oxl_alloc(b->ctx, b->count + 1, sizeof *b->load);
+    if (!pixel || !b->load) {
+        oxl_free(b->ctx, pixel);
+        return oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to partition %zu points", b->count);
+    }
+    for (size_t v = 0; v < s->views; v++) {
+        const oxl_camera *c    = &oxl_scene_view(b->scene, (int)v)->camera;
+        const size_t      seen = s->first[v + 1] - s->first[v];
+        for (size_t k = s->first[v]; k < s->first[v + 1]; k++)
+            if (b->owner[s->point[k]] != PARTITION_NOWHERE) pixel[s->point[k]] += (double)c->width * c->height / (double)seen;
+    }
+    for (size_t i = 0; i < b->count; i++) sum += pixel[i];
+    for (size_t i = 0; i < b->count; i++) {
+        const double share = sum > 0 ? pixel[i] * (double)b->kept / sum : 1;
+        b->load[i]         = (uint32_t)OXL_MIN(PARTITION_LOAD * (1 - by_pixels + by_pixels * share), 1e9);
+    }
+    oxl_free(b->ctx, pixel);
+    return OXL_OK;
+}

@@ -1,0 +1,265 @@
+/* job_result.c - the result of a job: the model in its files, metrics.json, run.json, renders.
+ *
+ * Invariant: run.json says "finished": true after everything else is in place.
+ */
+#include "job_state.h"
+
+#define JOB_EXPOSURE 0.5 /* dB: cc_psnr is logged when it is so much above PSNR */
+
+/* ---------------------------------------------------------------- models */
+
+/* The model of the one block, or of all: trained after merging, or merged now. */
+static oxl_result job_join(struct job *job, int standard, oxl_model *out)
+{
+    const int  blocks = job->partition.block_count, one = blocks == 1 ? 0 : blocks + 1;
+    oxl_result rc = job_read_model(job, one, standard, out);
+    if (rc == OXL_OK && job->scene) rc = oxl_scene_read_imaging(job->ctx, job->scene, PATH(JOB_BLOCK(job, one), "model.ply"));
+    if (rc == OXL_OK && out->count == 0)
+        rc = oxl_fail(job->ctx, OXL_ERR_FAILED,
+                      "no Gaussian is left in %s\nfix: oceanxl check looks at cameras, points and images", job->out);
+    return rc;
+}
+
+/* Water lies between the model's colours and the images: scene.ply is a model for viewers that know none. */
+static int job_hides_colours(const struct job *job)
+{
+    return job->scene && imaging_hides_colours(scene_imaging(job->scene));
+}
+
+static oxl_result job_write_ply(struct job *job, const char *name, const oxl_model *model, int degree, size_t *bytes)
+{
+    struct os_reader file = {0};
+    const char      *path = PATH(job->out, "%s", name);
+    oxl_result       rc   = model_file_write_ply(job->ctx, path, model, degree);
+    if (rc == OXL_OK) rc = os_reader_open(job->ctx, path, &file);
+    *bytes = (size_t)file.size;
+    os_reader_close(&file);
+    return rc;
+}
+
+/* Without lobes and water; of an unfinished run, not refined. */
+static oxl_result job_make_standard(struct job *job, oxl_model *out)
+{
+    const int  made = !job->unfinished && (job->model.lobes > 0 || job_hides_colours(job));
+    oxl_result rc   = made || job->model.pages ? job_join(job, made, out) : model_copy(job->ctx, &job->model, out);
+    model_drop_lobes(out);
+    if (rc == OXL_OK && !made && job_hides_colours(job))
+        medium_bake(job->scene, &(struct imaging){.medium = scene_imaging(job->scene)->medium}, 0, out);
+    return rc;
+}
+
+/* scene.ply holds the bands that are carried, and the lobes, or with water the standard model; scene_clear.ply then has the
+ * former. Unless scene.ply has the standard columns already, scene_standard.ply has. */
+static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
+{
+    const int        hides = job_hides_colours(job), is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
+    const oxl_model *shown = hides ? standard : &job->model;
+    oxl_result       rc    = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
+    bytes[0]               = 0;
+    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[0]);
+    bytes[1] = bytes[0];
+    if (rc == OXL_OK && hides) rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
+    else os_remove(PATH(job->out, "scene_clear.ply"));
+    if (is_standard) os_remove(PATH(job->out, "scene_standard.ply"));
+    return rc == OXL_OK && !is_standard ? job_write_ply(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
+}
+
+/* ---------------------------------------------------------------- metrics */
+
+static void job_add(struct text *t, const char *name, double value)
+{
+    text_add(t, "  \"%s\": %s,\n", name, NUMBER(value));
+}
+
+oxl_result oxl_metrics_to_json(oxl_context *ctx, const oxl_scene *scene, const oxl_metrics *metrics, char **out)
+{
+    struct text t  = {.ctx = ctx};
+    oxl_result  rc = OXL_OK;
+    *out           = NULL;
+    text_add(&t, "{\n");
+    rc = metrics_write_json(ctx, &t, scene, metrics);
+    text_add(&t, "}\n");
+    if (rc == OXL_OK) rc = text_take(&t, out);
+    text_free(&t);
+    return rc;
+}
+
+static oxl_split job_split(const struct job *job)
+{
+    return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
+}
+
+/* What a viewer that knows no second lobes and no water will show: *m gets its PSNR at mean exposure. */
+static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
+{
+    struct imaging *imaging = scene_imaging(job->scene), whole = *imaging;
+    const int       hides = job_hides_colours(job);
+    oxl_metrics     plain;
+    oxl_result      rc;
+    if (job->model.lobes == 0 && !hides) return OXL_OK;
+    imaging->medium = (struct medium){0};
+    rc              = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &plain);
+    *imaging        = whole;
+    if (rc != OXL_OK) return rc;
+    oxl_log(job->ctx, OXL_LOG_INFO, "%s in any viewer: PSNR %.2f dB (%.2f less), %.2f at mean exposure",
+            hides ? "scene.ply" : "scene_standard.ply", plain.psnr, m->psnr - plain.psnr, plain.plain_psnr);
+    for (int i = 0; i < m->count && i < plain.count && hides; i++) m->views[i].plain_psnr = plain.views[i].plain_psnr;
+    if (hides) m->plain_psnr = plain.plain_psnr;
+    text_add(t, "  \"standard\": {\"psnr\": %s, \"ssim\": %s, \"psnr_lost\": %s, \"bytes\": %zu},\n", NUMBER(plain.psnr),
+             NUMBER(plain.ssim), NUMBER(m->psnr - plain.psnr), bytes);
+    oxl_metrics_free(job->ctx, &plain);
+    return OXL_OK;
+}
+
+static void job_add_figures(struct job *job, struct text *t, size_t bytes)
+{
+    text_add(t, "{\n  \"split\": \"%s\",\n", job_split(job) == OXL_SPLIT_TEST ? "test" : "train");
+    job_add(t, "gaussians", (double)job->model.count);
+    job_add(t, "lobes", (double)job->model.lobes);
+    job_add(t, "sh_degree", job->model.sh_degree);
+    job_add(t, "bytes", (double)bytes);
+    job_add(t, "blocks", job->partition.block_count);
+    job_add(t, "iterations", job->total.iterations);
+    job_add(t, "seconds", job->total.seconds);
+    job_add(t, "predicted_seconds", job->total.predicted_seconds);
+    job_add(t, "peak_rss_bytes", OXL_MAX(job->total.peak, (double)os_peak_rss()));
+    job_add(t, "predicted_memory_bytes", job->total.predicted_peak);
+    nonfinite_add_json(t, &job->total.nonfinite);
+}
+
+static oxl_result job_write_metrics(struct job *job, const oxl_model *standard, const size_t bytes[2])
+{
+    oxl_metrics m = {0};
+    struct text t = {.ctx = job->ctx};
+    struct seam seam;
+    oxl_result  rc = oxl_evaluate(job->ctx, &job->model, job->scene, job_split(job), &m);
+    if (rc != OXL_OK) goto done;
+    if (m.count == 0) oxl_log(job->ctx, OXL_LOG_WARNING, "no view could be evaluated, so there are no metrics");
+    else
+        oxl_log(job->ctx, OXL_LOG_INFO, "%s views: PSNR %.2f dB, SSIM %.4f, MS-SSIM %.4f over %d; %zu Gaussians, %.1f MB",
+                job_split(job) == OXL_SPLIT_TEST ? "test" : "training", m.psnr, m.ssim, m.ms_ssim, m.count, job->model.count,
+                (double)bytes[0] / 1e6);
+    if (m.cc_psnr > m.psnr + JOB_EXPOSURE)
+        oxl_log(job->ctx, OXL_LOG_INFO,
+                "PSNR is %.2f dB with one factor for each channel of each view (cc_psnr): exposure may differ from view to view",
+                m.cc_psnr);
+    job_add_figures(job, &t, bytes[0]);
+    rc = job_add_standard(job, &t, standard, bytes[1], &m);
+    if (rc == OXL_OK && job->partition.block_count > 1)
+        rc = seam_measure(job->ctx, &job->partition, &job->model, job->scene, job_split(job), &seam);
+    if (rc != OXL_OK) goto done;
+    if (job->partition.block_count > 1) seam_add_json(&t, &seam);
+    rc = training_views_check(job->ctx, &job->model, job->scene, job->total.iterations, &t,
+                              job->options.renders ? PATH(job->out, "training_views") : NULL);
+    if (rc != OXL_OK) goto done;
+    rc = metrics_write_json(job->ctx, &t, job->scene, &m);
+    text_add(&t, "}\n");
+    if (rc == OXL_OK) rc = job_write(job, "metrics.json", &t);
+done:
+    oxl_metrics_free(job->ctx, &m);
+    text_free(&t);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- run.json */
+
+static void job_add_partition_decision(const struct job *job, struct text *t)
+{
+    const struct partition *p     = &job->partition;
+    const double            ratio = p->extent[1] > 0 ? p->extent[2] / p->extent[1] : 0;
+    text_add(t,
+             "\"partition\": {\"chosen\": \"%s\", \"blocks\": %d, \"memory\": %.0f, \"evidence\": \"%zu points; l3/l2 = %s%s\"}",
+             p->block_count == 1  ? "none"
+             : p->dimensions == 2 ? "2d"
+                                  : "3d",
+             p->block_count, p->memory, job->survey.points, NUMBER(floor(ratio * 1e3 + 0.5) / 1e3),
+             job->options.partition.kind == OXL_PARTITION_AUTO ? "" : "; as set");
+}
+
+/* Lamp and water are fitted in one block alone. */
+static void job_add_imaging_refusal(const struct job *job, struct text *t, const char *part, oxl_switch mode)
+{
+    if (mode == OXL_AUTO && job->partition.block_count > 1)
+        text_add(t, ", \"%s\": {\"chosen\": \"off\", \"evidence\": \"%d blocks: it is fitted in one block alone\"}", part,
+                 job->partition.block_count);
+}
+
+/* What was decided, and on what evidence, block by block. */
+static oxl_result job_add_decisions(struct job *job, struct text *t)
+{
+    oxl_result rc = OXL_OK;
+    text_add(t, "  \"decisions\": {");
+    job_add_partition_decision(job, t);
+    job_add_imaging_refusal(job, t, "lamp", job->options.train.lamp);
+    job_add_imaging_refusal(job, t, "medium", job->options.train.medium);
+    text_add(t, ", \"blocks\": [");
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        const char *folder = JOB_BLOCK(job, k);
+        text_add(t, k > 0 ? ", {" : "{");
+        rc = block_read_decisions(job->ctx, folder, t);
+        text_add(t, "}");
+    }
+    text_add(t, "]},\n");
+    return rc;
+}
+
+OXL_INTERNAL oxl_result job_write_run(struct job *job, int finished)
+{
+    struct text t  = {.ctx = job->ctx};
+    oxl_result  rc = OXL_OK;
+    text_add(&t, "{\n  \"oceanxl\": \"%s\",\n  \"finished\": %s,\n  \"threads\": %d,\n  \"instructions\": \"%s\",\n", OXL_VERSION,
+             finished ? "true" : "false", job->ctx->threads, oxl_isa_name(job->ctx));
+    text_add(&t, "  \"preset\": ");
+    text_add_json_string(&t, job->options.preset ? job->options.preset : "");
+    text_add(&t, ",\n  \"iterations_done\": %d,\n  \"blocks\": %d,\n  \"origin\": [%s, %s, %s],\n  %s,\n  %s,\n",
+             job->total.iterations, job->partition.block_count, NUMBER(job->origin[0]), NUMBER(job->origin[1]),
+             NUMBER(job->origin[2]), job->line.data, job->found.data);
+    if (finished) rc = job_add_decisions(job, &t);
+    text_add(&t, "  \"survey\": ");
+    survey_add_json(&t, &job->survey, "  ");
+    text_add(&t, ",\n  \"notes\": [%s]\n}\n", job->notes.size ? job->notes.data : "");
+    t.failed |= job->notes.failed;
+    if (rc == OXL_OK) rc = job_write(job, "run.json", &t);
+    text_free(&t);
+    return rc;
+}
+
+/* ---------------------------------------------------------------- files */
+
+static oxl_result job_draw(struct job *job)
+{
+    const oxl_render_output what = {job_split(job), 1, 0, 0, 0};
+    int                     rendered;
+    return oxl_render_views(job->ctx, &job->model, job->scene, &what, PATH(job->out, "renders"), &rendered);
+}
+
+/* imaging.txt beside scene.ply, where the run has gains. */
+static oxl_result job_write_gains(struct job *job)
+{
+    const char *path = PATH(job->out, "imaging.txt");
+    if (job->scene && imaging_is_needed(scene_imaging(job->scene)))
+        return imaging_write(job->ctx, path, job->scene, scene_imaging(job->scene));
+    os_remove(path);
+    return OXL_OK;
+}
+
+/* Everything that belongs to the result; of an unfinished run of one block, the model as far as it is. */
+OXL_INTERNAL oxl_result job_finish(struct job *job, int judge)
+{
+    oxl_model  standard = {0};
+    size_t     bytes[2];
+    oxl_result rc = job->scene || !judge ? OXL_OK : job_load(job);
+    if (rc == OXL_OK) rc = job_join(job, 0, &job->model);
+    if (rc == OXL_OK) rc = job_write_models(job, &standard, bytes);
+    if (rc == OXL_OK) rc = job_write_gains(job);
+    if (rc == OXL_OK && judge) rc = job_write_metrics(job, &standard, bytes);
+    if (rc == OXL_OK && judge && job->options.renders) rc = job_draw(job);
+    if (rc == OXL_OK) rc = job_write_run(job, !job->unfinished);
+    if (rc == OXL_OK && !job->unfinished) {
+        if (job->partition.block_count > 1) job_drop_checkpoints(job); /* of paused blocks */
+        os_remove(PATH(job->out, "blocks/survey.oxl"));
+        job_remove_decoded(job);
+    }
+    oxl_model_free(job->ctx, &standard);
+    return rc;
+}

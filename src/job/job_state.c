@@ -1,0 +1,168 @@
+/* job_state.c - what the files of a job share: names in OUT, the survey, decoded images, progress, records, the blocks' models.
+ *
+ * Invariant: nothing here trains; job.c, rounds.c and groups.c call these functions, which call none of theirs.
+ */
+#include "job_state.h"
+
+#define JOB_WHOLE 4 /* a merged model of more than --ram over this stays in its file */
+#define JOB_DISK  4 /* times the files' size must be free: a full disk must not stop the run */
+
+/* ---------------------------------------------------------------- files of OUT */
+
+OXL_INTERNAL oxl_result job_no_memory(struct job *job)
+{
+    return oxl_fail(job->ctx, OXL_ERR_MEMORY, "no memory for the name of a file in %s", job->out);
+}
+
+OXL_INTERNAL oxl_result job_write(struct job *job, const char *name, const struct text *t)
+{
+    return t->failed ? job_no_memory(job) : os_write_file(job->ctx, PATH(job->out, "%s", name), t->data, t->size);
+}
+
+OXL_INTERNAL const char *job_block_folder(char out[PATH_MOST], const struct job *job, int block)
+{
+    const int blocks = job->partition.block_count;
+    if (block < blocks) return path_in(out, job->out, "blocks/%03d", block);
+    return path_in(out, job->out, "blocks/%s", block == blocks ? "coarse" : "whole");
+}
+
+/* ---------------------------------------------------------------- the survey, and its decoded images in files */
+
+OXL_INTERNAL oxl_result job_load(struct job *job)
+{
+    oxl_result rc = OXL_OK;
+    if (job->partition.block_count > 1)
+        rc = scene_file_map(job->ctx, PATH(job->out, "blocks/survey.oxl"), job->key.data, &job->scene);
+    if (rc == OXL_OK && !job->scene) rc = oxl_scene_load(job->ctx, job->scene_path, &job->options.scene, &job->scene);
+    if (rc == OXL_OK) scene_set_cache(job->scene, job->options.scene.image_cache_bytes);
+    return rc == OXL_OK ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
+}
+
+static void job_remove_decoded_file(void *user, const char *name)
+{
+    if (name[0] != '.') os_remove(PATH(((struct job *)user)->decoded, "%s", name));
+}
+
+OXL_INTERNAL void job_remove_decoded(struct job *job)
+{
+    if (!job->decoded || job->options.keep_decoded || !os_is_folder(job->decoded)) return;
+    os_list_folder(job->ctx, job->decoded, job_remove_decoded_file, job);
+    os_remove_folder(job->decoded);
+}
+
+/* Where each image would be decoded several times: in blocks, or when memory does not hold them all. */
+OXL_INTERNAL oxl_result job_plan_decoded(struct job *job)
+{
+    const double bytes  = job->scene ? 3 * schedule_pixels(job->scene) : 0;
+    const char  *folder = PATH(job->out, "blocks/decoded");
+    oxl_result   rc     = OXL_OK;
+    if (!os_is_folder(folder)) { /* else another process has decided */
+        const int wanted = job->scene && (job->partition.block_count > 1 || bytes > (double)job->options.scene.image_cache_bytes);
+        if (wanted) rc = os_make_folder(job->ctx, folder);
+        if (rc == OXL_OK && wanted && os_disk_free(folder) < JOB_DISK * bytes) os_remove_folder(folder);
+    }
+    oxl_free(job->ctx, job->decoded);
+    job->decoded = NULL;
+    if (rc == OXL_OK && os_is_folder(folder) && !(job->decoded = oxl_strdup(job->ctx, folder))) rc = job_no_memory(job);
+    return rc == OXL_OK && job->scene ? scene_set_decoded(job->ctx, job->scene, job->decoded) : rc;
+}
+
+/* ---------------------------------------------------------------- progress and records */
+
+/* The run's progress from the block's. */
+OXL_INTERNAL int job_progress(void *user, const oxl_progress *progress)
+{
+    struct job  *job  = user;
+    oxl_progress p    = *progress;
+    const double here = os_seconds() - job->begun, limit = job->options.train.max_seconds;
+    const double done = job->done + job->part * (p.iteration - job->part_first) / OXL_MAX(1, job->part_until - job->part_first);
+    p.memory          = os_peak_rss();
+    p.block           = job->block;
+    p.blocks          = job->partition.block_count;
+    if (p.blocks > 1 && done > job->done_before)
+        p.seconds_left = here * OXL_MAX(0, 1 - done) / (done - job->done_before); /* the rest as what this process has done */
+    if (limit > 0) p.seconds_left = OXL_MIN(p.seconds_left, OXL_MAX(0, limit - here));
+    return job->callback && job->callback->progress ? job->callback->progress(job->callback->user, &p) : 0;
+}
+
+OXL_INTERNAL void job_add_record(struct job *job, const struct block_record *r)
+{
+    struct block_record *t = &job->total;
+    t->there |= r->there;
+    t->iterations += r->iterations;
+    t->seconds += r->seconds;
+    t->peak              = OXL_MAX(t->peak, r->peak);
+    t->predicted_peak    = OXL_MAX(t->predicted_peak, r->predicted_peak);
+    t->predicted_seconds = t->predicted_seconds + r->predicted_seconds;
+    nonfinite_add(&t->nonfinite, &r->nonfinite);
+    job->unfinished += !r->finished;
+}
+
+/* The time allowed is the run's: what comes later has what is left of it. */
+OXL_INTERNAL void job_limit_time(const struct job *job, oxl_train_options *o)
+{
+    if (o->max_seconds > 0) o->max_seconds = OXL_MAX(1e-3, o->max_seconds - (os_seconds() - job->begun));
+}
+
+static void job_drop_checkpoint(void *user, const char *name)
+{
+    struct job *job = user;
+    if (name[0] != '.') checkpoint_remove(PATH(job->out, "blocks/%s", name), 1);
+}
+
+/* --restart of a whole run discards what is unfinished. */
+OXL_INTERNAL void job_drop_checkpoints(struct job *job)
+{
+    const char *blocks = PATH(job->out, "blocks");
+    if (os_is_folder(blocks)) os_list_folder(job->ctx, blocks, job_drop_checkpoint, job);
+}
+
+/* ---------------------------------------------------------------- models of the blocks */
+
+/* A block's model, or the merged one; its standard one when that is wanted and it has second lobes. */
+OXL_INTERNAL oxl_result job_read_model(struct job *job, int block, int standard, oxl_model *out)
+{
+    const char *folder = JOB_BLOCK(job, block);
+    const int refined = standard && os_is_file(PATH(folder, "model_standard.ply")); /* else it has no lobes, or was not refined */
+    const int whole   = block > job->partition.block_count;
+    const size_t most = whole && job->options.ram ? job->options.ram / JOB_WHOLE : SIZE_MAX;
+    return oxl_model_open(job->ctx, PATH(folder, refined ? "model_standard.ply" : "model.ply"), most, out);
+}
+
+OXL_INTERNAL oxl_result job_join_gains(struct job *job, struct imaging *out)
+{
+    const int    views  = oxl_scene_view_count(job->scene);
+    int         *count  = oxl_calloc(job->ctx, (size_t)views + 1, sizeof *count);
+    const double none[] = {0, 0, 0};
+    oxl_result   rc     = imaging_create(job->ctx, views, out);
+    if (rc == OXL_OK) rc = imaging_set_cameras(job->ctx, job->scene, out);
+    if (rc == OXL_OK && !count) rc = job_no_memory(job);
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        const char    *path = PATH(JOB_BLOCK(job, k), "imaging.txt");
+        struct imaging own  = {0};
+        rc                  = OXL_OK;
+        if (rc == OXL_OK && os_is_file(path)) rc = imaging_read(job->ctx, path, job->scene, &own);
+        if (rc == OXL_OK && own.on) imaging_join(out, count, &own);
+        imaging_free(job->ctx, &own);
+    }
+    if (rc == OXL_OK) imaging_centre(out, none);
+    oxl_free(job->ctx, count);
+    return rc;
+}
+
+/* The gains become the scene's. */
+OXL_INTERNAL oxl_result job_merge(struct job *job, int standard, oxl_model *out)
+{
+    oxl_result rc = oxl_model_create(job->ctx, 0, 0, out);
+    memcpy(out->origin, job->origin, sizeof job->origin);
+    if (rc == OXL_OK && !job->scene) rc = job_load(job);
+    if (rc == OXL_OK) imaging_free(job->ctx, scene_imaging(job->scene));
+    if (rc == OXL_OK) rc = job_join_gains(job, scene_imaging(job->scene));
+    for (int k = 0; k < job->partition.block_count && rc == OXL_OK; k++) {
+        oxl_model part;
+        rc = job_read_model(job, k, standard, &part);
+        if (rc == OXL_OK) rc = merge_rows(job->ctx, &part, NULL, out);
+        oxl_model_free(job->ctx, &part);
+    }
+    return rc;
+}
