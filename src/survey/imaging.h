@@ -77,6 +77,14 @@ OXL_INTERNAL oxl_result      imaging_read(oxl_context *ctx, const char *path, co
 OXL_INTERNAL void            imaging_join(struct imaging *all, int *count, const struct imaging *block);
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
 
+/* ---------------------------------------------------------------- where an image shows a point: camera.c, scene.c */
+
+/* A point of the world in the camera's axes, x (3), and in px of the image; 0: it is behind the camera. */
+OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
+                                double pixel[2]);
+/* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
+OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2]);
+
 /* ---------------------------------------------------------------- photometry.c: exposure, lamp and water from the colours of tracks */
 
 enum { PHOTOMETRY_WATER = 1, PHOTOMETRY_LAMP = 2, PHOTOMETRY_GAINS = 4, PHOTOMETRY_ALL = 7 };

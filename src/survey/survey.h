@@ -131,10 +131,7 @@ OXL_INTERNAL oxl_result camera_undistorted(oxl_context *ctx, const struct colmap
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera);
 
 OXL_INTERNAL void camera_rotation_from_quaternion(const double q[4], double r[9]); /* normalises */
-/* A point of the world in the camera's axes, x (3), and in px of the image; 0: it is behind the camera. */
-OXL_INTERNAL int  camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
-                                 double pixel[2]);
-OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]); /* -R^T t */
+OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3]);        /* -R^T t */
 
 /* ---------------------------------------------------------------- image.c: decode, reduce, undistort, mask, cache */
 
@@ -225,8 +222,6 @@ OXL_INTERNAL const char                 *scene_images_folder(const oxl_scene *sc
 OXL_INTERNAL const char                 *scene_masks_folder(const oxl_scene *scene); /* NULL: there is none */
 OXL_INTERNAL const struct colmap_image  *scene_source_image(const oxl_scene *scene, int view);
 OXL_INTERNAL oxl_result scene_mask_path(oxl_context *ctx, const oxl_scene *scene, const char *name, char **out); /* NULL: none */
-/* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
-OXL_INTERNAL int        scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2]);
 OXL_INTERNAL int        scene_takes_point(const struct colmap_point *point, const double origin[3]);
 OXL_INTERNAL int scene_views_of(const oxl_scene *scene, oxl_split split, int *view); /* view (all views); returns their number */
 OXL_INTERNAL struct image_cache *scene_image_cache(oxl_scene *scene);
