@@ -56,7 +56,7 @@ static FILE *info_open_imaging(const char *model, const char *mode)
     return fopen(path, mode);
 }
 
-/* Where there are a lamp or water, scene.ply has learned what they and the gains show; else the gains are its own. */
+/* scene.ply has learned what the water shows. */
 static int info_is_for_viewers(const char *model)
 {
     const char *base = strrchr(model, '/');
@@ -69,6 +69,11 @@ static int info_is_gain(const char *line)
     return strncmp(line, "gain ", 5) == 0;
 }
 
+static int info_is_water(const char *line) /* bD, bB, Binf, falloff */
+{
+    return line[0] == 'b' || line[0] == 'B' || line[0] == 'f';
+}
+
 static void info_write_imaging(FILE *to, const char *path, int json)
 {
     FILE *file  = info_open_imaging(path, "rb");
@@ -76,7 +81,7 @@ static void info_write_imaging(FILE *to, const char *path, int json)
     char  line[4096];
     while (file && fgets(line, sizeof line, file)) {
         gains += info_is_gain(line);
-        if (line[0] == '#' || info_is_gain(line) || info_is_for_viewers(path)) continue;
+        if (line[0] == '#' || info_is_gain(line) || (info_is_water(line) && info_is_for_viewers(path))) continue;
         line[strcspn(line, "\r\n")] = 0;
         if (json) fprintf(to, "%s\"%s\"", lines ? ", " : ",\n  \"imaging\": [", line);
         else fprintf(to, "%s%s\n", lines ? "            " : "imaging     ", line);
@@ -91,11 +96,10 @@ int info_copy_imaging(const char *from, const char *to)
 {
     FILE *in = info_open_imaging(from, "rb"), *there = in ? info_open_imaging(to, "rb") : NULL, *out = NULL;
     char  line[4096];
-    int   failed, own = 1; /* scene.ply with lamp or water needs nothing */
-    while (in && info_is_for_viewers(from) && fgets(line, sizeof line, in)) own &= line[0] == '#' || info_is_gain(line);
-    if (in) rewind(in);
-    if (in && own && !there) out = info_open_imaging(to, "wb");
-    while (out && fgets(line, sizeof line, in)) fputs(line, out);
+    int   failed;
+    if (in && !there) out = info_open_imaging(to, "wb");
+    while (out && fgets(line, sizeof line, in))
+        if (!info_is_water(line) || !info_is_for_viewers(from)) fputs(line, out);
     failed = out && (ferror(in) || ferror(out));
     if (in) fclose(in);
     if (there) fclose(there);

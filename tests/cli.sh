@@ -259,9 +259,9 @@ promise eval_of_the_folder_and_of_scene_ply_agree_with_metrics_json 0 "" sh -c \
     "'$program' train survey -o lit --iterations 60 --lamp on --medium on --quiet >/dev/null && grep '^  \"psnr\": ' lit/metrics.json >lit.txt &&
      for m in lit lit/scene.ply; do '$program' eval \$m survey --json 2>/dev/null | grep '^  \"psnr\": ' | cmp - lit.txt || exit 1; done"
 promise info_lists_what_imaging_txt_has 0 "Binf " on_stdout "$program" info lit/scene_clear.ply
-promise convert_of_a_model_for_viewers_copies_no_lamp 0 "" sh -c \
+promise convert_of_a_model_for_viewers_copies_lamp_and_no_water 0 "" sh -c \
     "mkdir -p shown clear && '$program' convert lit/scene.ply shown/a.ply >/dev/null && '$program' convert lit/scene_clear.ply clear/a.ply >/dev/null &&
-     ! grep -q '^[lbB]' shown/imaging.txt && grep -q '^lamp' clear/imaging.txt"
+     ! grep -q '^[bBf]' shown/imaging.txt && grep -q '^lamp' shown/imaging.txt && grep -q '^Binf' clear/imaging.txt"
 promise convert_to_splat_warns_of_the_origin 0 "cannot store the origin" on_stderr "$program" convert out/scene.ply scene.splat
 promise convert_writes_splat 0 "scene.splat" "$program" convert out/scene.ply scene.splat
 promise convert_reads_it_back 0 "Gaussians in back.ply" "$program" convert scene.splat back.ply

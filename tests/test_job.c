@@ -816,6 +816,27 @@ TEST(job_with_lamp_and_water_writes_a_model_for_viewers_and_one_for_imaging_txt_
     CHECK(!job_test_same(test_path("out/renders/0.png.clear.png"), test_path("out/renders/0.png.png")));
 }
 
+/* A gain over the image is not in the model's colours: scene.ply is the model itself, by even light and at mean exposure. */
+TEST(job_with_a_lamp_and_no_water_shows_even_light_in_scene_ply_and_refines_nothing)
+{
+    oxl_job_options    options = job_test_options();
+    struct os_file_map json    = {0};
+    oxl_metrics        full, plain;
+    options.train.lamp       = OXL_ON;
+    options.train.medium     = OXL_OFF;
+    options.train.sh_degree  = 3;
+    options.train.iterations = 60;
+    CHECK_OK(oxl_job_run(test_ctx, job_test_survey(), test_path("out"), &options, NULL));
+    full = job_test_evaluate("out/scene.ply", 1), plain = job_test_evaluate("out/scene.ply", 0);
+    CHECK_OK(os_read_file(test_ctx, test_path("out/metrics.json"), &json));
+    CHECK(fabs(full.psnr - plain.psnr) > 1e-6);
+    CHECK_CLOSE(manifest_number(json.data, "psnr"), full.psnr, 1e-9);
+    CHECK_CLOSE(manifest_number(json.data, "plain_psnr"), plain.psnr, 1e-9);
+    os_release_file(test_ctx, &json);
+    CHECK(!os_is_file(test_path("out/scene_clear.ply")) && !os_is_file(test_path("out/scene_standard.ply")));
+    CHECK(!os_is_file(test_path("out/blocks/000/model_standard.ply")));
+}
+
 TEST(job_says_in_run_json_what_was_decided_and_why)
 {
     oxl_job_options options = job_test_options();

@@ -1,7 +1,7 @@
 /* block.c - the training of one block, in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply, log.csv, block.json.
  *
- * A model with second lobes, lamp or water may be followed by model_standard.ply, for viewers that know none: the lobes dropped, lamp and
- * water baked into the colours, the rest refined for a twentieth of the run. block.json is written last. Invariant: a block.json that says "finished": true describes the model.ply beside it, and the line
+ * A model with second lobes or water may be followed by model_standard.ply, for viewers that know neither: the lobes dropped, the water
+ * baked into the colours, the rest refined for a twentieth of the run, or longer with water. Its gains and lamp are those of model.ply. block.json is written last. Invariant: a block.json that says "finished": true describes the model.ply beside it, and the line
  * "job" in it says of which run it is.
  */
 #include "job.h"
@@ -11,9 +11,8 @@
 #define BLOCK_LOG_ROWS    200  /* rows of log.csv in a whole run */
 #define BLOCK_LOG_SECONDS 30.0 /* log.csv on disk is at most this old */
 #define BLOCK_REFINE      0.05 /* of the run: how long a model for viewers is refined, */
-#define BLOCK_REFINE_MORE \
-    300 /* and where it had lamp or water, twice as long, or three times up to so many steps (docs/WATER.md); */
-#define BLOCK_REFINE_SH 10 /* its SH then learn what they showed, at such a multiple of their rate */
+#define BLOCK_REFINE_MORE 300  /* and where it had water, twice as long, or three times up to so many steps (docs/WATER.md); */
+#define BLOCK_REFINE_SH   10   /* its SH then learn what they showed, at such a multiple of their rate */
 
 struct block {
     oxl_context             *ctx;
@@ -250,7 +249,7 @@ OXL_INTERNAL oxl_train_options block_refinement(const oxl_train_options *run, in
     return o;
 }
 
-/* model loses its lobes, lamp and water. *done: model_standard.ply is there. */
+/* model loses its lobes and its water. *done: model_standard.ply is there. */
 static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *model, int *done)
 {
     oxl_train_options   o   = block_refinement(&b->task->train, model->sh_degree, b->task->standard);
@@ -261,6 +260,7 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
                                  .start     = model,
                                  .context   = b->task->context,
                                  .window    = b->task->window,
+                                 .holds     = 1,
                                  .nonfinite = &b->nonfinite};
     const int           hides = imaging_hides_colours(scene_imaging(scene));
     oxl_model           plain = {0};
@@ -268,16 +268,16 @@ static oxl_result block_refine(struct block *b, oxl_scene *scene, oxl_model *mod
     *done     = 0;
     b->before = b->task->train.iterations;
     model_drop_lobes(model);
-    if (hides) medium_bake(scene, scene_imaging(scene), 0, model);
-    imaging_keep_gains(scene_imaging(scene));
-    o.lamp = o.medium = OXL_OFF;
+    if (hides) medium_bake(scene, &(struct imaging){.medium = scene_imaging(scene)->medium}, 0, model);
+    scene_imaging(scene)->medium = (struct medium){0};
+    o.medium                     = OXL_OFF;
     o.rate_sh *= hides ? BLOCK_REFINE_SH : 1;
     if (hides) o.iterations = OXL_MAX(2 * o.iterations, OXL_MIN(BLOCK_REFINE_MORE, 3 * o.iterations));
     text_add(&key, "standard %s", b->task->key);
     place.key = key.data;
     rc        = key.failed ? oxl_fail(b->ctx, OXL_ERR_MEMORY, "no memory to refine a model for viewers") : OXL_OK;
     if (rc == OXL_OK)
-        oxl_log(b->ctx, OXL_LOG_INFO, "the model without second lobes, lamp and water, for viewers, is refined for %d iterations",
+        oxl_log(b->ctx, OXL_LOG_INFO, "the model without second lobes and water, for viewers, is refined for %d iterations",
                 o.iterations);
     if (rc == OXL_OK) rc = train_run(b->ctx, scene, &o, &(oxl_callback){block_refine_progress, b}, &place, &plain);
     *done = rc == OXL_OK && b->last.iteration == o.iterations;

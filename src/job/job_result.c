@@ -20,7 +20,7 @@ static oxl_result job_join(struct job *job, int standard, oxl_model *out)
     return rc;
 }
 
-/* Lamp or water lie between the model's colours and the images: scene.ply is a model for viewers that know neither. */
+/* Water lies between the model's colours and the images: scene.ply is a model for viewers that know none. */
 static int job_hides_colours(const struct job *job)
 {
     return job->scene && imaging_hides_colours(scene_imaging(job->scene));
@@ -37,17 +37,18 @@ static oxl_result job_write_ply(struct job *job, const char *name, const oxl_mod
     return rc;
 }
 
-/* Without lobes, lamp and water; of an unfinished run, not refined. */
+/* Without lobes and water; of an unfinished run, not refined. */
 static oxl_result job_make_standard(struct job *job, oxl_model *out)
 {
     const int  made = !job->unfinished && (job->model.lobes > 0 || job_hides_colours(job));
     oxl_result rc   = made || job->model.pages ? job_join(job, made, out) : model_copy(job->ctx, &job->model, out);
     model_drop_lobes(out);
-    if (rc == OXL_OK && !made && job_hides_colours(job)) medium_bake(job->scene, scene_imaging(job->scene), 0, out);
+    if (rc == OXL_OK && !made && job_hides_colours(job))
+        medium_bake(job->scene, &(struct imaging){.medium = scene_imaging(job->scene)->medium}, 0, out);
     return rc;
 }
 
-/* scene.ply holds the bands that are carried, and the lobes, or with lamp or water the standard model; scene_clear.ply then has the
+/* scene.ply holds the bands that are carried, and the lobes, or with water the standard model; scene_clear.ply then has the
  * former. Unless scene.ply has the standard columns already, scene_standard.ply has. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
@@ -88,7 +89,7 @@ static oxl_split job_split(const struct job *job)
     return job->survey.test_views > 0 ? OXL_SPLIT_TEST : OXL_SPLIT_TRAIN;
 }
 
-/* What a viewer that knows no second lobes, lamp and water will show: *m gets its PSNR at mean exposure. */
+/* What a viewer that knows no second lobes and no water will show: *m gets its PSNR at mean exposure. */
 static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_model *standard, size_t bytes, oxl_metrics *m)
 {
     struct imaging *imaging = scene_imaging(job->scene), whole = *imaging;
@@ -96,9 +97,9 @@ static oxl_result job_add_standard(struct job *job, struct text *t, const oxl_mo
     oxl_metrics     plain;
     oxl_result      rc;
     if (job->model.lobes == 0 && !hides) return OXL_OK;
-    imaging_keep_gains(imaging);
-    rc       = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &plain);
-    *imaging = whole;
+    imaging->medium = (struct medium){0};
+    rc              = oxl_evaluate(job->ctx, standard, job->scene, job_split(job), &plain);
+    *imaging        = whole;
     if (rc != OXL_OK) return rc;
     oxl_log(job->ctx, OXL_LOG_INFO, "%s in any viewer: PSNR %.2f dB (%+.2f against this model), %.2f at mean exposure",
             hides ? "scene.ply" : "scene_standard.ply", plain.psnr, plain.psnr - m->psnr, plain.plain_psnr);

@@ -445,6 +445,7 @@ static oxl_result metrics_compare(oxl_context *ctx, const struct metrics_pass *p
 {
     oxl_result rc = OXL_OK;
     if (p->bands) rc = oxl_psnr(ctx, rendered, image, &row->plain_psnr);
+    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, scene_imaging(p->scene), row->view, rendered);
     if (rc == OXL_OK && p->bands) rc = metrics_half_psnr(ctx, rendered, image, &row->half_psnr);
     if (rc == OXL_OK) imaging_apply(scene_imaging(p->scene), row->view, rendered);
     if (rc == OXL_OK) rc = oxl_psnr(ctx, rendered, image, &row->psnr);
@@ -464,7 +465,6 @@ static oxl_result metrics_of_view(oxl_context *ctx, const struct metrics_pass *p
     options.near_plane = (float)scene_near_plane(p->scene);
     renderer_set_medium(p->r, &scene_imaging(p->scene)->medium);
     rc = renderer_draw(ctx, p->r, p->model, camera, &options, &rendered, NULL);
-    if (rc == OXL_OK) rc = imaging_apply_lamp(ctx, p->scene, scene_imaging(p->scene), row->view, &rendered);
     if (rc == OXL_OK) rc = metrics_compare(ctx, p, &rendered, image, row);
     oxl_image_free(ctx, &rendered);
     return rc;

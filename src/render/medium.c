@@ -121,9 +121,9 @@ OXL_INTERNAL void medium_backward_centres(const struct medium_job *job, const st
         }
 }
 
-/* What a viewer without imaging.txt is to show: the colours through the water, by the lamp and as exposed, as the views see the centre;
- * the mean of both terms over these views, by the centre's size in the image, 1 / r^2; over all views, without the lamp's polynomial and gains,
- * where none sees it. */
+/* What a viewer without imaging.txt is to show: the colours through the water and, where `imaging` has lamps, by these, as the views see
+ * the centre; the mean of both terms over these views, by the centre's size in the image, 1 / r^2; over all views, without the lamp's
+ * polynomial, where none sees it. */
 OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, int backwards, oxl_model *model)
 {
     enum { VIEWS = 64 };
@@ -131,15 +131,12 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
     const oxl_camera    *camera[VIEWS];
     const struct lamp   *lamp[VIEWS];
     double               eye[VIEWS][3];
-    float                gain[VIEWS][3];
     int                  views = 0;
     const int            all = oxl_scene_view_count(scene), stride = OXL_MAX(1, (all + VIEWS - 1) / VIEWS);
     const int            bands = (model->sh_degree + 1) * (model->sh_degree + 1);
     for (int v = 0; v < all; v += stride, views++) {
         camera[views] = &oxl_scene_view(scene, v)->camera;
         lamp[views]   = imaging_lamp(imaging, scene, v);
-        for (int c = 0; c < 3; c++) gain[views][c] = 1;
-        if (imaging->on) imaging_gain(imaging, v, gain[views]);
         camera_position(camera[views], eye[views]);
     }
     for (size_t i = 0; i < model->count; i++) {
@@ -162,9 +159,8 @@ OXL_INTERNAL void medium_bake(oxl_scene *scene, const struct imaging *imaging, i
                                                                       (float)(2 * y / camera[v]->height - 1)))
                                           : 1;
                 for (int c = 0; c < 3; c++) {
-                    const double by = weight * light * (k ? (double)gain[v][c] : 1);
-                    sum[k][c] += by * through[c];
-                    sum[k][3 + c] += by * m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
+                    sum[k][c] += weight * light * through[c];
+                    sum[k][3 + c] += weight * light * m->veil[c] * (1 - real_exp(0, -m->scatter[c] * range));
                 }
                 sum[k][6] += weight;
             }

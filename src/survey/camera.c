@@ -393,6 +393,19 @@ OXL_INTERNAL void camera_position(const oxl_camera *camera, double out[3])
     for (int i = 0; i < 3; i++) out[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
 }
 
+OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
+                                double pixel[2])
+{
+    for (int i = 0; i < 3; i++) {
+        x[i] = camera->translation[i];
+        for (int k = 0; k < 3; k++) x[i] += camera->rotation[3 * i + k] * (world[k] - origin[k]);
+    }
+    if (!(x[2] > 0)) return 0;
+    pixel[0] = camera->fx * x[0] / x[2] + camera->cx;
+    pixel[1] = camera->fy * x[1] / x[2] + camera->cy;
+    return 1;
+}
+
 OXL_INTERNAL oxl_camera camera_halve(const oxl_camera *camera)
 {
     oxl_camera half = *camera;

@@ -67,18 +67,9 @@ static void contrast_choose_samples(const struct colmap *c, struct contrast_work
 
 static void contrast_project(const oxl_scene *scene, struct contrast_sample *s)
 {
-    const oxl_camera *c      = &oxl_scene_view(scene, s->view)->camera;
-    const double     *origin = oxl_scene_origin(scene), *p = scene_colmap(scene)->point[s->point].position;
-    double            x[3];
-    for (int i = 0; i < 3; i++) {
-        x[i] = c->translation[i];
-        for (int k = 0; k < 3; k++) x[i] += c->rotation[3 * i + k] * (p[k] - origin[k]);
-    }
-    s->valid = x[2] > 0 && fabs(x[0]) <= 10 * x[2] && fabs(x[1]) <= 10 * x[2];
-    if (!s->valid) return;
-    s->z = x[2];
-    s->x = (float)(c->fx * x[0] / x[2] + c->cx);
-    s->y = (float)(c->fy * x[1] / x[2] + c->cy);
+    double x[3], pixel[2];
+    s->valid = scene_project_point(scene, s->view, s->point, x, pixel);
+    if (s->valid) s->z = x[2], s->x = (float)pixel[0], s->y = (float)pixel[1];
 }
 
 /* Cells of equal size in the scene for all views of a point, in pixels of each view. */

@@ -12,19 +12,11 @@ enum { BANDS_MOST = 1 << 22 }; /* limit of observations; every k-th if there are
 
 static void depth_bands_add(struct depth_bands *b, const oxl_scene *scene, int view, const double world[3])
 {
-    const oxl_camera *c      = &oxl_scene_view(scene, view)->camera;
-    const double     *origin = oxl_scene_origin(scene);
-    double            x[3], u, v;
-    for (int i = 0; i < 3; i++) {
-        const double *r = c->rotation + 3 * i;
-        x[i]            = c->translation[i];
-        for (int k = 0; k < 3; k++) x[i] += r[k] * (world[k] - origin[k]);
-    }
-    if (!(x[2] > 0)) return;
-    u = c->fx * x[0] / x[2] + c->cx;
-    v = c->fy * x[1] / x[2] + c->cy;
-    if (!(u >= 0 && u < c->width && v >= 0 && v < c->height)) return;
-    b->sample[b->count++] = (struct depth_sample){view, (int)v * c->width + (int)u, (float)x[2]};
+    const oxl_camera *c = &oxl_scene_view(scene, view)->camera;
+    double            x[3], p[2];
+    if (!camera_project(c, world, oxl_scene_origin(scene), x, p)) return;
+    if (!(p[0] >= 0 && p[0] < c->width && p[1] >= 0 && p[1] < c->height)) return;
+    b->sample[b->count++] = (struct depth_sample){view, (int)p[1] * c->width + (int)p[0], (float)x[2]};
 }
 
 /* view: index by survey image; -1: none. */

@@ -448,19 +448,12 @@ static int imaging_read_lamp(const char *at, const char *end, const oxl_scene *s
 
 OXL_INTERNAL int imaging_is_needed(const struct imaging *m)
 {
-    return m->on || imaging_hides_colours(m);
+    return m->on || m->lamps > 0 || imaging_hides_colours(m);
 }
 
 OXL_INTERNAL int imaging_hides_colours(const struct imaging *m)
 {
-    return m->medium.on || m->medium.lit || m->lamps > 0;
-}
-
-OXL_INTERNAL void imaging_keep_gains(struct imaging *m)
-{
-    if (imaging_hides_colours(m)) m->on = 0;
-    m->medium = (struct medium){0};
-    m->lamps  = 0;
+    return m->medium.on || m->medium.lit;
 }
 
 OXL_INTERNAL oxl_result imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m)
@@ -545,7 +538,8 @@ oxl_result oxl_scene_read_imaging(oxl_context *ctx, oxl_scene *scene, const char
         imaging_free(ctx, scene_imaging(scene));
         *scene_imaging(scene) = read;
     }
-    if (strcmp(name, "scene.ply") == 0 || strcmp(name, "scene_standard.ply") == 0) imaging_keep_gains(scene_imaging(scene));
+    if (strcmp(name, "scene.ply") == 0 || strcmp(name, "scene_standard.ply") == 0)
+        scene_imaging(scene)->medium = (struct medium){0}; /* is in its colours */
     return rc;
 }
 

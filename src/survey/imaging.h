@@ -67,15 +67,23 @@ OXL_INTERNAL const struct lamp *imaging_lamp(const struct imaging *m, const oxl_
 OXL_INTERNAL oxl_result         imaging_apply_lamp(oxl_context *ctx, const oxl_scene *scene, const struct imaging *m, int view,
                                                    oxl_image *image); /* to what is rendered; before the gain */
 OXL_INTERNAL void               imaging_centre(struct imaging *m, const double mean[3]); /* the known views get this mean */
-OXL_INTERNAL int  imaging_is_needed(const struct imaging *m);     /* 1: something lies between the colours and the images */
-OXL_INTERNAL int  imaging_hides_colours(const struct imaging *m); /* 1: lamp or water; viewers need a model of their own */
-OXL_INTERNAL void imaging_keep_gains(struct imaging *m); /* as for such a model: no lamp, no water, and with either no gains */
+OXL_INTERNAL int imaging_is_needed(const struct imaging *m); /* 1: something lies between the colours and the images */
+OXL_INTERNAL int imaging_hides_colours(
+    const struct imaging *m); /* 1: water, or light that falls with range: viewers need a model of their own */
 OXL_INTERNAL oxl_result      imaging_write(oxl_context *ctx, const char *path, const oxl_scene *scene, const struct imaging *m);
 /* Images that the scene has not are passed over. */
 OXL_INTERNAL oxl_result      imaging_read(oxl_context *ctx, const char *path, const oxl_scene *scene, struct imaging *out);
 /* Adds a block's gains to the mean over blocks; count (views): how many there were. */
 OXL_INTERNAL void            imaging_join(struct imaging *all, int *count, const struct imaging *block);
 OXL_INTERNAL struct imaging *scene_imaging(oxl_scene *scene); /* of the model that was trained on it, or read for it */
+
+/* ---------------------------------------------------------------- where an image shows a point: camera.c, scene.c */
+
+/* A point of the world in the camera's axes, x (3), and in px of the image; 0: it is behind the camera. */
+OXL_INTERNAL int camera_project(const oxl_camera *camera, const double world[3], const double origin[3], double x[3],
+                                double pixel[2]);
+/* A point of scene_colmap by camera_project; 0 also where it is far outside the image. */
+OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2]);
 
 /* ---------------------------------------------------------------- photometry.c: exposure, lamp and water from the colours of tracks */
 

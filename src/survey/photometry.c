@@ -82,19 +82,14 @@ static void photometry_choose_views(const oxl_scene *scene, const struct colmap 
 static void photometry_project(const oxl_scene *scene, const struct photometry_work *w, double median,
                                struct photometry_sample *s)
 {
-    const oxl_camera *c      = &oxl_scene_view(scene, w->chosen[s->view])->camera;
-    const double     *origin = oxl_scene_origin(scene), *p = scene_colmap(scene)->point[s->point].position;
-    double            x[3];
-    for (int i = 0; i < 3; i++) {
-        x[i] = c->translation[i];
-        for (int k = 0; k < 3; k++) x[i] += c->rotation[3 * i + k] * (p[k] - origin[k]);
-    }
-    s->valid = x[2] > 0 && fabs(x[0]) <= 10 * x[2] && fabs(x[1]) <= 10 * x[2];
+    const oxl_camera *c = &oxl_scene_view(scene, w->chosen[s->view])->camera;
+    double            x[3], pixel[2];
+    s->valid = scene_project_point(scene, w->chosen[s->view], s->point, x, pixel);
     if (!s->valid) return;
     s->z     = x[2] / c->fx;
     s->range = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) / median;
-    s->x     = (float)(c->fx * x[0] / x[2] + c->cx);
-    s->y     = (float)(c->fy * x[1] / x[2] + c->cy);
+    s->x     = (float)pixel[0];
+    s->y     = (float)pixel[1];
     lamp_terms_at(2 * s->x / (float)c->width - 1, 2 * s->y / (float)c->height - 1, s->term);
 }
 

@@ -325,6 +325,13 @@ static oxl_result scene_move_to_origin(oxl_context *ctx, oxl_scene *scene)
     return rc;
 }
 
+OXL_INTERNAL int scene_project_point(const oxl_scene *scene, int view, size_t point, double x[3], double pixel[2])
+{
+    return camera_project(&oxl_scene_view(scene, view)->camera, scene_colmap(scene)->point[point].position,
+                          oxl_scene_origin(scene), x, pixel) &&
+           fabs(x[0]) <= 10 * x[2] && fabs(x[1]) <= 10 * x[2];
+}
+
 OXL_INTERNAL int scene_takes_point(const struct colmap_point *point, const double origin[3])
 {
     double size = 0;

@@ -2,7 +2,8 @@
  *
  * Model: the rendered image times exp(s(x, y)), s a polynomial of degree 4 of zero mean over the image, one for each physical camera
  * (imaging_camera, survey/imaging.c); and the Gaussians' colours times (r0 / r)^p (render/medium.c), p from 0 to 2, one for all cameras, r0 the median
- * range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin.
+ * range of the survey's points. A survey's light that stands still has s = 0 and p = 0, where both begin. p is trained where --medium is
+ * not `auto`, which counts falloff as attenuation, and where the points' depths identify it.
  *
  * s begins with that of the tracks (survey/photometry.c), which also say whether it is needed; Adam (Kingma & Ba 2015) from LAMP_FROM of
  * the run on. Gauge: s has no constant term, and at r0 the falloff is 1; so the lamp changes
@@ -31,9 +32,11 @@ static int lamp_own_view(const oxl_scene *scene, int view)
     return count >= LAMP_VIEWS && count < all ? first : -1;
 }
 
-OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct imaging *goes_on)
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *goes_on)
 {
-    *l = (struct lamp_fit){.groups = 1, .reference = scene_depth_quantile(scene, 0.5)};
+    *l = (struct lamp_fit){.groups    = 1,
+                           .reference = scene_depth_quantile(scene, 0.5),
+                           .falls     = medium != OXL_AUTO && water_span(scene) >= WATER_SPAN_LEAST};
     if (!(l->reference > 0)) l->reference = 1;
     l->group[0].view = -1;
     for (int i = 0; i < oxl_scene_view_count(scene) && l->groups < LAMP_MOST; i++)
@@ -43,6 +46,7 @@ OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct 
     l->groups = goes_on->lamps;
     memcpy(l->group, goes_on->lamp, sizeof l->group);
     l->falloff   = goes_on->medium.falloff;
+    l->falls     = goes_on->medium.lit;
     l->reference = goes_on->medium.reference > 0 ? (double)goes_on->medium.reference : l->reference;
 }
 
@@ -60,9 +64,9 @@ OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct ph
 OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m)
 {
     m->lamps            = l->on ? l->groups : 0;
-    m->medium.lit       = l->on;
-    m->medium.falloff   = l->on ? (float)l->falloff : 0;
-    m->medium.reference = l->on ? (float)l->reference : 0;
+    m->medium.lit       = l->on && l->falls;
+    m->medium.falloff   = m->medium.lit ? (float)l->falloff : 0;
+    m->medium.reference = m->medium.lit ? (float)l->reference : 0;
     if (l->on) memcpy(m->lamp, l->group, sizeof m->lamp);
 }
 
@@ -81,7 +85,7 @@ OXL_INTERNAL void lamp_step(struct lamp_fit *l, const struct lamp *of, double pr
 {
     const double rate = LAMP_RATE * vecmath_exp(progress * vecmath_log(LAMP_LAST));
     const int    g    = (int)(of - l->group);
-    if (progress < LAMP_FROM) return;
+    if (progress < LAMP_FROM || l->held) return;
     l->steps++, l->visits[g]++;
     for (int k = 0; k < LAMP_TERMS; k++) {
         double at = l->group[g].shape[k];

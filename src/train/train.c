@@ -144,7 +144,10 @@ static oxl_result train_begin(struct train *t)
     if (rc == OXL_OK) rc = exposure_begin(ctx, &t->exposure, t->scene, t->options->exposure, goes_on);
     if (rc == OXL_OK && t->options->medium != OXL_OFF)
         water_begin(&t->water, t->scene, goes_on ? &scene_imaging(t->scene)->medium : NULL);
-    if (rc == OXL_OK && t->options->lamp != OXL_OFF) lamp_begin(&t->lamp, t->scene, goes_on ? scene_imaging(t->scene) : NULL);
+    if (rc == OXL_OK && t->options->lamp != OXL_OFF)
+        lamp_begin(&t->lamp, t->scene, t->options->medium, goes_on ? scene_imaging(t->scene) : NULL);
+    t->lamp.held = t->place && t->place->holds;
+    if (t->lamp.held) t->exposure.hold = 2;
     if (rc == OXL_OK && !goes_on) rc = selection_begin_imaging(t);
     if (rc == OXL_OK && goes_on) water_scale(&t->water, 0, t->model);
     if (rc == OXL_OK && t->options->carve) rc = free_space_begin(ctx, &t->free_space, t->scene);
@@ -310,8 +313,7 @@ static void train_describe_imaging(struct train *t)
     const struct imaging *m    = scene_imaging(t->scene);
     const double          span = water_span(t->scene);
     if (m->medium.lit)
-        oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f; %d lamps", (double)m->medium.falloff,
-                m->lamps);
+        oxl_log(t->ctx, OXL_LOG_INFO, "lamp on: light falls with range to the power of %.2f", (double)m->medium.falloff);
     if (m->medium.on)
         oxl_log(t->ctx, OXL_LOG_INFO,
                 "medium on: bD %.3g %.3g %.3g, bB %.3g %.3g %.3g per unit, Binf %.3g %.3g %.3g (red green blue); depths span a "

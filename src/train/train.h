@@ -196,13 +196,13 @@ OXL_INTERNAL void          water_archive(struct archive *a, struct water *w, int
 /* ---------------------------------------------------------------- lamp.c: a light that moves with the camera */
 
 struct lamp_fit {
-    int         on, steps, groups;
+    int         on, falls, held, steps, groups;                              /* falls: the falloff is trained; held: nothing is */
     int         visits[LAMP_MOST];                                           /* steps of a camera */
     struct lamp group[LAMP_MOST];                                            /* the first: cameras that have none of their own */
     double      first[LAMP_MOST][LAMP_TERMS], second[LAMP_MOST][LAMP_TERMS]; /* Adam's moments */
     double      falloff, falloff_first, falloff_second, reference;
 };
-OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, const struct imaging *goes_on);
+OXL_INTERNAL void lamp_begin(struct lamp_fit *l, oxl_scene *scene, oxl_switch medium, const struct imaging *goes_on);
 OXL_INTERNAL void lamp_take(struct lamp_fit *l, oxl_switch mode, const struct photometry *p, char *why, size_t size);
 OXL_INTERNAL void lamp_leave(const struct lamp_fit *l, struct imaging *m);
 /* of: the lamp of the view's camera. */
@@ -264,6 +264,7 @@ struct train_output {
     const struct image_window *window;  /* (views) trained part of each view, width 0: none; or NULL: all of all */
     oxl_model *moments; /* (2) Adam's, of the start; taken, and given back with the model; NULL: they begin at 0 */
     int        first;   /* a start that is so many steps old */
+    int        holds;   /* 1: gains and lamp stay as they are */
     int        until;   /* the run pauses after this step, with a checkpoint; 0: it goes to its end */
 };
 /* oxl_train with checkpoints: resumes from the last one if it exists. place may be NULL. */
