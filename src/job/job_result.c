@@ -49,19 +49,22 @@ static oxl_result job_make_standard(struct job *job, oxl_model *out)
 }
 
 /* scene.ply holds the bands that are carried, and the lobes, or with water the standard model; scene_clear.ply then has the
- * former. Unless scene.ply has the standard columns already, scene_standard.ply has. */
+ * former. Unless scene.ply has the standard columns already, scene_standard.ply has. bytes: of the file that the metrics are of, and
+ * of the standard model's. */
 static oxl_result job_write_models(struct job *job, oxl_model *standard, size_t bytes[2])
 {
     const int        hides = job_hides_colours(job), is_standard = job->model.sh_degree == 3 && (hides || job->model.lobes == 0);
     const oxl_model *shown = hides ? standard : &job->model;
     oxl_result       rc    = hides || !is_standard ? job_make_standard(job, standard) : OXL_OK;
-    bytes[0]               = 0;
-    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[0]);
-    bytes[1] = bytes[0];
-    if (rc == OXL_OK && hides) rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[1]);
+    size_t           full  = 0;
+    bytes[0] = bytes[1] = 0;
+    if (rc == OXL_OK) rc = job_write_ply(job, "scene.ply", shown, shown->sh_degree, &bytes[hides]);
+    if (rc == OXL_OK && hides) rc = job_write_ply(job, "scene_clear.ply", &job->model, job->model.sh_degree, &bytes[0]);
     else os_remove(PATH(job->out, "scene_clear.ply"));
     if (is_standard) os_remove(PATH(job->out, "scene_standard.ply"));
-    return rc == OXL_OK && !is_standard ? job_write_ply(job, "scene_standard.ply", standard, 3, &bytes[1]) : rc;
+    if (rc == OXL_OK && !is_standard) rc = job_write_ply(job, "scene_standard.ply", standard, 3, &full);
+    if (!hides) bytes[1] = is_standard ? bytes[0] : full;
+    return rc;
 }
 
 /* ---------------------------------------------------------------- metrics */
