@@ -489,6 +489,39 @@ TEST(photometry_of_tracks_finds_water_and_gains_and_scales_with_the_images)
     photometry_free(test_ctx, &scaled);
 }
 
+/* Mean of each channel of a view without the water, after a short run. */
+static void photometry_test_clear(const char *survey, double mean[3])
+{
+    oxl_train_options        o      = train_options(150);
+    const oxl_render_options render = oxl_render_options_default();
+    oxl_scene               *scene;
+    oxl_model                model;
+    oxl_image                image;
+    size_t                   pixels;
+    o.medium = OXL_AUTO, o.exposure = o.lamp = OXL_OFF;
+    CHECK_OK(oxl_scene_load(test_ctx, test_path(survey), NULL, &scene));
+    CHECK_OK(oxl_train(test_ctx, scene, &o, NULL, &model));
+    CHECK(scene_imaging(scene)->medium.on);
+    CHECK_OK(oxl_render(test_ctx, &model, &oxl_scene_view(scene, 7)->camera, &render, &image, NULL));
+    pixels = (size_t)image.width * (size_t)image.height;
+    for (size_t i = 0; i < 3 * pixels; i++) mean[i / pixels] += (double)image.rgb[i] / (double)pixels;
+    oxl_image_free(test_ctx, &image);
+    oxl_model_free(test_ctx, &model);
+    oxl_scene_free(test_ctx, scene);
+}
+
+/* The survey's points keep their colours, as where images are corrected after COLMAP. */
+TEST(water_tinted_images_give_the_same_clear_scene_times_the_tint)
+{
+    static const double factor[3] = {0.4, 0.5, 0.6};
+    const synth_options o         = photometry_test_make("gauge", "3C");
+    double              mean[3] = {0, 0, 0}, tinted[3] = {0, 0, 0};
+    photometry_test_clear("gauge", mean);
+    for (int v = 0; v < o.views; v++) photometry_test_scale(&o, "gauge", v, factor);
+    photometry_test_clear("gauge", tinted);
+    for (int c = 0; c < 3; c++) CHECK_CLOSE(tinted[c], factor[c] * mean[c], 0.04 * factor[c] * mean[c]);
+}
+
 /* ---------------------------------------------------------------- the medium */
 
 static const struct medium water_murky = {1, 1, {0.10f, 0.05f, 0.03f}, {0.12f, 0.08f, 0.06f}, {0.1f, 0.3f, 0.5f}, 0.8f, 3, 0};

@@ -96,6 +96,7 @@ struct photometry {
     float    shape[LAMP_TERMS];              /* of a lamp */
     float   *log_gain;                       /* (views,3) of zero mean */
     uint8_t *known;                          /* (views) 1: log_gain is fitted */
+    double   colour[3];                      /* mean of the images over that of the points' own colours; 0: these are black */
     double   drift;                          /* correlation of the images' gains with the mean range of their points */
     double   residual, without[3];           /* of white, robust: with all parts; without water, lamp, gains (0: not asked for) */
 };

@@ -473,6 +473,18 @@ static double photometry_drift(const struct photometry_work *w, const struct pho
     return (p->parts & PHOTOMETRY_GAINS) && xx > 0 && yy > 0 ? xy / sqrt(xx * yy) : 0;
 }
 
+static void photometry_compare_colours(const struct colmap *c, const struct photometry_work *w, struct photometry *out)
+{
+    for (int k = 0; k < 3; k++) {
+        double seen = 0, own = 0;
+        for (size_t i = 0; i < w->samples; i++) {
+            seen += (double)w->sample[i].value[k];
+            own += c->point[w->sample[i].point].rgb[k] / 255.0;
+        }
+        out->colour[k] = own > 0 ? seen / own : 0;
+    }
+}
+
 static void photometry_report(struct photometry_work *w, double median, int asked, double *scratch, struct photometry *out)
 {
     out->observations = w->samples;
@@ -520,7 +532,10 @@ OXL_INTERNAL oxl_result photometry_measure(oxl_context *ctx, oxl_scene *scene, i
     if (rc == OXL_OK) photometry_choose_samples(scene, median, &w);
     if (rc == OXL_OK) rc = photometry_look_at_all(ctx, scene, &w);
     if (rc == OXL_OK) photometry_compact(&w);
-    if (rc == OXL_OK && w.samples >= PHOTOMETRY_ENOUGH) photometry_report(&w, median, parts, w.scratch, out);
+    if (rc == OXL_OK && w.samples >= PHOTOMETRY_ENOUGH) {
+        photometry_compare_colours(c, &w, out);
+        photometry_report(&w, median, parts, w.scratch, out);
+    }
     oxl_free(ctx, w.view);
     oxl_free(ctx, w.chosen);
     oxl_free(ctx, w.sample);

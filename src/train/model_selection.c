@@ -14,6 +14,7 @@
 #define SELECTION_LOBES_MIN_GAIN 0.05 /* dB: minimum gain of second lobes */
 #define SELECTION_NOISE          6e-5 /* mean squared error of 2 grey levels, as of a JPEG image: gains below it are no evidence */
 #define SELECTION_DRIFT          0.8  /* correlation of exposure with range from which a warning is due */
+#define SELECTION_COLOUR         0.1  /* images and points differ by so much in a channel: first colours follow the images */
 #define SELECTION_WATCH          (1.0 / 40) /* share of the run: gradients are averaged before lobes are assigned [OceanXL] */
 #define SELECTION_TRIAL          (1.0 / 40) /* of the run: length of a trial */
 enum {
@@ -300,6 +301,22 @@ static int selection_parts(const struct train *t)
            (o->medium == OXL_ON || (o->medium && cpu) ? PHOTOMETRY_WATER : 0);
 }
 
+/* The first colours are those of the images, also where the survey's points have others: images that were corrected after COLMAP. */
+static void selection_match_colours(struct train *t, const double colour[3])
+{
+    double most = 0;
+    for (int c = 0; c < 3; c++) {
+        if (!(colour[c] > 0)) return;
+        most = OXL_MAX(most, fabs(colour[c] - 1));
+    }
+    if (most < SELECTION_COLOUR) return;
+    model_scale_colour(t->model, colour);
+    oxl_log(t->ctx, OXL_LOG_INFO,
+            "the images' colours are %.2f, %.2f, %.2f (red green blue) times those of the survey's points: Gaussians begin with "
+            "the images'",
+            colour[0], colour[1], colour[2]);
+}
+
 OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
 {
     const oxl_train_options *o      = t->options;
@@ -309,6 +326,7 @@ OXL_INTERNAL oxl_result selection_begin_imaging(struct train *t)
     char                     why[400];
     oxl_result               rc = photometry_measure(t->ctx, t->scene, parts, &p);
     if (rc != OXL_OK) return rc;
+    selection_match_colours(t, p.colour);
     if (o->exposure != OXL_OFF) {
         exposure_take(&t->exposure, &p, why, sizeof why);
         selection_note_imaging(t, "exposure", o->exposure, t->exposure.of.on, why);
