@@ -36,7 +36,7 @@ ctrl_c() { # COMMAND...: stopped by the signal once it trains
 }
 beside() { # COMMAND...: while another process trains into busy/, which is then killed
     rm -f busy/.lock
-    "$program" train survey -o busy --iterations 1000000 --quiet >/dev/null 2>&1 &
+    "$program" train survey -o busy --iterations 1000000 --max-time 3m --quiet >/dev/null 2>&1 &
     while kill -0 $! 2>/dev/null && ! { grep -q process busy/.lock && test -e busy/run.json; } 2>/dev/null; do sleep 0.05; done
     "$@"
     code=$?
@@ -184,13 +184,13 @@ promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_s
 promise a_signal_before_training_stops_the_run 130 "interrupted before anything was trained" on_stderr stopped_early "$program" train long -o early
 promise nothing_was_trained_then 1 "" test -e early/blocks
 if env --default-signal=HUP true 2>/dev/null; then # the caller may ignore SIGHUP
-    promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP env --default-signal=HUP "$program" train survey -o hung --iterations 1000000
+    promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP env --default-signal=HUP "$program" train survey -o hung --iterations 1000000 --max-time 3m
 else
     echo "skip hangup_saves_as_ctrl_c_does: env has no --default-signal"
 fi
 promise nohup_continues 0 "hup/scene.ply" sh -c "nohup '$program' train survey -o hup --iterations 400 --quiet & sleep 0.3; kill -HUP \$!; wait \$!"
 promise a_file_size_limit_is_reported_as_a_full_disk 1 "free space on the disk" on_stderr sh -c "ulimit -f 8; '$program' train survey -o limited --iterations 20 --quiet"
-promise a_folder_of_blocks_that_is_deleted_is_made_again 130 "the state is saved" on_stderr with_signal "INT rm -rf gone/blocks" "$program" train survey -o gone --iterations 1000000
+promise a_folder_of_blocks_that_is_deleted_is_made_again 130 "the state is saved" on_stderr with_signal "INT rm -rf gone/blocks" "$program" train survey -o gone --iterations 1000000 --max-time 3m
 promise the_state_is_there_again 0 "" files 1 gone/blocks/000 checkpoint.oxl
 promise a_mask_of_another_shape_is_reported_by_train 0 "the mask is stretched" on_stderr sh -c \
     "mkdir -p masked && cp -r survey/. masked && '$program' synth -o square --views 2 --size 50x50 --points 50 --quiet && mkdir masked/masks && cp square/images/IMG_00000.png masked/masks/\$(ls survey/images | head -n 1).png && '$program' train masked -o masked/out --iterations 20"

@@ -230,11 +230,14 @@ static void train_archive(struct archive *a, void *user)
 
 static oxl_result train_save(struct train *t)
 {
-    const oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
-    t->saved_step       = t->step;
-    t->saved_at         = os_seconds();
+    oxl_result rc = step_download(t, DOWNLOAD_TO_READ);
+    t->saved_step = t->step;
+    t->saved_at   = os_seconds();
     if (rc != OXL_OK || !t->place) return rc;
-    return checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t);
+    rc = checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t);
+    if (rc == OXL_ERR_IO && !os_is_folder(t->place->folder)) /* it was deleted meanwhile, and is made again */
+        rc = checkpoint_write(t->ctx, t->place->folder, t->place->key, train_archive, t);
+    return rc;
 }
 
 static int train_save_is_due(const struct train *t)
