@@ -182,6 +182,7 @@ promise more_threads_than_processors_are_not_used 0 "processor" on_stderr "$prog
 promise openmp_s_number_of_threads_is_limited_too 0 "1000 threads are asked for" on_stderr env OMP_NUM_THREADS=1000 "$program" check survey
 promise blocks_of_one_point_are_refused 2 "more than the 14 training views" on_stderr "$program" train survey -o points --block-points 1
 promise a_signal_before_training_stops_the_run 130 "interrupted before anything was trained" on_stderr stopped_early "$program" train long -o early
+promise partition_stops_in_good_order 130 "interrupted" on_stderr stopped_early "$program" partition long -o early
 promise nothing_was_trained_then 1 "" test -e early/blocks
 if env --default-signal=HUP true 2>/dev/null; then # the caller may ignore SIGHUP
     promise hangup_saves_as_ctrl_c_does 130 "the state is saved" on_stderr with_signal HUP env --default-signal=HUP "$program" train survey -o hung --iterations 1000000 --max-time 3m
