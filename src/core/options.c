@@ -5,8 +5,8 @@
  * preset, parsing and range checks, the line "job" of run.json and its reading back, the command that repeats a run, --help, the
  * manual page and docs/OPTIONS.md.
  *
- * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by oxl_option_set to the same bits. Text does
- * not depend on the locale.
+ * Invariants: row 0 is the preset, row 1 --iterations. The text that oxl_option_get writes is read back by oxl_option_set to the same
+ * bits. Text does not depend on the locale.
  */
 #include "core.h"
 

@@ -1,8 +1,10 @@
 /* block.c - the training of one block, in its folder OUT/blocks/KKK: checkpoint.oxl while it runs, then model.ply, log.csv, block.json.
  *
  * A model with second lobes or water may be followed by model_standard.ply, for viewers that know neither: the lobes dropped, the water
- * baked into the colours, the rest refined for a twentieth of the run, or longer with water. Its gains and lamp are those of model.ply. block.json is written last. Invariant: a block.json that says "finished": true describes the model.ply beside it, and the line
- * "job" in it says of which run it is.
+ * baked into the colours, the rest refined for a twentieth of the run, or longer with water. Its gains and lamp are those of model.ply.
+ *
+ * Invariant: block.json is written last; one that says "finished": true describes the model.ply beside it, and the line "job" in it says
+ * of which run it is.
  */
 #include "job.h"
 
