@@ -141,10 +141,10 @@ TEST(window_shows_the_same_pixels_as_the_image_and_its_loss_the_same_slopes)
 
 TEST(window_counts_a_view_for_growth_only_of_gaussians_whose_centre_it_shows)
 {
-    const oxl_camera     full = rounds_test_camera(64, 48);
-    oxl_camera           part = full;
-    oxl_model            m    = rounds_test_model(200, 4, 0);
-    oxl_render_options   o    = oxl_render_options_default();
+    const oxl_camera     full  = rounds_test_camera(64, 48);
+    oxl_camera           part  = full;
+    oxl_model            m     = rounds_test_model(200, 4, 0);
+    oxl_render_options   o     = oxl_render_options_default();
     float               *image = oxl_calloc(test_ctx, 3 * 64 * 48, sizeof *image), gradient[200] = {0}, views[2][200] = {{0}};
     size_t               counted = 0, cut = 0;
     struct renderer     *r[2] = {NULL, NULL};
