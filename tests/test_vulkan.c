@@ -470,7 +470,7 @@ static void vulkan_check_shared(oxl_context *device)
 
 /* ---------------------------------------------------------------- loss */
 
-static void vulkan_check_loss_of(oxl_context *device, int width, int height, float ssim_weight, int masked)
+static void vulkan_check_loss_of(oxl_context *device, int width, int height, float ssim_weight, int masked, const float *gain)
 {
     struct vulkan_twins     t      = vulkan_twins(device, width, height);
     float                  *target = vulkan_noise(3 * t.pixels, 60), *weight = vulkan_noise(t.pixels, 61);
@@ -482,7 +482,14 @@ static void vulkan_check_loss_of(oxl_context *device, int width, int height, flo
     for (size_t i = 0; i < 3 * t.pixels; i++) target[i] = 0.5f + 0.4f * target[i];
     vulkan_scene(300, 0, 0, &m);
     vulkan_forward_both(&t, &m);
-    for (int k = 0; k < 2; k++) CHECK_OK(renderer_loss(t.ctx[k], t.r[k], target, masked ? weight : NULL, ssim_weight, &loss[k]));
+    for (int k = 0; k < 2; k++) {
+        renderer_set_gain(t.r[k], gain);
+        CHECK_OK(renderer_loss(t.ctx[k], t.r[k], target, masked ? weight : NULL, ssim_weight, &loss[k]));
+    }
+    for (int c = 0; gain && c < 3; c++) {
+        CHECK(fabs(loss[0].dlog_gain[c]) > 1e-3);
+        CHECK_CLOSE(loss[1].dlog_gain[c], loss[0].dlog_gain[c], 1e-4 * fabs(loss[0].dlog_gain[c]));
+    }
     CHECK_CLOSE(loss[1].l1, loss[0].l1, 1e-5);
     CHECK_CLOSE(loss[1].ssim, loss[0].ssim, 1e-5);
     CHECK_CLOSE(loss[1].mse, loss[0].mse, 1e-5);
@@ -499,10 +506,13 @@ static void vulkan_check_loss_of(oxl_context *device, int width, int height, flo
 
 static void vulkan_check_loss(oxl_context *device)
 {
-    vulkan_check_loss_of(device, 70, 43, 0.2f, 0);
-    vulkan_check_loss_of(device, 70, 43, 0.2f, 1);
-    vulkan_check_loss_of(device, 33, 20, 0, 1);
-    vulkan_check_loss_of(device, 7, 5, 1, 0); /* smaller than a window */
+    const float gain[3] = {1.3f, 0.6f, 1.1f};
+    vulkan_check_loss_of(device, 70, 43, 0.2f, 0, NULL);
+    vulkan_check_loss_of(device, 70, 43, 0.2f, 1, NULL);
+    vulkan_check_loss_of(device, 33, 20, 0, 1, NULL);
+    vulkan_check_loss_of(device, 7, 5, 1, 0, NULL); /* smaller than a window */
+    vulkan_check_loss_of(device, 70, 43, 0.2f, 1, gain);
+    vulkan_check_loss_of(device, 33, 20, 0, 0, gain);
 }
 
 /* Images are compared as the bytes that they are, whole or at half the sides, kept on the device or passing through. */
@@ -1172,7 +1182,8 @@ static void vulkan_check_parts(oxl_context *device)
 
 /* ---------------------------------------------------------------- a survey */
 
-static oxl_scene *vulkan_survey(oxl_context *ctx)
+/* darker: the log of how much darker every other image is. */
+static oxl_scene *vulkan_survey(oxl_context *ctx, double darker)
 {
     oxl_model  truth;
     oxl_view   view[6];
@@ -1186,6 +1197,7 @@ static oxl_scene *vulkan_survey(oxl_context *ctx)
         view[i].camera.translation[0] += 0.3 * (i - 3);
         view[i].camera.translation[1] += 0.1 * (i % 3);
         CHECK_OK(oxl_render(test_ctx, &truth, &view[i].camera, NULL, &image[i], NULL));
+        for (int k = 0; i % 2 && k < 3 * 48 * 36; k++) image[i].rgb[k] *= (float)exp(-darker);
     }
     for (int i = 0; i < 200; i++) {
         point[i] = (oxl_point){.rgb = {128, 128, 128}};
@@ -1207,7 +1219,7 @@ static size_t vulkan_bytes_of(const oxl_model *m)
 /* In evaluations and images only the model is uploaded, so the bytes are counted. */
 static void vulkan_check_one_upload(oxl_context *device)
 {
-    oxl_scene              *scene = vulkan_survey(device);
+    oxl_scene              *scene = vulkan_survey(device, 0);
     const oxl_render_output what  = {.split = OXL_SPLIT_ALL, .depth = 1};
     struct vulkan          *v     = device->vulkan;
     oxl_metrics             metrics;
@@ -1257,7 +1269,7 @@ static void vulkan_check_models_of_a_renderer(oxl_context *device)
 static void vulkan_check_model_now(oxl_context *device)
 {
     oxl_context *ctx[2]       = {test_ctx, device};
-    oxl_scene   *scene        = vulkan_survey(device);
+    oxl_scene   *scene        = vulkan_survey(device, 0);
     double       psnr[2][2]   = {{0}};
     float        rgb[2][2][4] = {{{0}}};
     oxl_model    m;
@@ -1288,7 +1300,7 @@ static void vulkan_check_model_now(oxl_context *device)
 /* Everything that a run does between steps: densification, bands, pruning, second lobes. */
 static void vulkan_train(oxl_context *ctx, int iterations, oxl_model *out, double *psnr)
 {
-    oxl_scene        *scene   = vulkan_survey(ctx);
+    oxl_scene        *scene   = vulkan_survey(ctx, 0);
     oxl_train_options options = oxl_train_options_default(OXL_PRESET_DRAFT);
     oxl_metrics       metrics;
     options.iterations         = iterations;
@@ -1319,6 +1331,28 @@ static void vulkan_check_training(oxl_context *device)
         for (int k = 0; k < oxl_model_planes(&model[1]); k++)
             CHECK(memcmp(model[1].plane[k], model[2].plane[k], model[1].count * sizeof(float)) == 0);
     for (int k = 0; k < 3; k++) oxl_model_free(test_ctx, &model[k]);
+}
+
+/* Gains of images are learned on a device as on the CPU. */
+static void vulkan_check_exposure(oxl_context *device)
+{
+    oxl_context *ctx[3] = {test_ctx, device, device};
+    double       gain[3][18];
+    for (int k = 0; k < 3; k++) {
+        oxl_scene        *scene   = vulkan_survey(ctx[k], 0.3);
+        oxl_train_options options = train_options(80);
+        oxl_model         model;
+        options.exposure           = OXL_ON;
+        options.short_run_exponent = 0;
+        CHECK_OK(oxl_train(ctx[k], scene, &options, NULL, &model));
+        CHECK(scene_imaging(scene)->on);
+        for (int i = 0; i < 18; i++) gain[k][i] = (double)scene_imaging(scene)->log_gain[i];
+        oxl_model_free(ctx[k], &model);
+        oxl_scene_free(ctx[k], scene);
+    }
+    CHECK(gain[0][0] - gain[0][3] > 0.03);
+    for (int i = 0; i < 18; i++) CHECK_CLOSE(gain[1][i], gain[0][i], 0.002);
+    CHECK(memcmp(gain[1], gain[2], sizeof gain[1]) == 0);
 }
 
 static PFN_vkCmdPushConstants vulkan_real_push;
@@ -1563,6 +1597,11 @@ TEST(vulkan_training_repeats_steps_that_found_no_room)
 TEST(vulkan_density_control_moves_rows_as_the_host_does)
 {
     ON_DEVICE(vulkan_check_moves);
+}
+
+TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
+{
+    ON_DEVICE(vulkan_check_exposure);
 }
 
 TEST(vulkan_masks_transients_as_the_cpu_does)
