@@ -393,7 +393,7 @@ static void vulkan_check_refusal(oxl_context *device)
     vulkan_scene(1000, 0, 0, &m);
     CHECK_OK(renderer_create(device, &r));
     device->vulkan->range = 8192;
-    CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_FAILED);
+    CHECK(renderer_forward(device, r, &m, &camera, &options) == OXL_ERR_MEMORY); /* so --backend auto goes on with the CPU */
     CHECK_TEXT(oxl_error_text(device), "in one array");
     device->vulkan->range = range;
     CHECK_OK(renderer_forward(device, r, &m, &camera, &options)); /* still usable */
@@ -851,26 +851,21 @@ static void vulkan_check_halt(oxl_context *device)
 
 /* ---------------------------------------------------------------- what goes wrong */
 
-static int vulkan_idle_waits;
+static int vulkan_lost_calls; /* the one that fails, and those behind it */
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_timeout(VkDevice device, uint32_t count, const VkFence *fence, VkBool32 all,
                                                           uint64_t timeout)
 {
     (void)device, (void)count, (void)fence, (void)all, (void)timeout;
+    vulkan_lost_calls++;
     return VK_TIMEOUT;
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_loss(VkQueue queue, uint32_t count, const VkSubmitInfo *info, VkFence fence)
 {
     (void)queue, (void)count, (void)info, (void)fence;
+    vulkan_lost_calls++;
     return VK_ERROR_DEVICE_LOST;
-}
-
-static VKAPI_ATTR VkResult VKAPI_CALL vulkan_play_idle(VkDevice device)
-{
-    (void)device;
-    vulkan_idle_waits++;
-    return VK_SUCCESS;
 }
 
 /* What the host has of the model, and so what the next checkpoint would hold, stays as it was. */
@@ -881,15 +876,14 @@ static void vulkan_check_given_up(oxl_context *device, struct renderer *r, struc
     float                   *before  = oxl_alloc(test_ctx, run->model.count, sizeof *before);
     const float             *image;
     memcpy(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before);
-    vulkan_idle_waits              = 0;
-    device->vulkan->DeviceWaitIdle = vulkan_play_idle;
+    vulkan_lost_calls = 0;
     CHECK(renderer_download(device, r, DOWNLOAD_TO_CHANGE) == OXL_ERR_FAILED);
     CHECK_TEXT(oxl_error_text(device), words);
     CHECK_TEXT(oxl_error_text(device), "fix: run the command again");
     CHECK(memcmp(before, run->model.plane[OXL_MEAN], run->model.count * sizeof *before) == 0);
     CHECK(renderer_forward(device, r, &run->model, &camera, &options) == OXL_ERR_FAILED);
     CHECK(renderer_image(device, r, &image) == OXL_ERR_FAILED);
-    CHECK(vulkan_idle_waits == 0);
+    CHECK(vulkan_lost_calls == 1);
     oxl_free(test_ctx, before);
 }
 
@@ -918,6 +912,22 @@ static void vulkan_check_loss_of_device(oxl_context *device, int times_out)
 static void vulkan_check_timeout(oxl_context *device)
 {
     vulkan_check_loss_of_device(device, 1);
+}
+
+/* Another error comes first, while the device is at work. */
+static void vulkan_check_hang(oxl_context *device)
+{
+    struct vulkan_run        run     = vulkan_run_begin(300, 1, 0);
+    const oxl_camera         camera  = vulkan_camera(64, 48);
+    const oxl_render_options options = oxl_render_options_default();
+    struct renderer         *r;
+    CHECK_OK(renderer_create(device, &r));
+    CHECK_OK(renderer_forward(device, r, &run.model, &camera, &options));
+    device->vulkan->WaitForFences = vulkan_play_timeout;
+    device->vulkan->rc            = OXL_ERR_MEMORY;
+    vulkan_check_given_up(device, r, &run, "did not answer in time");
+    renderer_free(device, r);
+    vulkan_run_free(&run);
 }
 
 static void vulkan_check_lost(oxl_context *device)
@@ -1158,7 +1168,7 @@ static void vulkan_check_parts(oxl_context *device)
     for (int k = 0; k < 2; k++) {
         struct renderer *r;
         const float     *image;
-        const size_t     before = device->vulkan->dispatches;
+        const size_t     before = device->vulkan->submissions;
         device->vulkan->part    = k ? 500 : 0;
         CHECK_OK(oxl_model_create(test_ctx, m.count, 1, &gradient[k]));
         memset(gradient[k].plane[OXL_ROTATION], 0, gradient[k].capacity * sizeof(float));
@@ -1168,7 +1178,7 @@ static void vulkan_check_parts(oxl_context *device)
         memcpy(rgb + 3 * pixels * (size_t)k, image, 3 * pixels * sizeof *rgb);
         CHECK_OK(renderer_backward(device, r, drgb, &gradient[k]));
         CHECK_OK(renderer_gradient(device, r, &gradient[k]));
-        if (k) CHECK(device->vulkan->dispatches - before >= 2 * 8);
+        if (k) CHECK(device->vulkan->submissions - before >= 2 * 8);
         renderer_free(device, r);
     }
     CHECK(memcmp(rgb, rgb + 3 * pixels, 3 * pixels * sizeof *rgb) == 0);
@@ -1482,6 +1492,11 @@ TEST(vulkan_uses_portability_drivers)
 TEST(vulkan_gives_up_a_device_that_does_not_answer)
 {
     ON_DEVICE(vulkan_check_timeout);
+}
+
+TEST(vulkan_gives_up_a_device_that_hangs_after_another_error)
+{
+    ON_DEVICE(vulkan_check_hang);
 }
 
 TEST(vulkan_gives_up_a_device_that_is_lost)

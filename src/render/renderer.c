@@ -83,7 +83,7 @@ OXL_INTERNAL oxl_result renderer_create(oxl_context *ctx, struct renderer **out)
 OXL_INTERNAL void renderer_free(oxl_context *ctx, struct renderer *r)
 {
     if (!r) return;
-    if (r->device) r->backend->free(r->device);
+    renderer_use_cpu(r);
     bin_free(ctx, &r->bins);
     loss_free(ctx, &r->loss);
     oxl_free(ctx, r->splat);
@@ -203,8 +203,7 @@ static oxl_result render_leave_device(oxl_context *ctx, struct renderer *r, oxl_
     rc = render_download_target(ctx, r);
     if (rc == OXL_OK) rc = r->backend->download(r->device, DOWNLOAD_TO_CHANGE);
     if (rc != OXL_OK) return rc;
-    r->backend->free(r->device);
-    r->device = NULL;
+    renderer_use_cpu(r);
     oxl_log(ctx, OXL_LOG_WARNING, "%s: continuing on the CPU", why);
     return OXL_OK;
 }
@@ -309,12 +308,16 @@ static void render_medium_backward(oxl_context *ctx, struct renderer *r, const f
     if (r->medium.on) medium_backward_veil(drgb, r->transmittance, r->kernel_camera.width, r->kernel_camera.height, r->dmedium);
 }
 
+OXL_INTERNAL void renderer_use_cpu(struct renderer *r)
+{
+    if (r->device) r->backend->free(r->device);
+    r->device = NULL;
+}
+
 OXL_INTERNAL void renderer_set_context(struct renderer *r, const oxl_model *context)
 {
     r->context = context && context->count > 0 ? context : NULL;
-    if (!r->context || !r->device) return;
-    r->backend->free(r->device);
-    r->device = NULL;
+    if (r->context) renderer_use_cpu(r);
 }
 
 OXL_INTERNAL int renderer_has_device(const struct renderer *r)
