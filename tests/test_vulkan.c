@@ -849,6 +849,36 @@ static void vulkan_check_halt(oxl_context *device)
     }
 }
 
+/* Bytes between host and device: a checkpoint reads and sends nothing again, a row that is not finite costs nothing more. */
+static void vulkan_check_transfers(oxl_context *device)
+{
+    static struct vulkan_deferral d;
+    struct vulkan                *v     = device->vulkan;
+    const size_t                  model = 300 * 23 * 4 + 100 * 4 * 4, statistics = 300 * 16, counts = 4 + 32 + 12;
+    struct renderer_loss          loss;
+    size_t                        sent, read;
+    vulkan_deferral_begin(device, &d);
+    for (int step = 1; step <= 2; step++) vulkan_step_of(device, &d, step, &loss);
+    read = v->read_bytes, sent = v->sent;
+    CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_READ));
+    CHECK(v->read_bytes - read == 3 * model + statistics);
+    read = v->read_bytes;
+    vulkan_step_of(device, &d, 3, &loss);
+    CHECK(v->read_bytes - read == counts && v->sent == sent);
+    CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_CHANGE));
+    for (int i = 0; i < 3; i++) d.run.model.plane[OXL_MEAN + i][40] = i == 2 ? 4 : -1;
+    d.run.first.plane[OXL_SH][40]     = NAN;
+    d.run.model.plane[OXL_SH + 5][40] = NAN;
+    vulkan_step_of(device, &d, 4, &loss);
+    read = v->read_bytes, sent = v->sent;
+    vulkan_step_of(device, &d, 5, &loss);
+    CHECK(v->read_bytes - read == counts && v->sent == sent);
+    CHECK_OK(renderer_download(device, d.r, DOWNLOAD_TO_READ));
+    CHECK(d.run.model.plane[OXL_SH + 5][40] == 0 && d.run.model.plane[OXL_ROTATION][40] == 1);
+    CHECK(d.run.model.plane[OXL_OPACITY][40] == -30 && d.run.first.plane[OXL_SH][40] == 0);
+    vulkan_deferral_end(device, &d);
+}
+
 /* ---------------------------------------------------------------- what goes wrong */
 
 static int vulkan_lost_calls; /* the one that fails, and those behind it */
@@ -1036,6 +1066,41 @@ static void vulkan_check_full(oxl_context *device)
     vulkan_twins_free(&t);
 }
 
+static size_t vulkan_budget, vulkan_usage;
+
+static VKAPI_ATTR void VKAPI_CALL vulkan_play_memory(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
+{
+    VkPhysicalDeviceMemoryBudgetPropertiesEXT *budget = out->pNext;
+    (void)device;
+    for (uint32_t i = 0; i < VK_MAX_MEMORY_HEAPS; i++) budget->heapBudget[i] = vulkan_budget, budget->heapUsage[i] = vulkan_usage;
+}
+
+/* What other programs use is not there: images are kept in a half of what is left; or up to their share, or number. */
+static void vulkan_check_budget(oxl_context *device)
+{
+    struct vulkan_twins  t     = vulkan_twins(device, 64, 48);
+    struct vulkan       *v     = device->vulkan;
+    const size_t         bytes = 4 * t.pixels, most = v->image_bytes_max;
+    struct renderer_loss loss;
+    oxl_model            m;
+    vulkan_scene(30, 0, 0, &m);
+    v->budgets                               = 1;
+    v->GetPhysicalDeviceMemoryProperties2KHR = vulkan_play_memory;
+    vulkan_budget = 100, vulkan_usage = 30;
+    CHECK(vulkan_memory_left(v) == 70);
+    vulkan_usage = 101;
+    CHECK(vulkan_memory_left(v) == 0);
+    for (int view = 0; view < 4; view++) {
+        vulkan_usage = 0, vulkan_budget = 2 * bytes - (view == 0);
+        v->image_bytes_max                            = view == 1 ? bytes - 1 : most;
+        v->properties.limits.maxMemoryAllocationCount = view == 2 ? 0 : 4096;
+        CHECK_OK(vulkan_take_and_draw(&t, 1, &m, view, &loss));
+        CHECK(renderer_has_image(t.r[1], view) == (view == 3));
+    }
+    oxl_model_free(test_ctx, &m);
+    vulkan_twins_free(&t);
+}
+
 /* --backend auto: the CPU continues, with the image that the device had. */
 static void vulkan_check_fallback(oxl_context *device)
 {
@@ -1065,7 +1130,9 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     struct density            *density;
     struct renderer_loss       loss;
     uint32_t                   from[1200];
-    struct renderer_move       move  = {.from = from};
+    struct renderer_move       move = {.from = from};
+    struct vulkan             *v    = device->vulkan;
+    size_t                     sent, read;
     int                        moved = 0;
     vulkan_deferral_begin(device, d);
     if (!lobes) model_drop_lobes(&d->run.model), model_drop_lobes(&d->run.first), model_drop_lobes(&d->run.second);
@@ -1074,7 +1141,9 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     CHECK_OK(density_clear(test_ctx, density, 300));
     for (int step = 1; step <= 2; step++) vulkan_step_of(device, d, step, &loss);
     for (int i = 0; i < 300; i++) density->gradient[i] = (float)(i % 3), density->views[i] = 1;
+    read = v->read_bytes, sent = v->sent;
     CHECK_OK(renderer_download(device, d->r, moves ? DOWNLOAD_SHAPE : DOWNLOAD_TO_CHANGE));
+    if (moves) CHECK(v->read_bytes - read == 300 * (OXL_SH * 4 + 16));
     CHECK_OK(density_decide(test_ctx, density, &d->run.model, &rules, &change));
     move.lobes = density_sources(density, &d->run.model, from);
     move.count = 300 - change.removed + change.split;
@@ -1085,6 +1154,7 @@ static void vulkan_densify(oxl_context *device, struct vulkan_deferral *d, size_
     CHECK(moved == (moves == 1));
     CHECK_OK(density_apply(test_ctx, density, &d->run.model, &d->run.first, &d->run.second, &change, moved));
     if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 0));
+    if (moved) CHECK(v->sent - sent == move.count * (4 + OXL_SH * 4));
     if (moved) CHECK_OK(renderer_download(device, d->r, DOWNLOAD_SHAPE));
     density_reset_opacity(&d->run.model, &d->run.first, &d->run.second, 0);
     if (moved) CHECK_OK(renderer_send_shape(device, d->r, &d->run.model, 1));
@@ -1365,6 +1435,24 @@ static void vulkan_check_exposure(oxl_context *device)
     CHECK(memcmp(gain[1], gain[2], sizeof gain[1]) == 0);
 }
 
+/* Parts of views, as blocks train them, are the CPU's. */
+static void vulkan_check_windows(oxl_context *device)
+{
+    oxl_context        *ctx[2] = {test_ctx, device};
+    struct image_window window[6];
+    oxl_model           model[2];
+    for (int i = 0; i < 6; i++) window[i] = (struct image_window){.x = 8, .y = 4, .width = 32, .height = 24};
+    for (int k = 0; k < 2; k++) {
+        const struct train_output place   = {.folder = test_path(k ? "device" : "cpu"), .key = "windows", .window = window};
+        oxl_scene                *scene   = vulkan_survey(ctx[k], 0);
+        oxl_train_options         options = train_options(20);
+        CHECK_OK(train_run(ctx[k], scene, &options, NULL, &place, &model[k]));
+        oxl_scene_free(ctx[k], scene);
+    }
+    vulkan_check_same_model(&model[0], &model[1]);
+    for (int k = 0; k < 2; k++) oxl_model_free(ctx[k], &model[k]);
+}
+
 static PFN_vkCmdPushConstants vulkan_real_push;
 static int                    vulkan_counted, vulkan_halted; /* deferred steps; those that found no room */
 
@@ -1514,6 +1602,11 @@ TEST(vulkan_drops_images_where_memory_is_short)
     ON_DEVICE(vulkan_check_full);
 }
 
+TEST(vulkan_keeps_images_within_what_memory_is_left)
+{
+    ON_DEVICE(vulkan_check_budget);
+}
+
 TEST(vulkan_falls_back_to_the_cpu_when_out_of_memory)
 {
     ON_DEVICE(vulkan_check_fallback);
@@ -1594,6 +1687,11 @@ TEST(vulkan_training_repeats_itself_and_is_as_good_as_the_cpus)
     ON_DEVICE(vulkan_check_training);
 }
 
+TEST(vulkan_reads_what_it_needs_and_sends_nothing_twice)
+{
+    ON_DEVICE(vulkan_check_transfers);
+}
+
 TEST(vulkan_deferred_steps_are_the_same_steps_without_waits)
 {
     ON_DEVICE(vulkan_check_deferral);
@@ -1617,6 +1715,11 @@ TEST(vulkan_density_control_moves_rows_as_the_host_does)
 TEST(vulkan_learns_gains_of_images_as_the_cpu_does)
 {
     ON_DEVICE(vulkan_check_exposure);
+}
+
+TEST(vulkan_leaves_parts_of_views_to_the_cpu)
+{
+    ON_DEVICE(vulkan_check_windows);
 }
 
 TEST(vulkan_masks_transients_as_the_cpu_does)
