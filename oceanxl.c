@@ -98,7 +98,8 @@
 #include "src/train/branch.c"          /* copies of the training state */
 #include "src/train/model_selection.c" /* trials that select SH degree, second lobes and depth weights */
 #include "src/train/train.c"           /* the training loop */
-#include "src/job/metrics.c"           /* PSNR, SSIM, MS-SSIM, evaluation */
+#include "src/job/metrics.c"           /* two images compared: PSNR, SSIM, MS-SSIM */
+#include "src/job/evaluate.c"          /* a model's images against those of a survey */
 #include "src/job/seam.c"              /* image error at the borders between blocks */
 
 /* the whole job */
