@@ -47,6 +47,9 @@ static oxl_result rounds_train_coarse(struct job *job, const char *folder)
     task.train.lamp = task.train.medium = OXL_OFF; /* `auto`: for one block alone */
     task.train.keep.kind                = OXL_KEEP_ALL;
     job_limit_time(job, &task.train);
+    if (job->ctx->vulkan)
+        oxl_log(job->ctx, OXL_LOG_WARNING, "%s renders whole images only: blocks are trained on the CPU",
+                oxl_backend_name(job->ctx));
     if (rc == OXL_OK) oxl_log(job->ctx, OXL_LOG_INFO, "coarse model of the survey: %d steps", task.until);
     return rc == OXL_OK ? block_train(job->ctx, job->scene, &task) : rc;
 }
